@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from cageik_cli.cages.enclosure import Enclosure, check_enclosure
-from cageik_cli.cages.room import find_room_faults
+from cageik_cli.cages.enclosure import Placement, check_enclosure
+from cageik_cli.cages.quality import find_room_faults
 from cageik_cli.coordinates.binding import Binding, Weights, reproduction_error
 from cageik_cli.coordinates.settings import ACCURACIES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
@@ -48,19 +48,19 @@ def bind(
         When the weights are too inaccurate.
     """
     settings = settings or BindSettings()
-    enclosure = check_enclosure(cage, rest, settings.outside)
-    weights = _compute_weights(enclosure, settings, jobs, progress)
-    room_faults = _list_room_faults(enclosure.cage, rest)
+    placement = check_enclosure(cage, rest, settings.outside)
+    weights = _compute_weights(placement, settings, jobs, progress)
+    room_faults = _list_room_faults(placement.cage, rest)
     binding = Binding(
         rest=rest,
-        cage=enclosure.cage,
+        cage=placement.cage,
         weights=weights.values,
         settings=settings,
         panels=weights.panels,
         estimated_error=weights.error,
-        projected=len(enclosure.projected_indices),
-        notes=enclosure.notes + tuple(map(mark_warning, _list_weight_warnings(weights, settings))),
-        cage_warnings=() if len(enclosure.projected_indices) else room_faults,
+        projected=len(placement.outside_indices),
+        notes=placement.notes + tuple(map(mark_warning, _list_weight_warnings(weights, settings))),
+        cage_warnings=() if len(placement.outside_indices) else room_faults,
         has_loose_cage=bool(room_faults) if len(rest.faces) else None,
     )
     if not weights.error <= MAX_ESTIMATED_ERROR:
@@ -68,7 +68,7 @@ def bind(
             f"estimated weight error {weights.error:.2g} exceeds {MAX_ESTIMATED_ERROR:g}; the cage "
             "has needle-like faces or sheets that nearly touch: cageik check lists them"
         )
-    reproduced_to = reproduction_error(enclosure.points, binding)
+    reproduced_to = reproduction_error(placement.points, binding)
     if not reproduced_to <= MAX_REPRODUCTION_ERROR:
         raise NumericalError(
             f"the weights reproduce the rest pose only to {reproduced_to:.1e} of the diagonal, "
@@ -79,12 +79,12 @@ def bind(
 
 
 def _compute_weights(
-    enclosure: Enclosure,
+    placement: Placement,
     settings: BindSettings,
     jobs: int | None,
     progress: Callable[[int, int], None],
 ) -> Weights:
-    cage, points = enclosure.cage, enclosure.points
+    cage, points = placement.cage, placement.points
     # Imported here because they are slow to import, and cached weights need neither.
     if settings.coordinates == "mean-value":
         from cageik_cli.coordinates.mean_value import mean_value_weights

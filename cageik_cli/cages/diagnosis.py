@@ -9,7 +9,6 @@ from cageik_cli.cages.enclosure import (
     check_enclosure,
     describe_unused_vertices,
     find_missing_extent,
-    find_outside_vertices,
     locate_vertices,
 )
 from cageik_cli.cages.findings import SEVERITIES, Finding
@@ -17,20 +16,17 @@ from cageik_cli.cages.misfit import Misfit, explain_misfit
 from cageik_cli.cages.quality import (
     find_low_clearance,
     find_needle_faces,
+    find_room_faults,
     find_surface_crossings,
     find_thin_parts,
     find_weak_vertices,
 )
-from cageik_cli.cages.room import find_room_faults
 from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.coordinates.harmonic import MAX_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import format_count
-
-MAX_WEAKEST_LISTED = 3
-"""How many of the least influential cage vertices are listed."""
 
 UNREPAIRABLE = {"point", "too-many-faces", "swapped", "no-volume"}
 """Kinds of findings that no repair can mend."""
@@ -78,7 +74,7 @@ class RestFacts:
     inflation : float, optional
         By how much a cage is too small everywhere, percent of the diagonal.
     weakest_vertices : tuple of int
-        The least influential cage vertices, if the cage binds.
+        The least influential cage vertices, three at most, if the cage binds.
     weakest_weights : tuple of float
         The largest weight that each of them has on the model.
     """
@@ -172,10 +168,6 @@ def _is_any_unfit(findings: list[Finding]) -> bool:
     return any(finding.severity == "unfit" for finding in findings)
 
 
-def _turn_outward(cage: TriMesh) -> TriMesh:
-    return cage if cage.volume > 0 else cage.flip()
-
-
 def _measure_cage(cage: TriMesh, is_manifold: bool) -> CageFacts:
     used, closed = np.unique(cage.faces), bounds_volume(cage)
     parts = len(np.unique(cage.components[used]))
@@ -202,17 +194,15 @@ def _diagnose_rest(
         return facts, misfit, [no_extent]
     if not has_inside:
         return facts, misfit, []
-    placement = locate_vertices(_turn_outward(cage), rest)
-    findings = [*_note_unused_vertices(rest), *find_surface_crossings(placement, rest)]
-    if outside := find_outside_vertices(placement, rest):
-        misfit = explain_misfit(placement.closest.mesh, rest, outside.percent, outside.share)
+    placement = locate_vertices(cage if cage.volume > 0 else cage.flip(), rest)
+    findings = [*_note_unused_vertices(rest), *find_surface_crossings(placement)]
+    if len(placement.outside_indices):
+        worst, share = placement.worst_percent, placement.outside_share
+        misfit = explain_misfit(placement.cage, rest, worst, share)
         facts = replace(facts, transform=misfit.transform, inflation=misfit.inflation)
-        findings.append(outside.make_finding(misfit.remedy))
+        findings.append(placement.find_outside(misfit.remedy))
     else:
-        findings += [
-            *find_room_faults(placement.closest.mesh, rest),
-            *find_low_clearance(placement, rest),
-        ]
+        findings += [*find_room_faults(placement.cage, rest), *find_low_clearance(placement)]
     return _add_clearance(facts, placement), misfit, findings
 
 
@@ -228,7 +218,7 @@ def _note_unused_vertices(rest: TriMesh) -> list[Finding]:
 
 def _add_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
     outside = placement.outside_indices
-    if len(outside) == np.count_nonzero(placement.is_tested):
+    if len(outside) == len(placement.rest.used_vertices):
         return replace(facts, outside=len(outside))
     distance = placement.clearance
     distance[outside] = np.inf
@@ -246,10 +236,10 @@ def _measure_influence(
     cage: TriMesh, rest: TriMesh, facts: RestFacts, jobs: int | None
 ) -> tuple[RestFacts, list[Finding]]:
     """Measure the influence of each cage vertex from weights of preview accuracy."""
-    enclosure = check_enclosure(cage, rest)
-    weights: Floats = harmonic_weights(enclosure.cage, enclosure.points, "preview", jobs).values
+    placement = check_enclosure(cage, rest)
+    weights: Floats = harmonic_weights(placement.cage, placement.points, "preview", jobs).values
     strongest = weights.max(axis=0)
-    order = np.argsort(strongest, kind="stable")[:MAX_WEAKEST_LISTED]
+    order = np.argsort(strongest, kind="stable")[:3]
     facts = replace(
         facts,
         weakest_vertices=tuple(order.tolist()),

@@ -1,6 +1,7 @@
 """Tests whether a cage encloses a model: which vertices are outside, and by how much."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,131 +23,100 @@ from cageik_cli.util.errors import CageError, join_truncated
 TOUCH_TOL = 1e-8
 """A vertex outside by at most this, in diagonals, counts as on the cage."""
 
-REST_NAME = "the rest pose"
-"""What messages call the model."""
-
 
 class OutsideError(CageError):
     """Vertices of a model are outside the cage.
 
     Attributes
     ----------
-    outside : OutsideVertices, optional
-        Which; unknown once the error has got a context.
+    placement : Placement, optional
+        Where they are; unknown once the error has got a context.
     """
 
-    outside: "OutsideVertices | None" = None
+    placement: "Placement | None" = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Enclosure:
-    """A cage that encloses a model.
-
-    Attributes
-    ----------
-    cage : TriMesh
-        Closed, manifold, of one component, outward.
-    points : (m, 3) float64
-        The model's vertices; those outside are moved to the closest point of the cage.
-    projected_indices : (k,) int64
-        Vertices that were moved by more than rounding.
-    notes : tuple of str
-        Changes, one sentence each.
-    """
-
-    cage: TriMesh
-    points: Floats
-    projected_indices: Integers
-    notes: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OutsideVertices:
-    """The vertices of a model that are outside its cage, by more than rounding.
-
-    Attributes
-    ----------
-    numbers : (k,) int64
-    count : int
-        Of all vertices of the model that are in a face.
-    worst : int
-        The one that is furthest outside.
-    percent : float
-        By how much, percent of the diagonal.
-    """
-
-    numbers: Integers
-    count: int
-    worst: int
-    percent: float
-
-    @property
-    def share(self) -> float:
-        """The share of the vertices."""
-        return len(self.numbers) / self.count
-
-    @property
-    def is_misplaced(self) -> bool:
-        """Whether so many are outside that the cage must be for another rest pose."""
-        return self.share > MAX_OUTSIDE_SHARE
-
-    def describe(self, name: str = "") -> str:
-        """Say which vertices they are, of a mesh of this name."""
-        owner = f" of {name}" if name else ""
-        return (
-            f"{len(self.numbers)} of {self.count} vertices{owner} are outside the cage, the "
-            f"worst, {self.worst}, by {self.percent:.3g} % of the diagonal: numbers "
-            f"{join_truncated(self.numbers)} (from 0)"
-        )
-
-    def make_finding(self, remedy: str) -> Finding:
-        """Make the finding of a check."""
-        return Finding(
-            kind="outside",
-            severity="unfit",
-            message=self.describe(REST_NAME),
-            remedy=remedy,
-            elements="vertices",
-            numbers=self.numbers,
-            value=self.percent,
-            mesh="rest",
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Placement:
-    """The m vertices of a rest pose relative to a cage.
+    """The m vertices of a rest pose in a cage.
 
     Attributes
     ----------
     closest : ClosestPoints
-        The closest points of the cage.
-    outside : (m,) bool
+        The closest points of the cage, which is turned outward.
+    is_outside : (m,) bool
         Whether a vertex is outside, even by rounding.
-    is_tested : (m,) bool
-        Whether a vertex is in a face: the others may be anywhere.
     tolerance : float
         Distance up to which a vertex is outside by rounding, file units.
+    notes : tuple of str
+        What was changed so that the cage holds the model, one sentence each.
     """
 
+    rest: TriMesh
     closest: ClosestPoints
-    outside: NDArray[np.bool_]
-    is_tested: NDArray[np.bool_]
+    is_outside: NDArray[np.bool_]
     tolerance: float
+    notes: tuple[str, ...] = ()
 
     @property
-    def outside_indices(self) -> Integers:
-        """Return the tested vertices that are outside by more than rounding, (k,)."""
-        is_far = self.closest.distance > self.tolerance
-        return np.flatnonzero(self.outside & self.is_tested & is_far)
+    def cage(self) -> TriMesh:
+        """Return the cage, outward."""
+        return self.closest.mesh
+
+    @property
+    def points(self) -> Floats:
+        """Return the model's vertices, (m, 3); those outside at the closest points of the cage."""
+        return np.where(self.is_outside[:, None], self.closest.position, self.rest.vertices)
 
     @property
     def clearance(self) -> Floats:
-        """Return the distance of each vertex from the cage, (m,); inf of those not tested."""
-        return np.where(self.is_tested, self.closest.distance, np.inf)
+        """Return the distance of each vertex from the cage, (m,); inf of those in no face."""
+        return np.where(self.rest.is_used, self.closest.distance, np.inf)
+
+    @cached_property
+    def outside_indices(self) -> Integers:
+        """Return the vertices in a face that are outside by more than rounding, (k,)."""
+        is_far = self.closest.distance > self.tolerance
+        return np.flatnonzero(self.is_outside & self.rest.is_used & is_far)
+
+    @property
+    def outside_share(self) -> float:
+        """Return the share of the vertices in a face that are outside."""
+        return len(self.outside_indices) / len(self.rest.used_vertices)
+
+    @property
+    def is_misplaced(self) -> bool:
+        """Return whether so many are outside that the cage must be for another rest pose."""
+        return self.outside_share > MAX_OUTSIDE_SHARE
+
+    @property
+    def worst_vertex(self) -> int:
+        """Return the vertex that is furthest outside; there is one."""
+        numbers = self.outside_indices
+        return int(numbers[self.closest.distance[numbers].argmax()])
+
+    @property
+    def worst_percent(self) -> float:
+        """Return how far that vertex is outside, percent of the diagonal."""
+        return float(100 * self.closest.distance[self.worst_vertex] / self.rest.diagonal)
+
+    def describe_outside(self, name: str = "") -> str:
+        """Say which vertices are outside, of a mesh of this name."""
+        owner = f" of {name}" if name else ""
+        return (
+            f"{len(self.outside_indices)} of {len(self.rest.used_vertices)} vertices{owner} are "
+            f"outside the cage, the worst, {self.worst_vertex}, by {self.worst_percent:.3g} % of "
+            f"the diagonal: numbers {join_truncated(self.outside_indices)} (from 0)"
+        )
+
+    def find_outside(self, remedy: str) -> Finding:
+        """Make the finding that these vertices are outside."""
+        message, numbers = self.describe_outside("the rest pose"), self.outside_indices
+        percent = self.worst_percent
+        return Finding("outside", "unfit", message, remedy, "vertices", numbers, percent, "rest")
 
 
-def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Enclosure:
+def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Placement:
     """Check the cage, turn it outward, and check that it encloses the rest pose.
 
     Parameters
@@ -162,7 +132,7 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> En
     """
     try:
         outward, notes = validate_cage(cage)
-        return _project_outside(outward, rest, notes, outside)
+        placement = _check_vertices(outward, rest, outside)
     except CageError as error:
         if len(cage.vertices) <= len(rest.vertices) or isinstance(rest, PointCloud):
             raise
@@ -171,29 +141,20 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> En
             f"{len(rest.vertices)}: are they swapped?"
         )
         if isinstance(swapped, OutsideError) and isinstance(error, OutsideError):
-            swapped.outside = error.outside
+            swapped.placement = error.placement
         raise swapped from error
+    return replace(placement, notes=notes + placement.notes)
 
 
 def locate_vertices(cage: TriMesh, rest: TriMesh) -> Placement:
     """Locate the vertices of the rest pose relative to a cage that is turned outward."""
     largest = max(np.abs(mesh.vertices[mesh.used_vertices]).max() for mesh in (cage, rest))
     return Placement(
+        rest=rest,
         closest=closest_points(cage, rest.vertices),
-        outside=winding_numbers(cage, rest.vertices) < 0.5,
-        is_tested=rest.is_used,
+        is_outside=winding_numbers(cage, rest.vertices) < 0.5,
         tolerance=float(max(TOUCH_TOL * rest.diagonal, ROUNDING_TOL * largest)),
     )
-
-
-def find_outside_vertices(placement: Placement, rest: TriMesh) -> OutsideVertices | None:
-    """Find the vertices of the rest pose that are outside; None if none are."""
-    numbers = placement.outside_indices
-    if len(numbers) == 0:
-        return None
-    worst = numbers[placement.closest.distance[numbers].argmax()]
-    percent = 100 * placement.closest.distance[worst] / rest.diagonal
-    return OutsideVertices(numbers, len(rest.used_vertices), int(worst), float(percent))
 
 
 def describe_unused_vertices(rest: TriMesh) -> tuple[str, ...]:
@@ -220,36 +181,33 @@ def find_missing_extent(rest: TriMesh) -> Finding | None:
     return Finding("point", "unfit", message, remedy)
 
 
-def _project_outside(
-    cage: TriMesh, rest: TriMesh, notes: tuple[str, ...], policy: str
-) -> Enclosure:
-    """Move vertices that are outside onto the cage; refuse large distances if `policy` says so."""
+def _check_vertices(cage: TriMesh, rest: TriMesh, policy: str) -> Placement:
+    """Locate the vertices; refuse those outside if the policy says so, or they are too many."""
     if no_extent := find_missing_extent(rest):
         raise CageError(no_extent.sentence)
     placement = locate_vertices(cage, rest)
-    notes += describe_unused_vertices(rest)
-    if outside := find_outside_vertices(placement, rest):
-        if policy == "refuse" or outside.is_misplaced:
-            raise _make_outside_error(cage, rest, outside)
+    notes = describe_unused_vertices(rest)
+    if len(placement.outside_indices):
+        if policy == "refuse" or placement.is_misplaced:
+            raise _make_outside_error(placement)
         notes = (
             *notes,
-            f"{outside.describe('the model')}; they have the weights of the nearest points of the "
-            f"cage; that alone is an error of {_measure_projection(placement, rest):.2g} % of the "
-            "diagonal (rms), in the rest pose too",
+            f"{placement.describe_outside('the model')}; they have the weights of the nearest "
+            f"points of the cage; that alone is an error of {_measure_projection(placement):.2g} % "
+            "of the diagonal (rms), in the rest pose too",
         )
-    moved = placement.outside[:, None]
-    points = np.where(moved, placement.closest.position, rest.vertices)
-    return Enclosure(cage, points, placement.outside_indices, notes)
+    return replace(placement, notes=notes)
 
 
-def _measure_projection(placement: Placement, rest: TriMesh) -> float:
+def _measure_projection(placement: Placement) -> float:
     """Return the rms over all vertices of how far they are projected, percent of the diagonal."""
-    moved = placement.closest.distance[placement.outside_indices]
+    moved, rest = placement.closest.distance[placement.outside_indices], placement.rest
     return float(100 * np.sqrt((moved**2).sum() / len(rest.used_vertices)) / rest.diagonal)
 
 
-def _make_outside_error(cage: TriMesh, rest: TriMesh, outside: OutsideVertices) -> OutsideError:
-    misfit = explain_misfit(cage, rest, outside.percent, outside.share)
-    error = OutsideError(outside.make_finding(misfit.remedy).sentence)
-    error.outside, error.is_repairable = outside, misfit.is_repairable
+def _make_outside_error(placement: Placement) -> OutsideError:
+    worst, share = placement.worst_percent, placement.outside_share
+    misfit = explain_misfit(placement.cage, placement.rest, worst, share)
+    error = OutsideError(placement.find_outside(misfit.remedy).sentence)
+    error.placement, error.is_repairable = placement, misfit.is_repairable
     return error

@@ -1,22 +1,35 @@
-"""Why a cage does not hold its model, as far as that can be measured, and what to do about it."""
+"""Why a cage does not hold its model, as far as that can be measured, and what to do about it.
+
+A cage may be in another unit, have other axes, be mirrored, be elsewhere, or be too small.
+"""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import permutations, product
 
 import numpy as np
 
-from cageik_cli.cages.looseness import measure_inflation
-from cageik_cli.cages.similarity import MAX_SIZE_RATIO, find_transform
+from cageik_cli.cages.surface_points import sample_surface, thin_out
+from cageik_cli.cages.transforms import COMMON_SCALES, UNIT_SCALES, Transform, measure_inflation
 from cageik_cli.geometry.mesh import TriMesh
-
-MAX_UNINFLATED = 5.0
-"""A cage whose worst vertex is outside by less, percent of the diagonal, was not inflated."""
-
-MIN_NAMED_INFLATION = 0.01
-"""A smaller inflation, percent of the diagonal, is not worth a word beside a transform."""
+from cageik_cli.geometry.surface import closest_points, winding_numbers
+from cageik_cli.util.arrays import Floats
 
 MAX_OUTSIDE_SHARE = 0.5
 """With a larger share of vertices outside, none are projected: it is another model's cage."""
+
+MAX_NEAR_PERCENT = 5.0
+"""A cage whose model is outside by less, percent of its diagonal, is at most too small."""
+
+MAX_FITTED_PERCENT = 2.0
+"""The same of a cage whose scale or place were fitted, which makes chance matches likelier."""
+
+MIN_EXTENT_RATIO, MAX_EXTENT_RATIO = 0.9, 2.0
+"""A transformed cage is at least and at most so much larger than the model, along each axis."""
+
+MAX_SIZE_RATIO = 5.0
+"""A larger ratio of the diagonals of cage and model suggests different units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +46,7 @@ class Misfit:
         By how much it is too small everywhere, percent of the diagonal, if it holds the model
         then.
     is_repairable : bool
-        Whether `cageik cage --repair` may help.
+        Whether a repair may help.
     """
 
     remedy: str
@@ -57,19 +70,32 @@ def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> 
         Share of the vertices that are outside.
     """
     if transform := find_transform(cage, rest):
-        return Misfit(
-            f"the cage is {transform.name}{_describe_rest_of(transform.inflation)}: export it as "
-            "the model was",
-            transform=transform.name,
-        )
-    if worst < MAX_UNINFLATED:
-        return _explain_small_cage(cage, rest, share)
+        left = ""
+        if transform.inflation >= 0.01:
+            left = f", and then too small by {round_up(transform.inflation):g} % of the diagonal"
+        remedy = f"the cage is {transform.name}{left}: export it as the model was"
+        return Misfit(remedy, transform=transform.name)
+    project = "take the nearest points of the cage with --outside project"
+    if worst < MAX_NEAR_PERCENT:
+        return _explain_small_cage(cage, rest, f", or {project}" * (share <= MAX_OUTSIDE_SHARE))
     if share <= MAX_OUTSIDE_SHARE:
-        return Misfit(f"enlarge the cage there, give the rest pose it was made for, or {_PROJECT}")
+        return Misfit(f"enlarge the cage there, give the rest pose it was made for, or {project}")
     return Misfit(_describe_misplaced(cage, rest), is_repairable=False)
 
 
-_PROJECT = "take the nearest points of the cage with --outside project"
+def _explain_small_cage(cage: TriMesh, rest: TriMesh, otherwise: str) -> Misfit:
+    inflation = measure_inflation(cage, rest)
+    if not inflation:
+        return Misfit(
+            "the cage is too small there, and to inflate it evenly does not help: move it outward "
+            f"there{otherwise}"
+        )
+    percent = round_up(inflation)
+    return Misfit(
+        f"the cage is not inflated: inflate it by {percent:g} % of the diagonal "
+        f"({percent / 100 * rest.diagonal:.3g}) along its normals{otherwise}",
+        inflation=percent,
+    )
 
 
 def round_up(percent: float) -> float:
@@ -78,29 +104,6 @@ def round_up(percent: float) -> float:
         return 0.0
     step = 10.0 ** (math.floor(math.log10(percent)) - 1)
     return float(f"{math.ceil(percent / step - 1e-9) * step:.2g}")
-
-
-def _describe_rest_of(inflation: float) -> str:
-    """Say what is missing once the transform is undone."""
-    if inflation < MIN_NAMED_INFLATION:
-        return ""
-    return f", and then too small by {round_up(inflation):g} % of the diagonal"
-
-
-def _explain_small_cage(cage: TriMesh, rest: TriMesh, share: float) -> Misfit:
-    project = f", or {_PROJECT}" if share <= MAX_OUTSIDE_SHARE else ""
-    inflation = measure_inflation(cage, rest)
-    if not inflation:
-        return Misfit(
-            "the cage is too small there, and to inflate it evenly does not help: move it outward "
-            f"there{project}"
-        )
-    percent = round_up(inflation)
-    return Misfit(
-        f"the cage is not inflated: inflate it by {percent:g} % of the diagonal "
-        f"({percent / 100 * rest.diagonal:.3g}) along its normals{project}",
-        inflation=percent,
-    )
 
 
 def _describe_misplaced(cage: TriMesh, rest: TriMesh) -> str:
@@ -115,3 +118,158 @@ def _describe_misplaced(cage: TriMesh, rest: TriMesh) -> str:
     else:
         what = "most of the model is outside"
     return f"{what}, and no unit, axes or place makes it fit: give the rest pose it was made for"
+
+
+def find_transform(cage: TriMesh, model: TriMesh) -> Transform | None:
+    """Find the simplest transform after which a cage holds a model that it does not hold now.
+
+    Parameters
+    ----------
+    cage : TriMesh
+        Closed, turned outward.
+
+    Returns
+    -------
+    Transform, optional
+        None if the cage holds the model, or nearly, as it is, or if no transform makes it so.
+    """
+    points = thin_out(model.vertices, 400)
+    depth = _measure_depth(cage, points)
+    is_oversized = cage.diagonal > MAX_SIZE_RATIO * model.diagonal
+    if depth < MAX_NEAR_PERCENT / 100 * model.diagonal and not is_oversized:
+        return None
+    share = float(np.mean(winding_numbers(cage, points) < 0.5))
+    # With so little of the model outside, parts of the cage are dented, not all misplaced.
+    if 0 < share < 0.05:
+        return None
+    # A loose cage that holds its model can only be in another unit.
+    may_fit = share >= 0.25
+    candidates = [c for c in _list_transforms(cage, model) if may_fit or not c.is_fitted]
+    limit = depth / 2 if depth > 0 else np.inf
+    found: list[tuple[float, Transform]] = []
+    for candidate in sorted(candidates, key=lambda c: c.complexity):
+        if found and candidate.complexity > min(cost for cost, _ in found):
+            break
+        fitted = _fit_to_points(_centre(candidate, cage, model), cage, points)
+        moved = fitted.apply_to_mesh(cage)
+        left = _measure_depth(moved, points)
+        is_near = left < min(limit, _find_max_percent(fitted) / 100 * model.diagonal)
+        if is_near and _is_of_size(fitted, moved, model):
+            found.append((_measure_cost(fitted, 100 * left / model.diagonal), fitted))
+    return _take_best(found, cage, model)
+
+
+def _take_best(
+    found: list[tuple[float, Transform]], cage: TriMesh, model: TriMesh
+) -> Transform | None:
+    """Take the transform of least cost, of those after which the cage needs little inflation."""
+    best, least = None, np.inf
+    samples = thin_out(sample_surface(model), 4000)
+    for cost, transform in sorted(found, key=lambda entry: entry[0]):
+        if cost >= least:
+            break
+        transform = _fit_to_points(transform, cage, samples)
+        inflation = measure_inflation(transform.apply_to_mesh(cage), model)
+        if inflation is None or inflation > _find_max_percent(transform):
+            continue
+        cost = _measure_cost(transform, inflation)
+        if cost < least:
+            name = transform.describe(model.diagonal)
+            best, least = replace(transform, name=name, inflation=inflation), cost
+    return best
+
+
+def _find_max_percent(transform: Transform) -> float:
+    """Return how much too small the transformed cage may be, percent of the model's diagonal."""
+    return MAX_FITTED_PERCENT if transform.is_fitted else MAX_NEAR_PERCENT
+
+
+def _measure_cost(transform: Transform, percent: float) -> float:
+    """Return what speaks against an explanation: a difference costs what a percent does."""
+    return transform.complexity + percent
+
+
+def _list_transforms(cage: TriMesh, model: TriMesh) -> Iterator[Transform]:
+    """List all turns by quarters, mirrored or not, with scales that fit the extents."""
+    inner = np.ptp(model.vertices, axis=0)
+    least, most = MIN_EXTENT_RATIO * inner, MAX_EXTENT_RATIO * inner
+    most += 1e-3 * model.diagonal  # flat models
+    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
+        rotation = np.eye(3)[list(order)] * np.array(signs)[:, None]
+        outer = np.abs(rotation) @ np.ptp(cage.vertices, axis=0)
+        for scale in (1.0, *UNIT_SCALES):
+            if (scale * outer >= least).all() and (scale * outer <= most).all():
+                yield Transform(rotation, scale, np.zeros(3))
+                yield Transform(rotation, scale, np.zeros(3), is_moved=True)
+        scale = float(np.max(inner / np.maximum(outer, np.finfo(float).tiny)))
+        if (scale * outer <= most).all():
+            yield Transform(rotation, scale, np.zeros(3), is_scaled=True)
+            yield Transform(rotation, scale, np.zeros(3), is_scaled=True, is_moved=True)
+
+
+def _centre(transform: Transform, cage: TriMesh, model: TriMesh) -> Transform:
+    """Centre a cage that may move on the model."""
+    if not transform.is_moved:
+        return transform
+    centres = [(m.vertices.min(axis=0) + m.vertices.max(axis=0)) / 2 for m in (model, cage)]
+    return replace(transform, offset=centres[0] - transform.matrix @ centres[1])
+
+
+def _fit_to_points(
+    transform: Transform, cage: TriMesh, points: Floats, rounds: int = 12
+) -> Transform:
+    """Move, and grow, what a transform leaves open until the points are inside."""
+    for _ in range(rounds if transform.is_fitted else 0):
+        moved = transform.apply_to_mesh(cage)
+        outside = points[winding_numbers(moved, points) < 0.5]
+        if len(outside) == 0:
+            break
+        transform = _take_step(transform, moved, outside)
+    return transform
+
+
+def _take_step(
+    transform: Transform, moved: TriMesh, outside: Floats, ridge: float = 1e-3
+) -> Transform:
+    """Scale and move so that the nearest points of the cage meet the points that are outside.
+
+    Unknowns are a relative growth about the cage's centre, in its diagonals, and a move; `ridge`
+    is the weight of their squares against one point's distance.
+    """
+    nearest = closest_points(moved, outside)
+    keep = nearest.distance > 0
+    if not keep.any():
+        return transform
+    centre = moved.vertices.mean(axis=0)
+    direction = (outside - nearest.position)[keep] / nearest.distance[keep, None]
+    arm = nearest.position[keep] if not transform.is_moved else nearest.position[keep] - centre
+    growth = np.einsum("kx,kx->k", direction, arm) / moved.diagonal
+    columns = np.column_stack([growth * transform.is_scaled, direction * transform.is_moved])
+    normal = columns.T @ columns + ridge * len(columns) * np.eye(4)
+    growth_step, *move = np.linalg.solve(normal, columns.T @ nearest.distance[keep])
+    factor = 1 + growth_step / moved.diagonal
+    offset = factor * transform.offset + np.array(move)
+    if transform.is_moved:
+        offset += (1 - factor) * centre
+    return replace(transform, scale=transform.scale * factor, offset=offset)
+
+
+def _measure_depth(cage: TriMesh, points: Floats) -> float:
+    """Return how far the point that is furthest outside is."""
+    outside = points[winding_numbers(cage, points) < 0.5]
+    if len(outside) == 0:
+        return 0.0
+    return float(closest_points(cage, outside).distance.max())
+
+
+def _is_of_size(transform: Transform, cage: TriMesh, model: TriMesh) -> bool:
+    """Return whether a transformed cage is about as large as the model along every axis."""
+    outer, inner = np.ptp(cage.vertices, axis=0), np.ptp(model.vertices, axis=0)
+    most = MAX_EXTENT_RATIO
+    if transform.is_scaled:
+        most = 1.4  # any cage holds any model when it is large enough
+    elif transform.scale not in (1.0, *COMMON_SCALES):
+        most = 1.25  # rare factors are small, and a cage that is only too small is in no other unit
+    # Along axes in which the model is thin, the cage may be larger.
+    slack = 0.1 * (most - 1) * model.diagonal
+    return bool((outer >= MIN_EXTENT_RATIO * inner).all() and (outer <= most * inner + slack).all())

@@ -1,14 +1,24 @@
 """Weaknesses of a cage that binds: each has a limit, a place and a remedy."""
 
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 
 from cageik_cli.cages.enclosure import Placement
 from cageik_cli.cages.findings import Finding, format_elements
+from cageik_cli.cages.misfit import MAX_SIZE_RATIO, find_transform
+from cageik_cli.cages.sections import SharedSection, find_shared_sections
+from cageik_cli.cages.surface_points import sample_surface, thin_out
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import corner_angles, degenerate_face_mask, thin_face_pairs
+from cageik_cli.geometry.shape import (
+    bounds_volume,
+    corner_angles,
+    degenerate_face_mask,
+    thin_face_pairs,
+)
+from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats
 
 MIN_ANGLE = 2.0
@@ -22,6 +32,9 @@ MIN_CLEARANCE = 1e-4
 
 MIN_INFLUENCE = 0.05
 """A cage vertex whose weights are all smaller has hardly any influence on the model."""
+
+MIN_MODEL_VERTICES = 500
+"""The room around models with fewer vertices is not judged: any cage has nearly as many."""
 
 
 def find_needle_faces(cage: TriMesh) -> Iterator[Finding]:
@@ -55,9 +68,9 @@ def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
         yield Finding("thin", "warning", message, remedy, "face pairs", pairs, ratio)
 
 
-def find_low_clearance(placement: Placement, rest: TriMesh) -> Iterator[Finding]:
+def find_low_clearance(placement: Placement) -> Iterator[Finding]:
     """Find rest vertices on the cage, or close to it."""
-    clearance = placement.clearance / rest.diagonal
+    clearance = placement.clearance / placement.rest.diagonal
     near = np.flatnonzero(clearance < MIN_CLEARANCE)
     if len(near):
         worst = near[clearance[near].argmin()]
@@ -71,11 +84,11 @@ def find_low_clearance(placement: Placement, rest: TriMesh) -> Iterator[Finding]
         yield Finding("clearance", "warning", message, remedy, "vertices", near, percent, "rest")
 
 
-def find_surface_crossings(placement: Placement, rest: TriMesh) -> Iterator[Finding]:
+def find_surface_crossings(placement: Placement) -> Iterator[Finding]:
     """Find rest faces that cross the cage although their vertices are inside."""
-    pairs = crossing_face_pairs(rest, placement.closest.mesh, placement.tolerance)
-    leaving = np.isin(rest.faces[pairs[:, 0]], placement.outside_indices).any(axis=1)
-    pairs = pairs[~leaving]
+    pairs = crossing_face_pairs(placement.rest, placement.cage, placement.tolerance)
+    corners = placement.rest.faces[pairs[:, 0]]
+    pairs = pairs[~np.isin(corners, placement.outside_indices).any(axis=1)]
     if len(pairs):
         message = (
             "faces of the rest pose cross the cage although their vertices are inside, at "
@@ -97,3 +110,92 @@ def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
         )
         remedy = "delete them or move them closer to the model; frames hardly determine them"
         yield Finding("weak-vertex", "warning", message, remedy, "vertices", weak, smallest)
+
+
+def find_room_faults(cage: TriMesh, rest: TriMesh, is_thorough: bool = True) -> Iterator[Finding]:
+    """Find what is poor about the room in a cage, closed and turned outward, around its model.
+
+    Limbs in one loop are looked for in loose cages; in others, too, if it is to be thorough. Of
+    the places where they are, the four longest are named.
+    """
+    if cage.diagonal > MAX_SIZE_RATIO * rest.diagonal:
+        yield _describe_size(cage, rest)
+        return
+    if len(rest.vertices) < MIN_MODEL_VERTICES:
+        return
+    loose = list(_find_loose_cage(cage, rest))
+    yield from loose
+    if loose or is_thorough:
+        yield from islice(_find_shared_loops(cage, rest), 4)
+
+
+def has_too_much_room(cage: TriMesh, rest: TriMesh) -> bool:
+    """Return whether a cage is so large, or so loose, that it follows no part of its model well."""
+    return next(find_room_faults(cage, rest, is_thorough=False), None) is not None
+
+
+def _describe_size(cage: TriMesh, rest: TriMesh) -> Finding:
+    ratio = cage.diagonal / rest.diagonal
+    transform = find_transform(cage, rest)
+    remedy = "fit the cage to the model"
+    if transform is not None:
+        remedy = f"the cage is {transform.name}: export it as the model was"
+    message = (
+        f"the cage is {ratio:.3g} times as large as the model, expected at most {MAX_SIZE_RATIO:g}"
+    )
+    return Finding("large", "warning", message, remedy, value=float(ratio))
+
+
+def _find_loose_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
+    """Find a cage whose surface is, on average, twice as far from the model as that of built ones.
+
+    Built cages have a mean gap of about 16.5 % of the diagonal over the root of their number of
+    vertices. This was measured on cages for four characters: 2.0 to 2.4 % with 60 vertices, 1.4 to
+    1.6 % with 120, 0.8 to 1.1 % with 300. It is typical, not computed for a model. Cages of fewer
+    or more vertices are compared with these.
+    """
+    samples = thin_out(sample_surface(cage), 1500)
+    gap = float(100 * closest_points(rest, samples).distance.mean() / rest.diagonal)
+    count = int(np.clip(len(cage.vertices), 60, 300))
+    typical = 16.5 / np.sqrt(count)
+    if gap <= 2 * typical:
+        return
+    found = f"{gap:.3g} % of the diagonal away from the model on average"
+    expected = f"{typical:.2g} %"
+    # A closed model with hardly any volume is flat: what it holds is rounding.
+    if bounds_volume(rest) and abs(rest.volume) > 1e-9 * rest.diagonal**3:
+        found = f"{abs(cage.volume / rest.volume):.3g} times the model's volume, {found}"
+        # The gap, all over the model's surface, adds to its volume.
+        layer = float(rest.face_areas.sum()) * typical / 100 * rest.diagonal
+        expected = f"{1 + layer / abs(rest.volume):.2g} times and {expected}"
+    message = (
+        f"the cage is loose: {found}, where a built cage of {count} vertices typically has "
+        f"{expected}"
+    )
+    remedy = (
+        "move it closer to the model, or build one with cageik cage, with more vertices if this "
+        "one was built; a loose cage follows the motion poorly"
+    )
+    yield Finding("loose", "warning", message, remedy, value=gap)
+
+
+def _find_shared_loops(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
+    """Find places where limbs share a loop, so long and the limbs so far apart that it matters.
+
+    A cage between limbs that are nearer to each other would have no clearance.
+    """
+    for place in find_shared_sections(cage, rest):
+        if place.gap >= 0.02 * rest.diagonal and place.length >= 0.04 * rest.diagonal:
+            yield _describe_shared_section(place)
+
+
+def _describe_shared_section(place: SharedSection) -> Finding:
+    x, y, z = (float(value) for value in place.centre)
+    message = (
+        f"{place.limbs} limbs of the model are in one loop of the cage around ({x:.4g}, {y:.4g}, "
+        f"{z:.4g}), {place.size:.3g} across, for {place.length:.3g} along {'xyz'[place.axis]}, "
+        f"{place.gap:.3g} apart"
+    )
+    remedy = "let the cage go between them; with one loop they can hardly move apart"
+    limbs = float(place.limbs)
+    return Finding("shared-loop", "warning", message, remedy, value=limbs, place=(x, y, z))

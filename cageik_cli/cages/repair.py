@@ -7,14 +7,15 @@ import numpy as np
 
 from cageik_cli.cages.enclosure import find_missing_extent
 from cageik_cli.cages.findings import format_elements
+from cageik_cli.cages.misfit import find_transform
 from cageik_cli.cages.quality import MIN_CLEARANCE
 from cageik_cli.cages.repairing.faces import Draft, start_draft, tidy_faces
 from cageik_cli.cages.repairing.judge import judge_cage
 from cageik_cli.cages.repairing.push import Clearance
 from cageik_cli.cages.repairing.record import RepairedCage, RepairSettings, RepairStep
-from cageik_cli.cages.repairing.samples import sample_surface
 from cageik_cli.cages.repairing.shape import Target, fit_shape
-from cageik_cli.cages.similarity import Transform, find_transform
+from cageik_cli.cages.surface_points import sample_surface
+from cageik_cli.cages.transforms import Transform
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.util.arrays import Floats, Integers

@@ -6,35 +6,15 @@ from itertools import combinations
 
 import numpy as np
 
-from cageik_cli.cages.plane_sections import (
-    Section,
-    Slicer,
-    is_closed,
-    measure_box,
-    winds_around,
-)
 from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.points import measure_distances
 from cageik_cli.util.arrays import Floats, Integers
 
-SECTIONS = 24
-"""Positions along each axis at which both are cut."""
-
-LIMB_LENGTH = 0.05
-"""Loops belong to different limbs if the surface does not join them within so far of the plane,
-in diagonals of the model."""
-
-MIN_LOOP_SIZE = 0.025
+MIN_LIMB_SIZE = 0.025
 """Smaller loops, in diagonals of the model, are no limbs."""
 
-MIN_RUN = 2
-"""Limbs share a loop in so many sections that follow each other; in fewer, a section grazes."""
-
-MIN_GAP = 0.008
+MIN_CAGED_GAP = 0.008
 """Limbs nearer to each other than this, in diagonals, count as one: no cage fits between."""
-
-NEAR_STEPS = 1.0
-"""Sections are near a point if they are so many distances between sections away, or less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,8 +45,100 @@ class SharedSection:
     gap: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Loop:
+    """A loop in which a plane across an axis cuts a mesh.
+
+    Attributes
+    ----------
+    axis : int
+        0, 1, 2 for x, y, z.
+    segments : (s, 2, 3) float64
+        Ends of the segment in each face that is cut; the inside is on the same side of all.
+    vertex : int
+        A vertex of the mesh beside the loop.
+    """
+
+    axis: int
+    segments: Floats
+    vertex: int
+
+    @property
+    def points(self) -> Floats:
+        """Return where the segments begin, (s, 3)."""
+        return self.segments[:, 0]
+
+    @property
+    def size(self) -> float:
+        """Return the diagonal of the box around the loop."""
+        return _measure_box(self.points)
+
+    @property
+    def is_closed(self) -> bool:
+        """Return whether it ends where it begins, up to rounding; not so where a mesh is open."""
+        ends = self.segments.sum(axis=0)
+        return bool(np.linalg.norm(ends[1] - ends[0]) <= 1e-9 * len(self.segments) * self.size)
+
+    def goes_around(self, point: Floats) -> bool:
+        """Return whether it goes around a point of its plane, (3,)."""
+        kept = [k for k in range(3) if k != self.axis]
+        one, two = ((self.segments[:, end] - point)[:, kept] for end in range(2))
+        turn = np.arctan2(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0], (one * two).sum(axis=1))
+        return bool(abs(turn.sum()) > np.pi)
+
+
+class Slicer:
+    """Cuts a mesh, often, across one axis: 0, 1, 2 for x, y, z."""
+
+    def __init__(self, mesh: TriMesh, axis: int) -> None:
+        self.mesh, self.axis = mesh, axis
+        a, b, c = (mesh.vertices[mesh.faces[:, k], axis] for k in range(3))
+        self._low, self._high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+
+    def find_cut_faces(self, position: float) -> Integers:
+        """Find the faces with vertices on both sides; vertices in the plane count as above it."""
+        return np.flatnonzero((self._low < position) & (self._high >= position))
+
+    def cut(self, position: float) -> list[Loop]:
+        """Return the loops in which a plane cuts the mesh."""
+        faces = self.mesh.faces[self.find_cut_faces(position)]
+        side = self.mesh.vertices[faces, self.axis] >= position
+        # The corner that is alone on its side first: its two edges are the ones that are cut.
+        lone = np.where(side.sum(axis=1) == 1, side.argmax(axis=1), (~side).argmax(axis=1))
+        corners = np.take_along_axis(faces, (lone[:, None] + np.arange(3)) % 3, axis=1)
+        ends = np.stack([corners[:, [0, 1]], corners[:, [0, 2]]], axis=1)
+        # Faces whose lone corner is below pass the plane the other way.
+        flipped = ~np.take_along_axis(side, lone[:, None], axis=1)[:, 0]
+        ends[flipped] = ends[flipped][:, ::-1]
+        one, two = self.mesh.vertices[ends[:, :, 0]], self.mesh.vertices[ends[:, :, 1]]
+        height, other = one[..., self.axis] - position, two[..., self.axis] - position
+        segments = one + (height / (height - other))[..., None] * (two - one)
+        return [
+            Loop(self.axis, segments[chosen], int(faces[chosen[0], 0]))
+            for chosen in _list_loops(ends)
+        ]
+
+
+def _list_loops(ends: Integers) -> list[Integers]:
+    """Return the segments of each loop, found by the edges (s, 2, 2) on which they end."""
+    if len(ends) == 0:
+        return []
+    flat = np.sort(ends.reshape(-1, 2), axis=1)
+    keys: Integers = flat[:, 0] * (int(flat.max()) + 1) + flat[:, 1]
+    _, edge = np.unique(keys, return_inverse=True)
+    joined: Integers = edge.reshape(-1, 2)
+    loops = find_groups(joined, int(edge.max()) + 1)[joined[:, 0]]
+    order = np.argsort(loops, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(loops[order])) + 1)
+
+
+def _measure_box(points: Floats) -> float:
+    """Return the diagonal of the box around points, (k, 3)."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
 def find_shared_sections(
-    cage: TriMesh, model: TriMesh, near: Floats | None = None
+    cage: TriMesh, model: TriMesh, near: Floats | None = None, count: int = 24
 ) -> list[SharedSection]:
     """Find where two or more limbs of the model go through one loop of the cage.
 
@@ -75,7 +147,9 @@ def find_shared_sections(
     cage, model : TriMesh
         The cage holds the model.
     near : (k, 3) float64, optional
-        Only the sections near these points are made, which is faster; all by default.
+        Only the sections within a step of these points are made, which is faster; all by default.
+    count : int
+        Sections along each axis.
 
     Returns
     -------
@@ -87,95 +161,77 @@ def find_shared_sections(
     found: list[list[SharedSection]] = []
     for axis in range(3):
         low, high = model.vertices[:, axis].min(), model.vertices[:, axis].max()
-        step = (high - low) / SECTIONS
-        slicers = Slicer.prepare(cage, axis), Slicer.prepare(model, axis)
+        step = (high - low) / count
+        slicers = Slicer(cage, axis), Slicer(model, axis)
         before: list[list[SharedSection]] = []
-        for k in range(SECTIONS):
+        for k in range(count):
             position = low + (k + 0.5) * step
-            is_wanted = near is None or (
-                (np.abs(near[:, axis] - position) <= NEAR_STEPS * step).any()
-            )
+            is_wanted = near is None or (np.abs(near[:, axis] - position) <= step).any()
             now = _find_at(*slicers, position) if is_wanted else []
             runs = [_continue_run(place, before) for place in now]
             found += [run for run in runs if len(run) == 1]
             before = runs
-    places = [_join_run(run) for run in found if len(run) >= MIN_RUN]
+    # A place in one section alone is only grazed.
+    places = [_join_run(run) for run in found if len(run) >= 2]
     return sorted(places, key=lambda place: -place.length)
 
 
 def _find_at(cage: Slicer, model: Slicer, position: float) -> list[SharedSection]:
     """Find the places in one section."""
-    axis, mesh = model.axis, model.mesh
-    inner = model.cut(position)
-    loops = _find_limb_loops(inner, axis, MIN_LOOP_SIZE * mesh.diagonal)
+    loops = _find_limb_loops(model, position)
     if len(loops) < 2:
         return []
-    groups = list(_group_loops(loops, inner, cage.cut(position), model))
+    groups = list(_group_loops(loops, cage.cut(position), model.mesh))
     if not groups:
         return []
     limbs = _label_limbs(model, position)
     places = []
     for group in groups:
-        vertices = mesh.faces[[inner.faces[loop[0]] for loop in group], 0]
-        parts = [inner.segments[loop][:, 0] for loop in group]
-        parts = _join_parts(parts, limbs[vertices], MIN_GAP * mesh.diagonal)
+        parts = _join_loops(group, limbs, MIN_CAGED_GAP * model.mesh.diagonal)
         if len(parts) > 1:
-            places.append(_describe(parts, axis))
+            places.append(_describe(parts, model.axis))
     return places
 
 
-def _group_loops(
-    loops: list[Integers], inner: Section, outer: Section, model: Slicer
-) -> Iterator[list[Integers]]:
+def _group_loops(loops: list[Loop], borders: list[Loop], model: TriMesh) -> Iterator[list[Loop]]:
     """Yield the loops of one body of the model, two or more, that are in one loop of the cage."""
-    axis, mesh = model.axis, model.mesh
-    for number in np.unique(outer.loops):
-        border = outer.segments[outer.loops == number]
-        if not is_closed(border):
+    for border in borders:
+        if not border.is_closed:
             continue
-        held = [loop for loop in loops if winds_around(border, inner.segments[loop][0, 0], axis)]
-        bodies = mesh.components[mesh.faces[[inner.faces[loop[0]] for loop in held], 0]]
+        held = [loop for loop in loops if border.goes_around(loop.points[0])]
+        bodies = model.components[[loop.vertex for loop in held]]
         for body in np.unique(bodies):
             chosen = np.flatnonzero(bodies == body)
             if len(chosen) > 1:
                 yield [held[k] for k in chosen]
 
 
-def _find_limb_loops(section: Section, axis: int, min_size: float) -> list[Integers]:
-    """Return the segments of each loop that is large, and in no other."""
-    order = np.argsort(section.loops, kind="stable")
-    starts = np.flatnonzero(np.diff(section.loops[order])) + 1
-    large = [
-        loop
-        for loop in np.split(order, starts)
-        if len(loop)
-        and measure_box(section.segments[loop][:, 0]) >= min_size
-        and is_closed(section.segments[loop])
-    ]
-    return _drop_held_loops(large, section.segments, axis)
-
-
-def _drop_held_loops(large: list[Integers], segments: Floats, axis: int) -> list[Integers]:
-    """Return the loops that no other one goes around."""
-    first = np.array([segments[loop[0], 0] for loop in large]).reshape(-1, 3)
+def _find_limb_loops(model: Slicer, position: float) -> list[Loop]:
+    """Return the loops of a section that are large, and in no other."""
+    min_size = MIN_LIMB_SIZE * model.mesh.diagonal
+    large = [loop for loop in model.cut(position) if loop.size >= min_size and loop.is_closed]
+    first = np.array([loop.points[0] for loop in large]).reshape(-1, 3)
     held = np.zeros(len(large), bool)
     for number, other in enumerate(large):
-        border = segments[other]
         # A loop goes around no point outside its box, which is quick to see.
-        inside = (first >= border[:, 0].min(axis=0)) & (first <= border[:, 0].max(axis=0))
-        inside[:, axis] = True
+        low, high = other.points.min(axis=0), other.points.max(axis=0)
+        inside = (first >= low) & (first <= high)
+        inside[:, model.axis] = True
         near = inside.all(axis=1) & ~held
         near[number] = False
         for k in np.flatnonzero(near):
-            held[k] = winds_around(border, first[k], axis)
+            held[k] = other.goes_around(first[k])
     return [loop for loop, is_held in zip(large, held, strict=True) if not is_held]
 
 
-def _label_limbs(model: Slicer, position: float) -> Integers:
-    """Return equal numbers, (m,), for what the surface joins near a plane; −1 for others."""
+def _label_limbs(model: Slicer, position: float, length: float = 0.05) -> Integers:
+    """Return equal numbers, (m,), for what the surface joins near a plane; −1 for others.
+
+    Near is what is less than `length` away, in diagonals.
+    """
     mesh = model.mesh
     height = mesh.vertices[:, model.axis] - position
-    near = np.abs(height) < LIMB_LENGTH * mesh.diagonal
+    near = np.abs(height) < length * mesh.diagonal
     near[mesh.faces[model.find_cut_faces(position)]] = True
     one, two = mesh.edges.ends[:, 0], mesh.edges.ends[:, 1]
     number = np.cumsum(near) - 1
@@ -185,18 +241,19 @@ def _label_limbs(model: Slicer, position: float) -> Integers:
     return groups
 
 
-def _join_parts(parts: list[Floats], limbs: Integers, min_gap: float) -> list[Floats]:
+def _join_loops(loops: list[Loop], limbs: Integers, min_gap: float) -> list[Floats]:
     """Return the points of each limb: loops of one limb, and loops that nearly touch, are one."""
     near = [
         (i, j)
-        for i in range(len(parts))
-        for j in range(i)
-        if limbs[i] == limbs[j] or _measure_gap(parts[i], parts[j]) < min_gap
+        for i, one in enumerate(loops)
+        for j, other in enumerate(loops[:i])
+        if limbs[one.vertex] == limbs[other.vertex]
+        or _measure_gap(one.points, other.points) < min_gap
     ]
-    group = find_groups(np.array(near, np.int64).reshape(-1, 2), len(parts))
+    group = find_groups(np.array(near, np.int64).reshape(-1, 2), len(loops))
     return [
-        np.concatenate([part for part, own in zip(parts, group, strict=True) if own == number])
-        for number in np.unique(group)
+        np.concatenate([loop.points for loop, own in zip(loops, group, strict=True) if own == k])
+        for k in np.unique(group)
     ]
 
 
@@ -209,7 +266,7 @@ def _describe(parts: list[Floats], axis: int) -> SharedSection:
     gap = min(_measure_gap(*pair) for pair in combinations(parts, 2))
     points = np.concatenate(parts)
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
-    return SharedSection(axis, centre, measure_box(points), 0.0, len(parts), gap)
+    return SharedSection(axis, centre, _measure_box(points), 0.0, len(parts), gap)
 
 
 def _continue_run(place: SharedSection, before: list[list[SharedSection]]) -> list[SharedSection]:

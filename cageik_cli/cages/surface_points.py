@@ -7,17 +7,17 @@ import numpy as np
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 
-MAX_BLOCK = 1_000_000
+MAX_BLOCK_POINTS = 1_000_000
 """Points that are made at once, the vertices aside."""
 
 
-def sample_surface(surface: TriMesh, spacing: float, max_points: int) -> Floats:
+def sample_surface(surface: TriMesh, spacing: float = 0.015, max_points: int = 60_000) -> Floats:
     """Return the vertices of a surface, and points on faces with longer sides than the spacing.
 
     Parameters
     ----------
     spacing : float
-        Points on a face are no further apart than this, file units.
+        Points on a face are no further apart than this, in diagonals.
     max_points : int
         They are further apart where the area has room for more than so many. Needles may have more,
         as they have hardly any area.
@@ -26,11 +26,14 @@ def sample_surface(surface: TriMesh, spacing: float, max_points: int) -> Floats:
     -------
     (s, 3), the vertices first.
     """
-    return np.concatenate(list(sample_in_blocks(surface, spacing, max_points)))
+    return np.concatenate(list(sample_in_blocks(surface, spacing * surface.diagonal, max_points)))
 
 
 def sample_in_blocks(surface: TriMesh, spacing: float, max_points: int) -> Iterator[Floats]:
-    """Yield the points of `sample_surface` in blocks (k, 3), for meshes with many needles."""
+    """Yield the points of `sample_surface` in blocks (k, 3), for meshes with many needles.
+
+    The spacing is in file units.
+    """
     corners = surface.vertices[surface.faces]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -39,10 +42,10 @@ def sample_in_blocks(surface: TriMesh, spacing: float, max_points: int) -> Itera
     parts = np.ceil(np.minimum(sides / spacing, max_points**0.5)).astype(np.int64)
     points = [surface.vertices]
     for count in np.unique(parts[parts > 1]).tolist():
-        divided, step = corners[parts == count], max(1, 2 * MAX_BLOCK // (count + 2) ** 2)
+        divided, step = corners[parts == count], max(1, 2 * MAX_BLOCK_POINTS // (count + 2) ** 2)
         for start in range(0, len(divided), step):
             points.append(divide_triangles(divided[start : start + step], count))
-            if sum(map(len, points)) >= MAX_BLOCK:
+            if sum(map(len, points)) >= MAX_BLOCK_POINTS:
                 yield np.concatenate(points)
                 points = []
     yield np.concatenate([np.empty((0, 3)), *points])
@@ -54,3 +57,8 @@ def divide_triangles(corners: Floats, parts: int) -> Floats:
     kept = (i + j <= parts) & (np.maximum(np.maximum(i, j), parts - i - j) < parts)
     weights = np.stack([i, j, parts - i - j], axis=1)[kept] / parts
     return np.asarray(np.einsum("pc,kcx->kpx", weights, corners).reshape(-1, 3))
+
+
+def thin_out(points: Floats, count: int) -> Floats:
+    """Return every so many of the points, (s, 3), `count` of them at most."""
+    return points[:: -(-len(points) // count)]

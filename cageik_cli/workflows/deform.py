@@ -302,12 +302,12 @@ def _suggest_moving() -> Iterator[None]:
     try:
         yield
     except OutsideError as error:
-        if error.outside is None:
+        if error.placement is None:
             raise
         remedy = "move it into the rest cage"
-        if not error.outside.is_misplaced:
+        if not error.placement.is_misplaced:
             remedy += ", or take the nearest points of the cage with --outside project"
-        raise OutsideError(f"{error.outside.describe()}; {remedy}") from error
+        raise OutsideError(f"{error.placement.describe_outside()}; {remedy}") from error
 
 
 def _make_object_name(mesh: Path | None) -> str:

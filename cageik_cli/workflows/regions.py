@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cageik_cli.cages.room import has_too_much_room
+from cageik_cli.cages.quality import has_too_much_room
 from cageik_cli.cages.sections import find_shared_sections
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.solver.blocks import ClipSummary

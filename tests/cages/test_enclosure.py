@@ -47,7 +47,7 @@ def test_vertices_outside_are_projected_on_request():
     vertices = rest.vertices.copy()
     vertices[5], vertices[7] = [1.5, 0.25, 0], [0, 0.5, -2]
     held = check_enclosure(box(), changed(rest, vertices=vertices), outside="project")
-    assert held.projected_indices.tolist() == [5, 7]
+    assert held.outside_indices.tolist() == [5, 7]
     np.testing.assert_allclose(held.points[[5, 7]], [[1, 0.25, 0], [0, 0.5, -1]], atol=1e-12)
     kept = np.delete(np.arange(len(vertices)), [5, 7])
     np.testing.assert_array_equal(held.points[kept], vertices[kept])
@@ -58,7 +58,7 @@ def test_vertices_outside_are_projected_on_request():
 
 def test_projecting_gives_no_note_when_nothing_is_outside():
     held = check_enclosure(box(), ball(1, 0.9), outside="project")
-    assert (held.notes, held.projected_indices.tolist()) == ((), [])
+    assert (held.notes, held.outside_indices.tolist()) == ((), [])
 
 
 @pytest.mark.parametrize("diagonals", [1e5, 1e9])

@@ -1,20 +1,28 @@
 import numpy as np
 import pytest
 
+from cageik_cli.cages.bind import bind
+from cageik_cli.cages.build import BuildSettings, build_cage
 from cageik_cli.cages.enclosure import locate_vertices
+from cageik_cli.cages.misfit import MAX_SIZE_RATIO
 from cageik_cli.cages.quality import (
     MIN_ANGLE,
     MIN_CLEARANCE,
     MIN_INFLUENCE,
+    MIN_MODEL_VERTICES,
     MIN_SHEET_RATIO,
     find_low_clearance,
     find_needle_faces,
+    find_room_faults,
     find_surface_crossings,
     find_thin_parts,
     find_weak_vertices,
+    has_too_much_room,
 )
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
-from tests.shapes import ball, box, concave, finer
+from tests.cages.test_sections import trousers
+from tests.shapes import ball, box, concave, finer, rotation
 
 
 def scaled(mesh, *factors):
@@ -74,7 +82,7 @@ def test_vertices_near_the_cage_are_found(share, found):
         vertices[4, 1:] = [0.1, 0.2]
         reach = MIN_CLEARANCE * share * np.linalg.norm(np.ptp(vertices, axis=0))
     moved = TriMesh(vertices, rest.faces)
-    findings = list(find_low_clearance(locate_vertices(box(), moved), moved))
+    findings = list(find_low_clearance(locate_vertices(box(), moved)))
     assert len(findings) == found
     if found:
         near = only(findings)
@@ -101,7 +109,7 @@ def test_a_surface_that_crosses_the_cage_is_found():
     rest = across_the_corner(0.5)
     placement = locate_vertices(concave(), rest)
     assert len(placement.outside_indices) == 0
-    crossing = only(find_surface_crossings(placement, rest))
+    crossing = only(find_surface_crossings(placement))
     assert set(crossing.numbers[:, 0].tolist()) <= set(range(2, 8))
     walls = concave().vertices[concave().faces[np.unique(crossing.numbers[:, 1])]]
     assert ((walls[:, :, 0] == 1).all(axis=1) | (walls[:, :, 1] == 1).all(axis=1)).all()
@@ -111,7 +119,7 @@ def test_a_surface_that_crosses_the_cage_is_found():
 
 def test_a_surface_inside_does_not_cross():
     rest = TriMesh(0.4 * across_the_corner(0.3).vertices + 0.05, across_the_corner(0.3).faces)
-    assert list(find_surface_crossings(locate_vertices(concave(), rest), rest)) == []
+    assert list(find_surface_crossings(locate_vertices(concave(), rest))) == []
 
 
 def test_faces_with_a_vertex_outside_are_no_crossings():
@@ -119,7 +127,7 @@ def test_faces_with_a_vertex_outside_are_no_crossings():
     placement = locate_vertices(box(), rest)
     outside = set(placement.outside_indices.tolist())
     assert outside
-    for finding in find_surface_crossings(placement, rest):
+    for finding in find_surface_crossings(placement):
         assert not outside & set(rest.faces[finding.numbers[:, 0]].ravel().tolist())
 
 
@@ -133,3 +141,99 @@ def test_vertices_without_influence_are_found():
     assert weak.value == pytest.approx(0.2 * MIN_INFLUENCE)
     assert "2 vertices (1, 3), the smallest, 0.01, at vertex 3" in weak.message
     assert list(find_weak_vertices(np.array([0.5, 1.1 * MIN_INFLUENCE]))) == []
+
+
+def placed(mesh, factor, middle):
+    return TriMesh(factor * mesh.vertices + middle, mesh.faces)
+
+
+def room_faults(cage, rest):
+    return [finding.kind for finding in find_room_faults(cage, rest)]
+
+
+MODEL = ball(4)
+
+
+@pytest.mark.parametrize(("size", "found"), [(1.06, []), (1.15, ["loose"])])
+def test_a_loose_cage_is_found(size, found):
+    assert room_faults(scaled(ball(3), *[size] * 3), MODEL) == found
+
+
+def test_the_warning_has_the_ratio_of_volumes_and_what_a_built_cage_has():
+    (loose,) = find_room_faults(box(2.0), MODEL)
+    assert loose.severity == "warning"
+    ratio = 64 / MODEL.volume
+    assert f"{ratio:.3g} times the model's volume" in loose.message
+    # 16.5 % / sqrt(60) of the diagonal, all over a sphere of this area and volume.
+    gap = 0.165 / np.sqrt(60)
+    layer = 3 * gap * MODEL.diagonal / 0.5
+    assert (
+        f"of 60 vertices typically has {1 + layer:.2g} times and {100 * gap:.2g} %" in loose.message
+    )
+    assert 150 < loose.value * MODEL.diagonal < 300
+
+
+def test_an_open_model_has_a_mean_gap_only():
+    opened = TriMesh(MODEL.vertices, MODEL.faces[1:])
+    (loose,) = find_room_faults(box(2.0), opened)
+    assert "volume" not in loose.message
+
+
+def test_a_closed_model_that_is_flat_has_a_mean_gap_only():
+    flat = TriMesh(MODEL.vertices * [1, 1, 0] @ rotation(1).T, MODEL.faces)
+    assert flat.volume != 0
+    (loose,) = find_room_faults(box(2.0), flat)
+    assert "volume" not in loose.message
+
+
+def test_a_model_of_few_vertices_is_not_judged():
+    assert len(ball(2).vertices) < MIN_MODEL_VERTICES
+    assert room_faults(box(2.0), ball(2)) == []
+
+
+@pytest.mark.parametrize(("share", "found"), [(1.1, True), (0.9, False)])
+def test_a_cage_in_another_unit_is_found(share, found):
+    findings = list(find_room_faults(box(share * MAX_SIZE_RATIO), box(1.0)))
+    assert len(findings) == found
+    if found:
+        (large,) = findings
+        assert large.value == pytest.approx(share * MAX_SIZE_RATIO)
+        assert "5.5 times" in large.message
+
+
+def test_the_unit_of_a_cage_that_fits_otherwise_is_named():
+    (large,) = find_room_faults(scaled(ball(2), 110.0, 110.0, 110.0), ball(3))
+    assert "in centimetres instead of metres" in large.remedy
+
+
+@pytest.mark.parametrize(("gap", "found"), [(0.5, True), (0.02, False)])
+def test_limbs_in_one_loop_are_found_where_they_are(gap, found):
+    model = finer(trousers(gap), 4)
+    cage = placed(box(), 1.4, [1 + gap / 2, 1, 0.5])
+    shared = [finding for finding in find_room_faults(cage, model) if finding.kind == "shared-loop"]
+    assert bool(shared) == found
+    if found:
+        assert shared[0].severity == "warning"
+        assert "2 limbs" in shared[0].message
+        np.testing.assert_allclose(shared[0].place, [1.25, 0.4, 0.5], rtol=0, atol=0.15)
+
+
+@pytest.mark.slow
+def test_a_built_cage_has_no_fault():
+    model = finer(trousers(0.5), 4)
+    assert room_faults(build_cage(model, BuildSettings(vertices=120)).cage, model) == []
+
+
+def test_a_binding_has_the_warnings_unless_vertices_are_outside():
+    settings = BindSettings("mean-value", outside="project")
+    binding = bind(MODEL, box(1.5), settings)
+    assert binding.cage_warnings == tuple(f.sentence for f in find_room_faults(box(1.5), MODEL))
+    assert binding.notes == ()
+    moved = placed(box(), 1.5, [1.2, 0, 0])
+    assert bind(MODEL, moved, settings).cage_warnings == ()
+
+
+@pytest.mark.parametrize("scale", [1.5, 1.05])
+def test_a_binding_knows_whether_its_cage_is_loose(scale):
+    binding = bind(MODEL, box(scale), BindSettings("mean-value"))
+    assert binding.has_loose_cage is has_too_much_room(box(scale), MODEL)

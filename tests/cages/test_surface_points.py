@@ -20,7 +20,7 @@ def needles(count):
 
 
 def test_points_are_on_the_surface_and_no_further_apart_than_the_spacing():
-    points = sample_surface(box(), 0.1, 10_000)
+    points = sample_surface(box(), 0.1 / box().diagonal, 10_000)
     np.testing.assert_array_equal(points[:8], box().vertices)
     assert closest_points(box(), points).distance.max() < 1e-12
     gaps = [np.linalg.norm(points - p, axis=1).min() for p in finer(box(), 4).vertices]
@@ -34,15 +34,15 @@ def test_a_large_area_gets_about_as_many_points_as_are_allowed():
 @pytest.mark.parametrize("limit", [1, 300, 10**6])
 def test_blocks_do_not_change_the_points(monkeypatch, limit):
     mesh = finer(ball(1), 1)
-    expected = sample_surface(mesh, 0.05, 10_000)
-    monkeypatch.setattr(module, "MAX_BLOCK", limit)
+    expected = sample_surface(mesh, 0.05 / mesh.diagonal, 10_000)
+    monkeypatch.setattr(module, "MAX_BLOCK_POINTS", limit)
     found = np.concatenate(list(sample_in_blocks(mesh, 0.05, 10_000)))
     assert len(found) == len(expected)
     np.testing.assert_array_equal(np.unique(found, axis=0), np.unique(expected, axis=0))
 
 
 def test_needles_are_never_sampled_all_at_once(monkeypatch):
-    monkeypatch.setattr(module, "MAX_BLOCK", 5000)
+    monkeypatch.setattr(module, "MAX_BLOCK_POINTS", 5000)
     model = needles(200)
     sizes = [len(block) for block in sample_in_blocks(model, 0.005, 150_000)]
     assert sum(sizes) > 20 * 5000
@@ -52,7 +52,7 @@ def test_needles_are_never_sampled_all_at_once(monkeypatch):
 
 def test_the_points_of_a_model_are_those_of_one_block(monkeypatch):
     expected = normalize_model(needles(50)).samples
-    monkeypatch.setattr(module, "MAX_BLOCK", 1000)
+    monkeypatch.setattr(module, "MAX_BLOCK_POINTS", 1000)
     found = normalize_model(needles(50)).samples
     np.testing.assert_array_equal(found, expected)
     assert len(np.unique(np.floor(found / SPACING), axis=0)) == len(found)

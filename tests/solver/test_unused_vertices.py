@@ -62,7 +62,7 @@ def test_strays_are_out_of_the_diagonal_and_of_the_outside_test():
     rest = with_strays(REST)
     assert rest.diagonal == REST.diagonal
     held = check_enclosure(CAGE, rest)
-    assert held.projected_indices.tolist() == []
+    assert held.outside_indices.tolist() == []
     np.testing.assert_allclose(held.points[PLACES], [[0, 0, 0], [0.2, 0.1, 0.3], [0, 1, 0]])
     (note,) = held.notes
     assert "3 vertices (0, 20, 68) of the model are in no face: they get weight 0, are" in note

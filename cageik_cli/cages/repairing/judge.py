@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cageik_cli.cages.enclosure import find_outside_vertices, locate_vertices
+from cageik_cli.cages.enclosure import locate_vertices
 from cageik_cli.cages.findings import Finding
 from cageik_cli.cages.quality import (
     find_low_clearance,
@@ -46,14 +46,14 @@ def judge_cage(cage: TriMesh, model: TriMesh, samples: Floats) -> Judgement:
     if faults:
         return Judgement(faults, ())
     placement = locate_vertices(cage, model)
-    outside = find_outside_vertices(placement, model)
-    holding = [outside.make_finding(OUTWARD)] if outside else []
-    holding += [*find_surface_crossings(placement, model)]
+    is_outside = len(placement.outside_indices) > 0
+    holding = [placement.find_outside(OUTWARD)] if is_outside else []
+    holding += find_surface_crossings(placement)
     if not holding:
         holding += _find_outside_samples(cage, samples)
     warnings = [*find_needle_faces(cage), *find_thin_parts(cage)]
-    if not outside:
-        warnings += find_low_clearance(placement, model)
+    if not is_outside:
+        warnings += find_low_clearance(placement)
     return Judgement(tuple(holding), tuple(warnings))
 
 

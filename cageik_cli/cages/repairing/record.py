@@ -6,7 +6,7 @@ import numpy as np
 
 from cageik_cli.cages.findings import Finding
 from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
-from cageik_cli.cages.similarity import Transform
+from cageik_cli.cages.transforms import Transform
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 

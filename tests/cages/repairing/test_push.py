@@ -3,9 +3,9 @@ import pytest
 
 from cageik_cli.cages.repairing.judge import judge_cage
 from cageik_cli.cages.repairing.push import Clearance, find_contacts, push_outward
-from cageik_cli.cages.repairing.samples import sample_surface
 from cageik_cli.cages.repairing.shape import Target, count_faults, fit_shape
 from cageik_cli.cages.repairing.untangle import find_tangle, untangle
+from cageik_cli.cages.surface_points import sample_surface
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from tests.cages.test_quality import across_the_corner
