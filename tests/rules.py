@@ -1,0 +1,88 @@
+"""Check the rules of CONTRIBUTING.md that a program can check: `python -m tests.rules`."""
+
+import ast
+import re
+import sys
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1] / "cageik_cli"
+
+MIN_LINES, MAX_LINES = 60, 350
+"""Lines of a module: one below joins its neighbour, one above has two ideas."""
+
+CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]+")
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
+
+Module = tuple[str, str]
+"""The path of a module below the package, and its source."""
+
+
+def read_modules(package: Path = PACKAGE) -> list[Module]:
+    """Read all modules of the package."""
+    paths = sorted(package.rglob("*.py"))
+    return [(path.relative_to(package).as_posix(), path.read_text()) for path in paths]
+
+
+def list_constants(source: str) -> Iterator[tuple[str, int]]:
+    """Yield name and line of each constant of a module."""
+    for node in ast.parse(source).body:
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        if isinstance(node, ast.AnnAssign):
+            targets = [node.target]
+        names = [name for target in targets for name in ast.walk(target)]
+        for name in names:
+            if isinstance(name, ast.Name) and CONSTANT.fullmatch(name.id):
+                yield name.id, node.lineno
+
+
+def find_repeated_constants(modules: list[Module]) -> Iterator[str]:
+    """Find constants of the same name in several modules: one number has one name and one home."""
+    places: Mapping[str, list[str]] = defaultdict(list)
+    for path, source in modules:
+        for name, line in list_constants(source):
+            places[name].append(f"{path}:{line}")
+    for name, found in sorted(places.items()):
+        if len(found) > 1:
+            yield f"{found[1]}: {name} is also a constant of {found[0]}; rename one, or import it"
+
+
+def find_sizes(modules: list[Module]) -> Iterator[str]:
+    """Find modules that are crumbs, or hold two ideas; a file format may be short."""
+    for path, source in modules:
+        lines = source.count("\n")
+        is_front = path.endswith(("__init__.py", "__main__.py")) or path.startswith("formats/")
+        if lines > MAX_LINES:
+            yield f"{path}: {lines} lines, expected at most {MAX_LINES}; split it"
+        elif lines < MIN_LINES and not is_front:
+            yield f"{path}: {lines} lines, expected at least {MIN_LINES}; join it to its neighbour"
+
+
+def find_option_words(modules: list[Module]) -> Iterator[str]:
+    """Find options of the command line in texts below `cli`, which words them."""
+    for path, source in modules:
+        if path.startswith("cli/"):
+            continue
+        tree = ast.parse(source)
+        docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found = OPTION.search(node.value) if id(node) not in docstrings else None
+                if found:
+                    yield f"{path}:{node.lineno}: names {found[0]}; name the parameter in backticks"
+
+
+RULES = (find_repeated_constants, find_sizes, find_option_words)
+
+
+def main() -> int:
+    """Print what breaks a rule; return how the process ends."""
+    modules = read_modules()
+    faults = [fault for rule in RULES for fault in rule(modules)]
+    print("\n".join(faults) or f"{len(modules)} modules keep the rules")
+    return bool(faults)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,33 @@
+"""The checks of the rules find what breaks them."""
+
+from tests.rules import find_option_words, find_repeated_constants, find_sizes
+
+SHORT, LONG, FINE = "x = 1\n" * 59, "x = 1\n" * 351, "x = 1\n" * 60
+
+
+def test_constant_of_two_modules_is_found():
+    modules = [("solver/a.py", "MAX_ROUNDS = 3\n"), ("cages/b.py", "A, MAX_ROUNDS = 1, 4\n")]
+    (fault,) = find_repeated_constants(modules)
+    assert fault.startswith("cages/b.py:1: MAX_ROUNDS is also a constant of solver/a.py:1")
+
+
+def test_constants_of_other_names_and_locals_pass():
+    modules = [("a.py", "MAX_A: int = 3\n"), ("b.py", "def f():\n    MAX_A = 4\nT = 1\n")]
+    assert list(find_repeated_constants(modules)) == []
+
+
+def test_crumbs_and_giants_are_found():
+    modules = [("a.py", SHORT), ("b.py", LONG), ("c.py", FINE), ("formats/pc2.py", SHORT)]
+    assert [fault.split(":")[0] for fault in find_sizes(modules)] == ["a.py", "b.py"]
+
+
+def test_options_below_the_command_line_are_found():
+    message = 'raise ValueError("give it with --rest-frame")\n'
+    modules = [("solver/a.py", message), ("cli/b.py", message)]
+    (fault,) = find_option_words(modules)
+    assert fault.startswith("solver/a.py:1: names --rest-frame")
+
+
+def test_parameters_in_backticks_and_docstrings_pass():
+    source = '"""As --rest does."""\nTEXT = "give it with `rest`, or a -- dash"\n'
+    assert list(find_option_words([("solver/a.py", source)])) == []
