@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     from cageik_cli.geometry.points import PointCloud
     from cageik_cli.posing.anchors import Anchor, closest_point, point_at_vertex
     from cageik_cli.posing.poser import Poser
-    from cageik_cli.solver.fitting.fit import FittedWeights
-    from cageik_cli.solver.settings import FitSettings
+    from cageik_cli.solver.fitting.record import FitSettings
     from cageik_cli.store.result import Result
     from cageik_cli.util.errors import CageikError
     from cageik_cli.workflows.api import (
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
     )
     from cageik_cli.workflows.build_cage import build_cage
     from cageik_cli.workflows.extract_arrays import CageAnimation, extract
-    from cageik_cli.workflows.fit_arrays import fit_weights
+    from cageik_cli.workflows.fit import FittedWeights, fit_weights
     from cageik_cli.workflows.show import ShownPage, show
 
 __version__ = "0.1.0"
@@ -88,8 +87,8 @@ _HOMES = {
     "CageAnimation": "workflows.extract_arrays",
     "CageikError": "util.errors",
     "Diagnosis": "cages.diagnosis",
-    "FitSettings": "solver.settings",
-    "FittedWeights": "solver.fitting.fit",
+    "FitSettings": "solver.fitting.record",
+    "FittedWeights": "workflows.fit",
     "HarmonicField": "coordinates.harmonic_field",
     "MeshSequence": "formats.base.sequence",
     "PointCloud": "geometry.points",
@@ -100,7 +99,7 @@ _HOMES = {
     "build_cage": "workflows.build_cage",
     "closest_point": "posing.anchors",
     "extract": "workflows.extract_arrays",
-    "fit_weights": "workflows.fit_arrays",
+    "fit_weights": "workflows.fit",
     "point_at_vertex": "posing.anchors",
     "show": "workflows.show",
 }

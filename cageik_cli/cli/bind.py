@@ -20,7 +20,8 @@ from cageik_cli.cli.options.fit import FIT_STRENGTH_OPTIONS, make_fit_settings, 
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.solve import SOLVE_OPTIONS, vertex_weights_option
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.solver.settings import FitSettings, SolveSettings
+from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.settings import SolveSettings
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.bind import BindRunSettings, WeightSettings

@@ -41,7 +41,8 @@ from cageik_cli.cli.options.limits import (
 from cageik_cli.cli.options.solve import SOLVE_OPTIONS, vertex_weights_option
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
-from cageik_cli.solver.settings import CaptureSettings, FitSettings, SolveSettings
+from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.settings import CaptureSettings, SolveSettings
 
 if TYPE_CHECKING:
     from cageik_cli.formats.write import ExportSummary

@@ -1,8 +1,10 @@
 """A rest model bound to its cage: the weights, and measures of their quality."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +13,9 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import frames_to_columns, place_columns
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
+
+if TYPE_CHECKING:
+    from cageik_cli.solver.fitting.record import FitRecord
 
 ALGORITHM_VERSIONS = {"harmonic": 8, "mean-value": 3}
 """Raise a number when weights, notes or refusals change, so that caches are not used."""
@@ -65,6 +70,47 @@ class WeightQuality:
     projected: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Correction:
+    """A change of weights of low rank, E = `columns @ basis.T`.
+
+    Attributes
+    ----------
+    columns : (m, r) float64
+    basis : (n, r) float64
+        Orthonormal, and orthogonal to 1 and to the cage's coordinates.
+    """
+
+    columns: Floats
+    basis: Floats
+
+    @staticmethod
+    def none(m: int, n: int) -> "Correction":
+        """Return the change of (m, n) weights that changes nothing."""
+        return Correction(np.empty((m, 0)), np.empty((n, 0)))
+
+    @staticmethod
+    def join(parts: Iterable["Correction"], m: int, basis: Floats) -> "Correction":
+        """Join changes whose bases are different columns of `basis`, (n, r), in this order."""
+        columns, kept = np.empty((m, basis.shape[1])), np.empty_like(basis)
+        count = 0
+        for part in parts:
+            end = count + part.basis.shape[1]
+            columns[:, count:end], kept[:, count:end] = part.columns, part.basis
+            count = end
+        return Correction(columns[:, :count], kept[:, :count])
+
+    def express(self, basis: Floats) -> Floats:
+        """Return E times basis vectors (n, b), as (m, b)."""
+        return np.asarray(self.columns @ (self.basis.T @ basis))
+
+    def add_to(self, weights: Floats) -> Floats:
+        """Return `weights`, (m, n), with the change."""
+        changed = self.columns @ self.basis.T
+        changed += weights
+        return np.asarray(changed)
+
+
 @dataclass(frozen=True, eq=False)
 class Binding:
     """A model bound to a cage: `weights @ cage.vertices` is `rest.vertices`.
@@ -88,6 +134,12 @@ class Binding:
     has_offsets : bool
         Whether `weights @ cage.vertices` is not the rest pose, as of weights with few influences.
         A frame is then W c + R (X - W C), with R the rotation of the rest pose to the frame.
+    fit : FitRecord, optional
+        How the weights were fitted to clips; None if they were computed.
+    low_rank : Correction, optional
+        What a fit of low rank has added to the computed weights.
+    unfitted : Binding, optional
+        The same model with the weights before the fit, if they are known; files do not hold it.
 
     Examples
     --------
@@ -112,6 +164,9 @@ class Binding:
     cage_warnings: tuple[str, ...] = ()
     has_loose_cage: bool | None = None
     has_offsets: bool = False
+    fit: "FitRecord | None" = None
+    low_rank: Correction | None = None
+    unfitted: "Binding | None" = None
 
     def __repr__(self) -> str:
         settings = [self.settings.coordinates]

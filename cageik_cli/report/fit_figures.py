@@ -1,15 +1,21 @@
 """The figures of a fit in a report: what it gains on which frames, and what they mean."""
 
+from dataclasses import dataclass
+
+import numpy as np
+
 from cageik_cli.report.figures import format_percent
-from cageik_cli.solver.fitting.held_out import HELD_OUT_BLOCKS, Comparison
 from cageik_cli.solver.fitting.record import (
+    MAX_HELD_OUT_BLOCKS,
     MAX_HELD_OUT_RATIO,
     MAX_ROUGHNESS,
     MIN_STATED_PERCENT,
+    Comparison,
     FitRecord,
     FitReport,
 )
 from cageik_cli.store.result import Result
+from cageik_cli.store.result_frames import read_unfitted
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import format_bytes, format_count
 
@@ -161,6 +167,53 @@ def _format_held_out(record: FitRecord) -> str:
     comparison = record.report.held_out_blocks
     if comparison is None:
         return "none"
-    blocks = min(HELD_OUT_BLOCKS, max((clip.frames for clip in record.clips), default=0))
+    blocks = min(MAX_HELD_OUT_BLOCKS, max((clip.frames for clip in record.clips), default=0))
     chosen = "; the regularization was chosen on these" if record.report.curve else ""
     return f"{_format_comparison(comparison)}; every 2nd of {blocks} blocks{chosen}"
+
+
+@dataclass(frozen=True, slots=True)
+class UnfittedRecord:
+    """The error of some frames with the weights before the fit.
+
+    Attributes
+    ----------
+    coordinates : str
+        Of the weights before the fit: "harmonic" or "mean-value".
+    frames : tuple of int
+        Numbers of the frames that were measured.
+    rms_percent : tuple of float
+        The rms of each, percent of the diagonal.
+    mean_rms_percent, fitted_rms_percent : float
+        The rms over these frames, with the weights before and after the fit.
+    """
+
+    coordinates: str
+    frames: tuple[int, ...]
+    rms_percent: tuple[float, ...]
+    mean_rms_percent: float
+    fitted_rms_percent: float
+
+
+def build_unfitted(result: Result) -> UnfittedRecord | None:
+    """Build the record of a result; None if it does not hold the errors before a fit.
+
+    Raises
+    ------
+    InputError
+        When they are damaged.
+    """
+    if result.fit is None:
+        return None
+    clip = read_unfitted(result)
+    if clip is None:
+        return None
+    percent = 100 / result.rest.diagonal
+    before, after = percent * clip.rms, percent * result.metrics.rms[clip.frames]
+    return UnfittedRecord(
+        coordinates=str(result.settings.get("coordinates", "harmonic")),
+        frames=tuple(clip.frames.tolist()),
+        rms_percent=tuple(before.tolist()),
+        mean_rms_percent=float(np.sqrt(np.mean(before**2))),
+        fitted_rms_percent=float(np.sqrt(np.mean(after**2))),
+    )

@@ -17,6 +17,8 @@ from cageik_cli.report.figures import (
     WorstVertex,
 )
 from cageik_cli.report.fit_figures import (
+    UnfittedRecord,
+    build_unfitted,
     is_fitted_to_clip,
     list_fit_notes,
     measure_gap_closed,
@@ -30,7 +32,6 @@ from cageik_cli.report.limits import (
 )
 from cageik_cli.report.regions import RegionRecord, build_regions, list_region_notes
 from cageik_cli.report.standouts import list_standout_notes
-from cageik_cli.report.unfitted import UnfittedRecord, build_unfitted
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.vertex_bound import VertexBound

@@ -14,8 +14,8 @@ from cageik_cli.coordinates.binding import Binding, WeightQuality
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import open_checked
 from cageik_cli.store.fit_fields import (
-    StoredFit,
-    read_fit,
+    read_fit_record,
+    read_low_rank,
     read_offset_mark,
     read_weights,
     write_weights,
@@ -53,17 +53,11 @@ class StoredBinding:
         Name and digest of the cage and of the rest pose.
     version : str
         Of the program that wrote it.
-    fit : StoredFit, optional
-        Of weights that are fitted to clips.
-    unfitted : Binding, optional
-        With the weights before the fit, if they are known; files do not hold it.
     """
 
     binding: Binding
     sources: dict[str, Any]
     version: str = __version__
-    fit: StoredFit | None = None
-    unfitted: Binding | None = None
 
 
 def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
@@ -77,7 +71,7 @@ def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
     binding = stored.binding
     with atomic_file(path, overwrite) as sink, create_hdf5(sink) as file:
         write_meshes(file, binding.rest, binding.cage)
-        write_weights(file, binding, stored.fit)
+        write_weights(file, binding)
         file.attrs.update(format=FORMAT, schema=SCHEMA, version=stored.version)
         file.attrs["settings"] = to_json(asdict(binding.settings))
         file.attrs["quality"] = to_json(asdict(binding.quality))
@@ -106,7 +100,7 @@ def read_binding(path: Path) -> StoredBinding:
         if validate_cage(cage)[0] is not cage:
             raise FormatError("the faces of the cage point inward, expected outward; bind again")
         shape = (len(rest.vertices), len(cage.vertices))
-        quality = read_quality(file, WeightQuality)
+        quality, fit = read_quality(file, WeightQuality), read_fit_record(file)
         binding = Binding(
             rest=rest,
             cage=cage,
@@ -117,10 +111,11 @@ def read_binding(path: Path) -> StoredBinding:
             projected=_read_count(quality, "projected"),
             notes=read_notes(file),
             has_offsets=read_offset_mark(file),
+            fit=fit,
+            low_rank=read_low_rank(file, fit, *shape),
         )
         _check_weights(binding, quality)
-        sources, fit = _read_binding_sources(file), read_fit(file, *shape)
-        return StoredBinding(binding, sources, read_version(file), fit)
+        return StoredBinding(binding, _read_binding_sources(file), read_version(file))
 
 
 def read_bind_settings(path: Path) -> BindSettings:

@@ -1,17 +1,22 @@
-"""What the cache keeps: weights and built cages, each under a key of all that they depend on."""
+"""What the cache keeps: weights, fits and built cages, each under a key of all they depend on."""
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.cages.settings import BUILDER_VERSION, BuildSettings
-from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding
+from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding, Correction
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.fitting.record import FIT_VERSION, FitRecord, FitSettings, FittedClip
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.cache import Entry, EntryCache, EntryFormat, compute_key
+from cageik_cli.store.json_records import parse_record
 from cageik_cli.util import compiled
+from cageik_cli.util.arrays import Floats
 
 WEIGHTS = EntryFormat(
     "weights",
@@ -20,6 +25,13 @@ WEIGHTS = EntryFormat(
     ("panels", "estimated_error", "projected", "notes", "cage_warnings", "has_loose_cage"),
 )
 """How a binding is kept: the faces of its cage, outward, its weights, and what is known of them."""
+
+FITS = EntryFormat(
+    "fit", "the weights are", {"weights": "<f8", "columns": "<f8", "basis": "<f8"}, ("record",)
+)
+"""How fitted weights are kept: with their change of low rank, empty for other forms, and the record
+of the fit without its clips, as JSON.
+"""
 
 CAGES = EntryFormat(
     "cage", "the cage is", {"vertices": "<f8", "faces": "<i8"}, ("description", "notes")
@@ -62,6 +74,78 @@ def compute_weight_key(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> 
         **asdict(settings),
     }
     return compute_key(recorded, rest.vertices, cage.vertices, rest.faces, cage.faces)
+
+
+def find_fit(
+    cache: EntryCache,
+    key: str,
+    binding: Binding,
+    clips: tuple[FittedClip, ...],
+    fit: Callable[[], Binding],
+) -> Binding:
+    """Return what `fit` makes of a binding, from the cache if it is there.
+
+    The key is of `compute_fit_key`. The record names `clips`, whose files may have had other names
+    when they were fitted.
+    """
+
+    def to_entry(fitted: Binding) -> Entry:
+        assert fitted.fit is not None
+        change = fitted.low_rank or Correction.none(0, 0)
+        record = json.dumps(asdict(replace(fitted.fit, clips=())))
+        arrays = {"weights": fitted.weights, "columns": change.columns, "basis": change.basis}
+        return {**arrays, "record": record}
+
+    def from_entry(entry: Entry) -> Binding:
+        record: FitRecord = parse_record(FitRecord, json.loads(entry["record"]), "fit")
+        change = Correction(entry["columns"], entry["basis"])
+        return replace(
+            binding,
+            weights=entry["weights"],
+            has_offsets=record.settings.influences is not None,
+            fit=replace(record, clips=clips),
+            low_rank=None if record.settings.rank is None else change,
+            unfitted=binding,
+        )
+
+    return cache.find_or_compute(FITS, key, fit, to_entry, from_entry)
+
+
+def compute_fit_key(
+    binding: Binding,
+    settings: FitSettings,
+    frames: Sequence[Sequence[bytes]],
+    *,
+    solve: SolveSettings,
+    vertex_weights: Floats | None,
+    memory: int,
+    skips_bad_frames: bool,
+) -> str:
+    """Return the key of a fit: a digest of all that the fitted weights depend on.
+
+    Threads are not in it; memory is, since fewer frames are fitted with little of it.
+
+    Parameters
+    ----------
+    binding : Binding
+        The weights that they are fitted from.
+    frames : sequence of sequence of bytes
+        For each clip, the digest of each frame.
+    """
+    recorded = {
+        "version": __version__,
+        "algorithm": FIT_VERSION,
+        "settings": asdict(settings),
+        "solve": asdict(solve),
+        "memory": memory,
+        "skips": skips_bad_frames,
+        "frames": [[digest.hex() for digest in clip] for clip in frames],
+    }
+    weights = [] if vertex_weights is None else [vertex_weights]
+    meshes = [
+        array for mesh in (binding.rest, binding.cage) for array in (mesh.vertices, mesh.faces)
+    ]
+    return compute_key(recorded, binding.weights, *meshes, *weights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,18 +1,19 @@
-"""Weights in the HDF5 files of cageik in any form, and the record of their fit.
+"""Weights in the HDF5 files of cageik, in any form, and the fit that they come from.
 
-The form says how few numbers must be stored: a matrix; a matrix that is the harmonic one and a
-change of low rank; or a sparse matrix.
+The form says how few numbers must be stored: a matrix; a matrix that is the computed one and a
+change of low rank; or a sparse matrix. A result of fitted weights also keeps what a report
+compares: receivers do not have the weights before the fit, and computing them takes longer than a
+report.
 """
 
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.fitting.problem import Correction
-from cageik_cli.formats.base.hdf5 import read_array, read_attribute
+from cageik_cli.coordinates.binding import Binding, Correction
+from cageik_cli.formats.base.hdf5 import get_dataset, read_array, read_attribute
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import are_lengths
 from cageik_cli.store.hdf5_fields import read_json_attr, to_json, write_deflated
@@ -20,57 +21,37 @@ from cageik_cli.store.json_records import parse_record
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, error_context
 
-if TYPE_CHECKING:
-    from scipy import sparse
-
-CSR = "weights_csr"
-LOW_RANK = "fit"
+MAX_STORED_ERROR = float(np.finfo(np.float32).max)
+"""Longer errors of vertices, in diagonals, are stored as this."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StoredFit:
-    """A fit as files hold it, beside the weights.
-
-    Attributes
-    ----------
-    low_rank : Correction or None
-        The change of the binding's own weights, if it is of low rank.
-    sparse_weights : (m, n) csr_array or None
-        The weights, if they have few influences.
-    """
-
-    record: FitRecord
-    low_rank: Correction | None = None
-    sparse_weights: "sparse.csr_array | None" = None
-
-
-def write_weights(
-    file: h5py.File, binding: Binding, fit: StoredFit | None, keep_weights: bool = True
-) -> None:
+def write_weights(file: h5py.File, binding: Binding, keep_weights: bool = True) -> None:
     """Write the weights in their form, and the record of their fit if there is one.
 
     Without `keep_weights`, only a change of low rank is written: what can be computed is not.
     """
     file.attrs["has_offsets"] = binding.has_offsets
+    fit, change = binding.fit, binding.low_rank
     if fit is not None:
-        file.attrs["fit"] = to_json(asdict(fit.record))
-        if fit.low_rank is not None:
-            write_deflated(file, f"{LOW_RANK}/columns", fit.low_rank.columns)
-            write_deflated(file, f"{LOW_RANK}/basis", fit.low_rank.basis)
+        file.attrs["fit"] = to_json(asdict(fit))
+    if change is not None:
+        write_deflated(file, "fit/columns", change.columns)
+        write_deflated(file, "fit/basis", change.basis)
     if not keep_weights:
         return
-    if fit is None or fit.sparse_weights is None:
+    if fit is None or fit.settings.influences is None:
         write_deflated(file, "weights", binding.weights)
         return
-    matrix = fit.sparse_weights
-    file.create_dataset(f"{CSR}/data", data=matrix.data, dtype="f8")
-    file.create_dataset(f"{CSR}/indices", data=matrix.indices, dtype="i4")
-    file.create_dataset(f"{CSR}/indptr", data=matrix.indptr, dtype="i8")
+    rows, places = np.nonzero(binding.weights)
+    bounds = np.searchsorted(rows, np.arange(len(binding.weights) + 1))
+    file.create_dataset("weights_csr/data", data=binding.weights[rows, places], dtype="f8")
+    file.create_dataset("weights_csr/indices", data=places, dtype="i4")
+    file.create_dataset("weights_csr/indptr", data=bounds, dtype="i8")
 
 
 def holds_weights(file: h5py.File) -> bool:
     """Return whether a file holds weights, in any form that needs nothing else."""
-    return "weights" in file or CSR in file
+    return "weights" in file or "weights_csr" in file
 
 
 def read_weights(file: h5py.File, m: int, n: int) -> Floats:
@@ -81,48 +62,43 @@ def read_weights(file: h5py.File, m: int, n: int) -> Floats:
     FormatError
         When they are damaged, do not fit the meshes, or are not finite.
     """
-    if CSR in file:
-        return np.asarray(read_sparse_weights(file, m, n).toarray())
+    if "weights_csr" in file:
+        return _read_sparse_weights(file, m, n)
     weights = read_array(file, "weights", "f", (m, n)).astype(np.float64, copy=False)
     _check_sizes("weights", weights)
     return weights
 
 
-def read_sparse_weights(file: h5py.File, m: int, n: int) -> "sparse.csr_array":
-    """Read weights with few influences; what they name is checked before it is used.
-
-    Raises
-    ------
-    FormatError
-        When they are damaged, do not fit the meshes, or are not finite.
-    """
-    from scipy import sparse
-
-    data = read_array(file, f"{CSR}/data", "f", (None,)).astype(np.float64, copy=False)
-    indices = read_array(file, f"{CSR}/indices", "iu", data.shape)
-    bounds = read_array(file, f"{CSR}/indptr", "iu", (m + 1,))
+def _read_sparse_weights(file: h5py.File, m: int, n: int) -> Floats:
+    """Read weights with few influences; what they name is checked before it is used."""
+    data = read_array(file, "weights_csr/data", "f", (None,)).astype(np.float64, copy=False)
+    indices = read_array(file, "weights_csr/indices", "iu", data.shape)
+    bounds = read_array(file, "weights_csr/indptr", "iu", (m + 1,))
     if not ((indices >= 0) & (indices < n)).all():
         raise FormatError(
-            f"`{CSR}/indices` name vertices that the cage does not have ({n} vertices); write it "
-            "again"
+            f"`weights_csr/indices` name vertices that the cage does not have ({n} vertices); "
+            "write it again"
         )
     ascends = (bounds[1:] >= bounds[:-1]).all()
     if bounds[0] != 0 or bounds[-1] != len(data) or not ascends:
         raise FormatError(
-            f"`{CSR}/indptr` does not divide {len(data)} entries into {m} rows; write it again"
+            f"`weights_csr/indptr` does not divide {len(data)} entries into {m} rows; write it "
+            "again"
         )
     starts: Integers = bounds.astype(np.int64)
     rows = np.repeat(np.arange(m), starts[1:] - starts[:-1])
     places = rows * n + indices.astype(np.int64)
     if not (np.diff(places) > 0).all():
-        raise FormatError(f"`{CSR}/indices` do not ascend in each row; write it again")
-    matrix = sparse.csr_array((data, (rows, indices.astype(np.int64))), shape=(m, n))
-    if not are_lengths(np.abs(data)).all():
-        row = int(rows[np.argmin(are_lengths(np.abs(data)))])
+        raise FormatError("`weights_csr/indices` do not ascend in each row; write it again")
+    is_length = are_lengths(np.abs(data))
+    if not is_length.all():
         raise FormatError(
-            f"`{CSR}/data` are not finite, or too large, at vertex {row}; write it again"
+            f"`weights_csr/data` are not finite, or too large, at vertex "
+            f"{rows[np.argmin(is_length)]}; write it again"
         )
-    return matrix
+    weights = np.zeros((m, n))
+    weights.ravel()[places] = data
+    return weights
 
 
 def read_offset_mark(file: h5py.File) -> bool:
@@ -130,10 +106,10 @@ def read_offset_mark(file: h5py.File) -> bool:
     mark = read_attribute(file, "has_offsets", np.False_)
     if not isinstance(mark, np.bool_):
         raise FormatError(f"attribute `has_offsets` is {mark!r}, expected a truth value")
-    if CSR in file and not mark:
+    if "weights_csr" in file and not mark:
         raise FormatError(
-            f"attribute `has_offsets` is false, but the weights are sparse (`{CSR}`); write it "
-            "again"
+            "attribute `has_offsets` is false, but the weights are sparse (`weights_csr`); write "
+            "it again"
         )
     return bool(mark)
 
@@ -156,45 +132,41 @@ def read_fit_record(file: h5py.File) -> FitRecord | None:
     return record
 
 
-def read_fit(file: h5py.File, m: int, n: int) -> StoredFit | None:
-    """Read a fit and the form of its weights; None if the weights are not fitted.
+def read_low_rank(file: h5py.File, record: FitRecord | None, m: int, n: int) -> Correction | None:
+    """Read the change of low rank of fitted weights; None if they have another form.
 
     Raises
     ------
     FormatError
-        When the record or the form is damaged, or the form is not the recorded one.
+        When it is damaged, or the form of the weights is not the recorded one.
     """
-    record = read_fit_record(file)
     if record is None:
         return None
-    matrix = read_sparse_weights(file, m, n) if CSR in file else None
-    low_rank = _read_low_rank(file, m, n) if LOW_RANK in file else None
-    rank, influences = record.settings.rank, record.settings.influences
-    _check_form("rank", rank, LOW_RANK, is_stored=low_rank is not None)
+    settings = record.settings
+    _check_form("rank", settings.rank, "fit", is_stored="fit" in file)
     if holds_weights(file):
-        _check_form("influences", influences, CSR, is_stored=matrix is not None)
-    return StoredFit(record, low_rank, matrix)
+        is_sparse = "weights_csr" in file
+        _check_form("influences", settings.influences, "weights_csr", is_stored=is_sparse)
+    if settings.rank is None:
+        return None
+    columns = read_array(file, "fit/columns", "f", (m, None)).astype(np.float64, copy=False)
+    basis = read_array(file, "fit/basis", "f", (n, columns.shape[1]))
+    basis = basis.astype(np.float64, copy=False)
+    _check_sizes("fit/columns", columns)
+    _check_sizes("fit/basis", basis)
+    return Correction(columns, basis)
 
 
-def _check_form(option: str, value: int | None, group: str, is_stored: bool) -> None:
+def _check_form(setting: str, value: int | None, group: str, is_stored: bool) -> None:
     """Refuse weights that are not in the form that the settings of the fit ask for."""
     if is_stored and value is None:
         raise FormatError(
-            f"attribute `fit` has no {option}, but there is `{group}`; write it again"
+            f"attribute `fit` has no {setting}, but there is `{group}`; write it again"
         )
     if not is_stored and value is not None:
         raise FormatError(
-            f"attribute `fit` has {option} {value}, but there is no `{group}`; write it again"
+            f"attribute `fit` has {setting} {value}, but there is no `{group}`; write it again"
         )
-
-
-def _read_low_rank(file: h5py.File, m: int, n: int) -> Correction:
-    columns = read_array(file, f"{LOW_RANK}/columns", "f", (m, None)).astype(np.float64, copy=False)
-    basis = read_array(file, f"{LOW_RANK}/basis", "f", (n, columns.shape[1]))
-    basis = basis.astype(np.float64, copy=False)
-    _check_sizes(f"{LOW_RANK}/columns", columns)
-    _check_sizes(f"{LOW_RANK}/basis", basis)
-    return Correction(columns, basis)
 
 
 def _check_sizes(name: str, matrix: Floats) -> None:
@@ -205,3 +177,84 @@ def _check_sizes(name: str, matrix: Floats) -> None:
         raise FormatError(
             f"`{name}` are not finite, or too large, at vertex {wrong[0]}; write it again"
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnfittedClip:
+    """What is compared of a clip with the weights before the fit.
+
+    Attributes
+    ----------
+    frames : (k,) int64
+        Numbers of some frames in the clip; ascending.
+    rms : (k,) float64
+        Their errors, in file units.
+    misses : (3 or 4, m, 3) float64
+        v − v̂ of the frames that are kept in full, in diagonals of the rest model.
+    cage_vertex : int
+        The cage vertex whose weights the fit changed most.
+    influence : (m,) float64
+        Its weights before the fit.
+    """
+
+    frames: Integers
+    rms: Floats
+    misses: Floats
+    cage_vertex: int
+    influence: Floats
+
+
+def write_unfitted(file: h5py.File, clip: UnfittedClip) -> None:
+    """Write what is kept of the weights before the fit."""
+    file.create_dataset("unfitted/frame", data=clip.frames, dtype="i8")
+    file.create_dataset("unfitted/rms", data=clip.rms, dtype="f8")
+    misses = np.clip(clip.misses, -MAX_STORED_ERROR, MAX_STORED_ERROR)
+    file.create_dataset("unfitted/misses", data=misses, dtype="f4")
+    file.create_dataset("unfitted/cage_vertex", data=[clip.cage_vertex], dtype="i8")
+    file.create_dataset("unfitted/influence", data=clip.influence, dtype="f8")
+
+
+def read_unfitted(
+    file: h5py.File, shape: tuple[int, int], frames: int, skipped: Collection[int]
+) -> UnfittedClip | None:
+    """Read what a result keeps of the weights before the fit; None if it keeps nothing.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Of the weights.
+    frames : int
+        Of the clip.
+
+    Raises
+    ------
+    FormatError
+        When it is damaged, does not fit the meshes, or is not of frames that were solved.
+    """
+    (m, n), again = shape, "extract it again"
+    if "unfitted" not in file:
+        return None
+    numbers = read_array(file, "unfitted/frame", "iu", (None,)).astype(np.int64)
+    rms = read_array(file, "unfitted/rms", "f", numbers.shape).astype(np.float64)
+    count = len(get_dataset(file, "poses/frame", "iu", (None,)))
+    misses = read_array(file, "unfitted/misses", "f", (count, m, 3)).astype(np.float64)
+    vertex = int(read_array(file, "unfitted/cage_vertex", "iu", (1,))[0])
+    influence = read_array(file, "unfitted/influence", "f", (m,)).astype(np.float64)
+    inside = ((numbers >= 0) & (numbers < frames)).all()
+    ascends = (np.diff(numbers) > 0).all()
+    if not inside or not ascends or np.isin(numbers, list(skipped)).any():
+        raise FormatError(
+            "`unfitted/frame` are not ascending numbers of frames that were solved "
+            f"({frames} frames); {again}"
+        )
+    if not are_lengths(rms).all():
+        raise FormatError(f"`unfitted/rms` is not a length everywhere; {again}")
+    for name, values in (("misses", misses), ("influence", influence)):
+        if not are_lengths(np.abs(values)).all():
+            raise FormatError(f"`unfitted/{name}` are not finite, or too large; {again}")
+    if not 0 <= vertex < n:
+        raise FormatError(
+            f"`unfitted/cage_vertex` is {vertex}, expected a vertex of the cage ({n} "
+            f"vertices); {again}"
+        )
+    return UnfittedClip(numbers, rms, misses, vertex, influence)

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.coordinates.binding import Binding, Correction, reconstruct_frames
 from cageik_cli.formats.base.hdf5 import get_dataset, open_checked, read_array
 from cageik_cli.solver.metrics import are_lengths
 from cageik_cli.store import fit_fields
-from cageik_cli.store.fit_fields import StoredFit
+from cageik_cli.store.fit_fields import UnfittedClip
 from cageik_cli.store.result import Result, read_weights
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
@@ -43,16 +43,30 @@ class KeyFrames:
     errors: Floats
 
 
-def read_fit(result: Result) -> StoredFit | None:
-    """Read the fit of a result's weights, and their form; None if they are not fitted.
+def read_low_rank(result: Result) -> Correction | None:
+    """Read what a fit of low rank has added to the computed weights; None if there is no such fit.
 
     Raises
     ------
     InputError
         When it is damaged, or does not fit the meshes.
     """
+    shape = len(result.rest.vertices), len(result.cage.vertices)
     with open_checked(result.path) as file:
-        return fit_fields.read_fit(file, len(result.rest.vertices), len(result.cage.vertices))
+        return fit_fields.read_low_rank(file, result.fit, *shape)
+
+
+def read_unfitted(result: Result) -> UnfittedClip | None:
+    """Read what a result keeps of the weights before the fit; None if it keeps nothing.
+
+    Raises
+    ------
+    InputError
+        When it is damaged, does not fit the meshes, or is not of frames that were solved.
+    """
+    shape = len(result.rest.vertices), len(result.cage.vertices)
+    with open_checked(result.path) as file:
+        return fit_fields.read_unfitted(file, shape, len(result.frames), result.skipped)
 
 
 def read_binding(result: Result) -> Binding | None:
@@ -68,7 +82,14 @@ def read_binding(result: Result) -> Binding | None:
     weights = read_weights(result)
     if weights is None:
         return None
-    return Binding(result.rest, result.cage, weights, has_offsets=result.has_offsets)
+    return Binding(
+        rest=result.rest,
+        cage=result.cage,
+        weights=weights,
+        has_offsets=result.has_offsets,
+        fit=result.fit,
+        low_rank=read_low_rank(result),
+    )
 
 
 def read_rotations(result: Result) -> Floats:

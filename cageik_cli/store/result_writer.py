@@ -23,11 +23,15 @@ from cageik_cli.solver.metrics import (
 )
 from cageik_cli.solver.regions import Region
 from cageik_cli.solver.vertex_bound import VertexBound
-from cageik_cli.store.fit_fields import StoredFit, write_weights
+from cageik_cli.store.fit_fields import (
+    MAX_STORED_ERROR,
+    UnfittedClip,
+    write_unfitted,
+    write_weights,
+)
 from cageik_cli.store.hdf5_fields import create_hdf5, to_json, write_meshes
 from cageik_cli.store.regions import write_regions
 from cageik_cli.store.result import FORMAT, SCHEMA
-from cageik_cli.store.unfitted import MAX_STORED_ERROR, UnfittedClip, write_unfitted
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.outputs import DeferredErrorFile, atomic_file
 
@@ -40,8 +44,6 @@ class ResultHeader:
     ----------
     edited_from : str, optional
         The name of the result that was edited.
-    fit : StoredFit, optional
-        Of weights that are fitted to clips.
     has_kept : bool
         Whether metrics over what was kept are written too.
     """
@@ -54,7 +56,6 @@ class ResultHeader:
     notes: tuple[str, ...]
     keep_weights: bool
     edited_from: str | None = None
-    fit: StoredFit | None = None
     has_kept: bool = False
 
 
@@ -148,7 +149,7 @@ class ResultWriter:
         if self._frames_done != self._frame_count:
             raise ValueError(f"{self._frames_done} of {self._frame_count} frames were appended")
         header = self._header
-        write_weights(self._file, header.binding, header.fit, header.keep_weights)
+        write_weights(self._file, header.binding, header.keep_weights)
         if header.keep_weights:
             self._file.create_dataset("poses/frame", data=summary.key_frames, dtype="i8")
             # In diagonals, so that they fit single precision in any units.

@@ -19,7 +19,8 @@ from cageik_cli.formats.open import load_mesh as load_mesh_file
 from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.formats.settings import ClipSettings, RestFrame
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.settings import FitSettings, SolveSettings
+from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store import result as result_file
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats

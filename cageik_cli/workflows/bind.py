@@ -8,15 +8,15 @@ import numpy as np
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.soundness import validate_cage
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_vertex_order
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.fitting.fit import FitConditions
-from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.solver.settings import FitSettings, SolveSettings
+from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_entries import find_binding
@@ -24,7 +24,7 @@ from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener, mark_warning
-from cageik_cli.workflows.fit import fit_binding, open_fit_cache
+from cageik_cli.workflows.fit import fit_to_clips
 from cageik_cli.workflows.repair_hint import suggest_repair
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 from cageik_cli.workflows.vertex_weights import load_vertex_weights
@@ -107,15 +107,16 @@ def bind_files(
         stored = bind_cached(rest, cage, settings.weights, progress)
     if settings.clips:
         with progress.stage("fit"):
-            stored = _fit_to_clips(stored, rest, settings, progress)
+            fitted = _fit_to_files(stored.binding, rest, settings, progress)
+            stored = replace(stored, binding=fitted)
     with progress.stage("write"):
         write_binding(settings.output, stored, settings.overwrite)
     return stored
 
 
-def _fit_to_clips(
-    stored: StoredBinding, rest: LoadedMesh, settings: BindRunSettings, progress: ProgressListener
-) -> StoredBinding:
+def _fit_to_files(
+    binding: Binding, rest: LoadedMesh, settings: BindRunSettings, progress: ProgressListener
+) -> Binding:
     """Fit the weights to the clips of the settings."""
     clips = []
     for name in settings.clips:
@@ -125,11 +126,17 @@ def _fit_to_clips(
         for note in clip.notes:
             progress.note("note", note)
         clips.append(clip)
-    weights = load_vertex_weights(settings.vertex_weights, rest).vertices
-    sampling = SampleSettings(settings.memory, settings.weights.jobs)
-    conditions = FitConditions(settings.solve, weights, sampling)
-    cache = open_fit_cache(settings.weights.cache, progress)
-    return fit_binding(stored, clips, settings.fit, conditions, cache)
+    return fit_to_clips(
+        binding,
+        clips,
+        settings.fit,
+        progress,
+        solve=settings.solve,
+        vertex_weights=load_vertex_weights(settings.vertex_weights, rest).vertices,
+        memory=settings.memory,
+        jobs=settings.weights.jobs,
+        cache=settings.weights.cache,
+    )
 
 
 def bind_cached(

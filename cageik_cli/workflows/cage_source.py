@@ -9,9 +9,9 @@ from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.store import binding_file, result_frames
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.fit_fields import StoredFit
 from cageik_cli.store.result import Result, read_result
 from cageik_cli.util.errors import SettingError, error_context
 
@@ -84,11 +84,12 @@ class CageSource:
             return self.stored.binding
         return result_frames.read_binding(self.result) if self.result is not None else None
 
-    def read_fit(self) -> StoredFit | None:
-        """Read how the weights were fitted; None if they were not."""
+    @property
+    def fit(self) -> FitRecord | None:
+        """How the weights were fitted; None if they were not."""
         if self.stored is not None:
-            return self.stored.fit
-        return result_frames.read_fit(self.result) if self.result is not None else None
+            return self.stored.binding.fit
+        return self.result.fit if self.result is not None else None
 
 
 def _read_bind_settings(result: Result) -> BindSettings:

@@ -17,9 +17,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.geometry.oriented import Oriented
-from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.store import result_frames
-from cageik_cli.store.fit_fields import StoredFit
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, fit_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
@@ -32,7 +30,7 @@ from cageik_cli.workflows.export import report_skipped_frames
 from cageik_cli.workflows.model_file import LoadedModel, load_model
 from cageik_cli.workflows.move_points import find_oriented, move_frames, prepare_motion
 from cageik_cli.workflows.reconstruction import Block, CageFrames, Reconstruction
-from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
+from cageik_cli.workflows.rig import check_influences, make_rig
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
 NO_CAGES = "which has no cages; give them by --cages, or give a result"
@@ -192,10 +190,17 @@ def _limit_influences(
     settings: DeformSettings, result: Result, target: Reconstruction, progress: ProgressListener
 ) -> Iterator[Block]:
     """Yield the frames that few influences give, fitted to the motion of the mesh."""
-    sampling = SampleSettings(settings.memory, settings.jobs)
-    name = settings.output.path.name
-    request = RigRequest(settings.influences, name, settings.compares, sampling)
-    return make_rig(result, target, request, progress).blocks()
+    rig = make_rig(
+        result,
+        target,
+        progress,
+        influences=settings.influences,
+        name=settings.output.path.name,
+        compares=settings.compares,
+        memory=settings.memory,
+        jobs=settings.jobs,
+    )
+    return rig.blocks()
 
 
 def _read_needed_rotations(
@@ -267,30 +272,31 @@ def _load_or_compute_binding(
     for note in mesh.notes + binding.notes:
         label, text = label_note(note)
         progress.note(label, f"{mesh.source['name']}: {text}")
-    fit = source.read_fit()
-    return binding if fit is None else _apply_fit(binding, source.path, fit, is_own, progress)
+    return binding if source.fit is None else _apply_fit(binding, source, is_own, progress)
 
 
 def _apply_fit(
-    binding: Binding, path: Path, fit: StoredFit, is_own: bool, progress: ProgressListener
+    binding: Binding, source: CageSource, is_own: bool, progress: ProgressListener
 ) -> Binding:
     """Return a binding of computed weights with what a fit has changed, where it can be known.
 
     Raises
     ------
     SettingError
-        When the weights of the source at `path` are fitted, not in it, and wanted.
+        When the weights of the source are fitted, not in it, and wanted.
     """
-    if is_own and fit.low_rank is not None:
-        return replace(binding, weights=fit.low_rank.add_to(binding.weights))
     if is_own:
+        result = source.require_result("which holds its weights")
+        change = result_frames.read_low_rank(result)
+        if change is not None:
+            return replace(binding, weights=change.add_to(binding.weights))
         raise SettingError(
-            f"{path}: its weights are fitted to a clip and not in it, so they cannot be "
+            f"{source.path}: its weights are fitted to a clip and not in it, so they cannot be "
             "computed again; extract it again without --no-weights, or with --fit-rank"
         )
     progress.note(
         "note",
-        f"the cages of {path.name} are for weights that were fitted to its model; this mesh "
+        f"the cages of {source.path.name} are for weights that were fitted to its model; this mesh "
         f"has {binding.settings.coordinates} weights, which follow them less closely",
     )
     return binding

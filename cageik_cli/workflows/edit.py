@@ -26,7 +26,7 @@ from cageik_cli.solver.memory_plan import choose_block_size
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
 from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.store.result import Result, read_cages, read_result
-from cageik_cli.store.result_frames import read_binding, read_fit, read_rotations
+from cageik_cli.store.result_frames import read_binding, read_rotations
 from cageik_cli.store.result_writer import (
     ResultHeader,
     ResultWriter,
@@ -230,7 +230,6 @@ def _build_header(settings: EditSettings, result: Result, binding: Binding) -> R
         notes=(*result.notes, note),
         keep_weights=True,
         edited_from=to_unicode(settings.result.name),
-        fit=read_fit(result),
     )
 
 

@@ -13,7 +13,6 @@ from cageik_cli.formats.settings import MorphSettings, SceneHints
 from cageik_cli.formats.usd.writer import CageDisplay, WithModelWriter
 from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
-from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.store.result_frames import read_binding, read_rotations
 from cageik_cli.util.arrays import fit_frames
@@ -21,7 +20,7 @@ from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
-from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
+from cageik_cli.workflows.rig import check_influences, make_rig
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 SKELETON_SUFFIXES = (*UsdSkeletonWriter.suffixes, *GltfSkeletonWriter.suffixes)
@@ -96,11 +95,15 @@ def _write_skeleton(
 ) -> ExportSummary:
     """Write the rest pose of a result, skinned to a joint per cage vertex."""
     target = _read_skeleton(result, settings)
-    sampling = SampleSettings(jobs=count_processors())
-    request = RigRequest(
-        settings.influences, settings.output.path.name, settings.compares, sampling
+    rig = make_rig(
+        result,
+        target,
+        progress,
+        influences=settings.influences,
+        name=settings.output.path.name,
+        compares=settings.compares,
+        jobs=count_processors(),
     )
-    rig = make_rig(result, target, request, progress)
     cages = (block.cages for block in rig.blocks())
     if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
         make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=rig.skin)

@@ -21,9 +21,9 @@ from cageik_cli.solver.regions import MIN_DEVIATION, Region
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
+from cageik_cli.store.fit_fields import UnfittedClip
 from cageik_cli.store.result import Result, checkpoint_path, read_result, smoothed_path
 from cageik_cli.store.result_writer import ResultHeader, RunSummary, open_result_writer
-from cageik_cli.store.unfitted import UnfittedClip
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.files import read_input
@@ -31,6 +31,7 @@ from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener, locate_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.capture import make_capture_solver
+from cageik_cli.workflows.fit import choose_compared_frames, measure_unfitted
 from cageik_cli.workflows.plan import (
     ExtractionPlan,
     build_missing_cage,
@@ -42,7 +43,6 @@ from cageik_cli.workflows.regions import find_clip_regions
 from cageik_cli.workflows.resume import open_checkpoint, resume_from_checkpoint
 from cageik_cli.workflows.settings import ExtractSettings
 from cageik_cli.workflows.smooth import run_time_pass
-from cageik_cli.workflows.unfitted import FramesToCompare, measure_unfitted
 
 
 def extract(settings: ExtractSettings, progress: ProgressListener | None = None) -> Result:
@@ -136,11 +136,11 @@ class RunOutput:
     def unfitted(self) -> Binding | None:
         """The binding with the weights before the fit, if the result compares them."""
         is_compared = self.header.keep_weights and not self.header.has_kept
-        return self.stored.unfitted if is_compared else None
+        return self.stored.binding.unfitted if is_compared else None
 
     def plan_memory(self, settings: ExtractSettings) -> MemoryPlan:
         """Plan the blocks of frames beside all weights that are held."""
-        unfitted = self.stored.unfitted
+        unfitted = self.stored.binding.unfitted
         held = 0 if unfitted is None else unfitted.weights.nbytes
         return MemoryPlan.fit(settings.memory - held, self.header.binding, settings.jobs)
 
@@ -218,13 +218,14 @@ def _measure_unfitted(
     """Measure some frames with the weights before the fit, if the result compares them."""
     if output.unfitted is None:
         return None
-    frames = FramesToCompare(
-        known=np.setdiff1d(np.arange(summary.frames_done), list(summary.skipped)),
-        key_frames=key_frames,
+    known = np.setdiff1d(np.arange(summary.frames_done), list(summary.skipped))
+    return measure_unfitted(
+        DualLaplacianSolver(output.unfitted, plan.settings.solve, plan.vertex_weights),
+        output.header.binding,
+        choose_compared_frames(known, key_frames),
+        key_frames,
         read=lambda k: _reread_frame(plan.sequence, k, summary.digests[k]),
     )
-    solver = DualLaplacianSolver(output.unfitted, plan.settings.solve, plan.vertex_weights)
-    return measure_unfitted(solver, output.header.binding, frames)
 
 
 def _find_key_frames(
@@ -271,7 +272,6 @@ def _make_header(
         settings=plan.recorded_settings,
         notes=_collect_notes(plan, stored_binding, solver.missing_count),
         keep_weights=plan.settings.keep_weights,
-        fit=stored_binding.fit,
         has_kept=plan.weighs_frames,
     )
 
@@ -281,7 +281,7 @@ def _make_run_spec(
 ) -> RunSpec:
     binding, weights = stored.binding, plan.vertex_weights
     is_fitted_here = plan.settings.fit is not None
-    given = stored.unfitted if is_fitted_here and stored.unfitted is not None else binding
+    given = (binding.unfitted if is_fitted_here else None) or binding
     arrays = [binding.rest.vertices, binding.rest.faces, binding.cage.vertices, binding.cage.faces]
     arrays += [given.weights] if weights is None else [given.weights, weights]
     found = [] if tolerances is None else [tolerances]

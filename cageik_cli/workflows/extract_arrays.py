@@ -15,13 +15,14 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import validate_positions
 from cageik_cli.solver.area_weights import make_vertex_weights
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.solver.metrics import METRIC_NAMES, FrameMetrics, check_finite, measure
-from cageik_cli.solver.settings import FitSettings, SolveSettings
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Workspace
 from cageik_cli.util.errors import ConnectivityError, SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.fit_arrays import fit_weights
+from cageik_cli.workflows.fit import fit_weights
 
 ReportProgress = Callable[[int, int], None]
 

@@ -1,36 +1,170 @@
-"""Weights fitted to clips: from the cache of fits, or computed."""
+"""Weights fitted to clips: from the cache of fits, or computed; and compared with those before."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.solver.fitting.fit import FitConditions, fit_weights
-from cageik_cli.solver.fitting.record import FitRecord, FittedClip
-from cageik_cli.solver.settings import FitSettings
-from cageik_cli.store.binding_file import StoredBinding
+from cageik_cli.geometry.mesh import validate_positions
+from cageik_cli.solver.area_weights import make_vertex_weights
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.fitting.fit import Fitter
+from cageik_cli.solver.fitting.record import FitReport, FitSettings, FittedClip
+from cageik_cli.solver.metrics import check_finite, measure
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.fit_cache import FittedBinding, compute_fit_key, find_fit
-from cageik_cli.store.fit_fields import StoredFit
+from cageik_cli.store.cache_entries import compute_fit_key, find_fit
+from cageik_cli.store.fit_fields import UnfittedClip
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.threads import count_processors
 
 
-def fit_binding(
-    stored: StoredBinding,
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedWeights:
+    """Weights fitted to clips.
+
+    Attributes
+    ----------
+    binding : Binding
+        With the fitted weights.
+
+    Examples
+    --------
+    >>> from cageik_cli import bind, fit_weights, load_clip, load_mesh
+    >>> clip = load_clip("data_fixtures/walker/frames", selection=slice(0, 12))
+    >>> binding = bind(clip.first, load_mesh("data_fixtures/walker/cage.obj"), accuracy="preview")
+    >>> fitted = fit_weights(binding, [clip])
+    >>> fitted.binding.weights.shape, fitted.report.fitted_frames
+    ((1570, 80), 12)
+    >>> errors = fitted.report.held_out_blocks
+    >>> errors.fitted.rms < errors.unfitted.rms
+    True
+    """
+
+    binding: Binding
+
+    @property
+    def report(self) -> FitReport:
+        """What the fit gains, on which frames, and what it costs."""
+        assert self.binding.fit is not None
+        return self.binding.fit.report
+
+    def __repr__(self) -> str:
+        count, cage_count = self.binding.weights.shape
+        return (
+            f"<FittedWeights: {count} vertices in a cage of {cage_count}, fitted to "
+            f"{self.report.fitted_frames} of {self.report.frames} frames>"
+        )
+
+
+class ArrayFrames:
+    """An array of frames, (F, m, 3), as a clip."""
+
+    def __init__(self, frames: ArrayLike) -> None:
+        self._frames = np.asarray(frames, np.float64)
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def read_frame(self, index: int) -> Floats:
+        """Return the vertices of a frame, (m, 3), which are finite."""
+        return validate_positions(self._frames[index])
+
+
+def fit_weights(
+    binding: Binding,
+    clips: Sequence[MeshSequence | ArrayLike],
+    settings: FitSettings | None = None,
+    *,
+    solve: SolveSettings | None = None,
+    vertex_weights: ArrayLike | Literal["area"] | None = None,
+    memory: int = DEFAULT_MEMORY,
+    jobs: int | None = None,
+) -> FittedWeights:
+    """Fit the weights of a binding to one or several clips.
+
+    The fitted binding reproduces the rest pose as the given one does, and the frames of the clips
+    several times more closely. The report tells how close it is on frames that were held out.
+
+    Parameters
+    ----------
+    binding : Binding
+        Its weights, harmonic or not, are what the fitted ones are pulled to.
+    clips : sequence of MeshSequence or (F, m, 3) arrays
+        Frames with the vertices of `binding.rest`, in the same order.
+    settings : FitSettings, optional
+        How closely to fit, and with how many numbers.
+    solve : SolveSettings, optional
+        How the cages are solved; as `extract` does by default.
+    vertex_weights : (m,) or "area", optional
+        Weights of the vertices; 0 marks missing data. Or each vertex counts by its area.
+    memory : int
+        Limit in bytes for the weights and the frames that they are fitted to, at most 100.
+    jobs : int, optional
+        Threads; as many as there are processors by default. They do not change the weights.
+
+    Raises
+    ------
+    CageikError
+        When a frame cannot be read or does not fit the binding, the cage is flat, or the solve
+        fails.
+
+    Examples
+    --------
+    >>> from cageik_cli import bind, extract, fit_weights, load_clip, load_mesh
+    >>> clip = load_clip("data_fixtures/walker/frames", selection=slice(0, 12))
+    >>> binding = bind(clip.first, load_mesh("data_fixtures/walker/cage.obj"), accuracy="preview")
+    >>> fitted = fit_weights(binding, [clip])
+    >>> before, after = (extract(clip, one).rms_percent for one in (binding, fitted.binding))
+    >>> after < 0.5 * before
+    True
+    """
+    fitter = Fitter(
+        binding,
+        settings,
+        solve=solve,
+        vertex_weights=make_vertex_weights(vertex_weights, binding.rest),
+        memory=memory,
+        jobs=jobs or count_processors(),
+    )
+    frames = [clip if isinstance(clip, MeshSequence) else ArrayFrames(clip) for clip in clips]
+    return FittedWeights(fitter.fit(frames))
+
+
+def fit_to_clips(
+    binding: Binding,
     clips: Sequence[MeshSequence],
     settings: FitSettings,
-    conditions: FitConditions,
-    cache: EntryCache | None,
-) -> StoredBinding:
+    progress: ProgressListener,
+    *,
+    solve: SolveSettings,
+    vertex_weights: Floats | None,
+    memory: int,
+    jobs: int,
+    skips_bad_frames: bool = False,
+    cache: Path | None = None,
+) -> Binding:
     """Fit the weights of a binding to clips, or take them from the cache of fits.
 
     Parameters
     ----------
     clips : sequence of MeshSequence
         Of the rest pose's connectivity.
+    vertex_weights : (m,) float64 or None
+        Of mean one.
+    memory : int
+        Limit in bytes for the weights and the frames that they are fitted to.
+    cache : Path, optional
+        The folder of the cache; none is used if absent.
 
     Raises
     ------
@@ -39,32 +173,37 @@ def fit_binding(
     NumericalError
         When the system of the cages is singular.
     """
-    digests = _hash_frames(clips, conditions.sampling.jobs)
-    fitted_clips = tuple(map(_describe_clip, clips))
+    with ThreadPoolExecutor(jobs) as pool:  # zeros of frames that cannot be read
+        digests = [list(pool.map(clip.content_digest, range(len(clip)))) for clip in clips]
+    described = tuple(map(_describe_clip, clips))
 
-    def compute() -> FittedBinding:
-        found = fit_weights(stored.binding, clips, settings, conditions)
+    def compute() -> Binding:
+        fitter = Fitter(
+            binding,
+            settings,
+            solve=solve,
+            vertex_weights=vertex_weights,
+            memory=memory,
+            jobs=jobs,
+        )
+        fitted = fitter.fit(clips, skips_bad_frames)
         _check_unchanged(clips, digests)
-        record = FitRecord(settings, conditions.solve, fitted_clips, found.report)
-        return found.binding, StoredFit(record, found.model.low_rank, found.model.sparse_weights)
+        assert fitted.fit is not None
+        return replace(fitted, fit=replace(fitted.fit, clips=described))
 
     if cache is None:
-        binding, fit = compute()
-    else:
-        key = compute_fit_key(stored.binding, settings, conditions, digests)
-        binding, fit = find_fit(cache, key, stored.binding, fitted_clips, compute)
-    return replace(stored, binding=binding, fit=fit, unfitted=stored.binding)
-
-
-def open_fit_cache(folder: Path | None, progress: ProgressListener) -> EntryCache | None:
-    """Return the cache of fits in a folder, which notes what it finds; None without a folder."""
-    return None if folder is None else EntryCache(folder, partial(progress.note, "fit"))
-
-
-def _hash_frames(clips: Sequence[MeshSequence], jobs: int) -> list[list[bytes]]:
-    """Return the digests of all frames; zeros of those that cannot be read."""
-    with ThreadPoolExecutor(jobs) as pool:
-        return [list(pool.map(clip.content_digest, range(len(clip)))) for clip in clips]
+        return compute()
+    key = compute_fit_key(
+        binding,
+        settings,
+        digests,
+        solve=solve,
+        vertex_weights=vertex_weights,
+        memory=memory,
+        skips_bad_frames=skips_bad_frames,
+    )
+    entries = EntryCache(cache, partial(progress.note, "fit"))
+    return find_fit(entries, key, binding, described, compute)
 
 
 def _describe_clip(clip: MeshSequence) -> FittedClip:
@@ -78,3 +217,63 @@ def _check_unchanged(clips: Sequence[MeshSequence], digests: list[list[bytes]]) 
         for k, digest in enumerate(before):
             if clip.content_digest(k) != digest:
                 raise FileAccessError(f"{clip.location(k)}: changed during the run; run again")
+
+
+def measure_unfitted(
+    solver: DualLaplacianSolver,
+    fitted: Binding,
+    frames: Sequence[int],
+    key_frames: Sequence[int],
+    read: Callable[[int], Floats],
+) -> UnfittedClip:
+    """Measure frames with the weights before the fit, one by one.
+
+    Parameters
+    ----------
+    solver : DualLaplacianSolver
+        With the weights before the fit.
+    frames : sequence of int
+        From `choose_compared_frames`.
+    key_frames : sequence of int
+        Those of them that the result keeps in full.
+    read : callable
+        Reads a frame, (m, 3), by its number.
+
+    Raises
+    ------
+    InputError
+        When a frame cannot be read.
+    NumericalError
+        When the solve gives numbers that are not finite or too large.
+    """
+    rest, workspace, misses = solver.binding.rest, Workspace(), {}
+    rms = np.empty(len(frames))
+    for place, k in enumerate(frames):
+        frame = read(k)[None]
+        solution = solver.solve(frame, workspace)
+        rebuilt = solution.reconstructions
+        metrics = measure(rest, frame, rebuilt, solver.data_vertices, workspace).metrics
+        check_finite(k, solution.cages, metrics)
+        rms[place] = metrics.rms[0]
+        if k in key_frames:
+            misses[k] = (frame[0] - rebuilt[0]) / rest.diagonal
+    vertex = find_changed_vertex(solver.binding.weights, fitted.weights)
+    return UnfittedClip(
+        frames=np.array(frames, np.int64),
+        rms=rms,
+        misses=np.stack([misses[k] for k in key_frames]),
+        cage_vertex=vertex,
+        influence=solver.binding.weights[:, vertex].copy(),
+    )
+
+
+def choose_compared_frames(known: Integers, key_frames: Sequence[int], most: int = 64) -> list[int]:
+    """Return at most so many evenly spread ones of the known frames, and the key frames."""
+    places = spread_evenly(len(known), most)
+    return sorted({*known[places].tolist(), *key_frames})
+
+
+def find_changed_vertex(before: Floats, after: Floats) -> int:
+    """Return the cage vertex whose weights differ most, by the norm of its column of (m, n)."""
+    changes = [np.linalg.norm(new - old) for old, new in zip(before.T, after.T, strict=True)]
+    return int(np.argmax(changes))

@@ -70,7 +70,7 @@ def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list
         format_accuracy_row(quality, binding.settings.accuracy),
         *([("projected", f"{quality.projected} vertices outside")] if quality.projected else []),
         *((f"from {key}", str(source.get("name"))) for key, source in stored.sources.items()),
-        *([] if stored.fit is None else _format_fit(stored.fit.record, is_verbose)),
+        *([] if binding.fit is None else _format_fit(binding.fit, is_verbose)),
         *(label_note(locate_note(stored.sources["cage"]["name"], note)) for note in binding.notes),
     ]
 

@@ -12,9 +12,8 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.vertex_weights import FrameWeightsFile
-from cageik_cli.solver.fitting.fit import FitConditions
-from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.solver.settings import AREA, CaptureSettings, FitSettings
+from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.settings import AREA, CaptureSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import check_checkpoint_path, checkpoint_progress
@@ -25,7 +24,7 @@ from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.cached_cage import build_cached, check_cage_output
-from cageik_cli.workflows.fit import fit_binding, open_fit_cache
+from cageik_cli.workflows.fit import fit_to_clips
 from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 from cageik_cli.workflows.settings import ExtractSettings
@@ -103,7 +102,7 @@ class ExtractionPlan:
         stored = self.stored_binding
         if stored is None or self.settings.fit is not None:
             return self.settings.fit
-        return None if stored.fit is None else stored.fit.record.settings
+        return None if stored.binding.fit is None else stored.binding.fit.settings
 
     @property
     def recorded_settings(self) -> dict[str, Any]:
@@ -282,11 +281,20 @@ def load_or_compute_binding(plan: ExtractionPlan, progress: ProgressListener) ->
         stored = bind_cached(rest, plan.cage, weight_settings, progress)
     if settings.fit is None:
         return stored
-    sampling = SampleSettings(settings.memory, settings.jobs, settings.skips_bad_frames)
-    conditions = FitConditions(settings.solve, plan.vertex_weights, sampling)
-    cache = open_fit_cache(settings.cache, progress)
     with progress.stage("fit"):
-        return fit_binding(stored, [plan.sequence], settings.fit, conditions, cache)
+        fitted = fit_to_clips(
+            stored.binding,
+            [plan.sequence],
+            settings.fit,
+            progress,
+            solve=settings.solve,
+            vertex_weights=plan.vertex_weights,
+            memory=settings.memory,
+            jobs=settings.jobs,
+            skips_bad_frames=settings.skips_bad_frames,
+            cache=settings.cache,
+        )
+    return replace(stored, binding=fitted)
 
 
 def _restore_unfitted(
@@ -294,13 +302,13 @@ def _restore_unfitted(
 ) -> StoredBinding:
     """Return a stored binding with its weights before a fit, which binding files do not hold."""
     settings, binding = plan.settings, stored.binding
-    if stored.fit is None or stored.unfitted is not None or not settings.keep_weights:
+    if binding.fit is None or binding.unfitted is not None or not settings.keep_weights:
         return stored
     cage = LoadedMesh(binding.cage, stored.sources["cage"])
     weight_settings = WeightSettings(binding.settings, settings.cache, settings.jobs)
     with error_context(settings.binding):
         unfitted = bind_cached(plan.rest, cage, weight_settings, progress).binding
-    return replace(stored, unfitted=unfitted)
+    return replace(stored, binding=replace(binding, unfitted=unfitted))
 
 
 def _find_existing_result(plan: ExtractionPlan) -> Result | None:

@@ -1,7 +1,8 @@
 """A mesh that follows an animation by skin weights: its own, or few that are fitted again."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -13,58 +14,18 @@ from cageik_cli.coordinates.binding import (
 )
 from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fitting.fit import FitConditions, Fitter
-from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.solver.settings import DEFAULT_REGULARIZATION, FitSettings, SolveSettings
+from cageik_cli.solver.fitting.fit import Fitter
+from cageik_cli.solver.fitting.record import DEFAULT_REGULARIZATION, FitSettings
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.result import Result
+from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.reconstruction import Block, Reconstruction
 
-COMPARED_INFLUENCES = (4, 8, 16, 32)
-"""Numbers of influences whose errors are listed."""
-
-BLOCK_FRAMES = 4 * FRAMES_PER_PRODUCT
+FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
 """Frames that are posed together; constant, because the last digits depend on it."""
-
-EXACT_PERCENT = 1e-6
-"""Errors below this are rounding, in percent of the diagonal: single precision is coarser."""
-
-
-@dataclass(frozen=True, slots=True)
-class RigRequest:
-    """Which weights a rig has, and what their fit may take.
-
-    Attributes
-    ----------
-    influences : int or None
-        Joints per vertex, at most, with weights that are fitted again; None keeps the weights of
-        the reconstruction, which must not be negative.
-    name : str
-        What the note on the error is about.
-    compares : bool
-        Note the error of other numbers of influences, too.
-    """
-
-    influences: int | None
-    name: str
-    compares: bool = False
-    sampling: SampleSettings = field(default_factory=SampleSettings)
-
-
-@dataclass(frozen=True, slots=True)
-class SkinError:
-    """Distances of a skinned mesh from the reconstruction, over all vertices and frames.
-
-    Attributes
-    ----------
-    rms, largest : float
-        In percent of the diagonal of the rest pose.
-    """
-
-    rms: float
-    largest: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,28 +34,40 @@ class Rig:
 
     Attributes
     ----------
+    rms, largest : float
+        Distances of the skinned mesh from the reconstruction, over all vertices and frames, in
+        percent of the diagonal of the rest pose.
     blocks : callable
         Yields all frames in order: the places of the joints as cages, and the skinned meshes.
     """
 
     skin: Skin
-    error: SkinError
+    rms: float
+    largest: float
     blocks: Callable[[], Iterator[Block]]
 
     @property
     def message(self) -> str:
         """A sentence for the user."""
         text = f"up to {self.skin.weights.joints.shape[1]} influences per vertex"
-        if self.error.largest < EXACT_PERCENT:
+        if self.largest < 1e-6:  # rounding: single precision is coarser
             return f"{text}; the mesh moves as with the full weights"
         return (
-            f"{text}; error against the full weights: rms {self.error.rms:.2g}, largest "
-            f"{self.error.largest:.2g} % of the diagonal"
+            f"{text}; error against the full weights: rms {self.rms:.2g}, largest "
+            f"{self.largest:.2g} % of the diagonal"
         )
 
 
 def make_rig(
-    result: Result, target: Reconstruction, request: RigRequest, progress: ProgressListener
+    result: Result,
+    target: Reconstruction,
+    progress: ProgressListener,
+    *,
+    influences: int | None,
+    name: str,
+    compares: bool = False,
+    memory: int = DEFAULT_MEMORY,
+    jobs: int = 1,
 ) -> Rig:
     """Return a mesh that follows a reconstruction by skin weights, and note its error.
 
@@ -102,6 +75,17 @@ def make_rig(
     ----------
     result : Result
         That the cages are of, or that they were made from.
+    influences : int or None
+        Joints per vertex, at most, with weights that are fitted again; None keeps the weights of
+        the reconstruction, which must not be negative.
+    name : str
+        What the note on the error is about.
+    compares : bool
+        Note the error of other numbers of influences, too.
+    memory : int
+        Limit in bytes for the fit.
+    jobs : int
+        Threads.
 
     Raises
     ------
@@ -111,31 +95,44 @@ def make_rig(
         When the system of the cages is singular.
     """
     with progress.stage("fit"), error_context(result.path), limit_blas_threads(1):
-        conditions = FitConditions(_read_solve_settings(result), sampling=request.sampling)
+        solve = _read_solve_settings(result)
         target = _settle_rest(target)
-        rig = _fit_rig(target, request.influences, conditions)
-        progress.note("note", f"{request.name}: {rig.message}")
-        if request.compares:
-            progress.note("influences", _compare_influences(target, conditions))
+        fit_rig = partial(_fit_rig, target, solve=solve, memory=memory, jobs=jobs)
+        rig = fit_rig(influences)
+        progress.note("note", f"{name}: {rig.message}")
+        if compares:
+            counts = [k for k in (4, 8, 16, 32) if k <= len(target.binding.cage.vertices)]
+            errors = [(k, fit_rig(k)) for k in counts]
+            texts = (f"{k}: {one.rms:.2g}, {one.largest:.2g} %" for k, one in errors)
+            progress.note("influences", f"rms and largest error: {'; '.join(texts)}")
     return rig
 
 
-def _compare_influences(target: Reconstruction, conditions: FitConditions) -> str:
-    """List the error of several numbers of influences, as far as the cage has so many vertices."""
-    texts = []
-    for count in COMPARED_INFLUENCES:
-        if count <= len(target.binding.cage.vertices):
-            error = _fit_rig(target, count, conditions).error
-            texts.append(f"{count}: {error.rms:.2g}, {error.largest:.2g} %")
-    return f"rms and largest error: {'; '.join(texts)}"
-
-
-def _fit_rig(target: Reconstruction, influences: int | None, conditions: FitConditions) -> Rig:
+def _fit_rig(
+    target: Reconstruction,
+    influences: int | None,
+    *,
+    solve: SolveSettings,
+    memory: int,
+    jobs: int,
+) -> Rig:
     """Return the rig with the weights of the target, or with few that are fitted again."""
-    if influences is None or _has_few(target.binding, influences):
+    binding = target.binding
+    if influences is None or _has_few(binding, influences):
         return _keep_weights(target)
     with error_context("few influences, with the alpha and beta of the result"):
-        return _refit_weights(target, influences, conditions)
+        settings = FitSettings(influences=influences)
+        fitter = Fitter(binding, settings, solve=solve, memory=memory, jobs=jobs)
+        sample = fitter.sample([target])
+        fitted = fitter.limit_influences(sample, DEFAULT_REGULARIZATION, influences)
+        weights = compute_skin_weights(fitted.weights)
+        solver = DualLaplacianSolver(_bind_skin(binding, weights), solve)
+
+        def pose(block: Block) -> Block:
+            solution = solver.solve(block.meshes)
+            return Block(solution.cages, solution.rotations, solution.reconstructions)
+
+        return _measure_rig(target, weights, pose)
 
 
 def check_influences(result: Result, influences: int | None) -> None:
@@ -194,20 +191,6 @@ def _keep_weights(target: Reconstruction) -> Rig:
     return _measure_rig(target, weights, pose)
 
 
-def _refit_weights(target: Reconstruction, count: int, conditions: FitConditions) -> Rig:
-    """Return the rig with weights of `count` influences, and the cages of these weights."""
-    fitter = Fitter(target.binding, FitSettings(influences=count), conditions)
-    model = fitter.limit_influences(fitter.sample([target]), DEFAULT_REGULARIZATION, count)
-    weights = compute_skin_weights(model.weights)
-    solver = DualLaplacianSolver(_bind_skin(target.binding, weights), conditions.solve)
-
-    def pose(block: Block) -> Block:
-        solution = solver.solve(block.meshes)
-        return Block(solution.cages, solution.rotations, solution.reconstructions)
-
-    return _measure_rig(target, weights, pose)
-
-
 def _bind_skin(binding: Binding, weights: SkinWeights) -> Binding:
     """Return a binding of skin weights, which need not reproduce the rest pose."""
     dense = weights.to_dense(len(binding.cage.vertices))
@@ -219,7 +202,7 @@ def _measure_rig(
 ) -> Rig:
     """Pose all frames, and measure how far they are from the target."""
     rotations, squares, largest = [], 0.0, 0.0
-    for block in target.blocks(BLOCK_FRAMES):
+    for block in target.blocks(FRAMES_PER_RIG_BLOCK):
         posed = pose(block)
         rotations.append(posed.rotations)
         distances = np.square(posed.meshes - block.meshes).sum(axis=2)
@@ -228,6 +211,9 @@ def _measure_rig(
     rest = target.binding.rest
     count = target.cages.count * len(rest.vertices)
     percent = 100 / rest.diagonal
-    error = SkinError(percent * float(np.sqrt(squares / count)), percent * float(np.sqrt(largest)))
-    skin = Skin(rest, weights, np.concatenate(rotations))
-    return Rig(skin, error, lambda: map(pose, target.blocks(BLOCK_FRAMES)))
+    return Rig(
+        skin=Skin(rest, weights, np.concatenate(rotations)),
+        rms=percent * float(np.sqrt(squares / count)),
+        largest=percent * float(np.sqrt(largest)),
+        blocks=lambda: map(pose, target.blocks(FRAMES_PER_RIG_BLOCK)),
+    )

@@ -8,7 +8,8 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import list_input_files
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
-from cageik_cli.solver.settings import CaptureSettings, FitSettings, SolveSettings
+from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.settings import CaptureSettings, SolveSettings
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError
 

@@ -19,9 +19,8 @@ from py_dem_bones import solve_skinning
 from cageik_cli.cages.bind import bind
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.fitting.fit import fit_weights
 from cageik_cli.workflows.extract_arrays import extract
-from tests.fitted import Frames
+from cageik_cli.workflows.fit import fit_weights
 
 BONES = 20
 COUNTS = (60, 120)
@@ -49,7 +48,7 @@ def measure_cage(name, rest, cage, frames):
         name, f"harmonic, {count}", animation.rms_percent, seconds, binding.weights.size, 3 * count
     )
     start = perf_counter()
-    fitted = fit_weights(binding, [Frames(frames)])
+    fitted = fit_weights(binding, [frames])
     animation = extract(frames, fitted.binding)
     seconds += perf_counter() - start
     floats = fitted.report.fixed_floats

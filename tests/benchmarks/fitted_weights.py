@@ -15,15 +15,13 @@ import h5py
 import numpy as np
 
 from cageik_cli import Binding, TriMesh, bind, load_mesh
-from cageik_cli.solver.fitting.fit import FitConditions, FittedWeights, Fitter, fit_weights
-from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.solver.settings import FitSettings
+from cageik_cli.solver.fitting.fit import Fitter
+from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.extract_arrays import extract
 from tests.fitted import Frames
 
 JOBS = count_processors()
-CONDITIONS = FitConditions(sampling=SampleSettings(jobs=JOBS))
 TABLES = ("errors", "halves", "rank", "influences", "growth")
 
 
@@ -34,10 +32,10 @@ def load(folder: Path) -> tuple[np.ndarray, TriMesh]:
         return file["verts"][:].astype(float), rest
 
 
-def timed(binding: Binding, frames: np.ndarray, **settings: object) -> tuple[FittedWeights, float]:
-    """Fitted weights with their report, and the seconds of all of it."""
+def timed(binding: Binding, frames: np.ndarray, **settings: object) -> tuple[Binding, float]:
+    """The fitted binding with its report, and the seconds of all of it."""
     start = time.perf_counter()
-    found = fit_weights(binding, [Frames(frames)], FitSettings(**settings), CONDITIONS)
+    found = Fitter(binding, FitSettings(**settings), jobs=JOBS).fit([Frames(frames)])
     return found, time.perf_counter() - start
 
 
@@ -60,10 +58,10 @@ def errors(name: str, frames: np.ndarray, binding: Binding) -> None:
     print(f"{name:16} {n:4} harmonic {deviations(frames[1::2], binding)}")
     for strength in (0.1, 0.01):
         found, seconds = timed(binding, frames[::2], regularization=strength)
-        report, quality = found.report, found.binding.quality
+        report, quality = found.fit.report, found.quality
         exactness = max(quality.partition_of_unity, quality.linear_precision)
         print(
-            f"{name:16} {n:4} {strength:8} {deviations(frames[1::2], found.binding)} "
+            f"{name:16} {n:4} {strength:8} {deviations(frames[1::2], found)} "
             f"negative {report.negative_per_row:.4f} smallest {report.min_weight:.3f} "
             f"roughness {report.roughness:.3f} affine {exactness:.0e} "
             f"blocks {report.held_out_blocks.fitted.rms:.3f} "
@@ -79,7 +77,7 @@ def halves(name: str, frames: np.ndarray, binding: Binding) -> None:
     found, _ = timed(binding, frames[:middle])
     print(
         f"{name:16} {binding.weights.shape[1]:4} harmonic {deviations(frames[middle:], binding)}"
-        f"   fitted {deviations(frames[middle:], found.binding)}",
+        f"   fitted {deviations(frames[middle:], found)}",
         flush=True,
     )
 
@@ -88,10 +86,10 @@ def forms(name: str, frames: np.ndarray, binding: Binding, cases: list[dict[str,
     """Held-out frames for weights of other forms."""
     for case in cases:
         found, seconds = timed(binding, frames[::2], **case)
-        rms = 100 * np.sqrt(np.mean(extract(frames[1::2], found.binding).rms ** 2))
+        rms = 100 * np.sqrt(np.mean(extract(frames[1::2], found).rms ** 2))
         print(
             f"{name:16} {binding.weights.shape[1]:4} {case} {rms / binding.rest.diagonal:8.4f} "
-            f"roughness {found.report.roughness:.3f} floats {found.report.fixed_floats} "
+            f"roughness {found.fit.report.roughness:.3f} floats {found.fit.report.fixed_floats} "
             f"{seconds:5.2f} s",
             flush=True,
         )
@@ -109,13 +107,12 @@ def influences(name: str, frames: np.ndarray, binding: Binding) -> None:
 
 def growth(name: str, frames: np.ndarray, binding: Binding) -> None:
     """Seconds of the fit alone over the frames, and with its report."""
-    settings = FitSettings()
     for count in (25, 50, len(frames)):
         clip = frames[np.linspace(0, len(frames) - 1, count).astype(int)]
         start = time.perf_counter()
         with limit_blas_threads(1):
-            fitter = Fitter(binding, settings, CONDITIONS)
-            fitter.fit_model(fitter.sample([Frames(clip)]), 0.1)
+            fitter = Fitter(binding, jobs=JOBS)
+            fitter.fit_sample(fitter.sample([Frames(clip)]), 0.1)
         alone = time.perf_counter() - start
         _, whole = timed(binding, clip)
         m, n = binding.weights.shape

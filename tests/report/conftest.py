@@ -11,7 +11,7 @@ import pytest
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.report.limits import Limits, check_limits
 from cageik_cli.report.record import build_report
-from cageik_cli.solver.settings import FitSettings
+from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.store.result import Result, read_result
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import extract

@@ -13,7 +13,7 @@ from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.errors import CageError, FormatError
 from cageik_cli.workflows.build_cage import build_cage
 from cageik_cli.workflows.extract_arrays import extract
-from cageik_cli.workflows.fit_arrays import fit_weights
+from cageik_cli.workflows.fit import fit_weights
 from tests.shapes import ball, box, finer
 
 REST = ball(2, 0.8)

@@ -11,7 +11,7 @@ from cageik_cli.solver.vertex_bound import VertexBound
 from cageik_cli.store import binding_file, result_frames, result_writer
 from cageik_cli.store import result as results
 from cageik_cli.util.errors import FormatError, InputError
-from tests.store.fits import few_weights, record, stored_fit
+from tests.store.fits import as_fitted, record
 from tests.store.test_binding_file import BINDING, SOURCES
 from tests.store.test_result import (
     BINDING as MODEL,
@@ -27,22 +27,14 @@ from tests.store.test_result import (
 FORMS = ("dense", "low rank", "few")
 
 
-def bound_with(form, binding=BINDING):
-    if form != "few":
-        return binding
-    return replace(binding, weights=few_weights(binding).toarray(), has_offsets=True)
-
-
 def write_binding(path, form):
-    stored = binding_file.StoredBinding(bound_with(form), SOURCES, fit=stored_fit(BINDING, form))
+    stored = binding_file.StoredBinding(as_fitted(BINDING, form), SOURCES)
     binding_file.write_binding(path, stored, overwrite=True)
     return stored
 
 
 def write_result(path, form, **changes):
-    fitted = replace(
-        header(), binding=bound_with(form, MODEL), fit=stored_fit(MODEL, form), **changes
-    )
+    fitted = replace(header(), binding=as_fitted(MODEL, form), **changes)
     with result_writer.open_result_writer(path, fitted, overwrite=True) as result:
         result.append(CAGES, ROTATIONS, FIGURES)
         result.complete(replace(ENDING, bound=VertexBound(0.01, 4, 18)))
@@ -50,11 +42,12 @@ def write_result(path, form, **changes):
 
 
 def assert_same_fit(found, expected):
-    assert found.record == expected.record
+    assert found.fit == expected.fit
+    assert found.has_offsets == expected.has_offsets
+    np.testing.assert_array_equal(found.weights, expected.weights)
     for name in ("columns", "basis"):
-        one, other = (getattr(fit.low_rank, name, None) for fit in (found, expected))
+        one, other = (getattr(binding.low_rank, name, None) for binding in (found, expected))
         np.testing.assert_array_equal(one, other)
-    assert (found.sparse_weights is None) == (expected.sparse_weights is None)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -62,9 +55,7 @@ def test_a_fitted_binding_comes_back(tmp_path, form):
     path = tmp_path / "binding.h5"
     stored = write_binding(path, form)
     found = binding_file.read_binding(path)
-    np.testing.assert_array_equal(found.binding.weights, stored.binding.weights)
-    assert found.binding.has_offsets == (form == "few")
-    assert_same_fit(found.fit, stored.fit)
+    assert_same_fit(found.binding, stored.binding)
     with h5py.File(path) as file:
         assert ("weights" in file) == (form != "few")
 
@@ -72,14 +63,10 @@ def test_a_fitted_binding_comes_back(tmp_path, form):
 @pytest.mark.parametrize("form", FORMS)
 def test_a_fitted_result_comes_back(tmp_path, form):
     result = results.read_result(write_result(tmp_path / "cages.h5", form))
-    expected = bound_with(form, MODEL)
-    np.testing.assert_array_equal(results.read_weights(result), expected.weights)
     assert results.has_weights(result)
-    assert result.fit == stored_fit(MODEL, form).record
     assert result.bound == VertexBound(0.01, 4, 18)
-    assert_same_fit(result_frames.read_fit(result), stored_fit(MODEL, form))
-    binding = result_frames.read_binding(result)
-    assert binding.has_offsets == result.has_offsets == (form == "few")
+    assert_same_fit(result_frames.read_binding(result), as_fitted(MODEL, form))
+    assert result.has_offsets == (form == "few")
     np.testing.assert_array_equal(result_frames.read_rotations(result), ROTATIONS)
 
 
@@ -98,14 +85,14 @@ def test_without_weights_only_a_change_of_low_rank_is_kept(tmp_path):
         result = results.read_result(path)
         assert not results.has_weights(result)
         assert result_frames.read_binding(result) is None
-        assert (result_frames.read_fit(result).low_rank is not None) == (form == "low rank")
+        assert (result_frames.read_low_rank(result) is not None) == (form == "low rank")
 
 
 def test_weights_that_are_not_fitted_have_no_fit(tmp_path):
     binding_file.write_binding(
         tmp_path / "b.h5", binding_file.StoredBinding(BINDING, SOURCES), overwrite=False
     )
-    assert binding_file.read_binding(tmp_path / "b.h5").fit is None
+    assert binding_file.read_binding(tmp_path / "b.h5").binding.fit is None
 
 
 def test_the_rotation_of_a_skipped_frame_is_that_of_the_nearest(tmp_path):

@@ -7,53 +7,44 @@ import numpy as np
 import pytest
 
 from cageik_cli.store import result_writer
-from cageik_cli.store.unfitted import (
-    UnfittedClip,
-    UnfittedErrors,
-    UnfittedShapes,
-    read_unfitted_errors,
-    read_unfitted_shapes,
-)
+from cageik_cli.store.fit_fields import UnfittedClip
+from cageik_cli.store.result import read_result
+from cageik_cli.store.result_frames import read_unfitted
 from cageik_cli.util.errors import FormatError
-from tests.store.fits import stored_fit
+from tests.store.fits import as_fitted
 from tests.store.test_result import BINDING, CAGES, ENDING, FIGURES, FRAMES, ROTATIONS, header
 
 M, N = BINDING.weights.shape
 GENERATOR = np.random.default_rng(4)
 CLIP = UnfittedClip(
-    UnfittedErrors(np.array([0, 1, 4]), np.array([0.5, 0.25, 2.0])),
-    UnfittedShapes(GENERATOR.normal(size=(3, M, 3)), 2, GENERATOR.normal(size=M)),
+    frames=np.array([0, 1, 4]),
+    rms=np.array([0.5, 0.25, 2.0]),
+    misses=GENERATOR.normal(size=(3, M, 3)),
+    cage_vertex=2,
+    influence=GENERATOR.normal(size=M),
 )
 
 
 def write_result(path, clip=CLIP, keep_weights=True):
-    fitted = replace(header(keep_weights), fit=stored_fit(BINDING, "dense"))
+    fitted = replace(header(keep_weights), binding=as_fitted(BINDING, "dense"))
     with result_writer.open_result_writer(path, fitted, overwrite=True) as result:
         result.append(CAGES, ROTATIONS, FIGURES)
         result.complete(replace(ENDING, unfitted=clip))
     return path
 
 
-def read_all(path):
-    return read_unfitted_errors(path, FRAMES, {3: "bad"}), read_unfitted_shapes(path, M, N)
-
-
 def test_what_is_written_comes_back(tmp_path):
-    path = write_result(tmp_path / "cages.h5")
-    errors = read_unfitted_errors(path, FRAMES, ())
-    np.testing.assert_array_equal(errors.frames, CLIP.errors.frames)
-    np.testing.assert_array_equal(errors.rms, CLIP.errors.rms)
-    shapes = read_unfitted_shapes(path, M, N)
-    np.testing.assert_array_equal(shapes.misses, CLIP.shapes.misses.astype("f4"))
-    np.testing.assert_array_equal(shapes.influence, CLIP.shapes.influence)
-    assert shapes.cage_vertex == 2
+    found = read_unfitted(read_result(write_result(tmp_path / "cages.h5")))
+    np.testing.assert_array_equal(found.frames, CLIP.frames)
+    np.testing.assert_array_equal(found.rms, CLIP.rms)
+    np.testing.assert_array_equal(found.misses, CLIP.misses.astype("f4"))
+    np.testing.assert_array_equal(found.influence, CLIP.influence)
+    assert found.cage_vertex == 2
 
 
 @pytest.mark.parametrize("kept", [{"clip": None}, {"keep_weights": False}])
 def test_a_result_may_hold_nothing(tmp_path, kept):
-    path = write_result(tmp_path / "cages.h5", **kept)
-    assert read_unfitted_errors(path, FRAMES, ()) is None
-    assert read_unfitted_shapes(path, M, N) is None
+    assert read_unfitted(read_result(write_result(tmp_path / "cages.h5", **kept))) is None
 
 
 @pytest.mark.parametrize(
@@ -82,7 +73,7 @@ def test_damage_is_refused(tmp_path, name, values, words):
         del file[f"unfitted/{name}"]
         file[f"unfitted/{name}"] = values
     with pytest.raises(FormatError, match=words):
-        read_all(path)
+        read_unfitted(replace(read_result(path), skipped={3: "bad"}))
 
 
 def test_no_frames_are_refused(tmp_path):
@@ -93,7 +84,7 @@ def test_no_frames_are_refused(tmp_path):
             del file[f"unfitted/{name}"]
             file.create_dataset(f"unfitted/{name}", (0,), kind)
     with pytest.raises(FormatError, match="unfitted/frame"):
-        read_unfitted_errors(path, FRAMES, ())
+        read_unfitted(read_result(path))
 
 
 def test_a_missing_part_is_refused(tmp_path):
@@ -101,4 +92,4 @@ def test_a_missing_part_is_refused(tmp_path):
     with h5py.File(path, "r+") as file:
         del file["unfitted/influence"]
     with pytest.raises(FormatError, match="influence"):
-        read_unfitted_shapes(path, M, N)
+        read_unfitted(read_result(path))

@@ -16,7 +16,8 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.tables import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver import memory_plan
-from cageik_cli.solver.settings import CaptureSettings, FitSettings
+from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.settings import CaptureSettings
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result import read_cages, read_result, smoothed_path
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, SettingError

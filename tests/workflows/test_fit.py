@@ -16,7 +16,8 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.tables import format_overview_csv
 from cageik_cli.report.views.text import format_text
-from cageik_cli.solver.settings import FitSettings
+from cageik_cli.solver.fitting.fit import Fitter
+from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.store.checkpoint import Checkpoint, checkpoint_progress
 from cageik_cli.store.result import checkpoint_path, read_cages, read_result
@@ -134,7 +135,7 @@ def test_binding_result_and_deform_give_the_same_meshes(settings, form):
         )
     )
     stored = read_binding(Path("b.h5"))
-    assert stored.fit.record.settings == fit
+    assert stored.binding.fit.settings == fit
     assert stored.binding.has_offsets == (form == "few")
     through = extract(
         replace(settings, cage=None, fit=None, binding=Path("b.h5"), output=Path("through.h5"))
@@ -268,15 +269,13 @@ def test_a_run_with_other_settings_of_the_fit_is_not_continued(interrupted):
 
 
 def test_a_frame_that_changes_while_weights_are_fitted_is_refused(settings, write_obj, monkeypatch):
-    from cageik_cli.workflows import fit as module
-
-    whole = module.fit_weights
+    whole = Fitter.fit
 
     def slow_fit(*arguments):
         write_obj(Path("frames/f_003.obj"), 1.01 * FRAMES[3], BINDING.rest.faces)
         return whole(*arguments)
 
-    monkeypatch.setattr(module, "fit_weights", slow_fit)
+    monkeypatch.setattr(Fitter, "fit", slow_fit)
     with pytest.raises(InputError, match=r"f_003\.obj: changed during the run"):
         extract(settings)
 
@@ -306,7 +305,7 @@ def test_a_binding_is_fitted_to_several_clips(settings, write_obj):
     )  # fmt: skip
     first, again = Notes(), Notes()
     stored = bind_files(run, first)
-    assert [clip.frames for clip in stored.fit.record.clips] == [20, 6]
+    assert [clip.frames for clip in stored.binding.fit.clips] == [20, 6]
     bind_files(replace(run, overwrite=True), again)
     assert again.fits
     result = extract(

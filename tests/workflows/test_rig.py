@@ -15,7 +15,7 @@ from cageik_cli.util.errors import FormatError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows import export as exporting
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
-from cageik_cli.workflows.rig import RigRequest, make_rig
+from cageik_cli.workflows.rig import make_rig
 from tests.clips import frames_of
 from tests.formats.gltf.decoded import Glb
 from tests.shapes import finer
@@ -64,7 +64,7 @@ def rig(count=None, **changes):
     binding = read_binding(result)
     rotations = read_rotations(result) if binding.has_offsets else None
     target = Reconstruction(binding, CageFrames.from_result(result), rotations)
-    return make_rig(result, target, RigRequest(count, "c.usdc"), ProgressListener())
+    return make_rig(result, target, ProgressListener(), influences=count, name="c.usdc")
 
 
 def frames_in(path):
@@ -101,7 +101,7 @@ def test_weights_of_any_result_are_fitted_again(run, folder, fit, count):
     assert weights.shape[1] <= count
     assert weights.min() >= 0
     np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-6)
-    error = rig(count).error
+    error = rig(count)
     assert error.rms <= error.largest
     assert abs(100 * furthest("c.usdc") - error.largest) < 100 * SINGLE
 
@@ -127,7 +127,7 @@ def test_vertices_that_are_missing_data_follow_too(run, folder):
     Path("w.txt").write_text("0\n0\n" + "1\n" * 16)
     assert run(*EXTRACT, "--vertex-weights", "w.txt").code == 0
     assert run("export", "cages.h5", "c.usdc", "--skeleton", "--influences", 8).code == 0
-    assert abs(100 * furthest("c.usdc") - rig(8).error.largest) < 100 * SINGLE
+    assert abs(100 * furthest("c.usdc") - rig(8).largest) < 100 * SINGLE
 
 
 def test_far_from_the_origin_it_is_as_exact_as_single_precision(run, folder, animation, write_obj):
@@ -139,7 +139,7 @@ def test_far_from_the_origin_it_is_as_exact_as_single_precision(run, folder, ani
     assert run("export", "cages.h5", "c.usdc", "--skeleton").code == 0
     expected, _ = reconstructed()
     assert np.abs(skinned("c.usdc") - expected).max() < 4e-7 * np.abs(expected).max()
-    assert rig().error.largest < 1e-6
+    assert rig().largest < 1e-6
 
 
 def test_the_same_result_gives_the_same_bytes_whatever_the_threads(run, folder, monkeypatch):
@@ -187,7 +187,7 @@ def test_a_mesh_that_is_deformed_moves_as_the_skeleton_does(run, folder):
     (expected,) = [line.split(said)[1] for line in exported.err.splitlines() if said in line]
     assert f"  note           m.npz: {said}{expected}" in outcome.err.splitlines()
     distances = np.linalg.norm(meshes - reconstructed()[0], axis=2)
-    assert 100 * distances.max() / diagonal == pytest.approx(rig(3).error.largest, rel=1e-9)
+    assert 100 * distances.max() / diagonal == pytest.approx(rig(3).largest, rel=1e-9)
 
 
 def test_few_influences_of_a_result_deform_as_they_are(run, folder):
@@ -238,7 +238,7 @@ def test_deform_compares_influences_when_it_is_to_say_more(run, folder):
     assert run(*EXTRACT).code == 0
     outcome = run("deform", "cages.h5", "-o", "m.npz", "--influences", 3, "-v")
     (line,) = [line for line in outcome.err.splitlines() if line.startswith("  influences")]
-    assert f"4: {rig(4).error.rms:.2g}, {rig(4).error.largest:.2g} %; 8: " in line
+    assert f"4: {rig(4).rms:.2g}, {rig(4).largest:.2g} %; 8: " in line
     outcome = run("deform", "cages.h5", "-o", "m.pc2", "-v")
     assert "influences" not in outcome.err
 
@@ -293,5 +293,5 @@ def test_fitting_again_is_far_better_than_cutting_off(run, folder):
     expected, diagonal = reconstructed()
     moved = result.rest.vertices + weights @ (cages - result.cage.vertices)
     cut_off = 100 * np.sqrt(np.square(moved - expected).sum(axis=2).mean()) / diagonal
-    errors = [rig(count).error.rms for count in (4, 8)]
+    errors = [rig(count).rms for count in (4, 8)]
     assert errors[1] < errors[0] < cut_off / 3

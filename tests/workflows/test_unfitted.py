@@ -10,16 +10,12 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.record import build_report
-from cageik_cli.solver.settings import FitSettings
+from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.store.result import read_result
 from cageik_cli.workflows.bind import BindRunSettings, WeightSettings, bind_files
 from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.fit import choose_compared_frames, find_changed_vertex
 from cageik_cli.workflows.settings import ExtractSettings
-from cageik_cli.workflows.unfitted import (
-    MAX_FRAMES,
-    FramesToCompare,
-    find_changed_vertex,
-)
 from tests.fitted import clip_of, small_binding, true_weights
 
 BINDING = small_binding()
@@ -86,12 +82,12 @@ def test_nothing_is_kept_without_a_fit_or_without_weights(run, changes):
 def test_chosen_frames_are_spread_and_hold_the_key_frames(count, keys):
     known = 2 * np.arange(count)
     keys = [int(known[k]) for k in keys]
-    chosen = FramesToCompare(known, keys, lambda k: None).choose()
+    chosen, most = choose_compared_frames(known, keys), 64
     assert chosen == sorted(set(chosen))
     assert set(keys) <= set(chosen) <= set(known.tolist())
-    assert len(chosen) <= MAX_FRAMES + len(keys)
+    assert len(chosen) <= most + len(keys)
     assert (chosen[0], chosen[-1]) == (known[0], known[-1])
-    assert np.diff(chosen).max(initial=0) <= 2 * max(1, np.ceil((count - 1) / (MAX_FRAMES - 1)))
+    assert np.diff(chosen).max(initial=0) <= 2 * max(1, np.ceil((count - 1) / (most - 1)))
 
 
 @pytest.mark.parametrize("form", [FitSettings(), FitSettings(rank=2), FitSettings(influences=4)])

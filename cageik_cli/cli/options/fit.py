@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from cageik_cli.cli.options.common import is_given, usage_errors
-from cageik_cli.solver.settings import DEFAULT_REGULARIZATION, DEFAULT_SMOOTHNESS, FitSettings
+from cageik_cli.solver.fitting.record import DEFAULT_REGULARIZATION, FitSettings
 
 AUTO = "auto"
 
@@ -40,7 +40,7 @@ FIT_STRENGTH_OPTIONS = (
     click.option(
         "--fit-smoothness",
         type=float,
-        default=DEFAULT_SMOOTHNESS,
+        default=FitSettings().smoothness,
         show_default=True,
         help="Smoothness over the surface of what the fit changes.",
     ),

@@ -27,9 +27,9 @@ from cageik_cli.report.render.shading import (
     render,
 )
 from cageik_cli.report.render.viewpoints import REGION_TURNS, choose_view, view_axes
+from cageik_cli.store.fit_fields import UnfittedClip
 from cageik_cli.store.result import Result
-from cageik_cli.store.result_frames import read_binding
-from cageik_cli.store.unfitted import UnfittedShapes, read_unfitted_shapes
+from cageik_cli.store.result_frames import read_binding, read_unfitted
 from cageik_cli.util.arrays import Floats, Integers
 
 MOVE_SHARE = 0.05
@@ -156,7 +156,7 @@ def load_fit_shapes(result: Result, poses: PoseSet) -> FitShapes | None:
     binding = None if result.fit is None else read_binding(result)
     if binding is None:
         return None
-    shapes = read_unfitted_shapes(result.path, *binding.weights.shape)
+    shapes = read_unfitted(result)
     if shapes is None:
         return None
     frames = {pose.label: pose for pose in poses.poses}
@@ -173,7 +173,7 @@ def _compare_pose(pose: Pose, misses: Floats, diagonal: float) -> ComparedPose:
     return ComparedPose(pose, pose.original - diagonal * misses, np.asarray(deviation))
 
 
-def _move_vertex(result: Result, shapes: UnfittedShapes, fitted: Floats) -> MovedVertex:
+def _move_vertex(result: Result, shapes: UnfittedClip, fitted: Floats) -> MovedVertex:
     """Move a cage vertex outward, along the sum of the normals of its faces."""
     cage, vertex = result.cage, shapes.cage_vertex
     faces = cage.faces[(cage.faces == vertex).any(axis=1)]

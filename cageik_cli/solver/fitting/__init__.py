@@ -1,6 +1,6 @@
-"""Weights fitted to clips: the weight step of `coordinates.fitting` alternates with the cage solve.
+"""Weights fitted to clips: a least-squares problem over the weights alternates with the cage solve.
 
-Depends on `coordinates` and on the rest of `solver`. Start with `fit`, which goes from clips to
-fitted weights and a report; `sample` chooses frames, `alternate` fits, `held_out` measures frames
-that were not fitted, `low_rank` and `influences` fit fewer numbers, `bound` says what is possible.
+Depends on `coordinates` and on the rest of `solver`. `record` has the settings and what comes out;
+start with `fit`, which goes from clips to a fitted binding and a report. `sample` chooses frames,
+`alternate` takes the rounds, `problem` fits weights to given cages, `influences` few of them.
 """

@@ -1,48 +1,27 @@
 """Weights and cages fitted to each other by turns."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Generic, TypeVar
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.fitting.displacements import Displacements
-from cageik_cli.coordinates.fitting.problem import Motion, Solving, WeightProblem
+from cageik_cli.coordinates.binding import Binding, Correction
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.fitting.displacements import Displacements
+from cageik_cli.solver.fitting.influences import Influences, refit_influences
+from cageik_cli.solver.fitting.problem import Motion, WeightProblem
+from cageik_cli.solver.fitting.record import Comparison, Distances, FitSettings
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
 
-Form = TypeVar("Form")
-"""How fitted weights are held: a `Correction` or `Influences`."""
+Form = TypeVar("Form", Correction, Influences)
+"""How weights are held while they are fitted."""
 
-HISTORY = 5
-"""Rounds that the extrapolation looks back at."""
-
-LEAST_MOTION = 1e-5
-"""Share of the rest pose's diagonal that files of few digits round positions by."""
-
-HISTORY_TOL = 1e-6
-"""Directions of the history with smaller singular values, relative to the largest, are left out."""
-
-
-@dataclass(frozen=True, slots=True)
-class Effort:
-    """When the rounds end, and how each is solved.
-
-    Attributes
-    ----------
-    solving : Solving
-        Of the weights in each round.
-    min_gain : float
-        Rounds end when two of them lower the error of the fitted frames by less than twice this
-        share.
-    """
-
-    solving: Solving = field(default_factory=Solving)
-    max_rounds: int = 12
-    min_gain: float = 0.003
+MAX_START_REGULARIZATION = 0.03
+"""The weights whose largest influences are kept are fitted closely: what is cut off is lost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +30,8 @@ class CageSolve:
 
     Attributes
     ----------
+    binding : Binding
+        With the weights before the fit.
     vertex_weights : (m,) float64 or None
         From `normalize_weights`.
     """
@@ -64,8 +45,8 @@ class CageSolve:
         binding = replace(self.binding, weights=weights)
         return DualLaplacianSolver(binding, self.settings, self.vertex_weights)
 
-    def solve(self, weights: Floats, target: Displacements, jobs: int = 1) -> "SolvedMotion":
-        """Solve for the displacements of the cage, and measure the error of the vertices."""
+    def solve(self, weights: Floats, target: Displacements, jobs: int) -> tuple[Motion, float]:
+        """Return the motion of the cage, and what is left of the vertices' (rms, file units)."""
         solver = self.prepare(weights)
 
         def solve_block(columns: Floats) -> tuple[Floats, float]:
@@ -77,18 +58,40 @@ class CageSolve:
 
         with OrderedMap(solve_block, target.blocks(), jobs, jobs) as solved:
             cages, squares = zip(*solved, strict=True)
-        vertices = solver.data_count
-        rms = np.sqrt(sum(squares) / (vertices * target.weight))
-        least = LEAST_MOTION * self.binding.rest.diagonal
-        return SolvedMotion(Motion(target, np.hstack(cages), least), float(rms))
+        rms = np.sqrt(sum(squares) / (solver.data_count * target.weight))
+        # Files of few digits round positions by this share of the diagonal.
+        least = 1e-5 * self.binding.rest.diagonal
+        return Motion(target, np.hstack(cages), least), float(rms)
 
+    def measure(self, weights: Floats, target: Displacements) -> Distances:
+        """Measure the error of `weights`, (m, n), on frames whose cages are solved for them."""
+        solver = self.prepare(weights)
+        distances, squares = [], 0.0
+        scales = iter(np.sqrt(target.shares[target.frames]))
+        for columns in target.blocks():
+            error = weights @ solver.solve_displacements(columns)
+            error -= columns
+            error = error[solver.data_vertices]
+            squares += float(np.vdot(error, error))
+            lengths = np.sqrt(np.square(error).reshape(len(error), -1, 3).sum(axis=2))
+            lengths /= [next(scales) for _ in range(lengths.shape[1])]
+            distances.append(lengths.astype(np.float32).ravel())
+        every = np.concatenate(distances)
+        percent = 100 / self.binding.rest.diagonal
+        mean = squares / (target.weight * len(every) / len(target))
+        return Distances(
+            rms=float(percent * np.sqrt(mean)),
+            percentile=float(percent * np.percentile(every, 99)),
+            largest=float(percent * every.max()),
+        )
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SolvedMotion:
-    """Displacements of a cage, and the root mean square distance that is left, in file units."""
-
-    motion: Motion
-    rms: float
+    def compare(self, weights: Floats, target: Displacements) -> Comparison:
+        """Measure `weights`, (m, n), and those before the fit."""
+        return Comparison(
+            fitted=self.measure(weights, target),
+            unfitted=self.measure(self.binding.weights, target),
+            frames=len(target),
+        )
 
 
 class Extrapolation:
@@ -97,57 +100,97 @@ class Extrapolation:
     A round maps the cages that the weights are fitted to onto the cages of those weights. The next
     round begins where a linear model of the last few rounds expects the map's fixed point
     (Anderson 1965; Walker and Ni 2011).
+
+    Parameters
+    ----------
+    rounds : int
+        That the model looks back at.
+    tolerance : float
+        Directions with smaller singular values, relative to the largest, are left out.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rounds: int = 5, tolerance: float = 1e-6) -> None:
+        self._rounds, self._tolerance = rounds, tolerance
         self._given: list[Floats] = []
         self._found: list[Floats] = []
 
     def advance(self, given: Floats, found: Floats) -> Floats:
         """Return the cages of the next round, (n, 3k), from those of this one."""
-        self._given = [*self._given, given.ravel()][-HISTORY:]
-        self._found = [*self._found, found.ravel()][-HISTORY:]
+        self._given = [*self._given, given.ravel()][-self._rounds :]
+        self._found = [*self._found, found.ravel()][-self._rounds :]
         if len(self._found) == 1:
             return found
         images = np.stack(self._found)
         residuals = images - np.stack(self._given)
         changes = np.diff(residuals, axis=0).T
-        shares = np.linalg.lstsq(changes, residuals[-1], rcond=HISTORY_TOL)[0]
+        shares = np.linalg.lstsq(changes, residuals[-1], rcond=self._tolerance)[0]
         return np.asarray(found - (shares @ np.diff(images, axis=0)).reshape(found.shape))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Alternation(Generic[Form]):
-    """The result of fitting weights and cages by turns.
+class Alternator:
+    """Fits weights and cages by turns until the error hardly falls.
 
     Attributes
     ----------
-    form : Correction or Influences
-        The fitted weights, in the form in which they were fitted.
-    motion : Motion
-        The displacements of the cages for the fitted weights.
+    min_gain : float
+        Rounds end when two of them lower the error of the fitted frames by less than twice this
+        share.
     """
-
-    form: Form
-    motion: Motion
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Alternator:
-    """Fits weights and cages by turns until the error hardly falls."""
 
     problem: WeightProblem
     cage_solve: CageSolve
-    effort: Effort
+    max_rounds: int
+    min_gain: float = 0.003
 
-    def run(
+    def fit(self, target: Displacements, settings: FitSettings) -> Binding:
+        """Return the binding with weights of the form that the settings ask for."""
+        target = target.compress(self.problem.vertex_weights)
+        if settings.rank is not None:
+            return self._fit_low_rank(target, settings.rank)
+        if settings.influences is not None:
+            strength = min(self.problem.regularization, MAX_START_REGULARIZATION)
+            close = replace(self, problem=replace(self.problem, regularization=strength))
+            whole = self.problem.add_change(close._fit_whole(target)[0])
+            return self.fit_influences(target, whole, settings.influences)
+        change, _ = self._fit_whole(target)
+        return self._bind(self.problem.add_change(change))
+
+    def fit_influences(self, target: Displacements, whole: Floats, count: int) -> Binding:
+        """Return the binding with at most `count` influences, from weights (m, n) that fit well."""
+        n = whole.shape[1]
+        start = Influences.from_dense(whole, count)
+        step = partial(refit_influences, self.problem)
+        found, _ = self._alternate(target, start, step, lambda form: form.to_dense(n))
+        return self._bind(found.to_dense(n), has_offsets=True)
+
+    def _fit_low_rank(self, target: Displacements, rank: int) -> Binding:
+        """Fit weights whose change has at most `rank`, from the change that has any rank."""
+        whole, motion = self._fit_whole(target)
+        start = self.problem.truncate(motion, whole, rank)
+        change, _ = self._alternate(target, start, self.problem.refit, self.problem.add_change)
+        return self._bind(self.problem.add_change(change), low_rank=change)
+
+    def _fit_whole(self, target: Displacements) -> tuple[Correction, Motion]:
+        """Return the change of all weights, and the motion of the cage for it."""
+        start = Correction.none(*self.problem.rest_weights.shape)
+        return self._alternate(target, start, self.problem.fit, self.problem.add_change)
+
+    def _bind(
+        self, weights: Floats, low_rank: Correction | None = None, has_offsets: bool = False
+    ) -> Binding:
+        return replace(
+            self.cage_solve.binding, weights=weights, low_rank=low_rank, has_offsets=has_offsets
+        )
+
+    def _alternate(
         self,
         target: Displacements,
         start: Form,
         step: Callable[[Motion, Form], Form],
         expand: Callable[[Form], Floats],
-    ) -> Alternation[Form]:
-        """Fit to `target`.
+    ) -> tuple[Form, Motion]:
+        """Fit to `target`; return the weights in their form, and the motion of the cage for them.
 
         Parameters
         ----------
@@ -158,20 +201,16 @@ class Alternator:
         expand : callable
             Returns the weights of a form, (m, n).
         """
-        jobs = self.effort.solving.jobs
-        form, solved = start, self.cage_solve.solve(expand(start), target, jobs)
-        errors, extrapolation = [solved.rms], Extrapolation()
-        given = solved.motion
-        for _ in range(self.effort.max_rounds):
+        jobs = self.problem.jobs
+        form = start
+        motion, rms = self.cage_solve.solve(expand(start), target, jobs)
+        errors, extrapolation, given = [rms], Extrapolation(), motion
+        for _ in range(self.max_rounds):
             form = step(given, form)
-            solved = self.cage_solve.solve(expand(form), target, jobs)
-            errors.append(solved.rms)
-            if not self._is_gaining(errors):
+            motion, rms = self.cage_solve.solve(expand(form), target, jobs)
+            errors.append(rms)
+            is_gaining = len(errors) < 3 or errors[-1] < (1 - 2 * self.min_gain) * errors[-3]
+            if not is_gaining:
                 break
-            given = replace(given, cages=extrapolation.advance(given.cages, solved.motion.cages))
-        return Alternation(form, solved.motion)
-
-    def _is_gaining(self, errors: list[float]) -> bool:
-        """Return whether the last two rounds have lowered the error enough."""
-        bound = 1 - 2 * self.effort.min_gain
-        return len(errors) < 3 or errors[-1] < bound * errors[-3]
+            given = replace(given, cages=extrapolation.advance(given.cages, motion.cages))
+        return form, motion

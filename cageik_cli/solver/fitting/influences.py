@@ -1,79 +1,138 @@
 """Weights with few influences per vertex, for skeletons whose joints only move.
 
 The K largest of weights that were fitted without this limit are kept. Then the cage solve
-alternates with least squares on the simplex, each row near to the mean of itself and its
-neighbours: that mean bounds the Dirichlet energy of the weights from above, so the rounds lower the
-energy, and the weights are smooth over the surface.
+alternates with least squares on the simplex: weights that are not negative and sum to one. For
+given cages, each row w minimises, over its K cage vertices,
+
+    ω |d − w B|²/s + λ |w − t|²,
+
+with t the mean of the row and of the mean of its neighbours. That mean bounds the Dirichlet energy
+of the weights from above, so the rounds lower the energy, and the weights are smooth over the
+surface. All rows of a block take the steps of an accelerated projected gradient together (Beck and
+Teboulle 2009), each with its own step length, and begin anew where the momentum points uphill
+(O'Donoghue and Candès 2015).
 
 Such weights do not reproduce the rest pose from the cage. Vertices are X + W (c - C), which is the
 rest pose for the rest cage, and a rigid motion of the whole goes into a root transform.
 """
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.coordinates.fitting.displacements import Displacements
-from cageik_cli.coordinates.fitting.problem import Motion
-from cageik_cli.coordinates.fitting.simplex import Influences, SimplexStep
-from cageik_cli.coordinates.fitting.systems import SurfaceLaplacian, count_columns
-from cageik_cli.solver.fitting.alternate import Alternator
-from cageik_cli.util.arrays import Floats
-
-if TYPE_CHECKING:
-    from scipy import sparse
-
-SIMPLEX_STEPS = 15
-"""Steps of the projected gradient in each round."""
-
-MAX_START_REGULARIZATION = 0.03
-"""The weights whose largest are kept are fitted closely: what is cut off is lost."""
+from cageik_cli.solver.fitting.problem import Motion, WeightProblem
+from cageik_cli.solver.fitting.systems import count_columns
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.threads import OrderedMap
 
 
-def loosen(alternator: Alternator) -> Alternator:
-    """Return the fit of the weights whose largest are kept."""
-    problem = alternator.problem
-    strength = min(problem.regularization, MAX_START_REGULARIZATION)
-    return replace(alternator, problem=replace(problem, regularization=strength))
+@dataclass(frozen=True, slots=True, eq=False)
+class Influences:
+    """Weights of K cage vertices per vertex.
+
+    Attributes
+    ----------
+    places : (m, K) int64
+        Cage vertices, ascending in each row.
+    weights : (m, K) float64
+        Not negative; each row sums to one.
+    """
+
+    places: Integers
+    weights: Floats
+
+    @staticmethod
+    def from_dense(weights: Floats, count: int) -> "Influences":
+        """Keep the `count` largest weights, (m, n), of each row, projected onto the simplex."""
+        count = min(count, weights.shape[1])
+        largest = np.argpartition(-weights, count - 1, axis=1)[:, :count]
+        places = np.sort(largest, axis=1)
+        kept = np.take_along_axis(weights, places, axis=1)
+        return Influences(places, project_to_simplex(kept))
+
+    def to_dense(self, cage_count: int) -> Floats:
+        """Return the weights as (m, n)."""
+        dense = np.zeros((len(self.places), cage_count))
+        np.put_along_axis(dense, self.places, self.weights, axis=1)
+        return dense
 
 
-def fit_influences(
-    alternator: Alternator, target: Displacements, whole: Floats, count: int
+def refit_influences(
+    problem: WeightProblem, motion: Motion, start: Influences, steps: int = 15
 ) -> Influences:
-    """Fit weights with at most `count` influences to `target`, from weights (m, n) with all."""
-    problem, n = alternator.problem, whole.shape[1]
-    simplex = SimplexStep(
-        problem.vertex_weights,
-        problem.regularization,
-        SIMPLEX_STEPS,
-        alternator.effort.solving.jobs,
-    )
+    """Return the best weights for these cages on the places of `start`, smooth over the surface."""
+    scale = motion.scale
+    if not scale:
+        return start
+    goal = _average_neighbours(problem, start)
+    gram = motion.cages @ motion.cages.T / scale
+    cross = motion.target.multiply(motion.cages.T)
+    right = np.take_along_axis(cross, start.places, axis=1) / scale
+    del cross
+    m, count = start.places.shape
+    size = max(1, (1 << 19) // count**2)  # rows whose matrices are solved together
 
-    def step(motion: Motion, last: Influences) -> Influences:
-        return simplex.fit(motion, last, _average_neighbours(last, problem.surface, n))
+    def solve_rows(first: int) -> Floats:
+        rows = slice(first, first + size)
+        places = start.places[rows]
+        matrices = gram[places[:, :, None], places[:, None, :]]
+        linear = right[rows]
+        if problem.vertex_weights is not None:
+            scales = problem.vertex_weights[rows, None]
+            matrices, linear = matrices * scales[:, :, None], linear * scales
+        matrices[:, np.arange(count), np.arange(count)] += problem.regularization
+        linear = linear + problem.regularization * goal[rows]
+        return minimize_on_simplex(matrices, linear, start.weights[rows], steps)
 
-    start = Influences.from_dense(whole, count)
-    return alternator.run(target, start, step, lambda found: found.to_dense(n)).form
+    with OrderedMap(solve_rows, range(0, m, size), problem.jobs, problem.jobs) as solved:
+        return Influences(start.places, np.concatenate(list(solved)))
 
 
-def _average_neighbours(influences: Influences, surface: SurfaceLaplacian, n: int) -> Floats:
+def _average_neighbours(problem: WeightProblem, influences: Influences) -> Floats:
     """Return the mean of each row and of the mean of its neighbours, at its places, (m, K)."""
-    dense = influences.to_dense(n)
-    width = count_columns(len(dense))
+    m, n = problem.rest_weights.shape
+    dense, width = influences.to_dense(n), count_columns(m)
     for start in range(0, n, width):
         block = dense[:, start : start + width]
-        block -= surface.forward @ block / 2
+        block -= problem.surface.forward @ block / 2
     return np.take_along_axis(dense, influences.places, axis=1)
 
 
-def to_sparse(influences: Influences, n: int) -> "sparse.csr_array":
-    """Return the weights, (m, n), without the zeros."""
-    from scipy import sparse
+def minimize_on_simplex(matrices: Floats, linear: Floats, start: Floats, steps: int) -> Floats:
+    """Return the minima of ½ wᵀA w − bᵀw over the simplex, for many A and b.
 
-    m, count = influences.places.shape
-    bounds = np.arange(m + 1) * count
-    entries = influences.weights.ravel(), influences.places.ravel(), bounds
-    matrix = sparse.csr_array(entries, shape=(m, n))
-    matrix.eliminate_zeros()
-    return matrix
+    Parameters
+    ----------
+    matrices : (p, K, K)
+        Symmetric, positive semidefinite.
+    linear : (p, K)
+    start : (p, K)
+        On the simplex.
+    """
+    lengths = 1 / np.abs(matrices).sum(axis=2).max(axis=1, keepdims=True)
+    found, ahead = start, start
+    momentum = np.ones((len(start), 1))
+    for _ in range(steps):
+        slope = np.matmul(matrices, ahead[:, :, None])[:, :, 0] - linear
+        last, found = found, project_to_simplex(ahead - lengths * slope)
+        moved = found - last
+        uphill = np.einsum("pk,pk->p", ahead - found, moved)[:, None] > 0
+        following = np.where(uphill, 1, (1 + np.sqrt(1 + 4 * momentum**2)) / 2)
+        ahead = found + np.where(uphill, 0, (momentum - 1) / following) * moved
+        momentum = following
+    return np.asarray(found)
+
+
+def project_to_simplex(points: Floats) -> Floats:
+    """Return the nearest points, (p, K), that are not negative and sum to one in each row.
+
+    References
+    ----------
+    Held, Wolfe and Crowder 1974.
+    """
+    counts = np.arange(1, points.shape[1] + 1)
+    descending = -np.sort(-points, axis=1)
+    excess = np.cumsum(descending, axis=1) - 1
+    last = (descending * counts > excess).sum(axis=1, keepdims=True)
+    shift = np.take_along_axis(excess, last - 1, axis=1) / last
+    return np.asarray(np.maximum(points - shift, 0))

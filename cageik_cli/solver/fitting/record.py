@@ -1,10 +1,118 @@
-"""What is recorded of a fit beside the weights: its settings, its clips and how good it is."""
+"""The settings of a fit, and what is recorded of it beside the weights: clips, and how good it is.
+
+This module imports no numerics.
+"""
 
 from dataclasses import dataclass
+from math import isfinite
 
-from cageik_cli.solver.fitting.held_out import Comparison
-from cageik_cli.solver.settings import FitSettings, SolveSettings
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.errors import SettingError
+
+FIT_VERSION = 3
+"""Raise it when fitted weights or their reports change, so that caches are not used."""
+
+DEFAULT_REGULARIZATION = 0.1
+"""λ where it is neither stated nor found by frames held out."""
+
+
+@dataclass(frozen=True, slots=True)
+class FitSettings:
+    """Settings of weights that are fitted to clips.
+
+    Attributes
+    ----------
+    regularization : float or None
+        λ, the pull to the binding's own weights, above 0; None chooses it by frames held out.
+    smoothness : float
+        μ, the smoothness over the surface of the change of the weights, 0 or above.
+    rank : int, optional
+        Rank of the change of the weights; any by default.
+    influences : int, optional
+        Cage vertices per vertex, with weights that are not negative; all by default.
+
+    Raises
+    ------
+    SettingError
+        When a value is out of its range, or both a rank and influences are given.
+
+    Examples
+    --------
+    >>> from cageik_cli import FitSettings
+    >>> FitSettings(rank=10)
+    FitSettings(regularization=0.1, smoothness=1.0, rank=10, influences=None)
+    """
+
+    regularization: float | None = DEFAULT_REGULARIZATION
+    smoothness: float = 1.0
+    rank: int | None = None
+    influences: int | None = None
+
+    def __post_init__(self) -> None:
+        value = self.regularization
+        if value is not None and not (isfinite(value) and value > 0):
+            raise SettingError(f"fit regularization is {value}, expected a finite number above 0")
+        if not (isfinite(self.smoothness) and self.smoothness >= 0):
+            raise SettingError(
+                f"fit smoothness is {self.smoothness}, expected a finite number, zero or above"
+            )
+        for name in ("rank", "influences"):
+            count = getattr(self, name)
+            if count is not None and count < 1:
+                raise SettingError(f"fit {name} is {count}, expected 1 or more")
+        if self.rank is not None and self.influences is not None:
+            raise SettingError(
+                f"fit rank is {self.rank} and influences are {self.influences}; a fit has one of "
+                "them: leave one out"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Distances:
+    """Distances of reconstructions from frames, in percent of the rest pose's diagonal.
+
+    Attributes
+    ----------
+    rms : float
+        Root mean square over vertices and frames; a frame of the sample counts as many times as
+        there are frames it stands for.
+    percentile : float
+        99th percentile over the vertices of the sample's frames.
+    largest : float
+        Largest over the vertices of the sample's frames.
+    """
+
+    rms: float
+    percentile: float
+    largest: float
+
+    def __post_init__(self) -> None:
+        for name in ("rms", "percentile", "largest"):
+            if not getattr(self, name) >= 0:
+                raise SettingError(f"{name} is {getattr(self, name)}, expected zero or above")
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """The errors of fitted weights, and of the weights they were fitted from, on the same frames.
+
+    Attributes
+    ----------
+    frames : int
+        Frames of the sample that were measured.
+    """
+
+    fitted: Distances
+    unfitted: Distances
+    frames: int
+
+    def __post_init__(self) -> None:
+        if self.frames < 1:
+            raise SettingError(f"frames is {self.frames}, expected 1 or more")
+
+
+MAX_HELD_OUT_BLOCKS = 10
+"""Each clip is cut into so many blocks of consecutive frames; every second one is held out."""
 
 MAX_HELD_OUT_RATIO = 2.0
 """Held-out errors that are more times the error of the fitted frames are warned of."""
@@ -12,15 +120,8 @@ MAX_HELD_OUT_RATIO = 2.0
 MIN_STATED_PERCENT = 1e-3
 """Errors below this percentage of the diagonal are rounding; ratios of them say nothing."""
 
-MAX_UNSEEN_SHARE = 0.98
-"""If the held-out error is a larger share of that of the unfitted weights, the fit gains nothing
-on other motion."""
-
 MAX_ROUGHNESS = 3.0
 """Weights that are more times as rough as the unfitted ones are warned of."""
-
-MAX_COPIED_SHARE = 0.5
-"""If more of the held-out frames are copies of fitted ones, their error says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +141,7 @@ class FitReport:
     fitted : Comparison
         On these frames.
     held_out_blocks : Comparison or None
-        Weights fitted to every other of `HELD_OUT_BLOCKS` blocks of consecutive frames of each
+        Weights fitted to every other of `MAX_HELD_OUT_BLOCKS` blocks of consecutive frames of each
         clip, measured on the blocks between them; None if the clips are too short.
     copied_frames : int
         Held-out frames that are nearer to a fitted frame than `fitted.fitted.rms`, and much
@@ -99,17 +200,17 @@ class FitReport:
 
     @property
     def is_gainless(self) -> bool:
-        """Return whether held-out frames are followed hardly better than without the fit."""
+        """Return whether held-out frames are followed less than 2 % better than without the fit."""
         held_out = self.held_out_blocks
         if held_out is None or held_out.unfitted.rms < MIN_STATED_PERCENT:
             return False
-        return held_out.fitted.rms > MAX_UNSEEN_SHARE * held_out.unfitted.rms
+        return held_out.fitted.rms > 0.98 * held_out.unfitted.rms
 
     @property
     def is_repetitive(self) -> bool:
-        """Return whether most of the held-out frames are copies of fitted ones."""
+        """Return whether most held-out frames are copies of fitted ones; their error is empty."""
         held_out = self.held_out_blocks
-        return held_out is not None and self.copied_frames > MAX_COPIED_SHARE * held_out.frames
+        return held_out is not None and self.copied_frames > 0.5 * held_out.frames
 
 
 @dataclass(frozen=True, slots=True)

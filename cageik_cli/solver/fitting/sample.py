@@ -1,31 +1,24 @@
-"""The frames that weights are fitted to: a sample in memory, spread over the poses of the clips."""
+"""Which frames weights are fitted to, a sample spread over the poses of the clips, and held out."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cageik_cli.coordinates.fitting.displacements import Displacements
-from cageik_cli.coordinates.fitting.problem import estimate_memory
 from cageik_cli.geometry.points import choose_farthest
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers, fit_frames
+from cageik_cli.solver.fitting.displacements import Displacements
+from cageik_cli.solver.fitting.problem import estimate_memory
+from cageik_cli.solver.fitting.record import MAX_HELD_OUT_BLOCKS
+from cageik_cli.util.arrays import Floats, Integers, fit_frames
 from cageik_cli.util.errors import ConnectivityError, InputError, MissingFrameError
 from cageik_cli.util.threads import OrderedMap
 
 MAX_FITTED_FRAMES = 100
 """Frames that weights are fitted to; more hardly lower the error of the others."""
-
-STILL_TOL = 1e-12
-"""Frames that move less than this share of their coordinates do not move."""
-
-DESCRIPTOR_VERTICES = 64
-"""Vertices whose displacements describe a pose."""
-
-DESCRIPTOR_SUMS = 8
-"""Sums of the displacements of all vertices, with random signs, that describe a pose, too: frames
-that differ have other sums."""
 
 
 class FrameReader(Protocol):
@@ -41,29 +34,6 @@ class FrameReader(Protocol):
         ------
         InputError
         """
-
-
-@dataclass(frozen=True, slots=True)
-class SampleSettings:
-    """How frames are sampled.
-
-    Attributes
-    ----------
-    memory : int
-        Limit in bytes for the fit, the weights included.
-    jobs : int
-        Threads.
-    skips_bad_frames : bool
-        Whether frames that cannot be read are left out, as missing ones are; otherwise they are
-        refused.
-    max_frames : int
-        Most frames in the sample.
-    """
-
-    memory: int = DEFAULT_MEMORY
-    jobs: int = 1
-    skips_bad_frames: bool = False
-    max_frames: int = MAX_FITTED_FRAMES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,9 +72,53 @@ class Sample:
             frames=self.frames[chosen],
         )
 
+    @property
+    def in_held_out_block(self) -> NDArray[np.bool_]:
+        """Which frames are in every second block of their clip, (k,) bool."""
+        lengths = np.array(self.lengths)[self.clips]
+        blocks = self.frames * np.minimum(lengths, MAX_HELD_OUT_BLOCKS) // lengths
+        return np.asarray(blocks % 2 == 1)
+
+    @property
+    def in_last_third(self) -> NDArray[np.bool_]:
+        """Which frames are in the last third of their clip, (k,) bool."""
+        lengths = np.array(self.lengths)[self.clips]
+        return np.asarray(self.frames >= np.ceil(2 / 3 * lengths))
+
+    def count_copies(self, solver: DualLaplacianSolver, rms_percent: float) -> int:
+        """Count the frames of held-out blocks that are near to a frame which is not held out.
+
+        Parameters
+        ----------
+        solver : DualLaplacianSolver
+            Its missing vertices do not count.
+        rms_percent : float
+            Root mean square distance of the vertices, in percent of the rest pose's diagonal,
+            below which frames are near, unless this is more than 5 % of the motion.
+        """
+        is_held = self.in_held_out_block
+        vertices = choose_vertices(solver)
+        columns = np.hstack([block[vertices] for block in self.target.blocks()])
+        poses = columns.reshape(len(vertices), -1, 3).transpose(1, 0, 2).reshape(len(self), -1)
+        poses /= np.sqrt(self.target.shares)[:, None]
+        size = np.sqrt(np.square(poses).sum(axis=1).mean())
+        radius = rms_percent / 100 * solver.binding.rest.diagonal * np.sqrt(len(vertices))
+        radius = min(radius, 0.05 * size)
+        seen = poses[~is_held]
+        if not len(seen):
+            return 0
+        nearest = [np.linalg.norm(seen - pose, axis=1).min() for pose in poses[is_held]]
+        return int(np.count_nonzero(np.array(nearest) <= radius))
+
 
 def sample_frames(
-    clips: Sequence[FrameReader], solver: DualLaplacianSolver, settings: SampleSettings
+    clips: Sequence[FrameReader],
+    solver: DualLaplacianSolver,
+    *,
+    memory: int,
+    jobs: int,
+    skips_bad_frames: bool = False,
+    max_frames: int = MAX_FITTED_FRAMES,
 ) -> Sample:
     """Sample the frames of clips, and align them with the rest pose.
 
@@ -115,6 +129,15 @@ def sample_frames(
     ----------
     solver : DualLaplacianSolver
         It aligns the frames.
+    memory : int
+        Limit in bytes for the fit, the weights included.
+    jobs : int
+        Threads.
+    skips_bad_frames : bool
+        Whether frames that cannot be read are left out, as missing ones are; otherwise they are
+        refused.
+    max_frames : int
+        Most frames in the sample.
 
     Raises
     ------
@@ -123,102 +146,109 @@ def sample_frames(
     """
     m, n = solver.binding.weights.shape
     least = estimate_memory(m, n, jobs=1)
-    left = settings.memory - least
+    left = memory - least
     places = [(c, f) for c, clip in enumerate(clips) for f in range(len(clip))]
-    reader = _Reader(clips, solver, settings)
-    lengths = tuple(map(len, clips))
+    read = partial(_read_aligned, clips, solver, jobs=jobs, skips_bad_frames=skips_bad_frames)
     describe = _make_descriptor(solver)
     if fit_frames(left, m, 2) >= len(places):  # the frames, and the chosen ones of them
-        read = list(reader.read(places, lambda columns: columns))
-        poses = np.stack([describe(frame.value) for frame in read])
-        chosen = spread_points(poses, settings.max_frames)
-        kept = [read[k] for k in chosen]
+        places, frames = read(places, lambda columns: columns)
+        poses = np.stack([describe(columns) for columns in frames])
+        chosen = spread_points(poses, max_frames)
+        kept_places, kept = [places[k] for k in chosen], [frames[k] for k in chosen]
     else:
-        read = list(reader.read(places, describe))
-        poses = np.stack([frame.value for frame in read])
-        capacity = min(settings.max_frames, fit_frames(left, m, 2, itemsize=4))
+        places, descriptions = read(places, describe)
+        poses = np.stack(descriptions)
+        capacity = min(max_frames, fit_frames(left, m, 2, itemsize=4))
         dtype = np.float64 if fit_frames(left, m, 2) >= capacity else np.float32
         chosen = spread_points(poses, capacity)
-        again = [read[k].place for k in chosen]
-        kept = list(reader.read(again, lambda columns: columns.astype(dtype)))
-    numbers = np.array([frame.place for frame in kept], np.int64)
-    target = Displacements.join([frame.value for frame in kept], count_nearest(poses, chosen))
-    wanted = min(settings.max_frames, len(read))
-    needed = None if len(kept) == wanted else least + wanted * 2 * 3 * m * 4
-    return Sample(target, numbers[:, 0], numbers[:, 1], lengths, needed)
+        again = [places[k] for k in chosen]
+        kept_places, kept = read(again, lambda columns: columns.astype(dtype))
+    numbers = np.array(kept_places, np.int64)
+    wanted = min(max_frames, len(places))
+    return Sample(
+        target=Displacements.join(kept, count_nearest(poses, chosen)),
+        clips=numbers[:, 0],
+        frames=numbers[:, 1],
+        lengths=tuple(map(len, clips)),
+        needed_memory=None if len(kept) == wanted else least + wanted * 2 * 3 * m * 4,
+    )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Read:
-    """What is kept of a frame, and its place: clip and frame."""
+def _read_aligned(
+    clips: Sequence[FrameReader],
+    solver: DualLaplacianSolver,
+    places: Sequence[tuple[int, int]],
+    keep: Callable[[Floats], Floats],
+    *,
+    jobs: int,
+    skips_bad_frames: bool,
+) -> tuple[list[tuple[int, int]], list[Floats]]:
+    """Read frames ahead by threads, and align them with the rest pose.
 
-    place: tuple[int, int]
-    value: Floats
+    Parameters
+    ----------
+    places : sequence of (int, int)
+        Clip and frame of each.
+    keep : callable
+        Returns what is kept of the displacements, (m, 3), of a frame.
 
+    Returns
+    -------
+    places : list of (int, int)
+        Of the frames that can be read.
+    kept : list of arrays
+    """
+    expected = solver.binding.rest.vertices.shape
 
-class _Reader:
-    """Reads frames ahead by threads and aligns them."""
-
-    def __init__(
-        self, clips: Sequence[FrameReader], solver: DualLaplacianSolver, settings: SampleSettings
-    ) -> None:
-        self._clips, self._solver, self._settings = clips, solver, settings
-
-    def read(
-        self, places: Sequence[tuple[int, int]], keep: Callable[[Floats], Floats]
-    ) -> Iterator[_Read]:
-        """Yield what `keep` returns of the displacements, (m, 3), of each readable frame."""
-        count = 0
-        jobs = self._settings.jobs
-        with OrderedMap(self._read_or_error, places, jobs, jobs) as frames:
-            for place, frame in zip(places, frames, strict=True):
-                if isinstance(frame, InputError):
-                    is_missing = isinstance(frame, MissingFrameError)
-                    if not (is_missing or self._settings.skips_bad_frames):
-                        raise frame
-                    continue
-                count += 1
-                self._check_shape(place, frame)
-                columns = self._solver.align(frame[None]).columns
-                if np.abs(columns).max() <= STILL_TOL * np.abs(frame).max():
-                    columns[:] = 0  # weights would be fitted to rounding
-                yield _Read(place, keep(columns))
-        if not count:
-            raise InputError("no frame can be read; weights are fitted to at least one frame")
-
-    def _check_shape(self, place: tuple[int, int], frame: Floats) -> None:
-        expected = self._solver.binding.rest.vertices.shape
-        if frame.shape != expected:
-            clip, number = place
-            raise ConnectivityError(
-                f"frame {number} of clip {clip} has shape {frame.shape}, the binding's rest pose "
-                f"{expected}; fit weights to clips of the model that is bound"
-            )
-
-    def _read_or_error(self, place: tuple[int, int]) -> Floats | InputError:
-        clip, frame = place
+    def read_or_error(place: tuple[int, int]) -> Floats | InputError:
+        clip, number = place
         try:
-            return self._clips[clip].read_frame(frame)
+            return clips[clip].read_frame(number)
         except InputError as error:
             return error
 
+    found, kept = [], []
+    with OrderedMap(read_or_error, places, jobs, jobs) as frames:
+        for place, frame in zip(places, frames, strict=True):
+            if isinstance(frame, InputError):
+                if not (isinstance(frame, MissingFrameError) or skips_bad_frames):
+                    raise frame
+                continue
+            if frame.shape != expected:
+                raise ConnectivityError(
+                    f"frame {place[1]} of clip {place[0]} has shape {frame.shape}, the binding's "
+                    f"rest pose {expected}; fit weights to clips of the model that is bound"
+                )
+            columns = solver.align(frame[None]).columns
+            if np.abs(columns).max() <= 1e-12 * np.abs(frame).max():
+                columns[:] = 0  # it does not move; weights would be fitted to rounding
+            found.append(place)
+            kept.append(keep(columns))
+    if not found:
+        raise InputError("no frame can be read; weights are fitted to at least one frame")
+    return found, kept
+
 
 def _make_descriptor(solver: DualLaplacianSolver) -> Callable[[Floats], Floats]:
-    """Return the function that describes a pose, (m, 3), by a few numbers, (d,)."""
-    vertices = choose_vertices(solver)
+    """Return the function that describes a pose, (m, 3), by a few numbers, (d,).
+
+    They are the displacements of a few vertices, and sums of those of all vertices with random
+    signs: frames that differ have other sums.
+    """
+    vertices, sums = choose_vertices(solver), 8
     counted = np.zeros(len(solver.binding.rest.vertices))
     counted[solver.data_vertices] = 1
-    signs = np.random.default_rng(0).choice((-1.0, 1.0), (DESCRIPTOR_SUMS, len(counted)))
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), (sums, len(counted)))
     signs *= counted / np.sqrt(counted.sum())
     return lambda columns: np.concatenate([columns[vertices].ravel(), (signs @ columns).ravel()])
 
 
-def choose_vertices(solver: DualLaplacianSolver) -> Integers:
-    """Choose data vertices that are spread over the rest pose."""
+def choose_vertices(solver: DualLaplacianSolver, count: int = 64) -> Integers:
+    """Choose data vertices that are spread over the rest pose: they describe poses."""
     rest = solver.binding.rest.vertices
     numbers = np.arange(len(rest))[solver.data_vertices]
     points = rest[numbers] - rest[numbers].mean(axis=0)
-    return np.asarray(numbers[spread_points(points, DESCRIPTOR_VERTICES)])
+    return np.asarray(numbers[spread_points(points, count)])
 
 
 def spread_points(points: Floats, count: int) -> Integers:

@@ -7,18 +7,12 @@ from hypothesis import strategies as st
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.fitting.problem import estimate_memory
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import normalize_weights
-from cageik_cli.solver.fitting.alternate import Effort
-from cageik_cli.solver.fitting.fit import (
-    MAX_HELD_OUT_ROUNDS,
-    FitConditions,
-    choose_regularization,
-    fit_weights,
-)
-from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.solver.settings import FitSettings, SolveSettings
+from cageik_cli.solver.fitting.fit import MAX_HELD_OUT_ROUNDS, Fitter, choose_regularization
+from cageik_cli.solver.fitting.problem import estimate_memory
+from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.errors import CageError, ConnectivityError, InputError, SettingError
 from cageik_cli.workflows.extract_arrays import extract
 from tests.fitted import Frames, clip_of, small_binding, true_weights
@@ -29,28 +23,33 @@ CLIP = clip_of(BINDING, true_weights(BINDING), 24)
 
 
 def fit(frames=CLIP, binding=BINDING, conditions=None, **settings_):
-    return fit_weights(binding, [Frames(frames)], FitSettings(**settings_), conditions)
+    """The fitted binding; conditions are those of a `Fitter`."""
+    return Fitter(binding, FitSettings(**settings_), **(conditions or {})).fit([Frames(frames)])
 
 
-EXPECTED = fit().binding
+def report_of(*arguments, **settings_):
+    return fit(*arguments, **settings_).fit.report
+
+
+EXPECTED = fit()
 
 
 def test_fitted_weights_are_nearer_and_affine_exact():
     found = fit()
-    quality = found.binding.quality
+    quality = found.quality
     assert quality.partition_of_unity < 1e-12
     assert quality.linear_precision < 1e-12
-    before, after = extract(CLIP, BINDING).rms_percent, extract(CLIP, found.binding).rms_percent
+    before, after = extract(CLIP, BINDING).rms_percent, extract(CLIP, found).rms_percent
     assert after < 0.6 * before
-    assert found.report.fitted.fitted.rms == pytest.approx(after, rel=1e-6)
-    assert found.report.fitted.unfitted.rms == pytest.approx(before, rel=1e-6)
+    assert found.fit.report.fitted.fitted.rms == pytest.approx(after, rel=1e-6)
+    assert found.fit.report.fitted.unfitted.rms == pytest.approx(before, rel=1e-6)
 
 
 def test_frames_of_known_weights_are_reproduced_as_the_regularization_vanishes():
     """Weights and cages are found together, so only their products are unique."""
-    solve = FitConditions(SolveSettings(alpha=1e-9))
+    solve = {"solve": SolveSettings(alpha=1e-9)}
     errors = [
-        fit(CLIP, conditions=solve, regularization=s, smoothness=s).report.fitted.fitted.rms
+        report_of(CLIP, conditions=solve, regularization=s, smoothness=s).fitted.fitted.rms
         for s in (1e-1, 1e-3, 1e-5)
     ]
     assert errors[1] < errors[0] / 5
@@ -59,8 +58,8 @@ def test_frames_of_known_weights_are_reproduced_as_the_regularization_vanishes()
 
 def test_the_report_describes_the_weights():
     found = fit()
-    report, weights = found.report, found.binding.weights
-    largest = np.abs(extract(CLIP, found.binding).max_deviation).max() / BINDING.rest.diagonal
+    report, weights = found.fit.report, found.weights
+    largest = np.abs(extract(CLIP, found).max_deviation).max() / BINDING.rest.diagonal
     assert report.fitted.fitted.largest == pytest.approx(100 * largest, rel=1e-5)
     assert report.fitted.fitted.percentile < report.fitted.fitted.largest
     assert report.negative_per_row == pytest.approx(-np.minimum(weights, 0).sum() / len(weights))
@@ -74,15 +73,14 @@ def test_the_report_describes_the_weights():
 
 def test_held_out_frames_do_not_change_what_is_fitted_to_the_others():
     """The error on the last third is that of a fit which never had it."""
-    reported = fit().report.unseen_third.fitted.rms
-    effort = Effort(max_rounds=MAX_HELD_OUT_ROUNDS)
-    seen = fit(CLIP[:16], conditions=FitConditions(effort=effort)).binding
+    reported = report_of().unseen_third.fitted.rms
+    seen = fit(CLIP[:16], conditions={"max_rounds": MAX_HELD_OUT_ROUNDS})
     # The sample of the whole clip has the same frames, so the fits are the same.
     assert extract(CLIP[16:], seen).rms_percent == pytest.approx(reported, rel=1e-6)
 
 
 def test_one_frame_cannot_be_held_out():
-    report = fit(CLIP[:1]).report
+    report = report_of(CLIP[:1])
     assert report.held_out_blocks is None
     assert report.unseen_third is None
 
@@ -90,7 +88,7 @@ def test_one_frame_cannot_be_held_out():
 def test_a_clip_that_does_not_move_leaves_the_weights():
     still = np.repeat(BINDING.rest.vertices[None], 4, axis=0)
     found = fit(still)
-    np.testing.assert_allclose(found.binding.weights, BINDING.weights, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.weights, BINDING.weights, rtol=0, atol=1e-9)
 
 
 @settings(max_examples=8, deadline=None)
@@ -107,56 +105,54 @@ def test_similarity_transforms_of_the_input_do_not_change_the_weights(scale, see
         BINDING.weights,
     )
     found = fit(move(CLIP), moved)
-    np.testing.assert_allclose(found.binding.weights, EXPECTED.weights, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(found.weights, EXPECTED.weights, rtol=0, atol=1e-7)
 
 
 @pytest.mark.parametrize("kind", [{}, {"rank": 3}, {"influences": 4}])
 def test_missing_vertices_are_ignored(kind):
     counts = np.ones(len(BINDING.rest.vertices))
     counts[10:20] = 0
-    conditions = FitConditions(vertex_weights=normalize_weights(counts, len(counts)))
+    conditions = {"vertex_weights": normalize_weights(counts, len(counts))}
     damaged = CLIP.copy()
     damaged[:, 10:20] += np.random.default_rng(0).normal(size=(len(CLIP), 10, 3))
     found, expected = (fit(c, conditions=conditions, **kind) for c in (damaged, CLIP))
-    np.testing.assert_array_equal(found.binding.weights, expected.binding.weights)
-    assert found.report == expected.report
-    assert np.abs(found.binding.weights - fit(**kind).binding.weights).max() > 1e-6
+    np.testing.assert_array_equal(found.weights, expected.weights)
+    assert found.fit.report == expected.fit.report
+    assert np.abs(found.weights - fit(**kind).weights).max() > 1e-6
 
 
 @pytest.mark.parametrize("kind", [{}, {"rank": 3}, {"influences": 4}, {"regularization": None}])
 def test_threads_do_not_change_a_bit(kind):
-    one, three = (
-        fit(conditions=FitConditions(sampling=SampleSettings(jobs=jobs)), **kind) for jobs in (1, 3)
-    )
-    np.testing.assert_array_equal(one.binding.weights, three.binding.weights)
-    assert one.report == three.report
+    one, three = (fit(conditions={"jobs": jobs}, **kind) for jobs in (1, 3))
+    np.testing.assert_array_equal(one.weights, three.weights)
+    assert one.fit.report == three.fit.report
 
 
 def test_low_rank_weights_are_of_that_rank_and_exact():
     found = fit(rank=3)
-    change = found.binding.weights - BINDING.weights
+    change = found.weights - BINDING.weights
     assert np.linalg.matrix_rank(change, tol=1e-10) == 3
-    model = found.model.low_rank
+    model = found.low_rank
     np.testing.assert_allclose(change, model.columns @ model.basis.T, rtol=0, atol=1e-14)
     m, n = change.shape
-    assert found.report.fixed_floats == 3 * (m + n)
-    assert found.binding.quality.linear_precision < 1e-12
-    assert fit().report.fitted.fitted.rms < found.report.fitted.fitted.rms
-    assert found.report.fitted.fitted.rms < found.report.fitted.unfitted.rms
+    assert found.fit.report.fixed_floats == 3 * (m + n)
+    assert found.quality.linear_precision < 1e-12
+    assert report_of().fitted.fitted.rms < found.fit.report.fitted.fitted.rms
+    assert found.fit.report.fitted.fitted.rms < found.fit.report.fitted.unfitted.rms
 
 
 def test_a_refit_is_better_than_the_truncation():
-    whole = fit().binding.weights
+    whole = fit().weights
     vectors = np.linalg.svd(whole - BINDING.weights, full_matrices=False)[2][:5]
     cut = BINDING.weights + (whole - BINDING.weights) @ vectors.T @ vectors
     truncated = extract(CLIP, replace(BINDING, weights=cut)).rms_percent
-    assert fit(rank=5).report.fitted.fitted.rms < 0.99 * truncated
+    assert report_of(rank=5).fitted.fitted.rms < 0.99 * truncated
 
 
 def test_the_largest_rank_is_the_whole_change():
     freedom = len(BINDING.cage.vertices) - 4
-    found = fit(rank=freedom).report.fitted.fitted.rms
-    assert found == pytest.approx(fit().report.fitted.fitted.rms, rel=0.05)
+    found = report_of(rank=freedom).fitted.fitted.rms
+    assert found == pytest.approx(report_of().fitted.fitted.rms, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -179,13 +175,13 @@ def test_a_cage_of_four_vertices_is_refused():
 
 def test_a_low_rank_change_of_weights_with_offsets_is_refused():
     with pytest.raises(SettingError, match="do not reproduce the rest pose"):
-        fit(binding=fit(influences=4).binding, rank=2)
+        fit(binding=fit(influences=4), rank=2)
 
 
 def test_weights_are_not_fitted_to_rounding():
     """A rigid motion in files of few digits."""
     still = np.repeat(BINDING.rest.vertices[None], 12, axis=0)
-    report = fit(still + 1e-6 * np.random.default_rng(0).normal(size=still.shape)).report
+    report = report_of(still + 1e-6 * np.random.default_rng(0).normal(size=still.shape))
     assert report.roughness == pytest.approx(1, abs=0.1)
     assert not report.is_overfitted
     assert not report.is_gainless
@@ -193,17 +189,17 @@ def test_weights_are_not_fitted_to_rounding():
 
 def test_a_fit_to_noise_gains_nothing_on_other_frames():
     still = np.repeat(BINDING.rest.vertices[None], 12, axis=0)
-    report = fit(still + 1e-2 * np.random.default_rng(0).normal(size=still.shape)).report
+    report = report_of(still + 1e-2 * np.random.default_rng(0).normal(size=still.shape))
     assert report.is_gainless
 
 
 def test_the_last_third_does_not_choose_the_regularization():
     """Only frames that a fit may see choose its regularization."""
-    reported = fit(regularization=None).report
-    seen = fit(CLIP[:16], regularization=None).report
+    reported = report_of(regularization=None)
+    seen = report_of(CLIP[:16], regularization=None)
     assert seen.curve != reported.curve
-    effort = FitConditions(effort=Effort(max_rounds=MAX_HELD_OUT_ROUNDS))
-    own = fit(CLIP[:16], conditions=effort, regularization=seen.regularization).binding
+    rounds = {"max_rounds": MAX_HELD_OUT_ROUNDS}
+    own = fit(CLIP[:16], conditions=rounds, regularization=seen.regularization)
     # Its blocks are those of the whole clip, which differ a little from those of its part.
     error = extract(CLIP[16:], own).rms_percent
     assert reported.unseen_third.fitted.rms == pytest.approx(error, rel=0.2)
@@ -211,28 +207,27 @@ def test_the_last_third_does_not_choose_the_regularization():
 
 def test_few_influences_are_sparse_and_reproduce_the_rest_pose():
     found = fit(influences=4)
-    matrix = found.model.sparse_weights
-    assert np.diff(matrix.indptr).max() <= 4
-    assert matrix.data.min() > 0
-    np.testing.assert_allclose(matrix.sum(axis=1), 1, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(matrix.toarray(), found.binding.weights)
+    assert np.count_nonzero(found.weights, axis=1).max() <= 4
+    assert found.weights.min() == 0
+    np.testing.assert_allclose(found.weights.sum(axis=1), 1, rtol=0, atol=1e-12)
+    assert found.fit.report.fixed_floats == np.count_nonzero(found.weights)
     turned = BINDING.rest.vertices @ rotation(1).T + [1, 2, 3]
-    assert extract(turned[None], found.binding).rms_percent < 1e-10
-    rms = extract(CLIP, found.binding).rms_percent
-    assert found.report.fitted.fitted.rms == pytest.approx(rms, rel=1e-6)
-    assert found.report.min_weight >= 0
-    animation = extract(CLIP, found.binding)
+    assert extract(turned[None], found).rms_percent < 1e-10
+    rms = extract(CLIP, found).rms_percent
+    assert found.fit.report.fitted.fitted.rms == pytest.approx(rms, rel=1e-6)
+    assert found.fit.report.min_weight >= 0
+    animation = extract(CLIP, found)
     error = animation.reconstruct(7) - CLIP[7]
     assert np.sqrt(np.square(error).sum(axis=1).mean()) == pytest.approx(animation.rms[7])
 
 
 def test_more_influences_are_better():
-    rms = [fit(influences=k).report.fitted.fitted.rms for k in (2, 4, 8)]
+    rms = [report_of(influences=k).fitted.fitted.rms for k in (2, 4, 8)]
     assert rms[0] > rms[1] > rms[2]
 
 
 def test_auto_chooses_by_the_curve():
-    report = fit(regularization=None).report
+    report = report_of(regularization=None)
     assert len(report.curve) >= 2
     assert report.regularization in [strength for strength, _ in report.curve]
     assert report.regularization == choose_regularization(report.curve)
@@ -245,7 +240,7 @@ def test_the_strongest_of_nearly_equal_regularizations_is_chosen():
 
 def test_several_clips_are_fitted_together():
     clips = [Frames(CLIP[:10]), Frames(CLIP[10:])]
-    report = fit_weights(BINDING, clips).report
+    report = Fitter(BINDING).fit(clips).fit.report
     assert report.frames == 24
     assert report.unseen_third.frames == 3 + 4
 
@@ -260,8 +255,7 @@ def test_threads_take_no_memory_from_the_sample(jobs):
     """A model for which the limit has room for one thread."""
     m, n = BINDING.weights.shape
     memory = estimate_memory(m, n, 1) + 10 * 2 * 3 * 4 * m
-    conditions = FitConditions(sampling=SampleSettings(memory, jobs))
-    report = fit(conditions=conditions).report
+    report = report_of(conditions={"memory": memory, "jobs": jobs})
     assert report.fitted_frames == 10
     assert report.needed_memory == estimate_memory(m, n, 1) + 24 * 2 * 3 * 4 * m
 

@@ -1,16 +1,15 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.fitting.problem import estimate_memory
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fitting.held_out import hold_out_blocks, hold_out_last_third
+from cageik_cli.solver.fitting.problem import estimate_memory
 from cageik_cli.solver.fitting.sample import (
-    SampleSettings,
     count_nearest,
     sample_frames,
     spread_points,
 )
 from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import FormatError, InputError
 from tests.fitted import Frames, clip_of, small_binding, true_weights
 
@@ -35,8 +34,9 @@ class Unreadable(Frames):
         raise FormatError(f"frame {index}: is damaged")
 
 
-def sampled(clip=CLIP, **settings):
-    return sample_frames([Frames(clip)], SOLVER, SampleSettings(**settings))
+def sampled(clip=CLIP, kind=Frames, **settings):
+    settings = {"memory": DEFAULT_MEMORY, "jobs": 1} | settings
+    return sample_frames([kind(clip)], SOLVER, **settings)
 
 
 def test_all_frames_are_taken_when_there_are_few():
@@ -83,16 +83,16 @@ def test_little_memory_gives_fewer_frames_of_single_precision_and_no_other_choic
 
 def test_bad_frames_are_refused_or_left_out():
     with pytest.raises(FormatError, match="frame 1"):
-        sample_frames([BadFrames(CLIP)], SOLVER, SampleSettings())
-    sample = sample_frames([BadFrames(CLIP)], SOLVER, SampleSettings(skips_bad_frames=True))
+        sampled(kind=BadFrames)
+    sample = sampled(kind=BadFrames, skips_bad_frames=True)
     assert set(range(40)) - set(sample.frames) == {1, 2}
 
 
 def test_clips_without_readable_frames_are_refused():
     with pytest.raises(InputError, match="no frame"):
-        sample_frames([BadFrames(CLIP[:0])], SOLVER, SampleSettings(skips_bad_frames=True))
+        sampled(CLIP[:0], skips_bad_frames=True)
     with pytest.raises(InputError, match="no frame"):
-        sample_frames([Unreadable(CLIP)], SOLVER, SampleSettings(skips_bad_frames=True))
+        sampled(kind=Unreadable, skips_bad_frames=True)
 
 
 def test_spread_points_are_the_farthest():
@@ -105,5 +105,5 @@ def test_spread_points_are_the_farthest():
 
 def test_every_second_of_ten_blocks_is_held_out():
     sample = sampled()
-    np.testing.assert_array_equal(hold_out_blocks(sample), np.arange(40) // 4 % 2 == 1)
-    np.testing.assert_array_equal(hold_out_last_third(sample), np.arange(40) >= 27)
+    np.testing.assert_array_equal(sample.in_held_out_block, np.arange(40) // 4 % 2 == 1)
+    np.testing.assert_array_equal(sample.in_last_third, np.arange(40) >= 27)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.fitting.affine import complement_basis, restore_affine
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.fitting.affine import complement_basis, restore_affine
 from cageik_cli.util.errors import CageError
 from tests.fitted import small_binding
 from tests.shapes import TETRAHEDRON, ball

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.fitting.affine import complement_basis
-from cageik_cli.coordinates.fitting.displacements import Displacements
-from cageik_cli.coordinates.fitting.problem import Motion, Solving, WeightProblem
-from cageik_cli.coordinates.fitting.systems import EXACT, Precision, SurfaceLaplacian
 from cageik_cli.geometry.shape import uniform_laplacian
+from cageik_cli.solver.fitting.affine import complement_basis
+from cageik_cli.solver.fitting.displacements import Displacements
+from cageik_cli.solver.fitting.problem import Motion, WeightProblem
+from cageik_cli.solver.fitting.systems import SurfaceLaplacian
 from tests.fitted import cage_motion, small_binding, true_weights
 
 BINDING = small_binding()
@@ -13,10 +13,16 @@ SURFACE = SurfaceLaplacian.from_mesh(BINDING.rest)
 COMPLEMENT = complement_basis(BINDING.cage)
 
 
-def fitted(problem, motion, jobs=1):
-    return problem.fit(motion, COMPLEMENT, solving=Solving(EXACT, jobs)).add_to(
-        problem.rest_weights
-    )
+def pose(regularization=0.1, smoothness=1.0, weights=None, negligible=0.0, jobs=1):
+    """A problem that is solved to rounding."""
+    return WeightProblem(
+        BINDING.weights, COMPLEMENT, SURFACE, weights, regularization, smoothness,
+        jobs, tolerance=1e-14, max_steps=10_000, negligible=negligible,
+    )  # fmt: skip
+
+
+def fitted(problem, motion):
+    return problem.add_change(problem.fit(motion))
 
 
 def dense_minimum(problem, target, cages, data):
@@ -47,7 +53,7 @@ def test_fitted_weights_are_those_of_a_dense_constrained_solve(
         data = np.random.default_rng(1).uniform(0, 2, m)
         data[:5] = 0
     weights = data if is_weighted else None
-    problem = WeightProblem(BINDING.weights, SURFACE, weights, regularization, smoothness)
+    problem = pose(regularization, smoothness, weights)
     cages = cage_motion(BINDING, 4)
     target = np.random.default_rng(2).normal(size=(m, 12))
     found = fitted(problem, Motion(Displacements.of(target), cages))
@@ -62,7 +68,7 @@ def test_known_weights_come_back_as_the_regularization_vanishes():
     motion = Motion(Displacements.of(expected @ cages), cages)
     errors = []
     for strength in (1e-2, 1e-4, 1e-6, 1e-8):
-        problem = WeightProblem(BINDING.weights, SURFACE, None, strength, strength)
+        problem = pose(strength, strength)
         errors.append(np.abs(fitted(problem, motion) - expected).max())
     assert np.all(np.diff(errors) < 0)
     assert errors[-1] < 1e-6
@@ -71,7 +77,7 @@ def test_known_weights_come_back_as_the_regularization_vanishes():
 def test_rows_stay_affine_exact():
     cages = cage_motion(BINDING, 6)
     target = np.random.default_rng(2).normal(size=(len(BINDING.rest.vertices), 18))
-    problem = WeightProblem(BINDING.weights, SURFACE, None, 1e-6, 1.0)
+    problem = pose(1e-6)
     found = fitted(problem, Motion(Displacements.of(target), cages))
     np.testing.assert_allclose(found.sum(axis=1), 1, rtol=0, atol=1e-12)
     np.testing.assert_allclose(
@@ -81,18 +87,17 @@ def test_rows_stay_affine_exact():
 
 def test_a_cage_that_does_not_move_leaves_the_weights():
     target = Displacements.of(np.ones((len(BINDING.rest.vertices), 6)))
-    problem = WeightProblem(BINDING.weights, SURFACE, None, 0.1, 1.0)
+    problem = pose()
     found = fitted(problem, Motion(target, np.zeros((len(BINDING.cage.vertices), 6))))
     np.testing.assert_array_equal(found, BINDING.weights)
 
 
 def test_directions_in_which_the_cage_hardly_moves_are_left_out():
-    problem = WeightProblem(BINDING.weights, SURFACE, None, 0.1, 1.0)
     cages = cage_motion(BINDING, 1) @ np.ones((3, 24))
     cages += 1e-6 * cage_motion(BINDING, 8)
     motion = Motion(Displacements.of(true_weights(BINDING) @ cages), cages)
-    exact = problem.fit(motion, COMPLEMENT, solving=Solving(EXACT))
-    found = problem.fit(motion, COMPLEMENT, solving=Solving(Precision(1e-14, 10_000)))
+    exact = pose().fit(motion)
+    found = pose(negligible=1e-3).fit(motion)
     assert exact.columns.shape[1] == COMPLEMENT.shape[1]
     assert found.columns.shape[1] == found.basis.shape[1] == 1
     moved, expected = (c.add_to(BINDING.weights) @ cages for c in (found, exact))
@@ -102,6 +107,5 @@ def test_directions_in_which_the_cage_hardly_moves_are_left_out():
 def test_threads_do_not_change_a_bit():
     cages = cage_motion(BINDING, 4)
     target = Displacements.of(true_weights(BINDING) @ cages)
-    problem = WeightProblem(BINDING.weights, SURFACE, None, 0.1, 1.0)
-    one, three = (fitted(problem, Motion(target, cages), jobs) for jobs in (1, 3))
+    one, three = (fitted(pose(jobs=jobs), Motion(target, cages)) for jobs in (1, 3))
     np.testing.assert_array_equal(one, three)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.util.arrays import Floats, Integers
 
-FRAMES_PER_BLOCK = 16
+FRAMES_PER_PART = 16
 """Frames per block; constant, because the last digits depend on it."""
 
 MAX_GRAM_ENTRIES = 1 << 20
@@ -33,7 +33,7 @@ class Displacements:
     Attributes
     ----------
     parts : tuple of (m, 3b) float32 or float64
-        Of all frames in memory, frame by frame; each part but the last has `FRAMES_PER_BLOCK`.
+        Of all frames in memory, frame by frame; each part but the last has `FRAMES_PER_PART`.
         Scaled by the roots of their shares, so that sums of squares weigh the frames.
     frames : (k,) int64
         The frames that count, in ascending order; the others are as if they were not there.
@@ -55,9 +55,9 @@ class Displacements:
     def join(frames: Sequence[NDArray[np.floating]], shares: Floats) -> "Displacements":
         """Return the displacements of frames, (m, 3) each, that stand for `shares` frames."""
         parts = []
-        for start in range(0, len(frames), FRAMES_PER_BLOCK):
-            part = np.hstack(frames[start : start + FRAMES_PER_BLOCK])
-            scales = np.sqrt(shares[start : start + FRAMES_PER_BLOCK])
+        for start in range(0, len(frames), FRAMES_PER_PART):
+            part = np.hstack(frames[start : start + FRAMES_PER_PART])
+            scales = np.sqrt(shares[start : start + FRAMES_PER_PART])
             part *= np.repeat(scales, 3).astype(part.dtype)
             parts.append(part)
         return Displacements(tuple(parts), np.arange(len(frames)), shares)
@@ -128,7 +128,7 @@ class Displacements:
         if not 0 < count <= MIN_COMPRESSION * len(self):
             return self
         kept = vectors[:, ::-1][:, : 3 * count]
-        width = 3 * FRAMES_PER_BLOCK
+        width = 3 * FRAMES_PER_PART
         starts = range(0, kept.shape[1], width)
         parts = [self.multiply(kept[:, s : s + width]) for s in starts]
         parts = [part.astype(self.parts[0].dtype, copy=False) for part in parts]
@@ -143,7 +143,7 @@ class Displacements:
         return np.hstack(chosen).astype(np.float64, copy=False)
 
     def _starts(self) -> range:
-        return range(0, FRAMES_PER_BLOCK * len(self.parts), FRAMES_PER_BLOCK)
+        return range(0, FRAMES_PER_PART * len(self.parts), FRAMES_PER_PART)
 
     def _choose_columns(self, first: int, part: NDArray[np.floating]) -> Integers:
         """Return the columns that count in a part which begins with frame `first`."""

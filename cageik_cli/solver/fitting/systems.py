@@ -1,7 +1,7 @@
-"""Sparse systems (μ ΛᵀΛ + g_i Ω + λ) f_i = b_i for many columns i, by conjugate gradients.
+"""The Laplacian of a surface, and sparse systems (μ ΛᵀΛ + s_i) f_i = b_i for many columns i.
 
-All columns of a block take their steps together, each with its own step lengths. The blocks do not
-depend on the number of threads, so neither does the result.
+Conjugate gradients solve them. All columns of a block take their steps together, each with its own
+step lengths. The blocks do not depend on the number of threads, so neither does the result.
 """
 
 from dataclasses import dataclass
@@ -16,14 +16,10 @@ from cageik_cli.util.arrays import Floats
 if TYPE_CHECKING:
     from scipy import sparse
 
-MAX_BLOCK_COLUMNS = 20
-MAX_BLOCK_ENTRIES = 1 << 21
-"""Largest number of columns, and of their entries, that are solved together."""
-
 
 def count_columns(m: int) -> int:
     """Return how many columns of `m` entries are solved together."""
-    return max(1, min(MAX_BLOCK_COLUMNS, MAX_BLOCK_ENTRIES // m))
+    return max(1, min(20, (1 << 21) // m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,70 +58,51 @@ class SurfaceLaplacian:
         parts = [np.square(self.forward @ weights[:, s : s + width]).sum() for s in starts]
         return float(np.sqrt(np.sum(parts)))
 
-
-@dataclass(frozen=True, slots=True)
-class Precision:
-    """When conjugate gradients stop, and what they leave out.
-
-    Attributes
-    ----------
-    tolerance : float
-        Residual of each column relative to its right-hand side, in the preconditioned norm.
-    max_steps : int
-        Few suffice between two cage solves, as each begins where the last has ended.
-    negligible : float
-        Columns that can change the motion of the vertices by less than this share of it, as root
-        mean squares, are not solved.
-    """
-
-    tolerance: float = 1e-3
-    max_steps: int = 5
-    negligible: float = 1e-3
-
-
-EXACT = Precision(1e-14, 10_000, 0.0)
-"""To rounding, for tests and small problems."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ShiftedSystem:
-    """The matrices μ ΛᵀΛ + g_i Ω + λ of a block of columns.
-
-    Attributes
-    ----------
-    smoothness, ridge : float
-        μ and λ.
-    row_weights : (m, 1) float64 or None
-        The diagonal of Ω; ones if None.
-    shifts : (b,) float64
-        g_i, not negative.
-    """
-
-    surface: SurfaceLaplacian
-    smoothness: float
-    ridge: float
-    row_weights: Floats | None
-    shifts: Floats
-
-    def solve(self, right: Floats, start: Floats | None, precision: Precision) -> Floats:
+    def solve(
+        self,
+        right: Floats,
+        start: Floats | None,
+        *,
+        smoothness: float,
+        shifts: Floats,
+        tolerance: float,
+        max_steps: int,
+    ) -> Floats:
         """Return the solutions, (m, b), for right-hand sides (m, b), from a first guess.
 
         Preconditioned with the diagonal. Columns that have converged take further steps with the
         others of their block.
+
+        Parameters
+        ----------
+        smoothness : float
+            μ.
+        shifts : (1, b) or (m, b) float64
+            s_i, above 0.
+        tolerance : float
+            The steps end when the residual of each column, relative to its right-hand side and in
+            the preconditioned norm, is at most this.
         """
-        inverse = 1 / (self._shift_diagonal() + self.smoothness * self.surface.diagonal[:, None])
-        if not self.smoothness:
+        inverse = 1 / (shifts + smoothness * self.diagonal[:, None])
+        if not smoothness:
             return right * inverse
+
+        def multiply(columns: Floats) -> Floats:
+            image = self.apply(columns)
+            image *= smoothness
+            image += shifts * columns
+            return image
+
         found = np.zeros_like(right) if start is None else start.copy()
-        residual = right.copy() if start is None else right - self._apply(start)
+        residual = right.copy() if start is None else right - multiply(start)
         conditioned = residual * inverse
         search = conditioned.copy()
         size = _dot_columns(residual, conditioned)
-        goal = precision.tolerance**2 * _dot_columns(right, right * inverse)
-        for _ in range(precision.max_steps):
+        goal = tolerance**2 * _dot_columns(right, right * inverse)
+        for _ in range(max_steps):
             if (size <= goal).all():
                 break
-            image = self._apply(search)
+            image = multiply(search)
             length = _divide(size, _dot_columns(search, image))
             found += length * search
             image *= length
@@ -135,17 +112,6 @@ class ShiftedSystem:
             search *= _divide(size, before)
             search += conditioned
         return found
-
-    def _apply(self, columns: Floats) -> Floats:
-        image = self.surface.apply(columns)
-        image *= self.smoothness
-        image += self._shift_diagonal() * columns
-        return image
-
-    def _shift_diagonal(self) -> Floats:
-        """Return g_i Ω + λ, (1, b) or (m, b)."""
-        shifts = self.shifts[None]
-        return (shifts if self.row_weights is None else self.row_weights * shifts) + self.ridge
 
 
 def _dot_columns(left: Floats, right: Floats) -> Floats:

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.fitting import displacements
-from cageik_cli.coordinates.fitting.displacements import COMPRESSION_TOL, Displacements
+from cageik_cli.solver.fitting import displacements
+from cageik_cli.solver.fitting.displacements import COMPRESSION_TOL, Displacements
 
 RANDOM = np.random.default_rng(3)
 SMOOTH = RANDOM.normal(size=(200, 9)) @ RANDOM.normal(size=(9, 120))

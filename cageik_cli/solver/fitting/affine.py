@@ -9,11 +9,8 @@ from cageik_cli.util.errors import CageError
 AFFINE_FUNCTIONS = 4
 """1 and the three coordinates: the functions that weights reproduce."""
 
-MIN_FLATNESS = 1e-9
+MIN_CAGE_THICKNESS = 1e-9
 """Cages that are thinner, relative to their diagonal, lie in a plane."""
-
-CORRECTIONS = 2
-"""Steps of the correction; the second removes the rounding of the first."""
 
 AFFINE_TOL = 1e-13
 """Weights nearer to affine exactness than this are left as they are."""
@@ -51,7 +48,7 @@ def restore_affine(weights: Floats, rest: TriMesh, cage: TriMesh) -> Floats:
     functions = _affine_functions(cage)
     target = _evaluate(rest.vertices, cage)
     inverse = np.linalg.pinv(functions)
-    for _ in range(CORRECTIONS):
+    for _ in range(2):  # the second step removes the rounding of the first
         missing = target - weights @ functions
         if np.abs(missing).max() <= AFFINE_TOL:
             break
@@ -63,7 +60,7 @@ def _affine_functions(cage: TriMesh) -> Floats:
     """Return 1 and the scaled coordinates at the vertices of the cage, (n, 4)."""
     functions = _evaluate(cage.vertices, cage)
     smallest = np.linalg.svd(functions[:, 1:], compute_uv=False)[-1]
-    if len(functions) < AFFINE_FUNCTIONS or smallest < MIN_FLATNESS:
+    if len(functions) < AFFINE_FUNCTIONS or smallest < MIN_CAGE_THICKNESS:
         raise CageError(
             f"the {len(functions)} vertices of the cage lie in a plane (thickness {smallest:.1e} "
             "of the diagonal); weights in it cannot reproduce a model; use a cage with volume"

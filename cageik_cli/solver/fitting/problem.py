@@ -1,0 +1,207 @@
+"""Weights that fit displacements best for given cages, affine-exact, smooth, near to harmonic.
+
+With displacements D (m, 3k) of the model, B (n, 3k) of its cage, and s = tr(BBᵀ)/n, the weights
+W = H + E minimise
+
+    ‖Ω^½ (D − W B)‖² + λ s ‖E‖² + μ s ‖Λ E‖²,      E·1 = 0,  E·C = 0.
+
+Rows of E are in the complement of span(1, C). In its basis Q of the eigenvectors of P BBᵀ P, with
+eigenvalues s g_i, the columns of F = E Q separate, also with vertex weights Ω:
+
+    (μ ΛᵀΛ + g_i Ω + λ) f_i = b_i,      b_i = Ω (D − H B) Bᵀ q_i / s.
+
+A column lowers the sum by s |b_i|² / (g_i + λ) at most. The cage hardly moves in many directions
+q_i; their columns are left 0.
+
+A change of low rank, E = U Vᵀ, is fitted and not only truncated, U and V by turns. For given V, U
+is the fit of a few columns. For given U, the rows of Vᵀ separate in the same eigenbasis:
+
+    (g_i UᵀΩU + λ UᵀU + μ UᵀΛᵀΛU) Vᵀq_i = UᵀΩ (D − H B) Bᵀ q_i / s.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.coordinates.binding import Correction
+from cageik_cli.solver.fitting.displacements import FRAMES_PER_PART, Displacements
+from cageik_cli.solver.fitting.systems import SurfaceLaplacian, count_columns
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.threads import OrderedMap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Displacements of a model and of its cage.
+
+    Attributes
+    ----------
+    target : Displacements
+        D, of k frames.
+    cages : (n, 3k) float64
+        B.
+    least : float
+        Displacements per coordinate and frame, as root mean squares, below which a motion may be
+        rounding: s does not fall with them, so that weights are not fitted to noise.
+    """
+
+    target: Displacements
+    cages: Floats
+    least: float = 0.0
+
+    @property
+    def scale(self) -> float:
+        """Return s, the mean of squared displacements of a cage vertex, summed over frames.
+
+        0 if and only if nothing moves.
+        """
+        moved = float(np.square(self.cages).sum() / len(self.cages))
+        return max(moved, 3 * self.target.weight * self.least**2) if moved else 0.0
+
+    def diagonalize(self, subspace: Floats) -> tuple[Floats, Floats]:
+        """Return a basis of `subspace`, (n, r), that diagonalises BBᵀ in it, and its eigenvalues.
+
+        The eigenvalues, (r,), ascend and are not negative.
+        """
+        along = self.cages.T @ subspace
+        values, vectors = np.linalg.eigh(along.T @ along)
+        return subspace @ vectors, np.maximum(values, 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeightProblem:
+    """What does not change while cages and weights are fitted to each other.
+
+    Attributes
+    ----------
+    rest_weights : (m, n) float64
+        H, affine-exact.
+    complement : (n, n - 4) float64
+        The directions of the rows of E, from `complement_basis`.
+    vertex_weights : (m,) float64 or None
+        The diagonal of Ω: not negative, 0 for missing data.
+    regularization : float
+        λ, above 0.
+    smoothness : float
+        μ, 0 or above.
+    jobs : int
+        Threads.
+    tolerance : float
+        Relative residual at which conjugate gradients end.
+    max_steps : int
+        Of conjugate gradients. Few suffice between two cage solves, as each begins where the last
+        has ended.
+    negligible : float
+        Columns that can change the motion of the vertices by less than this share of it, as root
+        mean squares, are not solved.
+    """
+
+    rest_weights: Floats
+    complement: Floats
+    surface: SurfaceLaplacian
+    vertex_weights: Floats | None
+    regularization: float
+    smoothness: float
+    jobs: int = 1
+    tolerance: float = 1e-3
+    max_steps: int = 5
+    negligible: float = 1e-3
+
+    def add_change(self, change: Correction) -> Floats:
+        """Return the weights, (m, n), with a change."""
+        return change.add_to(self.rest_weights)
+
+    def fit(
+        self, motion: Motion, start: Correction | None = None, subspace: Floats | None = None
+    ) -> Correction:
+        """Return the best change of the weights for these cages.
+
+        Parameters
+        ----------
+        start : Correction, optional
+            A first guess.
+        subspace : (n, r), optional
+            The rows of the change are in it; an orthonormal part of the complement, which is the
+            default.
+        """
+        basis, gains = motion.diagonalize(self.complement if subspace is None else subspace)
+        scale = motion.scale
+        if not scale:
+            return Correction(np.zeros((len(self.rest_weights), basis.shape[1])), basis)
+
+        m, width = len(self.rest_weights), count_columns(len(self.rest_weights))
+
+        def solve_columns(first: int) -> Correction:
+            block = slice(first, first + width)
+            right = self._project_residual(motion, basis[:, block])
+            right /= scale
+            reached = np.square(right).sum(axis=0) / (gains[block] / scale + self.regularization)
+            kept = np.flatnonzero(reached * len(basis) > self.negligible**2 * m)
+            directions = basis[:, first + kept]
+            columns = self.surface.solve(
+                np.ascontiguousarray(right[:, kept]),
+                None if start is None else start.express(directions),
+                smoothness=self.smoothness,
+                shifts=self._shift(gains[first + kept] / scale),
+                tolerance=self.tolerance,
+                max_steps=self.max_steps,
+            )
+            return Correction(columns, directions)
+
+        starts = range(0, basis.shape[1], width)
+        with OrderedMap(solve_columns, starts, self.jobs, self.jobs) as solved:
+            return Correction.join(solved, m, basis)
+
+    def truncate(self, motion: Motion, whole: Correction, rank: int) -> Correction:
+        """Return the change of at most `rank` that is nearest in the motion of the vertices."""
+        basis, gains = motion.diagonalize(whole.basis)
+        scales = np.sqrt(gains / (motion.scale or 1) + self.regularization)
+        scaled = whole.express(basis) * scales
+        vectors = np.linalg.eigh(scaled.T @ scaled)[1][:, ::-1][:, :rank]
+        subspace = np.linalg.qr((basis / scales) @ vectors)[0]
+        back = (vectors.T / scales) @ (basis.T @ subspace)
+        return Correction((scaled @ vectors) @ back, subspace)
+
+    def refit(self, motion: Motion, start: Correction) -> Correction:
+        """Fit U to the V of `start`, whose rank stays the largest, and V to this U."""
+        found = self.fit(motion, start, subspace=start.basis)
+        left = found.columns
+        basis, gains = motion.diagonalize(self.complement)
+        scale = motion.scale
+        if not scale or not left.any():
+            return found
+        weighted = left if self.vertex_weights is None else self.vertex_weights[:, None] * left
+        smooth = self.regularization * left + self.smoothness * self.surface.apply(left)
+        matrices = (gains / scale)[:, None, None] * (left.T @ weighted) + left.T @ smooth
+        # A small ridge keeps systems solvable when columns of U vanish.
+        ridge = 1e-14 * np.trace(matrices, axis1=1, axis2=2)
+        matrices += ridge[:, None, None] * np.eye(left.shape[1])
+        residual = motion.target.multiply_left(weighted.T)
+        residual -= (weighted.T @ self.rest_weights) @ motion.cages
+        right = (residual @ (motion.cages.T @ basis) / scale).T
+        rows = np.linalg.solve(matrices, right[:, :, None])[:, :, 0]
+        subspace, factor = np.linalg.qr(basis @ rows)
+        return Correction(left @ factor.T, subspace)
+
+    def _shift(self, gains: Floats) -> Floats:
+        """Return g_i Ω + λ, (1, b) or (m, b), for the g_i (b,)."""
+        shifts = gains[None]
+        if self.vertex_weights is not None:
+            shifts = self.vertex_weights[:, None] * shifts
+        return shifts + self.regularization
+
+    def _project_residual(self, motion: Motion, basis: Floats) -> Floats:
+        """Return Ω (D − H B) Bᵀ times basis vectors (n, b), as (m, b)."""
+        along = motion.cages.T @ basis
+        right = motion.target.multiply(along)
+        right -= self.rest_weights @ (motion.cages @ along)
+        if self.vertex_weights is not None:
+            right *= self.vertex_weights[:, None]
+        return right
+
+
+def estimate_memory(m: int, n: int, jobs: int) -> int:
+    """Return the bytes that a fit of (m, n) weights takes beside the displacements."""
+    matrices = 3  # (m, n): H, and two of the changes before and after or the weights
+    per_thread = 9 * count_columns(m) + 2 * 3 * FRAMES_PER_PART  # columns of m entries
+    return 8 * m * (matrices * n + jobs * per_thread)
