@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from html import escape
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.report.html.view_page import render_view_page
+from cageik_cli.report.html.player_page import render_view_page
 from cageik_cli.report.player.clip import load_player_clip, make_single_pose
 from cageik_cli.store.result import Result
 from cageik_cli.util.errors import SettingError

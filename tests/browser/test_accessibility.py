@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from cageik_cli.report.html.view_page import render_view_page
+from cageik_cli.report.html.player_page import render_view_page
 from cageik_cli.report.player.clip import load_player_clip
 
 pytestmark = pytest.mark.browser

@@ -4,8 +4,7 @@ from typing import Any
 
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.fit_figures import UnfittedRecord
-from cageik_cli.report.html.scales import format_ticks
-from cageik_cli.report.html.templating import make_png_url
+from cageik_cli.report.html.templating import format_ticks, make_png_url
 from cageik_cli.report.record import Report
 from cageik_cli.report.render.fit_views import MOVE_SHARE, ComparedPictures, FitPictures
 from cageik_cli.report.vocabulary import Vocabulary

@@ -22,10 +22,10 @@ from cageik_cli.report.html.frames_table import (
     choose_columns,
 )
 from cageik_cli.report.html.page_mark import compute_record_digest, make_record_mark
-from cageik_cli.report.html.player_section import build_player_values
-from cageik_cli.report.html.scales import TICK_COUNT, format_ticks
+from cageik_cli.report.html.player_page import build_player_values
 from cageik_cli.report.html.templating import (
     PLAYER_SCRIPTS,
+    format_ticks,
     make_data_url,
     make_png_url,
     render_template,
@@ -312,7 +312,7 @@ def _build_histogram_values(vertices: VertexMetrics) -> dict[str, Any]:
     return {
         "bars": bars,
         "most": max_count,
-        "ticks": edges[:: len(bars) // (TICK_COUNT - 1)],
+        "ticks": edges[:: len(bars) // 4],
         "text": f"Histogram of the RMS of vertices, from {edges[0]} to {edges[-1]} % of the "
         f"diagonal; the largest bin, {peak['low']} to {peak['high']} %, has "
         f"{format_count(max_count, 'vertex')}. The table below lists all bins.",

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import re
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -9,9 +10,6 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cageik_cli import __version__
-from cageik_cli.report.html.scripts import shorten_script
-
-GENERATOR = f"cageik {__version__}"
 
 _environment = Environment(
     loader=PackageLoader("cageik_cli.report.html"),
@@ -45,9 +43,6 @@ PLAYER_SCRIPTS = (
 )
 """Scripts of the player, in the order in which they use each other."""
 
-VIEW_SCRIPTS = (*PLAYER_SCRIPTS[:-1], "apply", PLAYER_SCRIPTS[-1])
-"""Those of the player in a page that a program serves, and that may send it handles."""
-
 
 def render_template(template: str, *, player_scripts: Sequence[str] = (), **values: Any) -> str:
     """Render a page from a template and its values.
@@ -69,7 +64,7 @@ def render_template(template: str, *, player_scripts: Sequence[str] = (), **valu
         style="".join(map(_read_template, styles)),
         script=script,
         script_digest=_compute_policy_digest(script),
-        generator=GENERATOR,
+        generator=f"cageik {__version__}",
         **values,
     )
 
@@ -101,3 +96,63 @@ def _read_template(name: str) -> str:
 def _compute_policy_digest(script: str) -> str:
     """Compute a script's digest in the notation of a content security policy."""
     return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+
+
+def format_ticks(top: float, bottom: float = 0.0, count: int = 5) -> list[str]:
+    """Format evenly spaced numbers from `bottom` to `top`, for the foot of a colour scale."""
+    numbers = [bottom + (top - bottom) * k / (count - 1) for k in range(count)]
+    return [f"{number:.4g}".replace("-", "\N{MINUS SIGN}") for number in numbers]
+
+
+def shorten_script(script: str) -> str:
+    """Return a script without comments and without spaces that have no meaning.
+
+    Only for our own scripts, which keep to what is known here: a comment has a line of its own, a
+    statement ends with a semicolon or a brace and is not empty, and a text in backquotes has none
+    within it. Texts are not changed, except that the code of a shader, which is a text that begins
+    with its version, is shortened, too.
+    """
+    code = re.sub(r"^\s*//.*\n", "", script, flags=re.MULTILINE)
+    # Lines that each define constants, and do nothing else, become one definition.
+    code = re.sub(
+        r"(?:^ *const [^;\n]*;\n){2,}",
+        lambda lines: re.sub(r";\n *const ", ",\n", lines[0]),
+        code,
+        flags=re.MULTILINE,
+    )
+    texts = r"""("(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'|`(?:\\.|[^`\\])*`)"""
+    parts = re.split(texts, code)
+    for k in range(0, len(parts), 2):
+        parts[k] = _shorten_code(parts[k])
+    for k in range(1, len(parts), 2):
+        if parts[k].startswith("`#version"):
+            version, _, body = parts[k].partition("\n")
+            parts[k] = f"{version}\n{_drop_spaces(body)}"
+    return "".join(parts) + "\n"
+
+
+def _shorten_code(code: str) -> str:
+    """Drop spaces, and write what is often in code in fewer letters."""
+    shorter = {
+        r"[;,]\}": "}",
+        # What cannot be assigned to is not assigned to either if it can be.
+        r"\bconst\b": "let",
+        r"(?<!async)\((\w+)\)=>": r"\1=>",
+        r"\btrue\b": "!0",
+        r"\bfalse\b": "!1",
+        r"\b0\.(?=\d)": ".",
+    }
+    code = _drop_spaces(code)
+    for wordy, short in shorter.items():
+        code = re.sub(wordy, short, code)
+    return code
+
+
+def _drop_spaces(code: str) -> str:
+    """Drop spaces unless they are between two words, or between signs that would be another one."""
+    parts = re.split(r"(\s+)", code.strip())
+    for k in range(1, len(parts), 2):
+        before, after = parts[k - 1][-1], parts[k + 1][0]
+        is_word = all(sign.isalnum() or sign in "_$" for sign in (before, after))
+        parts[k] = " " if is_word or (before == after and before in "+-") else ""
+    return "".join(parts)

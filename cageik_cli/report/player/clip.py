@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -16,54 +17,11 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError
 from cageik_cli.util.text import single_line, to_unicode
 
-FRAMES_PER_READ = 64
-
 UNNAMED_CAGE = "CAGE.obj"
 """Stands for a cage that is in no file."""
 
-UNNAMED_MODEL = ("MODEL.obj", "--cage", UNNAMED_CAGE)
-"""Stands for a model and a cage that are in no files."""
-
 MAX_CAGE_NUMBERS = 1 << 24
 """Coordinates of cages that a page holds at most; the last frames of longer clips are left out."""
-
-FOCUS_EXTENT = 0.15
-"""Half the width of a view of the worst vertex, in diagonals, if there are no regions."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HeldFrame:
-    """A frame whose input is known.
-
-    Attributes
-    ----------
-    label : str
-        Why it is held, such as "worst".
-    errors : (m, 3) float64
-        v − v̂, in diagonals of the rest model; 0 where v is missing.
-    """
-
-    index: int
-    label: str
-    errors: Floats
-
-
-@dataclass(frozen=True, slots=True)
-class Focus:
-    """Where the worst region is.
-
-    Attributes
-    ----------
-    extent : float
-        Half the width of a view of it, in diagonals.
-    turn : float
-        Degrees to the right of the front from which it is seen.
-    """
-
-    frame: int
-    vertex: int
-    extent: float
-    turn: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,6 +46,12 @@ class PlayerClip:
         Frames without data, whose cages are interpolated.
     vertex_rms : (m,) float64, optional
         Error of each vertex over the clip, percent of the diagonal; nan for missing data.
+    held : dict of int to (str, (m, 3) float64)
+        The frames whose input is known: why it is, such as "worst", and its errors v − v̂, in
+        diagonals of the rest model; 0 where v is missing.
+    focus : dict, optional
+        Where the worst region is: its `frame` and `vertex`; `extent`, half the width of a view of
+        it, in diagonals; and `turn`, from how many degrees right of the front it is seen.
     title : str
         What the page calls it: the name of a file, on one line; "" if it is in none.
     target : str
@@ -105,8 +69,8 @@ class PlayerClip:
     up_axis: str = "Y"
     skipped: tuple[int, ...] = ()
     vertex_rms: Floats | None = None
-    held: tuple[HeldFrame, ...] = field(default=())
-    focus: Focus | None = None
+    held: dict[int, tuple[str, Floats]] = field(default_factory=dict)
+    focus: dict[str, Any] | None = None
     title: str = ""
     target: str = ""
     left_out: int = 0
@@ -125,6 +89,7 @@ def make_single_pose(
     up_axis : str
         "Y" or "Z".
     """
+    unnamed = ("MODEL.obj", "--cage", UNNAMED_CAGE)
     return PlayerClip(
         binding=binding,
         base=binding.rest.vertices,
@@ -132,7 +97,7 @@ def make_single_pose(
         rotations=np.eye(3)[None],
         up_axis=up_axis,
         title=_format_title(words[0]) if words else "",
-        target=_join_words(words or UNNAMED_MODEL),
+        target=_join_words(words or unnamed),
     )
 
 
@@ -172,8 +137,8 @@ def load_player_clip(result: Result) -> PlayerClip | None:
         up_axis=result.scene.up_axis,
         skipped=tuple(frame for frame in result.skipped if frame < count),
         vertex_rms=100 * result.vertex_rms / (result.rest.diagonal or 1.0),
-        held=tuple(one for one in _list_held_frames(key_frames) if one.index < count),
-        focus=focus if focus.frame < count else None,
+        held=_collect_held_frames(key_frames, count),
+        focus=focus if focus["frame"] < count else None,
         title=_format_title(result.path.name),
         target=_join_words([result.path.name]),
         left_out=len(result.frames) - count,
@@ -182,7 +147,7 @@ def load_player_clip(result: Result) -> PlayerClip | None:
 
 def _read_first_cages(result: Result, count: int) -> Floats:
     blocks, read = [], 0
-    for block in read_cages(result, FRAMES_PER_READ):
+    for block in read_cages(result, 64):
         blocks.append(block)
         read += len(block)
         if read >= count:
@@ -190,35 +155,40 @@ def _read_first_cages(result: Result, count: int) -> Floats:
     return np.concatenate(blocks)[:count]
 
 
-def _list_held_frames(key_frames: KeyFrames) -> list[HeldFrame]:
-    """List the frames that are kept in full; one frame may be kept for several reasons."""
+def _collect_held_frames(key_frames: KeyFrames, count: int) -> dict[int, tuple[str, Floats]]:
+    """Collect those of the first frames that are kept in full; one may be for several reasons."""
     labels = (*FRAME_LABELS, "worst region")
-    found = zip(key_frames.indices.tolist(), labels, key_frames.errors, strict=False)
-    held: dict[int, HeldFrame] = {}
-    for frame, label, errors in found:
-        held.setdefault(frame, HeldFrame(frame, label, np.nan_to_num(errors, nan=0.0)))
-    return list(held.values())
+    held: dict[int, tuple[str, Floats]] = {}
+    for frame, label, errors in zip(
+        key_frames.indices.tolist(), labels, key_frames.errors, strict=False
+    ):
+        if frame < count:
+            held.setdefault(frame, (label, np.nan_to_num(errors, nan=0.0)))
+    return held
 
 
-def _find_focus(result: Result, key_frames: KeyFrames) -> Focus:
-    """Find the worst region; if there is none, the largest deviation of the clip."""
+def _find_focus(result: Result, key_frames: KeyFrames, min_extent: float = 0.15) -> dict[str, Any]:
+    """Find the worst region; if there is none, the largest deviation of the clip.
+
+    `min_extent` is that of a view of a single vertex.
+    """
     held, poses = key_frames.indices.tolist(), key_frames.reconstructed
     region = next(iter(result.regions or ()), None)
     diagonal = result.rest.diagonal or 1.0
     if region is None:
         frame = int(np.nanargmax(result.metrics.max_deviation))
         vertex = int(result.metrics.worst_vertex[frame])
-        extent = FOCUS_EXTENT
+        extent = min_extent
     else:
         frame, vertex = region.frame, region.worst_vertex
-        extent = max(region.size / diagonal, FOCUS_EXTENT)
+        extent = max(region.size / diagonal, min_extent)
     turn = VIEW_TURN
     if frame in held:
         pose, rest = poses[held.index(frame)], result.rest.vertices
         is_near = np.linalg.norm(rest - rest[vertex], axis=1) <= extent * diagonal / 3
         views = {turn: view_axes(result.scene.up_axis, turn) for turn in REGION_TURNS}
         turn = choose_view(pose, result.rest.faces, is_near, views)
-    return Focus(frame, vertex, extent, turn)
+    return {"frame": frame, "vertex": vertex, "extent": extent, "turn": turn}
 
 
 def find_mirror(binding: Binding) -> Mirror | None:

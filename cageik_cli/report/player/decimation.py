@@ -1,47 +1,33 @@
 """A coarser mesh of some of a mesh's own vertices, for models that are too large to draw."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
-CELL_GROWTH = 1.1
-"""Cells grow by this factor until there are few enough."""
 
+def decimate(mesh: TriMesh, max_vertices: int) -> tuple[Integers, Integers]:
+    """Keep at most `max_vertices` vertices of a mesh, one per cell of a grid.
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CoarseMesh:
-    """Some vertices of a mesh, and faces between them.
+    Vertices are not moved, so that weights of the mesh are weights of the coarse one. Faces of
+    which two corners fall together are left out. Vertices that no face uses are left out too.
 
-    Attributes
-    ----------
+    Returns
+    -------
     vertices : (k,) int64
         Their numbers in the mesh, ascending.
     faces : (t, 3) int64
         Indices into `vertices`.
     """
-
-    vertices: Integers
-    faces: Integers
-
-
-def decimate(mesh: TriMesh, max_vertices: int) -> CoarseMesh:
-    """Keep at most `max_vertices` vertices of a mesh, one per cell of a grid.
-
-    Vertices are not moved, so that weights of the mesh are weights of the coarse one. Faces of
-    which two corners fall together are left out. Vertices that no face uses are left out too.
-    """
     used = np.unique(mesh.faces)
     if len(used) <= max_vertices:
-        return CoarseMesh(used, np.searchsorted(used, mesh.faces))
+        return used, np.searchsorted(used, mesh.faces)
     points = mesh.vertices[used]
     points = (points - points.min(axis=0)) / (mesh.diagonal or 1.0)
     size = 1 / np.sqrt(max_vertices)  # too small: a surface of m cells of this size is that large
     cells = _find_cells(points, size)
     while cells.max() >= max_vertices:
-        size *= CELL_GROWTH
+        size *= 1.1
         cells = _find_cells(points, size)
     chosen = _choose_vertices(points, cells)
     corners = cells[np.searchsorted(used, mesh.faces)]
@@ -52,7 +38,7 @@ def decimate(mesh: TriMesh, max_vertices: int) -> CoarseMesh:
     order = np.argsort(used[chosen])
     number = np.empty(len(order), np.int64)
     number[order] = np.arange(len(order))
-    return CoarseMesh(used[chosen[order]], number[np.unique(turned, axis=0)].reshape(-1, 3))
+    return used[chosen[order]], number[np.unique(turned, axis=0)].reshape(-1, 3)
 
 
 def _find_cells(points: Floats, size: float) -> Integers:

@@ -7,13 +7,17 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.posing.poser import DEFAULT_ALPHA
-from cageik_cli.report.player.clip import HeldFrame, PlayerClip, find_mirror
-from cageik_cli.report.player.decimation import CoarseMesh, decimate
-from cageik_cli.report.player.packing import pack_arrays
-from cageik_cli.report.player.prediction import Predictor
-from cageik_cli.report.player.quantization import RoundedWeights, find_smooth_motions, round_weights
+from cageik_cli.report.player.clip import PlayerClip, find_mirror
+from cageik_cli.report.player.compression import (
+    Predictor,
+    RoundedWeights,
+    find_smooth_motions,
+    pack_arrays,
+    round_weights,
+)
+from cageik_cli.report.player.decimation import decimate
 from cageik_cli.report.render.shading import COLOUR_SCALE, MESH_COLOURS, choose_scale_end
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Integers
 
 MAX_DRAWN_VERTICES = 50_000
 """A larger model is decimated."""
@@ -21,28 +25,8 @@ MAX_DRAWN_VERTICES = 50_000
 MAX_WEIGHTS = 1 << 24
 """Weights of a page at most; a model of more in its cage is decimated, too."""
 
-MAX_COORDINATE = 1e30
-"""Diagonals; what is farther away is drawn there, since single precision ends near."""
-
-CAGE_STEP = 2.0**-20
-"""Diagonals: cages are rounded to this. A power of two: the last bits of numbers are then zero."""
-
-MISSING_LEVEL = 0xFFFF
-"""Marks vertices that are missing data among the errors."""
-
-PREDICTED = ("weights", "held")
-"""Arrays that are smooth over the surface, and are stored as differences from a prediction."""
-
-MAX_INTEGER = 32_767
-
-MIN_LACK_STEP = 1e-7
-"""Diagonals: the base mesh is not stored more precisely than single precision."""
-
-MIN_ERROR_STEP = 1e-5
-"""Diagonals: errors of held frames are not stored more precisely."""
-
-DEFAULT_RIGIDITY = 10
-"""Rounds that the page offers first."""
+MAX_INT16 = 32_767
+"""The largest integer that steps of lengths are stored as."""
 
 
 def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
@@ -63,11 +47,10 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     """
     rest, cage = clip.binding.rest, clip.binding.cage
     diagonal, origin = rest.diagonal or 1.0, cage.vertices.mean(axis=0)
-    coarse = choose_vertices(clip.binding)
-    chosen = coarse.vertices
+    chosen, faces = choose_vertices(clip.binding)
     rounded = round_weights(clip.binding.weights[chosen], find_smooth_motions(cage))
     arrays: dict[str, NDArray[Any]] = {
-        "faces": coarse.faces.astype("<u4"),
+        "faces": faces.astype("<u4"),
         "cageFaces": cage.faces.astype("<u4"),
         # By column: neighbouring numbers are then alike, and pack better.
         "weights": np.ascontiguousarray(rounded.integers.T).astype("<i2"),
@@ -96,7 +79,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "colours": list(COLOUR_SCALE),
         "missing": MESH_COLOURS["missing"],
         "alpha": DEFAULT_ALPHA,
-        "rigidity": DEFAULT_RIGIDITY,
+        "rigidity": 10,  # rounds that the page offers first
         "target": clip.target,
         "applyUrl": apply_url,
     }
@@ -105,83 +88,90 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     if len(chosen) < len(rest.vertices):
         arrays["vertices"] = chosen.astype("<u4")
     header |= _add_errors(clip, chosen, arrays)
-    header["predicted"] = [name for name in PREDICTED if name in arrays]
-    predictor = Predictor(coarse.faces, len(chosen))
+    # These are smooth over the surface, and stored as differences from a prediction.
+    header["predicted"] = [name for name in ("weights", "held") if name in arrays]
+    predictor = Predictor(faces, len(chosen))
     for name in header["predicted"]:
         arrays[name] = predictor.encode(arrays[name])
     return pack_arrays(header, arrays)
 
 
-def choose_vertices(binding: Binding) -> CoarseMesh:
-    """Choose the vertices that are drawn: all, unless there are too many."""
+def choose_vertices(binding: Binding) -> tuple[Integers, Integers]:
+    """Choose the vertices that are drawn, and faces between them: all, unless there are too many.
+
+    They are returned as by `decimate`.
+    """
     rest, count = binding.rest, len(binding.rest.vertices)
     largest = min(MAX_DRAWN_VERTICES, MAX_WEIGHTS // len(binding.cage.vertices))
     if count <= largest:
-        return CoarseMesh(np.arange(count), rest.faces)
+        return np.arange(count), rest.faces
     return decimate(rest, largest)
 
 
-def _round_cages(cages: Floats) -> Floats:
-    return np.rint(cages / CAGE_STEP) * CAGE_STEP
+def _round_cages(cages: Floats, step: float = 2.0**-20) -> Floats:
+    """Round to a power of two of a diagonal: the last bits of numbers are then zero."""
+    return np.rint(cages / step) * step
 
 
-def _scale(values: Floats) -> NDArray[np.float32]:
-    return np.clip(values, -MAX_COORDINATE, MAX_COORDINATE).astype("<f4")
+def _scale(values: Floats, largest: float = 1e30) -> NDArray[np.float32]:
+    """Draw what is farther away at `largest`, in diagonals: single precision ends near."""
+    return np.clip(values, -largest, largest).astype("<f4")
 
 
 def _add_base(
     base: Floats, rounded: RoundedWeights, cage: Floats, arrays: dict[str, NDArray[Any]]
 ) -> dict[str, Any]:
     """Add what the weights of the page lack to the base mesh: little, unless they have offsets."""
+    min_step = 1e-7  # diagonals, as single precision has
     lack = base - rounded.restore() @ cage
-    step = max(float(np.abs(lack).max()) / MAX_INTEGER, MIN_LACK_STEP)
+    step = max(float(np.abs(lack).max()) / MAX_INT16, min_step)
     arrays["lack"] = np.ascontiguousarray(np.rint(lack / step).T).astype("<i2")
     return {"lackStep": step}
 
 
 def _add_errors(
-    clip: PlayerClip, chosen: NDArray[np.int64], arrays: dict[str, NDArray[Any]]
+    clip: PlayerClip, chosen: Integers, arrays: dict[str, NDArray[Any]]
 ) -> dict[str, Any]:
     """Add the errors over the clip and of held frames to the arrays; return their scales."""
+    missing_level, min_step = 0xFFFF, 1e-5
     scales: dict[str, Any] = {"held": [], "rms": None}
     if clip.vertex_rms is not None:
         rms = clip.vertex_rms[chosen]
         is_known = np.isfinite(rms)
         top = float(rms[is_known].max(initial=0.0)) or 1.0
-        levels = np.full(len(rms), MISSING_LEVEL, "<u2")
-        levels[is_known] = np.rint(rms[is_known] / top * (MISSING_LEVEL - 1))
+        levels = np.full(len(rms), missing_level, "<u2")
+        levels[is_known] = np.rint(rms[is_known] / top * (missing_level - 1))
         arrays["rms"] = levels
         scales["rms"] = {"top": top, "end": choose_scale_end(rms[is_known])}
     if clip.held:
         # Vertices that are missing in a frame have no error there.
-        errors = np.nan_to_num(np.stack([one.errors[chosen] for one in clip.held]))
-        step = max(float(np.abs(errors).max()) / MAX_INTEGER, MIN_ERROR_STEP)
+        errors = np.nan_to_num(np.stack([errors[chosen] for _, errors in clip.held.values()]))
+        step = max(float(np.abs(errors).max()) / MAX_INT16, min_step)
         # By coordinate, for the same reason as weights by column.
         arrays["held"] = np.rint(errors / step).transpose(0, 2, 1).astype("<i2")
-        scales["held"] = [{"frame": one.index, "label": one.label} for one in clip.held]
+        scales["held"] = [
+            {"frame": frame, "label": label} for frame, (label, _) in clip.held.items()
+        ]
         scales["heldStep"] = step
-        scales["deviationEnd"] = choose_scale_end(_list_deviations(clip.held))
+        scales["deviationEnd"] = choose_scale_end(_list_deviations(clip))
     return scales
 
 
-def _list_deviations(held: tuple[HeldFrame, ...]) -> Floats:
+def _list_deviations(clip: PlayerClip) -> Floats:
     """Return the deviations of all held frames, percent of the diagonal; none of missing data."""
-    found = np.concatenate([100 * np.linalg.norm(one.errors, axis=1) for one in held])
+    found = np.concatenate(
+        [100 * np.linalg.norm(errors, axis=1) for _, errors in clip.held.values()]
+    )
     return np.asarray(found[np.isfinite(found)])
 
 
-def _list_focus(clip: PlayerClip, chosen: NDArray[np.int64]) -> dict[str, Any] | None:
+def _list_focus(clip: PlayerClip, chosen: Integers) -> dict[str, Any] | None:
     """List where the worst region is; its vertex is the nearest of those that are drawn."""
     if clip.focus is None:
         return None
-    rest, focus = clip.binding.rest.vertices, clip.focus
-    nearest = np.linalg.norm(rest[chosen] - rest[focus.vertex], axis=1).argmin()
-    return {
-        "frame": focus.frame,
-        "vertex": int(nearest),
-        "extent": focus.extent,
-        "turn": focus.turn,
-    }
+    rest = clip.binding.rest.vertices
+    nearest = np.linalg.norm(rest[chosen] - rest[clip.focus["vertex"]], axis=1).argmin()
+    return clip.focus | {"vertex": int(nearest)}
 
 
 def _list_mirror(clip: PlayerClip) -> dict[str, Any] | None:

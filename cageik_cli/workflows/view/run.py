@@ -2,7 +2,7 @@
 
 import secrets
 
-from cageik_cli.report.html.view_page import render_view_page
+from cageik_cli.report.html.player_page import render_view_page
 from cageik_cli.report.views.pose_text import format_pose_rows
 from cageik_cli.util.errors import describe_error
 from cageik_cli.workflows.view.jobs import BoardProgress, JobBoard

@@ -7,8 +7,7 @@ from importlib.resources import files
 
 import pytest
 
-from cageik_cli.report.html.scripts import shorten_script
-from cageik_cli.report.html.templating import VIEW_SCRIPTS
+from cageik_cli.report.html.templating import PLAYER_SCRIPTS, shorten_script
 
 SCRIPTS = [*(files("cageik_cli.report.html") / "templates" / "player").iterdir()]
 
@@ -70,6 +69,7 @@ def parses(script, path):
 @pytest.mark.skipif(shutil.which("node") is None, reason="Node reads the script, and is not here")
 def test_the_shortened_scripts_are_one_script(tmp_path):
     folder = files("cageik_cli.report.html") / "templates" / "player"
-    whole = "".join(shorten_script((folder / f"{name}.js").read_text()) for name in VIEW_SCRIPTS)
+    names = (*PLAYER_SCRIPTS, "apply")
+    whole = "".join(shorten_script((folder / f"{name}.js").read_text()) for name in names)
     assert parses(whole, tmp_path / "whole.js")
     assert not parses(whole.replace("}", "", 1), tmp_path / "broken.js")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cageik_cli.report.player.packing import unpack_arrays
+from cageik_cli.report.player.compression import unpack_arrays
 
 
 def unpack_payload(text: str) -> tuple[dict, dict[str, np.ndarray]]:

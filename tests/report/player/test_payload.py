@@ -115,13 +115,13 @@ def test_a_large_model_is_decimated(clip, monkeypatch):
     np.testing.assert_allclose(found, (clip.binding.weights @ clip.cages[2])[drawn], atol=1e-4)
     rest = clip.binding.rest.vertices
     nearest = drawn[header["focus"]["vertex"]]
-    distances = np.linalg.norm(rest[drawn] - rest[clip.focus.vertex], axis=1)
-    assert np.linalg.norm(rest[nearest] - rest[clip.focus.vertex]) == distances.min()
+    distances = np.linalg.norm(rest[drawn] - rest[clip.focus["vertex"]], axis=1)
+    assert np.linalg.norm(rest[nearest] - rest[clip.focus["vertex"]]) == distances.min()
 
 
 def test_a_large_cage_leaves_fewer_vertices(clip, monkeypatch):
     monkeypatch.setattr(payload, "MAX_WEIGHTS", 8 * len(clip.binding.cage.vertices))
-    assert len(payload.choose_vertices(clip.binding).vertices) <= 8
+    assert len(payload.choose_vertices(clip.binding)[0]) <= 8
 
 
 def test_the_end_of_a_long_clip_is_left_out(closed, clip, monkeypatch):
@@ -129,7 +129,7 @@ def test_the_end_of_a_long_clip_is_left_out(closed, clip, monkeypatch):
     short = load_player_clip(closed.result)
     assert (len(short.cages), short.left_out) == (3, len(clip.cages) - 3)
     assert short.frames == clip.frames[:3]
-    assert all(one.index < 3 for one in short.held)
+    assert all(frame < 3 for frame in short.held)
     assert build_payload(short)
 
 

@@ -1,0 +1,204 @@
+"""Numbers of a model made small: weights as integers, integers as differences, arrays as one text.
+
+Rounding weights loses little where a cage is known. But a pose solves for the cage by rows of the
+weights, and amplifies errors of these in the smooth motions of the cage, which cost little energy.
+So what rounding loses there is kept, too: one byte per vertex and motion.
+
+Weights and errors are smooth over a surface: the numbers of a vertex are near the mean of those of
+its neighbours that come before it. Where they are all on one side this mean lacks about as much as
+the neighbours' own did, so that half of that is added. What is left is small, and its sign is
+stored in the lowest bit, so that the higher bytes are nearly always zero.
+
+The text is base64 of gzip of: the length of the header (4 bytes, little-endian), the header as
+JSON, and the arrays, one after another. The header lists them under `arrays`. The bytes of an array
+are stored by place: the first bytes of all numbers, then the second ones. That packs better.
+"""
+
+import base64
+import json
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import uniform_laplacian
+from cageik_cli.util.arrays import Floats, Integers
+
+MAX_LEVEL = 20_000
+"""Largest integer a weight is rounded to. Clips of a dance are drawn to 7e-6 diagonals (rms)."""
+
+PACKED_TYPES = {"f4": "<f4", "i1": "|i1", "i2": "<i2", "u2": "<u2", "u4": "<u4"}
+"""Types of numbers in packed arrays, by their names in the header."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoundedWeights:
+    """Weights: `integers / levels + rest_step * rests @ motions.T`.
+
+    Attributes
+    ----------
+    integers : (m, n) int16
+    levels : float
+        The number of steps in a weight of one.
+    motions : (n, q) float64
+        Orthonormal motions of one coordinate of the cage.
+    rests : (m, q) int8
+        What rounding lost in these motions,
+    rest_step : float
+        in steps of this size.
+    """
+
+    integers: NDArray[np.int16]
+    levels: float
+    motions: Floats
+    rests: NDArray[np.int8]
+    rest_step: float
+
+    def restore(self) -> Floats:
+        """Return the weights, (m, n)."""
+        return np.asarray(
+            self.integers / self.levels + self.rest_step * self.rests @ self.motions.T
+        )
+
+
+def find_smooth_motions(cage: TriMesh, count: int = 12) -> Floats:
+    """Return the smoothest motions of a cage that are not that of the whole, (n, q)."""
+    laplacian = uniform_laplacian(cage)
+    vectors = np.linalg.eigh(laplacian.T @ laplacian)[1][:, : 1 + count]
+    signs = np.sign(vectors[np.abs(vectors).argmax(axis=0), np.arange(vectors.shape[1])])
+    return np.asarray((vectors * signs)[:, 1:])
+
+
+def round_weights(weights: Floats, motions: Floats, rows_per_block: int = 4096) -> RoundedWeights:
+    """Round weights (m, n), finite, of any sign, so that their rows keep their sums.
+
+    The integers of a row whose sum is one have the sum `levels`, which is then a whole number: a
+    cage that moves as one moves the mesh exactly so, however far. They are for displacements of a
+    cage, so that the rest pose is exact. Rows are rounded in blocks, so that memory does not grow
+    with the model.
+    """
+    max_rest = 127
+    top = float(np.abs(weights).max(initial=0.0)) or 1.0
+    levels = MAX_LEVEL / top
+    levels = float(np.floor(levels)) if levels >= 1 else levels
+    integers = np.empty(weights.shape, np.int16)
+    for start in range(0, len(weights), rows_per_block):
+        rows = slice(start, start + rows_per_block)
+        integers[rows] = _round_rows(weights[rows] * levels)
+    lost = weights @ motions - integers @ motions / levels
+    step = float(np.abs(lost).max(initial=0.0)) / max_rest or 1.0
+    return RoundedWeights(integers, levels, motions, np.rint(lost / step).astype(np.int8), step)
+
+
+def _round_rows(values: Floats) -> Floats:
+    """Round rows to integers whose sums are the rounded sums, by the largest remainders."""
+    rounded = np.rint(values)
+    missing = np.rint(values.sum(axis=1)) - rounded.sum(axis=1)
+    wanted = np.sign(missing)[:, None] * (values - rounded)
+    places = np.argsort(-wanted, axis=1, kind="stable")
+    is_changed = np.arange(values.shape[1]) < np.abs(missing)[:, None]
+    changes = np.zeros_like(values)
+    np.put_along_axis(changes, places, is_changed * np.sign(missing)[:, None], axis=1)
+    return np.asarray(rounded + changes)
+
+
+class Predictor:
+    """Predicts the numbers of a vertex from the vertices before it.
+
+    That is the mean over the corners of its faces that come before it, rounded down, or else the
+    number of the vertex before it; 0 for the first.
+
+    Parameters
+    ----------
+    faces : (t, 3) int
+    count : int
+        The number m of vertices.
+    """
+
+    def __init__(self, faces: Integers, count: int) -> None:
+        corners = np.concatenate([np.roll(faces, turn, axis=1).ravel() for turn in (1, 2)])
+        own = np.concatenate([faces.ravel()] * 2)
+        is_before = corners < own
+        entries = (np.ones(is_before.sum(), np.int64), (own[is_before], corners[is_before]))
+        self._before = csr_array(entries, shape=(count, count))
+        self._counts = np.asarray(self._before.sum(axis=1)).reshape(-1)
+
+    def encode(self, values: NDArray[np.int16]) -> NDArray[np.int16]:
+        """Return what the prediction lacks, of the same shape; the last axis is that of vertices.
+
+        A difference d is stored as 2 d, or -2 d - 1 if it is negative, in 16 bits without a sign.
+        Larger numbers begin again, as sums of 16 bits do.
+        """
+        encoded = np.empty_like(values)
+        for place in np.ndindex(values.shape[:-1]):
+            row = values[place]
+            lack = row - self._average(row)
+            left = lack - (self._average(lack) >> 1)
+            encoded[place] = (left << 1) ^ (left >> 15)
+        return encoded
+
+    def _average(self, row: NDArray[np.int16]) -> NDArray[np.int16]:
+        """Return the mean of the vertices before each one, (m,)."""
+        means = (self._before @ row.astype(np.int64)) // np.maximum(self._counts, 1)
+        before = np.concatenate([[0], row[:-1]])
+        return np.where(self._counts > 0, means, before).astype(np.int16)
+
+
+def pack_arrays(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> str:
+    """Pack a header and arrays.
+
+    Parameters
+    ----------
+    header : mapping
+        Values that JSON can hold; no number that is not finite.
+    arrays : mapping of str to array
+        Of a type that `PACKED_TYPES` has.
+
+    Returns
+    -------
+    str
+        Letters, digits, `+`, `/` and `=`: the same for the same arguments.
+    """
+    listed, parts = [], []
+    for name, array in arrays.items():
+        kind = next(k for k, dtype in PACKED_TYPES.items() if array.dtype == np.dtype(dtype))
+        listed.append({"name": name, "type": kind, "shape": list(array.shape)})
+        little = np.ascontiguousarray(array, PACKED_TYPES[kind])
+        parts.append(little.reshape(-1, 1).view(np.uint8).T.tobytes())
+    text = json.dumps({**header, "arrays": listed}, allow_nan=False, separators=(",", ":"))
+    encoded = text.encode()
+    content = b"".join([struct.pack("<I", len(encoded)), encoded, *parts])
+    return base64.b64encode(_compress(content)).decode()
+
+
+def unpack_arrays(text: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Unpack what `pack_arrays` packed: the header, and the arrays by name."""
+    content = zlib.decompress(base64.b64decode(text, validate=True), wbits=31)
+    (length,) = struct.unpack_from("<I", content)
+    header, start = json.loads(content[4 : 4 + length]), 4 + length
+    arrays = {}
+    for one in header.pop("arrays"):
+        dtype = np.dtype(PACKED_TYPES[one["type"]])
+        count = int(np.prod(one["shape"]))
+        planes = np.frombuffer(content, np.uint8, count * dtype.itemsize, start)
+        numbers = np.ascontiguousarray(planes.reshape(dtype.itemsize, count).T).view(dtype)
+        arrays[one["name"]] = numbers.reshape(one["shape"])
+        start += count * dtype.itemsize
+    return header, arrays
+
+
+def _compress(content: bytes) -> bytes:
+    """Return gzip of `content`, without a time and a system: the same bytes everywhere."""
+    header = bytes([0x1F, 0x8B, 8, 0, 0, 0, 0, 0, 0, 0xFF])
+    # Differences are small numbers without repeated texts: this strategy is made for them. A higher
+    # level looks for such texts: level 9 takes nine times as long, for 1 % less.
+    packer = zlib.compressobj(5, zlib.DEFLATED, -zlib.MAX_WBITS, strategy=zlib.Z_FILTERED)
+    packed = packer.compress(content) + packer.flush()
+    end = struct.pack("<II", zlib.crc32(content), len(content) & 0xFFFFFFFF)
+    return header + packed + end
