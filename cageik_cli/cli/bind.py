@@ -16,7 +16,12 @@ from cageik_cli.cli.options.common import (
     overwrite_option,
     timings_option,
 )
-from cageik_cli.cli.options.fit import FIT_STRENGTH_OPTIONS, make_fit_settings, refuse_without_fit
+from cageik_cli.cli.options.fit import (
+    FIT_NAMES,
+    FIT_STRENGTH_OPTIONS,
+    make_fit_settings,
+    refuse_without_fit,
+)
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.solve import SOLVE_OPTIONS, vertex_weights_option
 from cageik_cli.coordinates.settings import BindSettings
@@ -37,17 +42,6 @@ def make_weight_settings(bind: BindSettings, cache: Path | None, jobs: int) -> "
 WEIGHT_OPTIONS = OptionGroup(
     "weights", make_weight_settings, BIND_OPTIONS, CACHE_OPTIONS, jobs_option
 )
-
-
-def make_clip_fit(
-    clips: tuple[str, ...],
-    fit_regularization: float | str,
-    fit_smoothness: float,
-    fit_rank: int | None,
-    influences: int | None,
-) -> FitSettings | None:
-    """Make the settings of a fit to clips; None without clips."""
-    return make_fit_settings(bool(clips), fit_regularization, fit_smoothness, fit_rank, influences)
 
 
 def make_bind_run_settings(
@@ -103,7 +97,12 @@ def make_bind_run_settings(
         multiple=True,
         help="Fit the weights to this clip: a folder, a glob or a file; may be repeated.",
     ),
-    OptionGroup("fit", make_clip_fit, *FIT_STRENGTH_OPTIONS),
+    OptionGroup(
+        "fit",
+        lambda clips, **options: make_fit_settings(bool(clips), **options),
+        *FIT_STRENGTH_OPTIONS,
+        names=("clips", *FIT_NAMES),
+    ),
     SOLVE_OPTIONS,
     vertex_weights_option,
     memory_option,

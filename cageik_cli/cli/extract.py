@@ -30,7 +30,7 @@ from cageik_cli.cli.options.common import (
     timings_option,
     usage_errors,
 )
-from cageik_cli.cli.options.fit import FIT_STRENGTH_OPTIONS, make_fit_settings
+from cageik_cli.cli.options.fit import FIT_NAMES, FIT_STRENGTH_OPTIONS, make_fit_settings
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.limits import (
     LIMIT_OPTIONS,
@@ -57,6 +57,7 @@ FIT_OPTIONS = OptionGroup(
     make_fit_settings,
     click.option("--fit", "is_fitted", is_flag=True, help="Fit the weights to the clip."),
     *FIT_STRENGTH_OPTIONS,
+    names=("is_fitted", *FIT_NAMES),
 )
 
 

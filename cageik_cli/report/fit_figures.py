@@ -1,6 +1,6 @@
 """The figures of a fit in a report: what it gains on which frames, and what they mean."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -138,13 +138,14 @@ def format_fit_line(report: FitReport) -> str:
 def _describe_settings(record: FitRecord) -> str:
     settings, report = record.settings, record.report
     names = join_truncated((clip.name for clip in record.clips), MAX_NAMED_CLIPS)
-    strength = f"{report.regularization:g}"
-    if settings.regularization is None:
-        strength += " (auto)"
-    parts = [f"regularization {strength}", f"smoothness {settings.smoothness:g}"]
-    parts += [] if settings.rank is None else [f"rank {settings.rank}"]
-    if settings.influences is not None:
-        parts.append(format_count(settings.influences, "influence"))
+    parts = []
+    for name, value in asdict(settings).items():
+        if name == "regularization":
+            parts.append(f"{name} {report.regularization:g}{'' if value else ' (auto)'}")
+        elif name == "influences" and value is not None:
+            parts.append(format_count(value, "influence"))
+        elif value is not None:
+            parts.append(f"{name} {value:g}")
     frames = format_count(report.frames, "frame")
     return f"{', '.join(parts)}; {report.fitted_frames} of {frames} of {names}"
 

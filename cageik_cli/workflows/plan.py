@@ -122,7 +122,7 @@ class ExtractionPlan:
             "rest_frame": self.rest_index,
             "vertex_weights": _describe_vertex_weights(settings.vertex_weights),
             **built,
-            **describe_fit(self.fit_settings),
+            **({} if self.fit_settings is None else self.fit_settings.describe()),
             **settings.describe_capture(),
         }
 
@@ -159,18 +159,6 @@ class ExtractionPlan:
     def collect_sources(self) -> dict[str, Any]:
         """Return name and digest of each file that was read, the frames included."""
         return self.sources | {"frames": self.sequence.describe_source()}
-
-
-def describe_fit(settings: FitSettings | None) -> dict[str, Any]:
-    """Return the settings of a fit as a result file records them; empty without one."""
-    if settings is None:
-        return {}
-    return {
-        "fit_regularization": settings.regularization or "auto",
-        "fit_smoothness": settings.smoothness,
-        "fit_rank": settings.rank,
-        "influences": settings.influences,
-    }
 
 
 def _describe_vertex_weights(given: Path | str | None) -> bool | str:

@@ -1,65 +1,49 @@
-"""Options of weights that are fitted to clips."""
+"""Options of weights that are fitted to clips: one for each of the settings of a fit."""
 
 from collections.abc import Iterable
-from typing import Any
+from dataclasses import Field, fields
+from typing import Any, get_args
 
 import click
 
 from cageik_cli.cli.options.common import is_given, usage_errors
-from cageik_cli.solver.fitting.record import DEFAULT_REGULARIZATION, FitSettings
+from cageik_cli.cli.options.group import Decorator
+from cageik_cli.solver.fitting.record import FitSettings
 
-AUTO = "auto"
 
-
-class RegularizationType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
-    """A number above 0, or "auto"."""
+class NumberOrAuto(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
+    """A number, or "auto", which becomes None."""
 
     name = "number|auto"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float | str:
+    ) -> float | None:
         """Parse the text; the settings check the number."""
-        if value == AUTO:
-            return AUTO
+        if value == "auto":
+            return None
         try:
             return float(value)
         except (TypeError, ValueError):
-            self.fail(f"{value!r} is not a number, such as 0.1, or {AUTO}", param, ctx)
+            self.fail(f"{value!r} is not a number, such as 0.1, or auto", param, ctx)
 
 
-FIT_STRENGTH_OPTIONS = (
-    click.option(
-        "--fit-regularization",
-        type=RegularizationType(),
-        default=str(DEFAULT_REGULARIZATION),
-        show_default=True,
-        help="Pull of fitted weights to the others: higher is smoother and less exact; auto "
-        "chooses it by frames held out.",
-    ),
-    click.option(
-        "--fit-smoothness",
-        type=float,
-        default=FitSettings().smoothness,
-        show_default=True,
-        help="Smoothness over the surface of what the fit changes.",
-    ),
-    click.option(
-        "--fit-rank",
-        type=int,
-        help="Rank of what the fit changes: few numbers to store beside weights that can be "
-        "computed.  [default: any]",
-    ),
-    click.option(
-        "--influences",
-        type=int,
-        help="Cage vertices that move each vertex, with weights that are not negative, as "
-        "skeletons need.  [default: all]",
-    ),
-)
-"""The options that say how weights are fitted."""
+def _make_option(setting: "Field[Any]") -> Decorator:
+    """Make the option of a setting, of what the setting says of itself."""
+    kind = int if int in get_args(setting.type) else float
+    flag, text = f"--{setting.metadata['name'].replace('_', '-')}", setting.metadata["help"]
+    unset = setting.metadata.get("unset")
+    if setting.default is None:
+        return click.option(flag, type=kind, help=f"{text}  [default: {unset}]")
+    number = NumberOrAuto() if unset == "auto" else kind
+    return click.option(
+        flag, type=number, default=str(setting.default), show_default=True, help=text
+    )
 
-_NAMES = ("fit_regularization", "fit_smoothness", "fit_rank", "influences")
+
+FIT_NAMES = tuple(setting.metadata["name"] for setting in fields(FitSettings))
+FIT_STRENGTH_OPTIONS = tuple(map(_make_option, fields(FitSettings)))
+"""The options that say how weights are fitted, and their names."""
 
 
 def refuse_without_fit(names: Iterable[str]) -> None:
@@ -71,17 +55,10 @@ def refuse_without_fit(names: Iterable[str]) -> None:
         )
 
 
-def make_fit_settings(
-    is_fitted: bool,
-    fit_regularization: float | str,
-    fit_smoothness: float,
-    fit_rank: int | None,
-    influences: int | None,
-) -> FitSettings | None:
+def make_fit_settings(is_fitted: bool, **options: Any) -> FitSettings | None:
     """Make the settings of a fit; None without one, and options without one are wrong usage."""
     if not is_fitted:
-        refuse_without_fit(_NAMES)
+        refuse_without_fit(FIT_NAMES)
         return None
-    strength = None if isinstance(fit_regularization, str) else fit_regularization
     with usage_errors():
-        return FitSettings(strength, fit_smoothness, fit_rank, influences)
+        return FitSettings(*(options[name] for name in FIT_NAMES))

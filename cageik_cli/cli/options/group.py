@@ -1,6 +1,6 @@
 """Groups of options that become one record, which the command gets as one argument."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import update_wrapper
 from inspect import signature
 from typing import Any, Generic, TypeVar
@@ -20,14 +20,21 @@ class OptionGroup(Generic[Record]):
     make : callable
         Makes the record. The names of its parameters are those of the options, and of the groups,
         whose values it gets: click's type of each option is the type of the parameter.
+    names : sequence of str, optional
+        The names, if they are not those of the parameters.
     *members : option, argument or OptionGroup
         In the order in which the help lists them.
     """
 
     def __init__(
-        self, name: str, make: Callable[..., Record], *members: "Decorator | OptionGroup[object]"
+        self,
+        name: str,
+        make: Callable[..., Record],
+        *members: "Decorator | OptionGroup[object]",
+        names: Sequence[str] | None = None,
     ) -> None:
         self.name = name
+        self._names = tuple(names or signature(make).parameters)
         self._make, self._members = make, members
         self._groups = [member for member in members if isinstance(member, OptionGroup)]
 
@@ -46,14 +53,14 @@ class OptionGroup(Generic[Record]):
     def make_record(self, values: Mapping[str, Any]) -> Record:
         """Make the record of the values of options, by the names of click's parameters."""
         known = {**values, **{group.name: group.make_record(values) for group in self._groups}}
-        return self._make(**{name: known[name] for name in signature(self._make).parameters})
+        return self._make(**{name: known[name] for name in self._names})
 
     @property
     def option_names(self) -> frozenset[str]:
         """The names of the options of this group and of the groups in it."""
         nested = {name for group in self._groups for name in group.option_names}
         group_names = {group.name for group in self._groups}
-        return frozenset(nested | (set(signature(self._make).parameters) - group_names))
+        return frozenset(nested | (set(self._names) - group_names))
 
     def _add_options(self, command: Callable[..., Any]) -> None:
         for member in reversed(self._members):

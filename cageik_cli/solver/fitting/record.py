@@ -3,8 +3,9 @@
 This module imports no numerics.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from math import isfinite
+from typing import Any
 
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.errors import SettingError
@@ -16,9 +17,24 @@ DEFAULT_REGULARIZATION = 0.1
 """λ where it is neither stated nor found by frames held out."""
 
 
+def _declare(default: Any, name: str, text: str, unset: str | None = None) -> Any:
+    """Return a field of the settings with all that its option and the files say of it.
+
+    Parameters
+    ----------
+    name : str
+        In result files, and of the option.
+    text : str
+        The help of the option.
+    unset : str, optional
+        The word for None.
+    """
+    return field(default=default, metadata={"name": name, "help": text, "unset": unset})
+
+
 @dataclass(frozen=True, slots=True)
 class FitSettings:
-    """Settings of weights that are fitted to clips.
+    """Settings of weights that are fitted to clips: a field of it is all that an option needs.
 
     Attributes
     ----------
@@ -43,10 +59,29 @@ class FitSettings:
     FitSettings(regularization=0.1, smoothness=1.0, rank=10, influences=None)
     """
 
-    regularization: float | None = DEFAULT_REGULARIZATION
-    smoothness: float = 1.0
-    rank: int | None = None
-    influences: int | None = None
+    regularization: float | None = _declare(
+        DEFAULT_REGULARIZATION,
+        "fit_regularization",
+        "Pull of fitted weights to the others: higher is smoother and less exact; auto chooses it "
+        "by frames held out.",
+        unset="auto",
+    )
+    smoothness: float = _declare(
+        1.0, "fit_smoothness", "Smoothness over the surface of what the fit changes."
+    )
+    rank: int | None = _declare(
+        None,
+        "fit_rank",
+        "Rank of what the fit changes: few numbers to store beside weights that can be computed.",
+        unset="any",
+    )
+    influences: int | None = _declare(
+        None,
+        "influences",
+        "Cage vertices that move each vertex, with weights that are not negative, as skeletons "
+        "need.",
+        unset="all",
+    )
 
     def __post_init__(self) -> None:
         value = self.regularization
@@ -65,6 +100,11 @@ class FitSettings:
                 f"fit rank is {self.rank} and influences are {self.influences}; a fit has one of "
                 "them: leave one out"
             )
+
+    def describe(self) -> dict[str, float | str | None]:
+        """Return the settings as a result file records them."""
+        held = {setting.metadata["name"]: getattr(self, setting.name) for setting in fields(self)}
+        return held | {"fit_regularization": self.regularization or "auto"}
 
 
 @dataclass(frozen=True, slots=True)
