@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.points import measure_distances
 from cageik_cli.geometry.shape import corner_angles
@@ -47,43 +48,35 @@ class SharedPlace:
     radius: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Region:
-    """Connected vertices that deviate much.
+    """Connected vertices of the model that deviate much.
 
     Attributes
     ----------
-    centre : (3,) float64
+    centre : tuple of float
         Mean of its vertices in the rest pose, file units.
     size : float
         Diagonal of the box around them, file units.
-    vertices : (k,) int64
+    vertices : int
+        How many they are.
     frame : int
-        The frame of the largest deviation.
+        The frame of the largest deviation, by its number in the clip.
     max_deviation : float
         File units.
-    cage_faces : (c,) int64
+    cage_faces : tuple of int
         The cage's faces nearest to the region, that of the worst vertex first.
     """
 
-    centre: Floats
+    centre: tuple[float, float, float]
     size: float
-    vertices: Integers
+    vertices: int
     frame: int
     max_deviation: float
     worst_vertex: int
-    cage_faces: Integers
+    cage_faces: tuple[int, ...]
     cause: Cause
     evidence: Evidence
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BoundModel:
-    """A rest model, its cage, and the weights that tie them, (m, n)."""
-
-    rest: TriMesh
-    cage: TriMesh
-    weights: Floats
 
 
 def has_bad_regions(rms: float, max_deviation: float, diagonal: float) -> bool:
@@ -93,7 +86,7 @@ def has_bad_regions(rms: float, max_deviation: float, diagonal: float) -> bool:
 
 
 def find_worst_regions(
-    model: BoundModel, peaks: DeviationPeaks, threshold: float | None = None
+    binding: Binding, peaks: DeviationPeaks, threshold: float | None = None
 ) -> tuple[Region, ...]:
     """Group the vertices that deviate by more than a threshold into connected regions.
 
@@ -112,9 +105,9 @@ def find_worst_regions(
     if threshold is None:
         threshold = DEFAULT_SHARE * float(peaks.deviations.max())
     chosen = peaks.deviations > max(threshold, 0.0)
-    groups = _group_connected(model.rest, chosen)
+    groups = _group_connected(binding.rest, chosen)
     groups.sort(key=lambda group: -peaks.deviations[group].max())
-    return tuple(_describe(model, peaks, group) for group in groups[:MAX_REGIONS])
+    return tuple(_describe(binding, peaks, group) for group in groups[:MAX_REGIONS])
 
 
 def blame_shared_places(
@@ -167,22 +160,23 @@ def _group_connected(mesh: TriMesh, chosen: np.ndarray) -> list[Integers]:
     return [group for group in np.split(numbers[order], starts) if len(group)]
 
 
-def _describe(model: BoundModel, peaks: DeviationPeaks, group: Integers) -> Region:
-    points = model.rest.vertices[group]
+def _describe(binding: Binding, peaks: DeviationPeaks, group: Integers) -> Region:
+    points = binding.rest.vertices[group]
+    x, y, z = points.mean(axis=0)
     worst = int(group[peaks.deviations[group].argmax()])
-    nearest = closest_points(model.cage, points)
+    nearest = closest_points(binding.cage, points)
     faces = _find_cage_faces(nearest, group == worst)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    evidence = _gather_evidence(model, group, nearest, faces)
+    evidence = _gather_evidence(binding, group, nearest, faces)
     return Region(
-        centre=points.mean(axis=0),
+        centre=(float(x), float(y), float(z)),
         size=size,
-        vertices=group,
+        vertices=len(group),
         frame=int(peaks.frames[worst]),
         max_deviation=float(peaks.deviations[worst]),
         worst_vertex=worst,
-        cage_faces=faces,
-        cause=judge_cause(evidence, 100 * size / model.rest.diagonal),
+        cage_faces=tuple(faces.tolist()),
+        cause=judge_cause(evidence, 100 * size / binding.rest.diagonal),
         evidence=evidence,
     )
 
@@ -196,17 +190,17 @@ def _find_cage_faces(nearest: ClosestPoints, is_worst: np.ndarray) -> Integers:
 
 
 def _gather_evidence(
-    model: BoundModel, group: Integers, nearest: ClosestPoints, faces: Integers
+    binding: Binding, group: Integers, nearest: ClosestPoints, faces: Integers
 ) -> Evidence:
-    points, percent = model.rest.vertices[group], 100 / model.rest.diagonal
-    corners = model.cage.vertices[model.cage.faces[faces]]
+    points, percent = binding.rest.vertices[group], 100 / binding.rest.diagonal
+    corners = binding.cage.vertices[binding.cage.faces[faces]]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    near = measure_distances(model.cage.vertices, points)
+    near = measure_distances(binding.cage.vertices, points)
     return Evidence(
         cage_distance=float(nearest.distance.mean() * percent),
         vertex_distance=float(near.mean() * percent),
-        largest_weight=float(model.weights[group].max(axis=1).mean()),
-        smallest_angle=float(corner_angles(model.cage)[faces].min()),
+        largest_weight=float(binding.weights[group].max(axis=1).mean()),
+        smallest_angle=float(corner_angles(binding.cage)[faces].min()),
         edge_length=float(edges.mean() * percent),
         in_shared_place=False,
         has_loose_cage=False,

@@ -1,13 +1,20 @@
 """Records of plain values, read back from JSON: each value is checked against its field's type."""
 
 from dataclasses import fields, is_dataclass
+from enum import StrEnum
 from types import NoneType, UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from cageik_cli.util.errors import FormatError, SettingError
 from cageik_cli.util.json_files import format_value
 
-_NAMES = {int: "a whole number", float: "a number", str: "a string", NoneType: "null"}
+_NAMES = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a string",
+    NoneType: "null",
+}
 
 
 def parse_record(kind: Any, value: Any, name: str) -> Any:
@@ -16,7 +23,8 @@ def parse_record(kind: Any, value: Any, name: str) -> Any:
     Parameters
     ----------
     kind : type
-        A dataclass of such kinds, `int`, `float`, `str`, None, a union, or a tuple of them.
+        A dataclass of such kinds, `bool`, `int`, `float`, `str`, an enumeration of texts, None, a
+        union, or a tuple of them.
     value : JSON value
         Its numbers are finite.
     name : str
@@ -33,12 +41,22 @@ def parse_record(kind: Any, value: Any, name: str) -> Any:
         return _parse_tuple(kind, value, name)
     if is_dataclass(kind):
         return _parse_dataclass(kind, value, name)
+    if issubclass(kind, StrEnum):
+        return _parse_enum(kind, value, name)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if kind is float and is_number:
         return float(value)
     if not isinstance(value, kind) or (kind is int and not is_number):
         raise FormatError(f"`{name}` is {format_value(value)}, expected {_NAMES[kind]}")
     return value
+
+
+def _parse_enum(kind: type[StrEnum], value: Any, name: str) -> StrEnum:
+    if value not in list(kind):
+        raise FormatError(
+            f"`{name}` is {format_value(value)}, expected one of {', '.join(map(str, kind))}"
+        )
+    return kind(value)
 
 
 def _parse_union(kind: Any, value: Any, name: str) -> Any:

@@ -30,6 +30,7 @@ from cageik_cli.solver.metrics import (
     are_lengths,
     find_invalid_metric,
 )
+from cageik_cli.solver.regions import Region
 from cageik_cli.solver.vertex_bound import VertexBound
 from cageik_cli.store import fit_fields
 from cageik_cli.store.fit_fields import read_fit_record, read_offset_mark
@@ -46,7 +47,7 @@ from cageik_cli.store.hdf5_fields import (
     read_version,
 )
 from cageik_cli.store.json_records import parse_record
-from cageik_cli.store.regions import RegionCounts, StoredRegion, read_regions
+from cageik_cli.store.regions import read_regions
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError, error_context
 from cageik_cli.util.text import to_unicode
@@ -88,7 +89,7 @@ class Result:
     edited_from : str, optional
         The name of the result that was edited: metrics then compare the mesh before the edit, v,
         with the edited one, v̂. None for a result that was extracted.
-    regions : tuple of StoredRegion, optional
+    regions : tuple of Region, optional
         The worst regions, the worst first; none if the largest deviation is within the usual. None
         if the result was edited, or written by a version that did not look for them.
     kept : KeptMetrics, optional
@@ -121,7 +122,7 @@ class Result:
     vertex_rms: Floats
     skipped: dict[int, str] = field(default_factory=dict)
     edited_from: str | None = None
-    regions: tuple[StoredRegion, ...] | None = None
+    regions: tuple[Region, ...] | None = None
     fit: FitRecord | None = None
     has_offsets: bool = False
     bound: VertexBound | None = None
@@ -232,7 +233,12 @@ def read_result(path: Path) -> Result:
             vertex_rms=_read_vertex_rms(file, len(rest.vertices)),
             skipped=skipped,
             edited_from=read_text_attr(file, "edited_from"),
-            regions=read_regions(file, RegionCounts(frames, len(rest.vertices), len(cage.faces))),
+            regions=read_regions(
+                file,
+                frames=frames,
+                vertices=len(rest.vertices),
+                cage_faces=len(cage.faces),
+            ),
             fit=read_fit_record(file),
             has_offsets=read_offset_mark(file),
             bound=_read_bound(file),

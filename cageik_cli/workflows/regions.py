@@ -7,7 +7,6 @@ from cageik_cli.cages.sections import find_shared_sections
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.solver.blocks import ClipSummary
 from cageik_cli.solver.regions import (
-    BoundModel,
     Region,
     SharedPlace,
     blame_loose_cage,
@@ -23,8 +22,7 @@ def find_clip_regions(binding: Binding, summary: ClipSummary) -> tuple[Region, .
     largest = float(summary.peaks.deviations.max())
     if not has_bad_regions(rms, largest, binding.rest.diagonal):
         return ()
-    model = BoundModel(binding.rest, binding.cage, binding.weights)
-    regions = find_worst_regions(model, summary.peaks)
+    regions = find_worst_regions(binding, summary.peaks)
     if _has_loose_cage(binding):
         return blame_loose_cage(regions, binding.rest.diagonal)
     places = _find_shared_places(binding, regions)

@@ -4,27 +4,26 @@ import json
 from dataclasses import asdict
 
 import h5py
-import numpy as np
 import pytest
 
 from cageik_cli.solver.region_causes import Cause, Evidence
 from cageik_cli.solver.regions import MAX_REGIONS, Region
-from cageik_cli.store.regions import RegionCounts, read_regions, write_regions
+from cageik_cli.store.regions import read_regions, write_regions
 from cageik_cli.util.errors import FormatError
 
-COUNTS = RegionCounts(frames=7, vertices=20, cage_faces=12)
+COUNTS = {"frames": 7, "vertices": 20, "cage_faces": 12}
 EVIDENCE = Evidence(1.5, 2.5, 0.25, 30.0, 8.0, True, False)
 
 
 def region(**changes):
     values = {
-        "centre": np.array([0.1, -2.0, 1e-17]),
+        "centre": (0.1, -2.0, 1e-17),
         "size": 1 / 3,
-        "vertices": np.array([3, 5, 19]),
+        "vertices": 3,
         "frame": 6,
         "max_deviation": 0.1,
         "worst_vertex": 19,
-        "cage_faces": np.array([11, 0, 4]),
+        "cage_faces": (11, 0, 4),
         "cause": Cause.SHARED_LOOP,
         "evidence": EVIDENCE,
     }
@@ -39,20 +38,16 @@ def file(tmp_path):
 
 def test_what_is_written_is_read(file):
     write_regions(file, (region(), region(size=0.0, cause=Cause.UNKNOWN)))
-    first, second = read_regions(file, COUNTS)
-    assert first.centre == (0.1, -2.0, 1e-17)
-    assert (first.size, first.vertices, first.frame) == (1 / 3, 3, 6)
-    assert (first.max_deviation, first.worst_vertex) == (0.1, 19)
-    assert first.cage_faces == (11, 0, 4)
+    first, second = read_regions(file, **COUNTS)
+    assert first == region()
     assert first.cause is Cause.SHARED_LOOP
-    assert first.evidence == EVIDENCE
-    assert (second.size, second.cause) == (0, Cause.UNKNOWN)
+    assert second == region(size=0.0, cause=Cause.UNKNOWN)
 
 
 def test_none_are_not_the_same_as_not_known(file):
-    assert read_regions(file, COUNTS) is None
+    assert read_regions(file, **COUNTS) is None
     write_regions(file, ())
-    assert read_regions(file, COUNTS) == ()
+    assert read_regions(file, **COUNTS) == ()
 
 
 def damage(file, **changes):
@@ -82,26 +77,26 @@ def damage(file, **changes):
         ({"cause": "magic"}, "magic"),
         ({"cause": None}, "describe"),
         ({"evidence": {}}, "in_shared_place"),
-        ({"evidence": asdict(EVIDENCE) | {"more": 1}}, "more"),
-        ({"evidence": asdict(EVIDENCE) | {"largest_weight": "nan"}}, "largest_weight=nan"),
-        ({"evidence": asdict(EVIDENCE) | {"edge_length": "inf"}}, "edge_length=inf"),
+        ({"evidence": asdict(EVIDENCE) | {"more": 1}}, "evidence"),
+        ({"evidence": asdict(EVIDENCE) | {"largest_weight": "nan"}}, "largest_weight"),
+        ({"evidence": asdict(EVIDENCE) | {"edge_length": "inf"}}, "edge_length"),
         ({"evidence": 5}, "describe"),
     ],
 )
 def test_damaged_regions_are_refused(file, changes, says):
     damage(file, **changes)
     with pytest.raises(FormatError, match=rf"`regions` .*{says}.*; extract it again"):
-        read_regions(file, COUNTS)
+        read_regions(file, **COUNTS)
 
 
 @pytest.mark.parametrize("text", ["{}", "[5]", "[null]", "nothing", "[{}]"])
 def test_what_does_not_hold_regions_is_refused(file, text):
     file.attrs["regions"] = text
     with pytest.raises(FormatError, match="`regions`"):
-        read_regions(file, COUNTS)
+        read_regions(file, **COUNTS)
 
 
 def test_too_many_regions_are_refused(file):
     write_regions(file, [region()] * (MAX_REGIONS + 1))
     with pytest.raises(FormatError, match=f"{MAX_REGIONS + 1} regions"):
-        read_regions(file, COUNTS)
+        read_regions(file, **COUNTS)
