@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from cageik_cli.workflows.build_cage import build_cage
     from cageik_cli.workflows.extract_arrays import CageAnimation, extract
     from cageik_cli.workflows.fit import FittedWeights, fit_weights
-    from cageik_cli.workflows.show import ShownPage, show
+    from cageik_cli.workflows.view.show import ShownPage, show
 
 __version__ = "0.1.0"
 
@@ -94,14 +94,14 @@ _HOMES = {
     "PointCloud": "geometry.points",
     "Poser": "posing.poser",
     "Result": "store.result",
-    "ShownPage": "workflows.show",
+    "ShownPage": "workflows.view.show",
     "TriMesh": "geometry.mesh",
     "build_cage": "workflows.build_cage",
     "closest_point": "posing.anchors",
     "extract": "workflows.extract_arrays",
     "fit_weights": "workflows.fit",
     "point_at_vertex": "posing.anchors",
-    "show": "workflows.show",
+    "show": "workflows.view.show",
 }
 """Modules of the names that are not defined in `workflows.api`."""
 

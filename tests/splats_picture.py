@@ -16,7 +16,7 @@ from cageik_cli.formats.ply_points import parse_points, read_splats
 from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.util.arrays import Floats
-from cageik_cli.workflows.move_points import fill_rows
+from cageik_cli.workflows.model_file import PointReconstruction
 from tests.splat_renderer import Camera, render
 from tests.splats import encode_rows, make_splat_rows
 
@@ -48,7 +48,7 @@ def main(arguments: list[str]) -> int:
     panels = [points.rows]
     for pose in (walk, stretch_cage(cage.vertices)):
         rows = points.rows.copy()
-        fill_rows(motion, rows[None], pose[None], 2)
+        PointReconstruction(motion, 2).fill_rows(rows[None], pose[None])
         panels.append(rows)
     kept = panels[2].copy()
     for name in kept.dtype.names:

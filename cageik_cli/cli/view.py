@@ -21,12 +21,11 @@ from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.pose import WEIGHT_OPTION_NAMES
 from cageik_cli.cli.progress import ProgressBar, show_progress
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.view.listener import ViewListener
 
 if TYPE_CHECKING:
+    from cageik_cli.posing.snapshot import PoseResult
     from cageik_cli.workflows.bind import WeightSettings
-    from cageik_cli.workflows.view.session import AppliedEdit
-    from cageik_cli.workflows.view.settings import ViewSettings
+    from cageik_cli.workflows.view.session import ViewSettings
 
 MODEL_OPTIONS = ("cage", "binding", "cage_vertices", "cage_out", *WEIGHT_OPTION_NAMES)
 
@@ -45,7 +44,7 @@ def make_view_settings(
 ) -> "ViewSettings":
     """Make the settings of a view; options that contradict each other are wrong usage."""
     from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-    from cageik_cli.workflows.view.settings import ViewSettings
+    from cageik_cli.workflows.view.session import ViewSettings
 
     if target.suffix.lower() in HDF5_SUFFIXES:
         _check_hdf5_options(target)
@@ -149,8 +148,8 @@ def view_command(settings: "ViewSettings", port: int, no_browser: bool, quiet: b
         click.echo("stopped", err=True)
 
 
-class TerminalListener(ViewListener):
-    """Prints the address and the edits."""
+class TerminalListener:
+    """Prints the address and the edits; a `ViewListener`."""
 
     def __init__(self, settings: "ViewSettings", opens_browser: bool, is_quiet: bool) -> None:
         self._settings, self._is_quiet = settings, is_quiet
@@ -178,15 +177,15 @@ class TerminalListener(ViewListener):
             click.echo("the edit was dropped; files are complete, or as before it", err=True)
             raise
 
-    def tell_applied(self, applied: "AppliedEdit") -> None:
+    def tell_applied(self, result: "PoseResult") -> None:
         """Print what came of the edit."""
         from cageik_cli.report.views.pose_text import format_pose_rows
         from cageik_cli.util.text import format_block
 
         if not self._is_quiet:
-            rows = [*format_pose_rows(applied.result.summary), *self._progress.make_rows()]
+            rows = [*format_pose_rows(result.summary), *self._progress.make_rows()]
             click.echo(format_block(str(self._settings.output), rows), err=True)
-            click.echo(f"wrote {', '.join(map(str, applied.written))}", err=True)
+            click.echo(f"wrote {', '.join(map(str, self._settings.outputs()))}", err=True)
 
     def tell_failed(self, error: str) -> None:
         """Print why nothing was written."""

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 import click
 
 FURTHER_OPTIONS: Mapping[str, str] = {
-    "keep_weights": "--no-weights",
+    "keep_weights": "without --no-weights",
 }
-"""Options that are the opposite of a parameter, or whose parameter has another name."""
+"""Words for parameters that no option sets to this value."""
 
 
 def word_options(text: str, command: click.Command | None) -> str:

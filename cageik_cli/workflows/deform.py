@@ -10,30 +10,27 @@ from typing import Any
 from cageik_cli.cages.enclosure import OutsideError
 from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.base.mesh_data import LoadedMesh, check_vertex_order
+from cageik_cli.formats.base.mesh_data import check_vertex_order
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
-from cageik_cli.geometry.oriented import Oriented
-from cageik_cli.store import result_frames
-from cageik_cli.store.result import Result
+from cageik_cli.store.result_frames import read_low_rank, read_rotations
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, fit_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.outputs import check_no_overlap
-from cageik_cli.util.progress import ProgressListener, label_note
+from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
-from cageik_cli.workflows.cage_source import CageSource
+from cageik_cli.workflows.caged_model import CagedModel, CageFrames, Reconstruction
 from cageik_cli.workflows.export import report_skipped_frames
-from cageik_cli.workflows.model_file import LoadedModel, load_model
-from cageik_cli.workflows.move_points import find_oriented, move_frames, prepare_motion
-from cageik_cli.workflows.reconstruction import Block, CageFrames, Reconstruction
+from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, load_model, note_on
 from cageik_cli.workflows.rig import check_influences, make_rig
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
-NO_CAGES = "which has no cages; give them by --cages, or give a result"
+NO_CAGES = "which has no cages; give them by `cages`, or give a result"
+NO_SOLVE = "but `influences` needs the settings of a result; give one"
 
 MAX_BLOCK_FRAMES = 16
 """Frames per block at most; more is not faster."""
@@ -102,50 +99,177 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
     NumericalError
         When the weights cannot be trusted.
     """
-    progress = progress or ProgressListener()
-    given = None if settings.mesh is None else _load_model(settings.mesh, settings)
-    output = settings.output if given is None else given.choose_output(settings.output)
-    check_no_overlap(output.list_paths(), settings.inputs())
-    output.check_writable()
-    source = CageSource.read(settings.source)
-    if settings.influences is not None:
-        result = source.require_result("but --influences needs the settings of a result; give one")
-        check_influences(result, settings.influences)
-    clip = _open_cage_clip(settings, source, progress)
-    model = given or LoadedModel(source.rest_model)
-    binding = _load_or_compute_binding(settings, model.mesh, source, progress)
-    if clip is None:
-        result = source.require_result(NO_CAGES)
-        report_skipped_frames(result, progress)
-        cages, scene = CageFrames.from_result(result), result.scene
-    else:
-        cages = CageFrames.from_clip(clip, settings.jobs)
-        scene = clip.scene.override(source.scene)
-    animation = Animation(
-        rest=binding.rest,
-        frame_count=cages.count,
-        scene=settings.scene.override(scene),
-        name=_make_object_name(settings.mesh),
-        morphs=settings.morphs,
-    )
-    # One thread per product: the last digits depend on how many.
-    with limit_blas_threads(1):
-        factory = model.choose_writer(output)
-        oriented = find_oriented(model, binding, model.note(progress)) if factory else None
-        motion = _Motion(model, binding, cages, oriented)
-        frames = _move_model(settings, source, motion, progress)
-        summary = write_animation(output, animation, frames, progress, factory)
-    return replace(summary, parts=model.parts)
+    return _Deformation(settings, progress or ProgressListener()).run()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Motion:
-    """A model, its weights, the cages that move it, and what turns with its points."""
+class _Deformation:
+    """A model that cages move, from the files to the animation."""
 
-    model: LoadedModel
-    binding: Binding
-    cages: CageFrames
-    oriented: Oriented | None
+    def __init__(self, settings: DeformSettings, progress: ProgressListener) -> None:
+        self._settings, self._progress = settings, progress
+
+    def run(self) -> ExportSummary:
+        """Open the model, the cages and the weights, and write the frames."""
+        settings = self._settings
+        given = None if settings.mesh is None else _load_model(settings.mesh, settings)
+        output = settings.output if given is None else given.choose_output(settings.output)
+        check_no_overlap(output.list_paths(), settings.inputs())
+        output.check_writable()
+        self._source = CagedModel.read(settings.source)
+        if settings.influences is not None:
+            check_influences(self._source.require_result(NO_SOLVE), settings.influences)
+        clip = self._open_clip()
+        self._model = given or self._source.model
+        self._binding = self._load_or_compute_binding()
+        if clip is None:
+            result = self._source.require_result(NO_CAGES)
+            report_skipped_frames(result, self._progress)
+            self._cages, scene = CageFrames.from_result(result), result.scene
+        else:
+            self._cages = CageFrames.from_clip(clip, settings.jobs)
+            scene = clip.scene.override(self._source.scene)
+        animation = Animation(
+            rest=self._binding.rest,
+            frame_count=self._cages.count,
+            scene=settings.scene.override(scene),
+            name=_make_object_name(settings.mesh),
+            morphs=settings.morphs,
+        )
+        # One thread per product: the last digits depend on how many.
+        with limit_blas_threads(1):
+            factory = self._model.choose_writer(output)
+            frames = self._move_mesh() if factory is None else self._move_points()
+            summary = write_animation(output, animation, frames, self._progress, factory)
+        return replace(summary, parts=self._model.parts)
+
+    def _open_clip(self) -> MeshSequence | None:
+        """Open the clip of cages, if one is given, which has the connectivity of the source's.
+
+        Raises
+        ------
+        InputError
+            When it cannot be read, or none is given and the source has no cages.
+        """
+        settings, source, progress = self._settings, self._source, self._progress
+        if settings.cages is None:
+            source.require_result(NO_CAGES)
+            return None
+        assert source.cage is not None
+        clip = open_sequence([settings.cages], settings.clip, source.cage)
+        with error_context(settings.cages):
+            check_vertex_order(clip.first, source.cage.mesh, source.cage_name)
+        for note in clip.notes:
+            progress.note("note", note)
+        if clip.missing:
+            names = join_truncated((clip.names[k] for k in sorted(clip.missing)), 5)
+            missing = f"{len(clip.missing)} cages are missing ({names}) and interpolated"
+            progress.note("note", missing)
+        return clip
+
+    def _load_or_compute_binding(self) -> Binding:
+        """Return the weights of the source if they fit the settings; else bind the mesh."""
+        settings, source, mesh = self._settings, self._source, self._model.mesh
+        held = source.read_bind_settings()
+        bind = BindSettings(
+            settings.coordinates or held.coordinates,
+            settings.accuracy or held.accuracy,
+            settings.outside or held.outside,
+        )
+        is_own = settings.mesh is None and bind == held
+        found = source.find_binding() if is_own else None
+        if found is not None:
+            return found
+        assert source.cage is not None
+        weights = WeightSettings(
+            bind, settings.cache, settings.jobs, is_own_cage=settings.mesh is None
+        )
+        with (
+            self._progress.stage("bind"),
+            error_context(settings.mesh or settings.source),
+            _suggest_moving(),
+        ):
+            binding = bind_cached(mesh, source.cage, weights, self._progress).binding
+        note_on(self._progress, self._model.name, *mesh.notes, *binding.notes)
+        return binding if source.fit is None else self._apply_fit(binding, is_own)
+
+    def _apply_fit(self, binding: Binding, is_own: bool) -> Binding:
+        """Return a binding of computed weights with what a fit has changed, if that is known.
+
+        Raises
+        ------
+        SettingError
+            When the weights of the source are fitted, not in it, and wanted.
+        """
+        path = self._source.path
+        if is_own:
+            change = read_low_rank(self._source.require_result("which holds its weights"))
+            if change is not None:
+                return replace(binding, weights=change.add_to(binding.weights))
+            raise SettingError(
+                f"{path}: its weights are fitted to a clip and not in it, so they cannot be "
+                "computed again; extract it again with them (`keep_weights`), or with `fit_rank`"
+            )
+        self._progress.note(
+            "note",
+            f"the cages of {path.name} are for weights that were fitted to its model; this mesh "
+            f"has {binding.settings.coordinates} weights, which follow them less closely",
+        )
+        return binding
+
+    def _move_points(self) -> Iterator[Any]:
+        """Return rows of the points of the model, in blocks of frames."""
+        settings, model = self._settings, self._model
+        note = model.note(self._progress)
+        oriented = model.find_oriented(self._binding, note)
+        if oriented is None:
+            return self._move_mesh()
+        with error_context(settings.mesh):
+            points = PointReconstruction.prepare(
+                self._binding,
+                oriented,
+                memory=settings.memory,
+                jobs=settings.jobs,
+                progress=self._progress,
+            )
+        return points.stream_rows(model.make_rest_rows(), self._cages, note)
+
+    def _move_mesh(self) -> Iterator[Floats]:
+        """Return the vertices of the model, in blocks of frames."""
+        settings, binding = self._settings, self._binding
+        target = Reconstruction(binding, self._cages, self._read_needed_rotations())
+        if settings.influences is None:
+            memory = settings.memory - binding.weights.nbytes
+            size = choose_block_size(memory, len(binding.rest.vertices))
+            return target.stream_meshes(size, settings.jobs)
+        result = self._source.require_result(NO_SOLVE)
+        rig = make_rig(
+            result,
+            target,
+            self._progress,
+            influences=settings.influences,
+            name=settings.output.path.name,
+            compares=settings.compares,
+            memory=settings.memory,
+            jobs=settings.jobs,
+        )
+        return (block.meshes for block in rig.blocks())
+
+    def _read_needed_rotations(self) -> Floats | None:
+        """Read the rotations of the rest pose to each frame, if the weights need them."""
+        if not self._binding.has_offsets:
+            return None
+        count = self._cages.count
+        result = self._source.require_result(
+            "with weights of few influences, which turn with the frames of a clip; give a result "
+            "of that clip"
+        )
+        if count != len(result.frames):
+            raise SettingError(
+                f"{self._settings.cages}: has {count} cages, expected {len(result.frames)} as the "
+                "result, whose weights have few influences: they turn with its frames; give as "
+                "many cages"
+            )
+        return read_rotations(result)
 
 
 def _load_model(path: Path, settings: DeformSettings) -> LoadedModel:
@@ -160,146 +284,15 @@ def _load_model(path: Path, settings: DeformSettings) -> LoadedModel:
     if model.points is not None and settings.influences is not None:
         raise SettingError(
             f"{path}: is {model.kind}, and weights of few influences are fitted to a "
-            "surface; leave out --influences"
+            "surface; leave out `influences`"
         )
     return model
-
-
-def _move_model(
-    settings: DeformSettings, source: CageSource, motion: _Motion, progress: ProgressListener
-) -> Iterator[Any]:
-    """Return the frames that the writer of the model takes, in blocks."""
-    model, binding, cages = motion.model, motion.binding, motion.cages
-    if motion.oriented is not None:
-        jobs, rest = settings.jobs, model.make_rest_rows()
-        with error_context(settings.mesh):
-            held = prepare_motion(binding, motion.oriented, settings.memory, jobs, progress)
-        return move_frames(held, rest, cages, jobs, model.note(progress))
-    rotations = _read_needed_rotations(settings, source, binding, cages.count)
-    target = Reconstruction(binding, cages, rotations)
-    if settings.influences is None:
-        memory = settings.memory - binding.weights.nbytes
-        size = choose_block_size(memory, len(binding.rest.vertices))
-        return target.stream_meshes(size, settings.jobs)
-    result = source.require_result("but --influences needs the settings of a result")
-    blocks = _limit_influences(settings, result, target, progress)
-    return (block.meshes for block in blocks)
-
-
-def _limit_influences(
-    settings: DeformSettings, result: Result, target: Reconstruction, progress: ProgressListener
-) -> Iterator[Block]:
-    """Yield the frames that few influences give, fitted to the motion of the mesh."""
-    rig = make_rig(
-        result,
-        target,
-        progress,
-        influences=settings.influences,
-        name=settings.output.path.name,
-        compares=settings.compares,
-        memory=settings.memory,
-        jobs=settings.jobs,
-    )
-    return rig.blocks()
-
-
-def _read_needed_rotations(
-    settings: DeformSettings, source: CageSource, binding: Binding, count: int
-) -> Floats | None:
-    """Read the rotations of the rest pose to each of `count` frames, if the weights need them."""
-    if not binding.has_offsets:
-        return None
-    result = source.require_result(
-        "with weights of few influences, which turn with the frames of a clip; give a result of "
-        "that clip"
-    )
-    if count != len(result.frames):
-        raise SettingError(
-            f"{settings.cages}: has {count} cages, expected {len(result.frames)} as the result, "
-            "whose weights have few influences: they turn with its frames; give as many cages"
-        )
-    return result_frames.read_rotations(result)
 
 
 def choose_block_size(memory: int, vertices: int) -> int:
     """Return how many frames, in whole groups, fit into `memory` bytes; one group at least."""
     groups = fit_frames(memory, vertices * FRAMES_PER_PRODUCT, ARRAYS_PER_FRAME)
     return FRAMES_PER_PRODUCT * min(groups, MAX_BLOCK_FRAMES // FRAMES_PER_PRODUCT)
-
-
-def _open_cage_clip(
-    settings: DeformSettings, source: CageSource, progress: ProgressListener
-) -> MeshSequence | None:
-    """Open the clip of cages, if one is given, which has the connectivity of the source's.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read, or none is given and the source has no cages.
-    """
-    if settings.cages is None:
-        source.require_result(NO_CAGES)
-        return None
-    clip = open_sequence([settings.cages], settings.clip, source.rest_cage)
-    with error_context(settings.cages):
-        check_vertex_order(clip.first, source.cage, source.cage_name)
-    for note in clip.notes:
-        progress.note("note", note)
-    if clip.missing:
-        names = join_truncated((clip.names[k] for k in sorted(clip.missing)), 5)
-        progress.note("note", f"{len(clip.missing)} cages are missing ({names}) and interpolated")
-    return clip
-
-
-def _load_or_compute_binding(
-    settings: DeformSettings, mesh: LoadedMesh, source: CageSource, progress: ProgressListener
-) -> Binding:
-    """Return the weights of the source if they fit the settings; else bind the mesh to the cage."""
-    bind_settings = BindSettings(
-        settings.coordinates or source.bind.coordinates,
-        settings.accuracy or source.bind.accuracy,
-        settings.outside or source.bind.outside,
-    )
-    is_own = settings.mesh is None and bind_settings == source.bind
-    held = source.read_binding() if is_own else None
-    if held is not None:
-        return held
-    weight_settings = WeightSettings(
-        bind_settings, settings.cache, settings.jobs, is_own_cage=settings.mesh is None
-    )
-    with progress.stage("bind"), error_context(settings.mesh or settings.source), _suggest_moving():
-        binding = bind_cached(mesh, source.rest_cage, weight_settings, progress).binding
-    for note in mesh.notes + binding.notes:
-        label, text = label_note(note)
-        progress.note(label, f"{mesh.source['name']}: {text}")
-    return binding if source.fit is None else _apply_fit(binding, source, is_own, progress)
-
-
-def _apply_fit(
-    binding: Binding, source: CageSource, is_own: bool, progress: ProgressListener
-) -> Binding:
-    """Return a binding of computed weights with what a fit has changed, where it can be known.
-
-    Raises
-    ------
-    SettingError
-        When the weights of the source are fitted, not in it, and wanted.
-    """
-    if is_own:
-        result = source.require_result("which holds its weights")
-        change = result_frames.read_low_rank(result)
-        if change is not None:
-            return replace(binding, weights=change.add_to(binding.weights))
-        raise SettingError(
-            f"{source.path}: its weights are fitted to a clip and not in it, so they cannot be "
-            "computed again; extract it again without --no-weights, or with --fit-rank"
-        )
-    progress.note(
-        "note",
-        f"the cages of {source.path.name} are for weights that were fitted to its model; this mesh "
-        f"has {binding.settings.coordinates} weights, which follow them less closely",
-    )
-    return binding
 
 
 @contextmanager
@@ -312,7 +305,7 @@ def _suggest_moving() -> Iterator[None]:
             raise
         remedy = "move it into the rest cage"
         if not error.placement.is_misplaced:
-            remedy += ", or take the nearest points of the cage with --outside project"
+            remedy += ", or take the nearest points of the cage with `outside=project`"
         raise OutsideError(f"{error.placement.describe_outside()}; {remedy}") from error
 
 

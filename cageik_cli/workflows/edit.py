@@ -19,6 +19,7 @@ from cageik_cli.posing.edits import (
     build_layers,
     edit_frames,
 )
+from cageik_cli.posing.handles.reader import HandlesFile, read_handles
 from cageik_cli.posing.snapshot import PoseResult, take_snapshot
 from cageik_cli.posing.summary import PoseStatistics
 from cageik_cli.solver.blocks import SolvedBlock, summarize_blocks
@@ -26,7 +27,7 @@ from cageik_cli.solver.memory_plan import choose_block_size
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
 from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.store.result import Result, read_cages, read_result
-from cageik_cli.store.result_frames import read_binding, read_rotations
+from cageik_cli.store.result_frames import read_rotations
 from cageik_cli.store.result_writer import (
     ResultHeader,
     ResultWriter,
@@ -34,12 +35,13 @@ from cageik_cli.store.result_writer import (
     open_result_writer,
 )
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import SettingError, error_context
+from cageik_cli.util.errors import error_context
 from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import single_line, to_unicode
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.pose import NamedHandles, read_named_handles, report_layer_notes
+from cageik_cli.workflows.caged_model import CagedModel
+from cageik_cli.workflows.pose import report_layer_notes
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 
@@ -57,7 +59,7 @@ class EditSettings(CommandSettings):
 def edit(
     settings: EditSettings,
     progress: ProgressListener | None = None,
-    handles: NamedHandles | None = None,
+    handles: HandlesFile | None = None,
 ) -> PoseResult:
     """Apply the layers of a handles file to the cage animation of a result, and write a result.
 
@@ -66,7 +68,7 @@ def edit(
 
     Parameters
     ----------
-    handles : NamedHandles, optional
+    handles : HandlesFile, optional
         In place of those of the settings' file.
 
     Raises
@@ -81,10 +83,10 @@ def edit(
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):
-        handles = handles or read_named_handles(settings.handles)
+        handles = handles or read_handles(settings.handles)
         result = read_result(settings.result)
         rotations = read_rotations(result)
-        target = _build_target(result, rotations)
+        target = _build_target(CagedModel.of_result(result), rotations)
     # One thread: the last digits depend on how many.
     with progress.stage("pose"), error_context(handles.path), limit_blas_threads(1):
         layers = build_layers(handles.handles, target, settings.posing)
@@ -188,14 +190,9 @@ class _EditRun:
         )
 
 
-def _build_target(result: Result, rotations: Floats) -> EditTarget:
+def _build_target(model: CagedModel, rotations: Floats) -> EditTarget:
     """Make the edit target of a result, which needs its weights."""
-    binding = read_binding(result)
-    if binding is None:
-        raise SettingError(
-            f"{result.path}: has no weights, which handles need; extract it again without "
-            "--no-weights"
-        )
+    result, binding = model.require_result("which has no frames"), model.read_binding("an edit")
 
     def cage(frame: int) -> Floats:
         return np.asarray(next(read_cages(result, 1, frame))[0])
@@ -234,7 +231,7 @@ def _build_header(settings: EditSettings, result: Result, binding: Binding) -> R
 
 
 def _collect_sources(
-    settings: EditSettings, handles: NamedHandles, result: Result
+    settings: EditSettings, handles: HandlesFile, result: Result
 ) -> dict[str, Any]:
     """Return the sources of the result, and the files of the edit."""
     digests = {

@@ -14,12 +14,11 @@ from cageik_cli.formats.usd.writer import CageDisplay, WithModelWriter
 from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result
-from cageik_cli.store.result_frames import read_binding, read_rotations
 from cageik_cli.util.arrays import fit_frames
 from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
+from cageik_cli.workflows.caged_model import CagedModel, Reconstruction
 from cageik_cli.workflows.rig import check_influences, make_rig
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
@@ -117,7 +116,7 @@ def _write_with_model(
     settings: ExportSettings, result: Result, animation: Animation, progress: ProgressListener
 ) -> ExportSummary:
     """Write the cages, and beside them the model that they move."""
-    target = _read_reconstruction(result, "the model")
+    target = CagedModel.of_result(result).read_reconstruction("the model")
     display = settings.with_model or CageDisplay.MESH
     size = fit_frames(MAX_BLOCK_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
     frames = (np.concatenate([block.cages, block.meshes], axis=1) for block in target.blocks(size))
@@ -129,32 +128,14 @@ def _write_with_model(
 def _read_skeleton(result: Result, settings: ExportSettings) -> Reconstruction:
     """Read what a skin is to follow; refuse what cannot be skinned."""
     check_influences(result, settings.influences)
-    target = _read_reconstruction(result, "a skeleton")
+    target = CagedModel.of_result(result).read_reconstruction("a skeleton")
     binding = target.binding
     if settings.influences is None and result.fit is not None and not binding.has_offsets:
         raise SettingError(
             f"{result.path}: its weights are fitted, and negative in places (down to "
-            f"{binding.weights.min():.2g}), which skin weights cannot be; give --influences 8"
+            f"{binding.weights.min():.2g}), which skin weights cannot be; give `influences=8`"
         )
     return target
-
-
-def _read_reconstruction(result: Result, purpose: str) -> Reconstruction:
-    """Read the model that the cages of a result move.
-
-    Raises
-    ------
-    SettingError
-        Naming the purpose, when the result has no weights.
-    """
-    binding = read_binding(result)
-    if binding is None:
-        raise SettingError(
-            f"{result.path}: has no weights, which {purpose} needs; extract it again without "
-            "--no-weights"
-        )
-    rotations = read_rotations(result) if binding.has_offsets else None
-    return Reconstruction(binding, CageFrames.from_result(result), rotations)
 
 
 def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
@@ -180,18 +161,18 @@ def check_export(settings: ExportSettings) -> None:
     suffix = path.suffix.lower()
     if settings.skeleton and suffix not in SKELETON_SUFFIXES:
         raise SettingError(
-            f"{path}: --skeleton works with USD and glTF only, expected "
+            f"{path}: `skeleton` works with USD and glTF only, expected "
             f"{', '.join(SKELETON_SUFFIXES)}"
         )
     is_gltf = suffix in GltfSkeletonWriter.suffixes
     if is_gltf and settings.influences is not None and settings.influences > MAX_INFLUENCES:
         raise SettingError(
-            f"{path}: --influences is {settings.influences}, and programs read at most "
+            f"{path}: `influences` is {settings.influences}, and programs read at most "
             f"{MAX_INFLUENCES} joints per vertex from .glb; give 4, or {MAX_INFLUENCES}"
         )
     if settings.with_model is not None and path.suffix.lower() not in WithModelWriter.suffixes:
         raise SettingError(
-            f"{path}: --with-model works with USD only, expected "
+            f"{path}: `with_model` works with USD only, expected "
             f"{', '.join(WithModelWriter.suffixes)}"
         )
     settings.output.check_writable()

@@ -1,14 +1,17 @@
-"""A model that is to be moved: a mesh, points, or Gaussian splats."""
+"""A model that is moved: a mesh, points, or Gaussian splats."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
+from cageik_cli.coordinates.point_motion import MovedBlock, PointMotion
 from cageik_cli.formats.base.files import decompress, describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.open import load_mesh
@@ -20,15 +23,23 @@ from cageik_cli.formats.ply_points import (
     SplatWriter,
     holds_splats,
     parse_points,
+    place_normals,
+    place_positions,
+    place_splats,
     read_splats,
 )
 from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.formats.write import Output, WriterFactory
-from cageik_cli.geometry.oriented import Oriented, Splats
+from cageik_cli.geometry.oriented import MapFaults, Oriented, Splats
 from cageik_cli.geometry.points import PointCloud
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError, error_context
 from cageik_cli.util.files import read_input
-from cageik_cli.util.progress import ProgressListener, label_note
+from cageik_cli.util.progress import ProgressListener, label_note, mark_warning
+from cageik_cli.util.threads import OrderedMap
+
+if TYPE_CHECKING:
+    from cageik_cli.workflows.caged_model import CageFrames
 
 POINT_SUFFIXES = (".ply", ".npz", ".pc2", ".mdd")
 """What points without faces can be written as."""
@@ -71,12 +82,11 @@ class LoadedModel:
         known = POINT_SUFFIXES if self.splats is None else SPLAT_SUFFIXES
         if self.splats is not None and output.recentre:
             raise SettingError(
-                f"{self.mesh.source['name']}: is {self.kind}, which --recentre cannot move; leave "
-                "it out"
+                f"{self.name}: is {self.kind}, which `recentre` cannot move; leave it out"
             )
         if output.suffix not in known:
             raise OutputError(
-                f"{output.path}: a `{output.suffix}` cannot hold {self.mesh.source['name']}, which "
+                f"{output.path}: a `{output.suffix}` cannot hold {self.name}, which "
                 f"is {self.kind}; write {', '.join(known)}"
             )
         return output
@@ -85,17 +95,31 @@ class LoadedModel:
         """Refuse a file of one pose that cannot hold points; raises OutputError."""
         if self.points is not None and path.suffix.lower() != ".ply":
             raise OutputError(
-                f"{path}: a `{path.suffix}` cannot hold {self.mesh.source['name']}, which is "
+                f"{path}: a `{path.suffix}` cannot hold {self.name}, which is "
                 f"{self.kind}; write a .ply"
             )
 
     @property
-    def oriented(self) -> Oriented | None:
-        """What turns with its points; None if nothing does."""
+    def name(self) -> str:
+        """What messages call it."""
+        return self.mesh.source["name"]
+
+    def find_oriented(self, binding: Binding, note: Callable[[str], None]) -> Oriented | None:
+        """Return what turns with its points; None if nothing does, or can.
+
+        `note` takes why normals cannot.
+        """
         normals = None if self.points is None else self.points.normals
         if normals is None and self.splats is None:
             return None
-        return Oriented(normals, self.splats)
+        coordinates = binding.settings.coordinates
+        if self.splats is not None or coordinates == "harmonic":
+            return Oriented(normals, self.splats)
+        note(
+            "its normals keep their values: turning them needs gradients, which "
+            f"{coordinates} weights do not have here; use `coordinates=harmonic`"
+        )
+        return None
 
     @property
     def kind(self) -> str:
@@ -113,12 +137,7 @@ class LoadedModel:
 
     def note(self, progress: ProgressListener) -> Callable[[str], None]:
         """Return what takes notes on the model."""
-
-        def take(text: str) -> None:
-            label, text = label_note(text)
-            progress.note(label, f"{self.mesh.source['name']}: {text}")
-
-        return take
+        return partial(note_on, progress, self.name)
 
     def make_rest_rows(self) -> NDArray[Any]:
         """Return rows of the points at rest, which frames are made from; of splats, whole ones."""
@@ -139,6 +158,11 @@ class LoadedModel:
         return partial(SplatWriter, points=self.points)
 
 
+def load_surface(path: Path) -> LoadedModel:
+    """Read a mesh; raises as `load_mesh`."""
+    return LoadedModel(load_mesh(path))
+
+
 def load_model(path: Path) -> LoadedModel:
     """Read a mesh, points without faces (.ply), or Gaussian splats (.ply).
 
@@ -149,14 +173,102 @@ def load_model(path: Path) -> LoadedModel:
     """
     suffix = file_suffix(path)
     if suffix not in PlyReader.suffixes or path.is_dir():
-        return LoadedModel(load_mesh(path))
+        return load_surface(path)
     with error_context(path):
         data = read_input(path)
         points = parse_points(decompress(data, suffix))
     if points is None:
-        return LoadedModel(load_mesh(path))
+        return load_surface(path)
     with error_context(path):
         splats = read_splats(points) if holds_splats(points) else None
         cloud = PointCloud.from_points(points.positions)
         mesh = LoadedMesh(cloud, describe_source(path, data), points.notes)
         return LoadedModel(mesh, points, splats)
+
+
+def note_on(progress: ProgressListener, name: str, *notes: str) -> None:
+    """Note what was found in a file, or warn of it."""
+    for note in notes:
+        label, text = label_note(note)
+        progress.note(label, f"{name}: {text}")
+
+
+class PointReconstruction:
+    """The frames of points that cages give, with their normals or as splats, as rows.
+
+    Attributes
+    ----------
+    faults : MapFaults
+        How often the points that were moved are where space has lost its shape.
+    """
+
+    def __init__(self, motion: PointMotion, jobs: int) -> None:
+        self.faults = MapFaults()
+        self._motion, self._jobs = motion, jobs
+
+    @staticmethod
+    def prepare(
+        binding: Binding, oriented: Oriented, *, memory: int, jobs: int, progress: ProgressListener
+    ) -> "PointReconstruction":
+        """Compute the gradients of the weights of points; raises as `PointMotion`."""
+        with progress.stage("gradients"):
+            room = max(0, memory - binding.weights.nbytes)
+            return PointReconstruction(
+                PointMotion(binding, oriented, room, jobs, progress.update), jobs
+            )
+
+    def stream_rows(
+        self, rest: NDArray[Any], cages: "CageFrames", note: Callable[[str], None]
+    ) -> Iterator[NDArray[Any]]:
+        """Yield the rows (k, m) of all frames in order; they are overwritten by the next.
+
+        At rest, they are `rest` (m,). At the end, `note` takes what is wrong, one sentence each.
+        """
+        size = min(FRAMES_PER_PRODUCT, cages.count)
+        # The next frames are computed while these are written.
+        held = cycle([np.repeat(rest[None], size, axis=0) for _ in range(2)])
+
+        def fill(item: tuple[NDArray[Any], Floats]) -> NDArray[Any]:
+            rows, block = item[0][: len(item[1])], item[1]
+            self.fill_rows(rows, block)
+            return rows
+
+        with OrderedMap(fill, zip(held, cages.blocks(size), strict=False), 1, 1) as blocks:
+            yield from blocks
+        self.note_faults(len(rest) * cages.count, note)
+
+    def fill_rows(self, rows: NDArray[Any], cages: Floats) -> None:
+        """Fill the rows (k, m) of the frames of cages (k, n, 3), block by block in threads."""
+        move = partial(_move_block, self._motion, rows, cages)
+        with OrderedMap(move, range(len(self._motion)), self._jobs, 2 * self._jobs) as blocks:
+            for found in blocks:
+                self.faults += found
+
+    def note_faults(self, count: int, note: Callable[[str], None]) -> None:
+        """Note how many of `count` moved points are where space has lost its shape."""
+        parts, mirrored = "points", "turned inside out"
+        if self._motion.moves_splats:
+            parts = "splats"
+            mirrored += "; their colours are turned by the nearest rotation"
+        for number, what in (
+            (self.faults.mirrored, mirrored),
+            (self.faults.flat, "flattened to a sheet, a line or a point"),
+        ):
+            if number:
+                note(
+                    mark_warning(
+                        f"{number} of {count} moved {parts} are {what}: the cage folds over there"
+                    )
+                )
+
+
+def _move_block(motion: PointMotion, rows: NDArray[Any], cages: Floats, number: int) -> MapFaults:
+    moved: MovedBlock = motion.move(number, cages)
+    for frame, (places, oriented) in enumerate(zip(moved.places, moved.oriented, strict=True)):
+        part = rows[frame, moved.chosen]
+        place_positions(part, places.T)
+        if oriented.normals is not None:
+            place_normals(part, oriented.normals)
+        if oriented.splats is not None:
+            place_splats(part, oriented.splats)
+    return moved.faults

@@ -3,14 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.base.files import file_suffix, hash_file
+from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.open import clip_suffixes, load_mesh, mesh_suffixes
+from cageik_cli.formats.open import clip_suffixes, mesh_suffixes
 from cageik_cli.formats.ply_points import place_positions
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.write import check_mesh_output, write_mesh
@@ -22,25 +23,17 @@ from cageik_cli.posing.edits import (
     build_layers,
     edit_frames,
 )
-from cageik_cli.posing.handles.model import Handles
-from cageik_cli.posing.handles.reader import read_handles
+from cageik_cli.posing.handles.reader import HandlesFile, read_handles
 from cageik_cli.posing.snapshot import PoseResult, take_snapshot
 from cageik_cli.posing.summary import PoseStatistics
-from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, write_bytes
-from cageik_cli.util.progress import ProgressListener, label_note
+from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.bind import WeightSettings, bind_cached
-from cageik_cli.workflows.model_file import LoadedModel, load_model
-from cageik_cli.workflows.move_points import (
-    fill_rows,
-    find_oriented,
-    note_faults,
-    prepare_motion,
-)
-from cageik_cli.workflows.repair_hint import suggest_repair
+from cageik_cli.workflows.bind import WeightSettings
+from cageik_cli.workflows.caged_model import CagedModel
+from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 
@@ -70,34 +63,6 @@ class PoseSettings(CommandSettings):
     overwrite: bool = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NamedHandles:
-    """The handles of a file.
-
-    Attributes
-    ----------
-    path : Path
-        The file, for messages.
-    sha256 : str
-        Digest of the file, in hexadecimal digits.
-    """
-
-    path: Path
-    handles: Handles
-    sha256: str
-
-
-def read_named_handles(path: Path) -> NamedHandles:
-    """Read a handles file, and its digest.
-
-    Raises
-    ------
-    InputError
-        As `read_handles`.
-    """
-    return NamedHandles(path, read_handles(path), hash_file(path).hex())
-
-
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
     """Pose a model by handles, and write it.
 
@@ -111,20 +76,54 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
     progress = progress or ProgressListener()
     check_target_kind(settings.target, "to edit an animation")
     with progress.stage("open"):
-        model = _load_model(settings)
-        _check_outputs(settings)
-        handles = read_named_handles(settings.handles)
-    with progress.stage("bind"):
-        target = _load_target(settings, model, progress)
-        binding = target.binding
+        target = CagedModel.open(settings.target, settings.cage)
+        if target.cage is None:
+            raise SettingError(f"{target.path}: is a model without a cage; give one with `cage`")
+        target.model.check_posed_output(settings.output)
+        check_no_overlap(settings.outputs(), settings.inputs())
+        for path in settings.outputs():
+            check_mesh_output(path, settings.overwrite)
+        handles = read_handles(settings.handles)
+    binding = target.bind(settings.weights, progress)
     with progress.stage("pose"):
         posed = pose_model(binding, handles, settings.posing)
     report_layer_notes(posed.layers, settings.handles, progress)
     with progress.stage("write"):
-        _write_model(settings, target, posed, progress)
+        if target.model.points is None:
+            write_mesh(settings.output, binding.rest, posed.mesh, settings.overwrite)
+        else:
+            rows = _move_points(target.model, binding, posed, settings, progress)
+            with error_context(settings.output):
+                data = target.model.points.encode(rows)
+            write_bytes(settings.output, data, settings.overwrite)
         if settings.cage_output is not None:
             write_mesh(settings.cage_output, binding.cage, posed.cage, settings.overwrite)
     return posed.result
+
+
+def _move_points(
+    model: LoadedModel,
+    binding: Binding,
+    posed: "PosedModel",
+    settings: PoseSettings,
+    progress: ProgressListener,
+) -> NDArray[Any]:
+    """Return the rows of posed points or splats, (m,)."""
+    assert model.points is not None
+    rows, note = model.points.rows.copy(), model.note(progress)
+    oriented = model.find_oriented(binding, note)
+    if oriented is None:
+        place_positions(rows, posed.mesh)
+        return rows
+    jobs = settings.weights.jobs
+    with error_context(settings.target):
+        moved = PointReconstruction.prepare(
+            binding, oriented, memory=DEFAULT_MEMORY, jobs=jobs, progress=progress
+        )
+    with limit_blas_threads(1):
+        moved.fill_rows(rows[None], posed.cage[None])
+    moved.note_faults(len(rows), note)
+    return rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +142,7 @@ class PosedModel:
     result: PoseResult
 
 
-def pose_model(binding: Binding, handles: NamedHandles, posing: PosingSettings) -> PosedModel:
+def pose_model(binding: Binding, handles: HandlesFile, posing: PosingSettings) -> PosedModel:
     """Pose a model in its cage by handles.
 
     Raises
@@ -173,44 +172,6 @@ def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: Progres
             progress.note("note", f"{handles.name}: {note}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Target:
-    """What is posed: a model in its cage, and its file unless a binding file holds it."""
-
-    binding: Binding
-    file: LoadedModel | None = None
-
-
-def _write_model(
-    settings: PoseSettings, target: _Target, posed: PosedModel, progress: ProgressListener
-) -> None:
-    """Write the posed mesh, points or splats."""
-    path, file = settings.output, target.file
-    if file is None or file.points is None:
-        write_mesh(path, target.binding.rest, posed.mesh, settings.overwrite)
-        return
-    rows, note = file.points.rows.copy(), file.note(progress)
-    oriented = find_oriented(file, target.binding, note)
-    if oriented is None:
-        place_positions(rows, posed.mesh)
-    else:
-        jobs = settings.weights.jobs
-        with error_context(settings.target):
-            motion = prepare_motion(target.binding, oriented, DEFAULT_MEMORY, jobs, progress)
-        with limit_blas_threads(1):
-            faults = fill_rows(motion, rows[None], posed.cage[None], jobs)
-        note_faults(faults, motion, len(rows), note)
-    with error_context(path):
-        data = file.points.encode(rows)
-    write_bytes(path, data, settings.overwrite)
-
-
-def _check_outputs(settings: PoseSettings) -> None:
-    check_no_overlap(settings.outputs(), settings.inputs())
-    for path in settings.outputs():
-        check_mesh_output(path, settings.overwrite)
-
-
 def check_target_kind(target: Path, purpose: str) -> None:
     """Refuse an animation that was not extracted yet.
 
@@ -231,43 +192,3 @@ def check_target_kind(target: Path, purpose: str) -> None:
             f"{target}: is {what}, expected a model, a binding or a result; {purpose}, run cageik "
             "extract first and name its result"
         )
-
-
-def _load_model(settings: PoseSettings) -> LoadedModel | None:
-    """Read the model, which decides what the output can be; None if a binding file holds it."""
-    if settings.target.suffix.lower() in HDF5_SUFFIXES:
-        return None
-    if settings.cage is None:
-        raise SettingError(f"{settings.target}: is a model without a cage; give one with --cage")
-    model = load_model(settings.target)
-    model.check_posed_output(settings.output)
-    return model
-
-
-def _load_target(
-    settings: PoseSettings, model: LoadedModel | None, progress: ProgressListener
-) -> _Target:
-    """Read the binding file that is named, or bind the model to the cage."""
-    if model is None or settings.cage is None:
-        return _Target(read_binding(settings.target).binding)
-    cage = load_mesh(settings.cage)
-    with error_context(settings.cage), suggest_repair(settings.cage, settings.target):
-        return _Target(bind_model(model.mesh, cage, settings.weights, progress), model)
-
-
-def bind_model(
-    rest: LoadedMesh, cage: LoadedMesh, weights: WeightSettings, progress: ProgressListener
-) -> Binding:
-    """Bind a model to a cage, and note what was changed in reading them.
-
-    Raises
-    ------
-    InputError, NumericalError
-        As `bind_cached`.
-    """
-    binding = bind_cached(rest, cage, weights, progress).binding
-    for mesh, notes in ((rest, rest.notes), (cage, binding.notes)):
-        for note in notes:
-            label, text = label_note(note)
-            progress.note(label, f"{mesh.source['name']}: {text}")
-    return binding

@@ -22,7 +22,7 @@ from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.reconstruction import Block, Reconstruction
+from cageik_cli.workflows.caged_model import RebuiltFrames, Reconstruction
 
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
 """Frames that are posed together; constant, because the last digits depend on it."""
@@ -44,7 +44,7 @@ class Rig:
     skin: Skin
     rms: float
     largest: float
-    blocks: Callable[[], Iterator[Block]]
+    blocks: Callable[[], Iterator[RebuiltFrames]]
 
     @property
     def message(self) -> str:
@@ -128,9 +128,9 @@ def _fit_rig(
         weights = compute_skin_weights(fitted.weights)
         solver = DualLaplacianSolver(_bind_skin(binding, weights), solve)
 
-        def pose(block: Block) -> Block:
+        def pose(block: RebuiltFrames) -> RebuiltFrames:
             solution = solver.solve(block.meshes)
-            return Block(solution.cages, solution.rotations, solution.reconstructions)
+            return RebuiltFrames(solution.cages, solution.rotations, solution.reconstructions)
 
         return _measure_rig(target, weights, pose)
 
@@ -145,7 +145,7 @@ def check_influences(result: Result, influences: int | None) -> None:
     n = len(result.cage.vertices)
     if influences is not None and influences > n:
         raise SettingError(
-            f"{result.path}: --influences is {influences}, but the cage has {n} vertices; give "
+            f"{result.path}: `influences` is {influences}, but the cage has {n} vertices; give "
             f"{n} or less"
         )
 
@@ -184,7 +184,7 @@ def _keep_weights(target: Reconstruction) -> Rig:
     weights = compute_skin_weights(target.binding.weights)
     skinned = _bind_skin(target.binding, weights)
 
-    def pose(block: Block) -> Block:
+    def pose(block: RebuiltFrames) -> RebuiltFrames:
         meshes = reconstruct_frames(skinned, block.cages, block.rotations)
         return replace(block, meshes=meshes)
 
@@ -198,7 +198,7 @@ def _bind_skin(binding: Binding, weights: SkinWeights) -> Binding:
 
 
 def _measure_rig(
-    target: Reconstruction, weights: SkinWeights, pose: Callable[[Block], Block]
+    target: Reconstruction, weights: SkinWeights, pose: Callable[[RebuiltFrames], RebuiltFrames]
 ) -> Rig:
     """Pose all frames, and measure how far they are from the target."""
     rotations, squares, largest = [], 0.0, 0.0

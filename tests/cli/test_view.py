@@ -129,9 +129,8 @@ def test_refusals(run, clip, words, told):
 def test_the_outcome_of_an_edit_is_shown(run, clip, monkeypatch):
     def use(session, port, listener):
         with listener.show_edit() as progress:
-            edit = session.parse(json.dumps(DOCUMENT).encode(), 3)
-            applied = session.apply(edit, progress)
-        listener.tell_applied(applied)
+            result = session.parse(json.dumps(DOCUMENT).encode(), 3)(progress)
+        listener.tell_applied(result)
         listener.tell_failed("handles: are wrong")
         raise KeyboardInterrupt
 

@@ -15,7 +15,7 @@ from cageik_cli.util.errors import SettingError
         ("of extract: `on_bad_frame=skip`", "of extract: --on-bad-frame skip"),
         ("choose others by `selection`", "choose others by --frames"),
         ("`handles` is empty", "HANDLES is empty"),
-        ("has no weights; see `keep_weights`", "has no weights; see --no-weights"),
+        ("extract with it (`keep_weights`)", "extract with it (without --no-weights)"),
         ("a `.png`, a `vertex` and `Ctrl`", "a `.png`, a `vertex` and `Ctrl`"),
     ],
 )

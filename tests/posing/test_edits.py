@@ -49,7 +49,7 @@ def layers(tmp_path, clip):
     def make(document, **settings):
         path = tmp_path / "handles.json"
         path.write_text(json.dumps(document))
-        return build_layers(read_handles(path), clip, PosingSettings(**settings))
+        return build_layers(read_handles(path).handles, clip, PosingSettings(**settings))
 
     return make
 

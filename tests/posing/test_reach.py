@@ -46,7 +46,7 @@ def pose(tmp_path, binding):
         path.write_text(json.dumps(document))
         cage = binding.cage.vertices
         target = EditTarget(binding, CageSkin.for_rest_pose(binding), lambda _: cage)
-        layers = build_layers(read_handles(path), target, PosingSettings(**settings))
+        layers = build_layers(read_handles(path).handles, target, PosingSettings(**settings))
         block = edit_frames(layers, target, np.zeros(1, np.int64), cage[None])
         statistics = PoseStatistics(layers, binding.rest)
         statistics.update(block)

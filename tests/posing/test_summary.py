@@ -43,7 +43,7 @@ def closed():
 def layers(tmp_path):
     def make(clip, document=DOCUMENT, **settings):
         (tmp_path / "handles.json").write_text(json.dumps(document))
-        handles = read_handles(tmp_path / "handles.json")
+        handles = read_handles(tmp_path / "handles.json").handles
         return build_layers(handles, clip, PosingSettings(**settings))
 
     return make

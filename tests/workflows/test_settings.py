@@ -16,7 +16,7 @@ from cageik_cli.workflows.export import ExportSettings
 from cageik_cli.workflows.pose import PoseSettings
 from cageik_cli.workflows.repair_cage import RepairCageSettings
 from cageik_cli.workflows.settings import ExtractSettings
-from cageik_cli.workflows.view.settings import ViewSettings
+from cageik_cli.workflows.view.session import ViewSettings
 
 FRAMES = [f"frames/frame_{k}.obj" for k in range(1, 6)]
 CAGE, REST, RESULT, OUT = map(Path, ("cage.obj", "rest.obj", "cages.h5", "out.h5"))

@@ -1,6 +1,8 @@
 """Reading of a handles file: from checked JSON to records."""
 
+import hashlib
 from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -30,7 +32,8 @@ from cageik_cli.posing.handles.model import (
 from cageik_cli.posing.handles.schema import check_schema
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, error_context
-from cageik_cli.util.json_files import parse_json, read_json
+from cageik_cli.util.files import read_input
+from cageik_cli.util.json_files import parse_json
 
 
 def parse_place(raw: dict[str, Any], camera: Camera | None) -> Place:
@@ -95,7 +98,21 @@ def _parse_track(raw: dict[str, Any], field: str) -> Track:
     return Track(np.array(values, np.float64), np.array(frames, np.int64))
 
 
-def read_handles(path: Path) -> Handles:
+@dataclass(frozen=True, slots=True, eq=False)
+class HandlesFile:
+    """The handles of a file, and its bytes; `path` names it in messages."""
+
+    path: Path
+    data: bytes
+    handles: Handles
+
+    @property
+    def sha256(self) -> str:
+        """The digest of the file, in hexadecimal digits."""
+        return hashlib.sha256(self.data).hexdigest()
+
+
+def read_handles(path: Path) -> HandlesFile:
     """Read a handles file.
 
     Raises
@@ -106,7 +123,8 @@ def read_handles(path: Path) -> Handles:
         When its content is wrong; the message names the file, the handle and the field.
     """
     with error_context(path):
-        return _parse_document(read_json(path, HANDLES_FORMAT))
+        data = read_input(path, HANDLES_FORMAT.max_bytes, HANDLES_FORMAT.name)
+        return HandlesFile(path, data, parse_handles(data))
 
 
 def parse_handles(data: bytes) -> Handles:
@@ -117,10 +135,7 @@ def parse_handles(data: bytes) -> Handles:
     FormatError, HandlesError
         As `read_handles`; messages do not name a file.
     """
-    return _parse_document(parse_json(data, HANDLES_FORMAT))
-
-
-def _parse_document(document: Any) -> Handles:
+    document = parse_json(data, HANDLES_FORMAT)
     check_schema(document)
     constraints, camera = _parse_constraints(document), _parse_camera(document, None)
     if "sets" not in document:

@@ -1,5 +1,5 @@
 """`cageik view`: a page on this machine that plays a clip, poses it, and has handles applied.
 
-`session.py` knows the model or the result and where outputs go, `jobs.py` holds the edit that runs,
-`requests.py` and `server.py` are all that speaks to a network; `run.py` puts them together.
+`session.py` knows the model or the result and where outputs go, `run.py` does one edit at a time,
+and `server.py` is all that speaks to a network. `show.py` makes such a page for a notebook.
 """

@@ -1,27 +1,152 @@
 """A page is served until someone stops it; edits run one at a time, in the main thread."""
 
 import secrets
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from threading import Condition
+from typing import Protocol
 
+from cageik_cli.posing.snapshot import PoseResult
 from cageik_cli.report.html.player_page import render_view_page
 from cageik_cli.report.views.pose_text import format_pose_rows
 from cageik_cli.util.errors import describe_error
-from cageik_cli.workflows.view.jobs import BoardProgress, JobBoard
-from cageik_cli.workflows.view.listener import ViewListener
-from cageik_cli.workflows.view.requests import Site
-from cageik_cli.workflows.view.server import serve
-from cageik_cli.workflows.view.session import Edit, ViewSession
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.view.server import Site, serve
+from cageik_cli.workflows.view.session import ViewSession
 
-WAIT_SECONDS = 0.5
-"""How often the main thread looks whether it is interrupted, where waiting would hide that."""
-
-SECRET_BYTES = 24
+Edit = Callable[[ProgressListener], PoseResult]
+"""Applies handles that were sent and writes the outputs."""
 
 
-def run_view(session: ViewSession, port: int, listener: ViewListener) -> None:
+@dataclass(frozen=True, slots=True)
+class JobStatus:
+    """What is known of the last edit.
+
+    Attributes
+    ----------
+    job : int
+        Its number, from 1; 0 before the first.
+    state : str
+        "idle" before the first edit, then "running", "done" or "failed".
+    stage : str
+        What it does: "open", "pose", "edit" or "write".
+    done, total : int
+        Frames of that.
+    rows : tuple of (label, text)
+        What came of it, as `cageik pose` prints it.
+    written : tuple of str
+        Files that were written.
+    error : str
+        Why it failed.
+    """
+
+    job: int = 0
+    state: str = "idle"
+    stage: str = ""
+    done: int = 0
+    total: int = 0
+    rows: tuple[tuple[str, str], ...] = ()
+    written: tuple[str, ...] = ()
+    error: str = ""
+
+
+class JobBoard:
+    """Holds the edit that is to be done or runs; a second one is refused."""
+
+    def __init__(self) -> None:
+        self._changed = Condition()
+        self._status = JobStatus()
+        self._waiting: Edit | None = None
+
+    @property
+    def status(self) -> JobStatus:
+        """What is known of the last edit."""
+        with self._changed:
+            return self._status
+
+    def submit(self, edit: Edit) -> int | None:
+        """Take an edit, and return its number; None while another one runs."""
+        with self._changed:
+            if self._status.state == "running":
+                return None
+            self._waiting = edit
+            self._status = JobStatus(job=self._status.job + 1, state="running")
+            self._changed.notify_all()
+            return self._status.job
+
+    def wait(self, seconds: float) -> Edit | None:
+        """Wait for the next edit; None if there is none for so long."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting is not None, seconds)
+            edit, self._waiting = self._waiting, None
+            return edit
+
+    def change(self, **values: object) -> None:
+        """Change what is known of the edit that runs."""
+        with self._changed:
+            self._status = replace(self._status, **values)  # type: ignore[arg-type]
+
+
+class BoardProgress(ProgressListener):
+    """Puts the progress of an edit on the board, and passes it on.
+
+    Attributes
+    ----------
+    notes : list of (topic, text)
+    """
+
+    def __init__(self, board: JobBoard, inner: ProgressListener) -> None:
+        self._board, self._inner = board, inner
+        self.notes: list[tuple[str, str]] = []
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Put the stage on the board."""
+        self._board.change(stage=name)
+        with self._inner.stage(name):
+            yield
+
+    def update(self, done: int, total: int) -> None:
+        """Put the frames on the board."""
+        self._board.change(done=done, total=total)
+        self._inner.update(done, total)
+
+    def note(self, topic: str, text: str) -> None:
+        """Keep a note, and pass it on."""
+        self.notes.append((topic, text))
+        self._inner.note(topic, text)
+
+
+class ViewListener(Protocol):
+    """Hears of a page that is served; this one ignores it."""
+
+    def open(self, address: str) -> None:
+        """Take the address of the page, which is served from now on."""
+
+    def show_edit(self) -> AbstractContextManager[ProgressListener]:
+        """Return a context that is entered while an edit runs, with its progress."""
+        return nullcontext(ProgressListener())
+
+    def tell_applied(self, result: PoseResult) -> None:
+        """Take the outcome of an edit."""
+
+    def tell_failed(self, error: str) -> None:
+        """Take the error of an edit."""
+
+
+def run_view(
+    session: ViewSession, port: int, listener: ViewListener, wait_seconds: float = 0.5
+) -> None:
     """Serve the page of a session, and apply the handles that it sends, until interrupted.
 
     Edits run in this thread, so that an interrupt unwinds them: an edit leaves complete outputs or
     those before it.
+
+    Parameters
+    ----------
+    wait_seconds : float
+        How often it is looked for an interrupt, where waiting would hide that.
 
     Raises
     ------
@@ -34,7 +159,7 @@ def run_view(session: ViewSession, port: int, listener: ViewListener) -> None:
     apply_url = "apply" if session.can_apply else ""
     page = render_view_page(session.clip, apply_url, session.first_handles, session.edited_from)
     site = Site(
-        secret=secrets.token_urlsafe(SECRET_BYTES),
+        secret=secrets.token_urlsafe(24),
         page=page.encode(),
         board=board,
         parse=session.parse if session.can_apply else None,
@@ -42,7 +167,7 @@ def run_view(session: ViewSession, port: int, listener: ViewListener) -> None:
     with serve(site, port) as address:
         listener.open(address)
         while True:
-            edit = board.wait(WAIT_SECONDS)
+            edit = board.wait(wait_seconds)
             if edit is not None:
                 _run_edit(session, edit, board, listener)
 
@@ -52,12 +177,12 @@ def _run_edit(session: ViewSession, edit: Edit, board: JobBoard, listener: ViewL
     try:
         with listener.show_edit() as progress:
             progress_on_board = BoardProgress(board, progress)
-            applied = session.apply(edit, progress_on_board)
+            result = edit(progress_on_board)
     except Exception as error:  # the page keeps its handles, whatever happens
         board.change(state="failed", error=describe_error(error))
         listener.tell_failed(describe_error(error))
         return
-    rows = (*format_pose_rows(applied.result.summary), *progress_on_board.notes)
-    written = tuple(str(path) for path in applied.written)
+    rows = (*format_pose_rows(result.summary), *progress_on_board.notes)
+    written = tuple(str(path) for path in session.settings.outputs())
     board.change(state="done", rows=rows, written=written)
-    listener.tell_applied(applied)
+    listener.tell_applied(result)

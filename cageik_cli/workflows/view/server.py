@@ -1,21 +1,251 @@
-"""The server of a page, on this machine only."""
+"""The server of a page, on this machine only: who may ask, and what is read of a request.
 
+Any page in the browser can send requests to 127.0.0.1, and any program of this machine can
+connect. So every request must name this machine as its host (other names may be made to lead here),
+come from no other origin, and carry the secret of the address. Bodies are of JSON, of a known and
+bounded length, and must arrive within seconds.
+
+    GET  /SECRET/         the page
+    GET  /SECRET/status   a JSON object, the fields of `JobStatus`
+    POST /SECRET/apply    a handles file; `?rigidity=N` for N rounds. 202 with {"job": number}
+
+A refusal is a JSON object, {"error": text}: 400 and 422 for what was sent, 403 for who asks, 404,
+408 for a body that is too slow, 409 while another edit runs or there is nothing to write, 411, 413
+and 415 for the length and type of a body.
+"""
+
+import io
+import json
 import os
+import re
+import socket
 import socketserver
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from http.server import ThreadingHTTPServer
-from typing import Any
+from dataclasses import asdict, dataclass
+from hmac import compare_digest
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import TYPE_CHECKING, Any
 
-from cageik_cli.util.errors import SettingError
-from cageik_cli.workflows.view.requests import HOST, RequestHandler, Site
+from cageik_cli.posing.handles.json_document import MAX_BYTES
+from cageik_cli.util.errors import CageikError, SettingError, describe_error
+
+if TYPE_CHECKING:
+    from cageik_cli.workflows.view.run import Edit, JobBoard
+
+HOST = "127.0.0.1"
+
+READ_SECONDS = 10.0
+"""A request that has not arrived within this time is given up."""
+
+SEND_SECONDS = 30.0
+"""A client that does not take a block within this time is given up."""
 
 MAX_CONNECTIONS = 32
 """Connections that are served at once; more are closed."""
 
-POLL_SECONDS = 0.05
-"""How often the server looks whether it should end."""
+MAX_RIGIDITY = 1000
+"""Rounds of rigid rotations, at most."""
+
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+"""Of every answer: nothing is kept, framed or told to others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Site:
+    """What is served.
+
+    Attributes
+    ----------
+    secret : str
+        The first part of every path.
+    page : bytes
+        HTML.
+    parse : callable, optional
+        Makes an edit of a body and a rigidity; None if handles cannot be applied.
+    """
+
+    secret: str
+    page: bytes
+    board: "JobBoard"
+    parse: Callable[[bytes, int], "Edit"] | None
+
+
+class RefusedRequestError(Exception):
+    """A request that is not answered: status and text."""
+
+    def __init__(self, status: HTTPStatus, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+class RequestHandler(BaseHTTPRequestHandler):
+    """Answers one request of a connection, which is then closed."""
+
+    server_version, sys_version = "cageik", ""
+    site: Site
+
+    def setup(self) -> None:
+        """Read all of the request before a deadline."""
+        super().setup()
+        self.rfile.close()
+        raw = _DeadlineReader(self.connection, time.monotonic() + READ_SECONDS)
+        self.rfile = io.BufferedReader(raw)
+
+    def do_GET(self) -> None:
+        """Answer with the page or the status."""
+        self._answer({"": self._send_page, "status": self._send_status})
+
+    def do_POST(self) -> None:
+        """Take an edit."""
+        self._answer({"apply": self._apply})
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """Send a refusal as JSON."""
+        self._send_json(code, {"error": message or HTTPStatus(code).phrase})
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
+        """Keep quiet: the terminal shows edits, not requests."""
+
+    def _answer(self, actions: dict[str, Callable[[str], None]]) -> None:
+        """Do what the path names, if the client may ask for it."""
+        try:
+            self._check_client()
+            path, query = self._split_path()
+            if path not in actions:
+                raise RefusedRequestError(HTTPStatus.NOT_FOUND, "there is nothing at this address")
+            actions[path](query)
+        except RefusedRequestError as error:
+            self.send_error(error.status, str(error))
+        except (ConnectionError, TimeoutError):
+            raise
+        except Exception as error:
+            self.send_error(HTTPStatus.INTERNAL_SERVER_ERROR, describe_error(error))
+
+    def _check_client(self) -> None:
+        """Refuse requests that another host name or another page leads here."""
+        hosts, origins = self.headers.get_all("Host", []), self.headers.get_all("Origin", [])
+        host = hosts[0].lower() if len(hosts) == 1 else ""
+        if host.partition(":")[0] not in (HOST, "localhost"):
+            raise RefusedRequestError(HTTPStatus.FORBIDDEN, "the host is not this machine")
+        if origins and origins != [f"http://{host}"]:
+            raise RefusedRequestError(HTTPStatus.FORBIDDEN, "the request is from another page")
+        if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
+            raise RefusedRequestError(HTTPStatus.FORBIDDEN, "the request is from another page")
+
+    def _split_path(self) -> tuple[str, str]:
+        """Return what is behind the secret, and the query."""
+        path, _, query = self.path.partition("?")
+        _, secret, *rest = [*path.split("/", 2), "", ""]
+        if not compare_digest(secret.encode(errors="replace"), self.site.secret.encode()):
+            raise RefusedRequestError(
+                HTTPStatus.FORBIDDEN, "the address is not the one that cageik view printed"
+            )
+        return rest[0], query
+
+    def _send_page(self, _: str) -> None:
+        self._send(HTTPStatus.OK, "text/html; charset=utf-8", self.site.page)
+
+    def _send_status(self, _: str) -> None:
+        self._send_json(HTTPStatus.OK, asdict(self.site.board.status))
+
+    def _apply(self, query: str) -> None:
+        if self.site.parse is None:
+            raise RefusedRequestError(
+                HTTPStatus.CONFLICT, "there is no file to write; start cageik view with -o"
+            )
+        rigidity, data = _parse_rigidity(query), self._read_body()
+        try:
+            edit = self.site.parse(data, rigidity)
+        except CageikError as error:
+            raise RefusedRequestError(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
+        job = self.site.board.submit(edit)
+        if job is None:
+            raise RefusedRequestError(
+                HTTPStatus.CONFLICT, "another edit is running; try again when it is done"
+            )
+        self._send_json(HTTPStatus.ACCEPTED, {"job": job})
+
+    def _read_body(self) -> bytes:
+        """Read a body of JSON; nothing is read of one that is too long."""
+        if self.headers.get_content_type() != "application/json":
+            raise RefusedRequestError(
+                HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "expected a body of application/json"
+            )
+        lengths = self.headers.get_all("Content-Length", [])
+        if "Transfer-Encoding" in self.headers or not lengths:
+            raise RefusedRequestError(HTTPStatus.LENGTH_REQUIRED, "expected a Content-Length")
+        if len(lengths) > 1 or not (lengths[0].isascii() and lengths[0].isdigit()):
+            raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "Content-Length is not a number")
+        if len(lengths[0]) > len(str(MAX_BYTES)) or int(lengths[0]) > MAX_BYTES:
+            raise RefusedRequestError(
+                HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a handles file has at most {MAX_BYTES} bytes"
+            )
+        try:
+            data = self.rfile.read(int(lengths[0]))
+        except TimeoutError as error:
+            raise RefusedRequestError(
+                HTTPStatus.REQUEST_TIMEOUT, f"the body took more than {READ_SECONDS:g} seconds"
+            ) from error
+        if len(data) < int(lengths[0]):
+            raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "the body is shorter than it says")
+        return data
+
+    def _send_json(self, status: int, value: Any) -> None:
+        self._send(status, "application/json", json.dumps(value).encode())
+
+    def _send(self, status: int, kind: str, data: bytes) -> None:
+        self.connection.settimeout(SEND_SECONDS)
+        self.send_response_only(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(data)))
+        for name, value in HEADERS.items():
+            self.send_header(name, value)
+        self.end_headers()
+        # The timeout of a socket is for all that is written at once, not for each piece of it.
+        block = 1 << 16  # what a line of 20 kbit/s takes in that time
+        for start in range(0, len(data), block):
+            self.wfile.write(data[start : start + block])
+
+
+class _DeadlineReader(io.RawIOBase):
+    """Reads from a socket until a point in time, however slowly bytes come."""
+
+    def __init__(self, connection: socket.socket, deadline: float) -> None:
+        self._connection, self._deadline = connection, deadline
+
+    def readable(self) -> bool:
+        """Whether it can be read: always."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """Read some bytes."""
+        left = self._deadline - time.monotonic()
+        if left <= 0:
+            raise TimeoutError("the request took too long")
+        self._connection.settimeout(left)
+        return self._connection.recv_into(buffer)
+
+
+def _parse_rigidity(query: str) -> int:
+    """Return the rounds that a query names; 0 if it names none."""
+    if not query:
+        return 0
+    named = re.fullmatch(r"rigidity=(\d{1,4})", query, re.ASCII)
+    if named is None or int(named[1]) > MAX_RIGIDITY:
+        raise RefusedRequestError(
+            HTTPStatus.BAD_REQUEST, f"expected rigidity, a whole number up to {MAX_RIGIDITY}"
+        )
+    return int(named[1])
 
 
 class _Server(ThreadingHTTPServer):
@@ -70,10 +300,11 @@ def serve(site: Site, port: int) -> Iterator[str]:
         server = _Server((HOST, port), handler)
     except OSError as error:
         raise SettingError(
-            f"port {port}: cannot be used ({error.strerror or error}); choose another with --port, "
+            f"port {port}: cannot be used ({error.strerror or error}); choose another with `port`, "
             "or leave it out"
         ) from error
-    thread = threading.Thread(target=server.serve_forever, args=[POLL_SECONDS], daemon=True)
+    # It looks every 0.05 seconds whether it should end.
+    thread = threading.Thread(target=server.serve_forever, args=[0.05], daemon=True)
     thread.start()
     try:
         yield f"http://{HOST}:{server.server_address[1]}/{site.secret}/"

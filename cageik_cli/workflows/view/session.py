@@ -1,77 +1,80 @@
 """The model or the result of a page, and the edits that are applied to it."""
 
-import hashlib
+import json
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES, check_hdf5_suffix
-from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import PosingSettings
-from cageik_cli.posing.handles.reader import parse_handles
+from cageik_cli.posing.handles.reader import HandlesFile, parse_handles
 from cageik_cli.posing.snapshot import PoseResult
-from cageik_cli.report.player.clip import (
-    UNNAMED_CAGE,
-    PlayerClip,
-    load_player_clip,
-    make_single_pose,
-)
-from cageik_cli.store.binding_file import is_binding, read_binding
-from cageik_cli.store.result import read_result
-from cageik_cli.util.errors import OutputError, SettingError, error_context
+from cageik_cli.report.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
+from cageik_cli.store.result import Result
+from cageik_cli.util.errors import OutputError, SettingError
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.bind import load_matching_binding
-from cageik_cli.workflows.cached_cage import build_cached
+from cageik_cli.workflows.bind import WeightSettings
+from cageik_cli.workflows.caged_model import CagedModel
 from cageik_cli.workflows.edit import EditSettings, edit
-from cageik_cli.workflows.pose import (
-    NamedHandles,
-    bind_model,
-    check_target_kind,
-    pose_model,
-    report_layer_notes,
+from cageik_cli.workflows.model_file import load_surface
+from cageik_cli.workflows.pose import check_target_kind, pose_model, report_layer_notes
+from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
+from cageik_cli.workflows.view.files import (
+    OwnOutputs,
+    WatchedInput,
+    check_places,
+    read_first_handles,
 )
-from cageik_cli.workflows.repair_hint import suggest_repair
-from cageik_cli.workflows.view.first_handles import FirstHandles, read_first_handles
-from cageik_cli.workflows.view.own_files import OwnOutputs, WatchedInput
-from cageik_cli.workflows.view.settings import ViewSettings
-
-HANDLES_NAME = Path("handles of the page")
-"""What messages call handles that are not saved to a file."""
+from cageik_cli.workflows.view.show import load_clip
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Edit:
-    """Handles that are to be applied.
+@dataclass(frozen=True, slots=True)
+class ViewSettings(CommandSettings):
+    """What is viewed, and where the edits of the page go.
 
     Attributes
     ----------
-    data : bytes
-        The handles file, as it came.
-    rigidity : int
-        Rounds of rigid rotations.
+    target : Path
+        A result, a binding file, or a rest model.
+    cage : Path, optional
+        The cage of a rest model; one is built if there is none, and no binding.
+    binding : Path, optional
+        The binding file of a rest model.
+    handles : Path, optional
+        A handles file that the page begins with.
+    output : Path, optional
+        The edited result or posed model; without it nothing is written.
+    cage_output : Path, optional
+        The posed cage of a model.
+    handles_output : Path, optional
+        The handles that were applied.
+    overwrite : bool
+        Whether files that exist before the first edit may be replaced.
     """
 
-    data: bytes
-    handles: NamedHandles
-    rigidity: int
+    target: Path = field(metadata=READ)
+    cage: Path | None = field(default=None, metadata=READ)
+    binding: Path | None = field(default=None, metadata=READ)
+    handles: Path | None = field(default=None, metadata=READ)
+    output: Path | None = field(default=None, metadata=WRITTEN)
+    cage_output: Path | None = field(default=None, metadata=WRITTEN)
+    handles_output: Path | None = field(default=None, metadata=WRITTEN)
+    build: BuildSettings = field(default_factory=BuildSettings)
+    weights: WeightSettings = field(default_factory=WeightSettings)
+    overwrite: bool = False
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AppliedEdit:
-    """The outcome of an edit.
-
-    Attributes
-    ----------
-    written : tuple of Path
-        The files that were written.
-    """
-
-    result: PoseResult
-    written: tuple[Path, ...]
+    def inputs(self) -> list[Path]:
+        """Return the files that are read, but handles that are saved where they were."""
+        is_saved = self.overwrite and self.handles == self.handles_output
+        saved = self.handles if is_saved else None
+        return [path for path in CommandSettings.inputs(self) if path != saved]
 
 
 class ViewSession(ABC):
@@ -87,7 +90,7 @@ class ViewSession(ABC):
     Attributes
     ----------
     first_handles : str
-        The JSON of the handles that the page begins with; "" for none.
+        The JSON, in ASCII, of the handles that the page begins with; "" for none.
     """
 
     def __init__(
@@ -102,7 +105,7 @@ class ViewSession(ABC):
         """Whether handles can be applied: there is a file to write."""
         return self.settings.output is not None
 
-    def begin_with(self, handles: FirstHandles) -> None:
+    def begin_with(self, handles: HandlesFile) -> None:
         """Let the page begin with handles.
 
         Raises
@@ -110,22 +113,24 @@ class ViewSession(ABC):
         HandlesError
             When they do not fit the model or its clip.
         """
-        handles.check_places(self.clip)
-        self.first_handles = handles.text
+        check_places(handles, self.clip)
+        self.first_handles = json.dumps(json.loads(handles.data))
 
-    def parse(self, data: bytes, rigidity: int) -> Edit:
-        """Return the edit of a handles file that was sent.
+    def parse(self, data: bytes, rigidity: int) -> Callable[[ProgressListener], PoseResult]:
+        """Return the edit of a handles file that was sent, with rounds of rigid rotations.
 
         Raises
         ------
         FormatError, HandlesError
             When it is not a handles file.
         """
-        path = self.settings.handles_output or HANDLES_NAME
-        digest = hashlib.sha256(data).hexdigest()
-        return Edit(data, NamedHandles(path, parse_handles(data), digest), rigidity)
+        path = self.settings.handles_output or Path("handles of the page")
+        handles = HandlesFile(path, data, parse_handles(data))
+        return partial(self._apply, handles, PosingSettings(rigidity=rigidity))
 
-    def apply(self, edit: Edit, progress: ProgressListener) -> AppliedEdit:
+    def _apply(
+        self, handles: HandlesFile, posing: PosingSettings, progress: ProgressListener
+    ) -> PoseResult:
         """Apply handles and write the outputs; the handles are written last.
 
         Raises
@@ -136,47 +141,37 @@ class ViewSession(ABC):
             When hard handles cannot all be met.
         """
         if self.settings.output is None:
-            raise SettingError("there is no file to write; name one with -o")
+            raise SettingError("there is no file to write; name one by `output`")
         for path in self.settings.outputs():
             check_writable(path, self._own.may_replace(path))
-        result = self._apply(edit, self.settings.output, progress)
+        result = self._solve(handles, posing, self.settings.output, progress)
         if self.settings.handles_output is not None:
             path = self.settings.handles_output
-            write_bytes(path, edit.data, self._own.may_replace(path))
+            write_bytes(path, handles.data, self._own.may_replace(path))
             self._own.record(path)
-        return AppliedEdit(result, tuple(self.settings.outputs()))
+        return result
 
     @abstractmethod
-    def _apply(self, edit: Edit, output: Path, progress: ProgressListener) -> PoseResult:
+    def _solve(
+        self, handles: HandlesFile, posing: PosingSettings, output: Path, progress: ProgressListener
+    ) -> PoseResult:
         """Solve, and write all but the handles."""
-
-    def _make_posing(self, edit: Edit) -> PosingSettings:
-        return PosingSettings(rigidity=edit.rigidity)
 
 
 class _ResultSession(ViewSession):
     """The animation of a result; edits are results."""
 
-    def __init__(
-        self,
-        settings: ViewSettings,
-        clip: PlayerClip,
-        edited_from: str | None,
-        watched: WatchedInput,
-    ) -> None:
-        super().__init__(settings, clip, edited_from)
+    def __init__(self, settings: ViewSettings, result: Result, watched: WatchedInput) -> None:
+        super().__init__(settings, load_clip(result), result.edited_from)
         self._watched = watched
 
-    def _apply(self, edit_: Edit, output: Path, progress: ProgressListener) -> PoseResult:
+    def _solve(
+        self, handles: HandlesFile, posing: PosingSettings, output: Path, progress: ProgressListener
+    ) -> PoseResult:
         self._watched.check()
-        settings = EditSettings(
-            self.settings.target,
-            edit_.handles.path,
-            output,
-            self._make_posing(edit_),
-            self._own.may_replace(output),
-        )
-        result = edit(settings, progress, edit_.handles)
+        may_replace = self._own.may_replace(output)
+        settings = EditSettings(self.settings.target, handles.path, output, posing, may_replace)
+        result = edit(settings, progress, handles)
         self._own.record(output)
         return result
 
@@ -188,10 +183,12 @@ class _ModelSession(ViewSession):
         super().__init__(settings, clip)
         self._binding = binding
 
-    def _apply(self, edit_: Edit, output: Path, progress: ProgressListener) -> PoseResult:
+    def _solve(
+        self, handles: HandlesFile, posing: PosingSettings, output: Path, progress: ProgressListener
+    ) -> PoseResult:
         with progress.stage("pose"):
-            posed = pose_model(self._binding, edit_.handles, self._make_posing(edit_))
-        report_layer_notes(posed.layers, edit_.handles.path, progress)
+            posed = pose_model(self._binding, handles, posing)
+        report_layer_notes(posed.layers, handles.path, progress)
         with progress.stage("write"):
             rest, cage = self._binding.rest, self._binding.cage
             write_mesh(output, rest, posed.mesh, self._own.may_replace(output))
@@ -222,38 +219,29 @@ def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSess
 
 
 def _open_target(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
-    target = settings.target
-    check_target_kind(target, "to view an animation")
-    is_hdf5 = target.suffix.lower() in HDF5_SUFFIXES
-    if is_hdf5 and not is_binding(target):
-        return _open_result(settings, progress)
-    for path in (settings.output, settings.cage_output):
-        if path is not None:
-            check_mesh_output(path, settings.overwrite)
-    _check_handles_output(settings)
-    binding = read_binding(target).binding if is_hdf5 else _load_model(settings, progress)
-    clip = make_single_pose(binding, _list_target_words(settings))
+    """Open a result, a binding, or a model with a cage that is given or built."""
+    check_target_kind(settings.target, "to view an animation")
+    watched = WatchedInput(settings.target)
+    with progress.stage("open"):
+        target = CagedModel.open(settings.target, settings.cage, settings.binding, load_surface)
+    _check_outputs(settings, is_result=target.result is not None)
+    if target.result is not None:
+        return _ResultSession(settings, target.result, watched)
+    if target.cage is None and target.stored is None:
+        target = target.build_cage(settings.build, settings.weights.cache, progress)
+    binding = target.bind(settings.weights, progress)
+    clip = make_single_pose(binding, _list_target_words(settings, target))
     return _ModelSession(settings, clip, binding)
 
 
-def _open_result(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
-    if settings.output is not None:
+def _check_outputs(settings: ViewSettings, *, is_result: bool) -> None:
+    """Refuse outputs that cannot be written, or not hold what is edited."""
+    if is_result and settings.output is not None:
         check_writable(settings.output, settings.overwrite)
         check_hdf5_suffix(settings.output)
-    _check_handles_output(settings)
-    watched = WatchedInput(settings.target)
-    with progress.stage("open"):
-        result = read_result(settings.target)
-        clip = load_player_clip(result)
-    if clip is None:
-        raise SettingError(
-            f"{settings.target}: has no weights, which a view needs; extract it again without "
-            "--no-weights"
-        )
-    return _ResultSession(settings, clip, result.edited_from, watched)
-
-
-def _check_handles_output(settings: ViewSettings) -> None:
+    for path in () if is_result else (settings.output, settings.cage_output):
+        if path is not None:
+            check_mesh_output(path, settings.overwrite)
     path = settings.handles_output
     if path is None:
         return
@@ -262,30 +250,10 @@ def _check_handles_output(settings: ViewSettings) -> None:
     check_writable(path, settings.overwrite)
 
 
-def _load_model(settings: ViewSettings, progress: ProgressListener) -> Binding:
-    """Read a rest model, and its weights: of a binding file, or of a cage, given or built."""
-    with progress.stage("open"):
-        rest = load_mesh(settings.target)
-        cage = None if settings.cage is None else load_mesh(settings.cage)
-        if settings.binding is not None:
-            return load_matching_binding(settings.binding, rest, cage).binding
-    if cage is None:
-        with progress.stage("cage"), error_context(settings.target):
-            cage = build_cached(rest.mesh, settings.build, settings.weights.cache, progress)
-    with (
-        progress.stage("bind"),
-        error_context(settings.cage or cage.source["name"]),
-        suggest_repair(settings.cage, settings.target),
-    ):
-        return bind_model(rest, cage, settings.weights, progress)
-
-
-def _list_target_words(settings: ViewSettings) -> list[str]:
+def _list_target_words(settings: ViewSettings, target: CagedModel) -> list[str]:
     """List what `cageik pose` is told to pose: a model in its cage, or a binding file."""
-    if settings.binding is not None:
-        return [settings.binding.name]
-    if settings.target.suffix.lower() in HDF5_SUFFIXES:
-        return [settings.target.name]
+    if target.stored is not None:
+        return [(settings.binding or settings.target).name]
     cage = UNNAMED_CAGE if settings.cage is None else settings.cage.name
     words = [settings.target.name, "--cage", cage]
     usual = BindSettings()

@@ -38,7 +38,7 @@ def read(folder: Path, document: object) -> Handles:
     """What a file of this document says."""
     path = folder / "drag.json"
     path.write_text(json.dumps(document), encoding="utf-8")
-    return read_handles(path)
+    return read_handles(path).handles
 
 
 def read_set(folder: Path, *handles: dict, **fields: object) -> HandleSet:

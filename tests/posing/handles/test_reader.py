@@ -269,7 +269,7 @@ def path(tmp_path_factory):
 def faults_of(path):
     """What is said when a file is read, placed and moved, by whatever is refused of it."""
     try:
-        handles = read_handles(path)
+        handles = read_handles(path).handles
     except InputError as error:
         return [str(error).removeprefix(f"{path}: ")]
     faults = []

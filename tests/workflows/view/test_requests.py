@@ -9,10 +9,9 @@ import pytest
 
 from cageik_cli.posing.handles.json_document import MAX_BYTES
 from cageik_cli.util.errors import HandlesError, SettingError
-from cageik_cli.workflows.view import requests, server
-from cageik_cli.workflows.view.jobs import JobBoard
-from cageik_cli.workflows.view.requests import Site
-from cageik_cli.workflows.view.server import serve
+from cageik_cli.workflows.view import server
+from cageik_cli.workflows.view.run import JobBoard
+from cageik_cli.workflows.view.server import Site, serve
 from tests.workflows.view.client import Client, read_answer
 
 SECRET = "s" * 32
@@ -153,7 +152,7 @@ def test_a_body_that_is_too_long_is_not_read(client, parsed, length):
     start = time.monotonic()
     answer = client.ask("apply", "POST", b"", Content_Length=str(length))
     assert answer.status == 413
-    assert time.monotonic() - start < requests.READ_SECONDS / 2
+    assert time.monotonic() - start < server.READ_SECONDS / 2
     assert parsed == []
 
 
@@ -201,7 +200,7 @@ def test_a_body_that_is_cut_off_is_refused(client, parsed):
 
 def test_a_slow_body_is_given_up(client, parsed, monkeypatch):
     """Also if a byte comes now and then."""
-    monkeypatch.setattr(requests, "READ_SECONDS", 0.5)
+    monkeypatch.setattr(server, "READ_SECONDS", 0.5)
     request = client.make_request("apply", "POST", b"", Content_Length="1000")
     start = time.monotonic()
     with client.connect() as connection:
@@ -226,7 +225,7 @@ def drip(connection):
 
 
 def test_slow_headers_are_given_up(client, monkeypatch):
-    monkeypatch.setattr(requests, "READ_SECONDS", 0.3)
+    monkeypatch.setattr(server, "READ_SECONDS", 0.3)
     start = time.monotonic()
     with client.connect() as connection:
         connection.sendall(b"GET / HTTP/1.1\r\nHost: ")
@@ -236,7 +235,7 @@ def test_slow_headers_are_given_up(client, monkeypatch):
 
 def test_a_slow_line_gets_the_whole_page(site, monkeypatch):
     """However long it takes, as long as something arrives."""
-    monkeypatch.setattr(requests, "SEND_SECONDS", 0.4)
+    monkeypatch.setattr(server, "SEND_SECONDS", 0.4)
     page = bytes(24 << 20)
     with serve(replace(site, page=page), 0) as address:
         client = Client(address)
@@ -248,11 +247,11 @@ def test_a_slow_line_gets_the_whole_page(site, monkeypatch):
                 received += len(part)
                 time.sleep(0.05)
     assert received > len(page)
-    assert time.monotonic() - start > 2 * requests.SEND_SECONDS
+    assert time.monotonic() - start > 2 * server.SEND_SECONDS
 
 
 def test_a_client_that_takes_nothing_is_given_up(site, monkeypatch):
-    monkeypatch.setattr(requests, "SEND_SECONDS", 0.2)
+    monkeypatch.setattr(server, "SEND_SECONDS", 0.2)
     monkeypatch.setattr(server, "MAX_CONNECTIONS", 1)
     with serve(replace(site, page=bytes(24 << 20)), 0) as address:
         client = Client(address)
@@ -361,7 +360,7 @@ def test_too_many_headers_are_refused(client):
 
 def test_a_port_that_is_taken_is_named(client):
     with (
-        pytest.raises(SettingError, match=f"^port {client.port}: cannot be used .*--port"),
+        pytest.raises(SettingError, match=f"^port {client.port}: cannot be used .*`port`"),
         serve(Site(SECRET, b"", JobBoard(), None), client.port),
     ):
         pass

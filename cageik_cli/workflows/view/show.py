@@ -5,9 +5,9 @@ from html import escape
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.report.html.player_page import render_view_page
-from cageik_cli.report.player.clip import load_player_clip, make_single_pose
+from cageik_cli.report.player.clip import PlayerClip, load_player_clip, make_single_pose
 from cageik_cli.store.result import Result
-from cageik_cli.util.errors import SettingError
+from cageik_cli.workflows.caged_model import make_weights_error
 
 DEFAULT_HEIGHT = 720
 """Pixels: the whole player is seen in a usual notebook."""
@@ -74,9 +74,18 @@ def show(shown: Result | Binding, *, height: int = DEFAULT_HEIGHT) -> ShownPage:
     """
     if isinstance(shown, Binding):
         return ShownPage(render_view_page(make_single_pose(shown)), height)
-    clip = load_player_clip(shown)
+    return ShownPage(render_view_page(load_clip(shown), edited_from=shown.edited_from), height)
+
+
+def load_clip(result: Result) -> PlayerClip:
+    """Load what a page shows of a result.
+
+    Raises
+    ------
+    InputError
+        When it was written without weights, or its file is damaged.
+    """
+    clip = load_player_clip(result)
     if clip is None:
-        raise SettingError(
-            f"{shown.path}: has no weights, which a player needs; extract it again with them"
-        )
-    return ShownPage(render_view_page(clip, edited_from=shown.edited_from), height)
+        raise make_weights_error(result.path, "a page")
+    return clip

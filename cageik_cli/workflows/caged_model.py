@@ -1,0 +1,348 @@
+"""A model and the cage that moves it, whatever holds them, and the frames that its cages give."""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+
+from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
+from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.base.sequence import GapFiller, MeshSequence
+from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.settings import Scene
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.alignment import best_rotations
+from cageik_cli.solver.fitting.record import FitRecord
+from cageik_cli.store import result_frames
+from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
+from cageik_cli.store.result import Result, read_cages, read_result
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import SettingError, error_context
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.threads import OrderedMap
+from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
+from cageik_cli.workflows.cached_cage import build_cached
+from cageik_cli.workflows.model_file import LoadedModel, load_model, note_on
+from cageik_cli.workflows.repair_hint import suggest_repair
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CagedModel:
+    """A model at rest and its cage: of a result, of a binding, or in files of their own.
+
+    Attributes
+    ----------
+    path : Path
+        The result, the binding file or the model.
+    cage : LoadedMesh, optional
+        None for a model in no cage yet.
+    cage_path : Path, optional
+        The file of the cage, if it has one of its own.
+    result : Result, optional
+        With the cages of a clip.
+    stored : StoredBinding, optional
+        With the weights, of a binding file.
+    """
+
+    path: Path
+    model: LoadedModel
+    cage: LoadedMesh | None
+    cage_path: Path | None = None
+    result: Result | None = None
+    stored: StoredBinding | None = None
+
+    @staticmethod
+    def open(
+        path: Path,
+        cage: Path | None = None,
+        binding: Path | None = None,
+        load: Callable[[Path], LoadedModel] = load_model,
+    ) -> "CagedModel":
+        """Open a result or a binding; or a model, and its cage or a binding of it if there is one.
+
+        Parameters
+        ----------
+        load : callable
+            Reads the model.
+
+        Raises
+        ------
+        InputError
+            Naming the file that cannot be read, or is of another model.
+        """
+        if path.suffix.lower() in HDF5_SUFFIXES:
+            return CagedModel.read(path)
+        model = load(path)
+        loaded = None if cage is None else load_mesh(cage)
+        if binding is None:
+            return CagedModel(path, model, loaded, cage)
+        stored = load_matching_binding(binding, model.mesh, loaded)
+        return CagedModel(path, model, loaded, cage, stored=stored)
+
+    @staticmethod
+    def read(path: Path) -> "CagedModel":
+        """Read a result or a binding.
+
+        Raises
+        ------
+        InputError
+            When it is neither, or damaged.
+        """
+        if path.exists() and path.suffix.lower() in HDF5_SUFFIXES and is_binding(path):
+            stored = read_binding(path)
+            return _hold_meshes(path, stored.binding.rest, stored.binding.cage, stored=stored)
+        return CagedModel.of_result(read_result(path))
+
+    @staticmethod
+    def of_result(result: Result) -> "CagedModel":
+        """Return the model of a result that was read."""
+        return _hold_meshes(result.path, result.rest, result.cage, result=result)
+
+    @property
+    def cage_name(self) -> str:
+        """The name of the rest cage in messages."""
+        return "the binding's cage" if self.result is None else "the result's cage"
+
+    @property
+    def scene(self) -> Scene:
+        """The time and space of its clip; the usual ones if there is none."""
+        return Scene() if self.result is None else self.result.scene
+
+    def require_result(self, need: str) -> Result:
+        """Return the result.
+
+        Raises
+        ------
+        SettingError
+            Stating the need, when it is a binding.
+        """
+        if self.result is None:
+            raise SettingError(f"{self.path}: is a binding, {need}")
+        return self.result
+
+    def read_bind_settings(self) -> BindSettings:
+        """Return how the model was bound to the cage."""
+        if self.result is None:
+            assert self.stored is not None
+            return self.stored.binding.settings
+        with error_context(self.path):
+            names = ("coordinates", "accuracy", "outside")
+            return BindSettings(**{name: str(self.result.settings.get(name)) for name in names})
+
+    def find_binding(self) -> Binding | None:
+        """Read the weights; None if a result was written without, or there is a cage only."""
+        if self.stored is not None:
+            return self.stored.binding
+        return None if self.result is None else result_frames.read_binding(self.result)
+
+    def read_binding(self, user: str) -> Binding:
+        """Read the weights of a result or a binding.
+
+        Raises
+        ------
+        SettingError
+            When a result was written without; `user` is what needs them.
+        """
+        binding = self.find_binding()
+        if binding is None:
+            raise make_weights_error(self.path, user)
+        return binding
+
+    @property
+    def fit(self) -> FitRecord | None:
+        """How the weights were fitted; None if they were not."""
+        if self.stored is not None:
+            return self.stored.binding.fit
+        return None if self.result is None else self.result.fit
+
+    def read_reconstruction(self, user: str) -> "Reconstruction":
+        """Read the mesh animation that the cages of a result give; raises as `read_binding`."""
+        result, binding = self.require_result("which has no cages"), self.read_binding(user)
+        rotations = result_frames.read_rotations(result) if binding.has_offsets else None
+        return Reconstruction(binding, CageFrames.from_result(result), rotations)
+
+    def build_cage(
+        self, settings: BuildSettings, cache: Path | None, progress: ProgressListener
+    ) -> "CagedModel":
+        """Return the model in a cage that is built around it, or taken from the cache."""
+        with progress.stage("cage"), error_context(self.path):
+            cage = build_cached(self.model.mesh.mesh, settings, cache, progress)
+        return replace(self, cage=cage)
+
+    def bind(self, weights: WeightSettings, progress: ProgressListener) -> Binding:
+        """Return the weights of the binding; or bind the model to the cage, and note what changed.
+
+        Raises
+        ------
+        InputError, NumericalError
+            As `bind_cached`.
+        """
+        if self.stored is not None:
+            return self.stored.binding
+        rest, cage = self.model.mesh, self.cage
+        assert cage is not None
+        with (
+            progress.stage("bind"),
+            error_context(self.cage_path or cage.source["name"]),
+            suggest_repair(self.cage_path, self.path),
+        ):
+            binding = bind_cached(rest, cage, weights, progress).binding
+        note_on(progress, self.model.name, *rest.notes)
+        note_on(progress, cage.source["name"], *binding.notes)
+        return binding
+
+
+def _hold_meshes(
+    path: Path,
+    rest: TriMesh,
+    cage: TriMesh,
+    *,
+    result: Result | None = None,
+    stored: StoredBinding | None = None,
+) -> CagedModel:
+    """Return what a file holds, whose meshes have no files of their own."""
+    model = LoadedModel(LoadedMesh(rest, {"name": f"the rest pose of {path.name}"}))
+    loaded = LoadedMesh(cage, {"name": f"the cage of {path.name}"})
+    return CagedModel(path, model, loaded, None, result, stored)
+
+
+def make_weights_error(path: Path, user: str) -> SettingError:
+    """Make the error of a result that was written without weights; `user` is what needs them."""
+    return SettingError(
+        f"{path}: has no weights, which {user} needs; extract it again with them (`keep_weights`)"
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CageFrames:
+    """The cages of an animation.
+
+    Attributes
+    ----------
+    count : int
+        Frames, those included whose cages fill a gap.
+    known : (k,) int64
+        Numbers of the other frames.
+    read : callable
+        Reads the cage of a frame, (n, 3), by its number.
+    blocks : callable
+        Yields all cages in order, in blocks (k, n, 3) of at most the given number of frames.
+    """
+
+    count: int
+    known: Integers
+    read: Callable[[int], Floats]
+    blocks: Callable[[int], Iterator[Floats]]
+
+    @staticmethod
+    def from_result(result: Result) -> "CageFrames":
+        """Return the cages of a result, whose gaps are filled."""
+        count = len(result.frames)
+        return CageFrames(
+            count=count,
+            known=np.setdiff1d(np.arange(count), result.gaps),
+            read=lambda frame: next(read_cages(result, 1, frame))[0],
+            blocks=lambda size: read_cages(result, size),
+        )
+
+    @staticmethod
+    def from_clip(clip: MeshSequence, jobs: int) -> "CageFrames":
+        """Return the frames of a clip of cages, which threads read in advance; gaps are filled."""
+        filler = GapFiller(len(clip), clip.missing)
+
+        def blocks(size: int) -> Iterator[Floats]:
+            with closing(clip.blocks(size, jobs)) as read:
+                for block in read:
+                    block.raise_read_errors(ignore_missing=True)
+                    filler.fill(block.positions, block.start, clip.read_frame)
+                    yield block.positions
+
+        known = np.setdiff1d(np.arange(len(clip)), list(clip.missing))
+        return CageFrames(len(clip), known, clip.read_frame, blocks)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RebuiltFrames:
+    """Consecutive frames: their cages (k, n, 3), rotations (k, 3, 3), and meshes (k, m, 3)."""
+
+    cages: Floats
+    rotations: Floats
+    meshes: Floats
+
+
+class Reconstruction:
+    """The mesh animation that cages give; a source of frames for a fit, without filled gaps.
+
+    Parameters
+    ----------
+    rotations : (F, 3, 3) float64, optional
+        Of the rest pose to each frame, for a binding that has offsets; else they are those of the
+        cages.
+    """
+
+    def __init__(
+        self, binding: Binding, cages: CageFrames, rotations: Floats | None = None
+    ) -> None:
+        self.binding, self.cages, self._rotations = binding, cages, rotations
+
+    def __len__(self) -> int:
+        return len(self.cages.known)
+
+    def read_frame(self, index: int) -> Floats:
+        """Return the mesh (m, 3) of a frame that fills no gap."""
+        frame = int(self.cages.known[index])
+        return np.asarray(self._rebuild(frame, self.cages.read(frame)[None]).meshes[0])
+
+    def blocks(self, size: int) -> Iterator[RebuiltFrames]:
+        """Yield all frames in order, in blocks of at most `size`."""
+        start = 0
+        for cages in self.cages.blocks(size):
+            yield self._rebuild(start, cages)
+            start += len(cages)
+
+    def stream_meshes(self, size: int, jobs: int) -> Iterator[Floats]:
+        """Yield the meshes (k, m, 3) of all frames in order, of at most `size` at once.
+
+        A thread computes the next ones, with `jobs` threads, while these are used. An array is
+        overwritten after the next one is taken: the caller uses one at a time.
+        """
+        shape = (min(size, self.cages.count), len(self.binding.rest.vertices), 3)
+        buffers = cycle([np.empty(shape) for _ in range(2)])
+
+        def rebuild(item: tuple[int, Floats, Floats]) -> Floats:
+            start, cages, meshes = item
+            rotations = self._turn(start, cages) if self.binding.has_offsets else None
+            return reconstruct_frames(self.binding, cages, rotations, meshes[: len(cages)], jobs)
+
+        with OrderedMap(rebuild, self._pair(size, buffers), 1, 1) as blocks:
+            yield from blocks
+
+    def _pair(self, size: int, buffers: Iterator[Floats]) -> Iterator[tuple[int, Floats, Floats]]:
+        """Yield the number of the first frame of each block, its cages, and a buffer."""
+        start = 0
+        for cages in self.cages.blocks(size):
+            yield start, cages, next(buffers)
+            start += len(cages)
+
+    def _rebuild(self, start: int, cages: Floats) -> RebuiltFrames:
+        """Return the meshes of the cages of frames from `start` on."""
+        rotations = self._turn(start, cages)
+        return RebuiltFrames(cages, rotations, reconstruct_frames(self.binding, cages, rotations))
+
+    def _turn(self, start: int, cages: Floats) -> Floats:
+        """Return the rotations (k, 3, 3) of frames from `start` on."""
+        if self._rotations is None:
+            return _turn_with_cages(cages, self.binding.cage.vertices)
+        return self._rotations[start : start + len(cages)]
+
+
+def _turn_with_cages(cages: Floats, rest: Floats) -> Floats:
+    """Return the rotations (k, 3, 3) of a rest cage (n, 3) to cages (k, n, 3)."""
+    centred = cages - cages.mean(axis=1, keepdims=True)
+    return best_rotations(centred, rest - rest.mean(axis=0), np.ones(len(rest)))
