@@ -3,33 +3,21 @@
 import errno
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.alembic_surface import AlembicSurface, read_sample, read_surface
-from cageik_cli.formats.base.readers import ClipFile, single_path
-from cageik_cli.formats.base.scene_graph import (
-    Polygons,
-    Sampling,
-    choose_mesh,
-    describe_transform,
-    frames_per_second,
-    is_mirroring,
-    read_constant_polygons,
-    round_frame_step,
-    transform_points,
-)
-from cageik_cli.formats.base.sequence import ClipRequest
+from cageik_cli.formats.alembic_surface import AlembicSurface, find_cause, list_parts, read_sample
+from cageik_cli.formats.base.scene_graph import Polygons, SceneReader, round_frame_step
 from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.settings import SceneHints, find_frame_step
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FileAccessError, FormatError, error_context, require_optional
+from cageik_cli.util.errors import FileAccessError, FormatError, require_optional
 from cageik_cli.util.files import open_input
 
 FPS_KEY = "cageik_fps"
@@ -38,90 +26,126 @@ FPS_KEY = "cageik_fps"
 ARCHIVE_BYTES = 1 << 16
 """Bytes of an archive besides its arrays, at most."""
 
-START_TOL = 1e-4
-"""Frames by which the start of a clip may be off a whole number."""
 
-
-class Reader(ClipFile):
-    """Frames of one polygon mesh in the space of its archive, evaluated on demand."""
+class Reader(SceneReader):
+    """Frames of one polygon mesh in the space of its archive; times are seconds."""
 
     suffixes = (".abc",)
-    has_members = True
+    is_clockwise = True  # in all files
 
-    def __init__(self, request: ClipRequest) -> None:
-        path = single_path(request.paths)
-        with error_context(path):
-            with require_optional("alembic3d", "abc", "reading .abc"):
-                import alembic3d  # noqa: F401
-            _check_header(path)
-            self._lock = Lock()  # the library's streams are not thread-safe
-            with _wrap_alembic_errors():
-                notes = self._open_mesh(str(path), request)
-        self.notes = tuple(f"{path.name}: {note}" for note in notes)
+    def check_file(self, path: Path) -> None:
+        """Refuse what the library would open as an empty archive, or not at all."""
+        require_alembic("reading .abc")
+        _check_header(path)
+        self._lock = Lock()  # the library's streams are not thread-safe
 
-    def read_positions(self, index: int) -> Floats:
-        """Read the vertices of one frame."""
-        with error_context(self.location(index)), _wrap_alembic_errors(), self._lock:
-            return self._read_points(self._times[index])
+    @contextmanager
+    def guard(self) -> Iterator[list[str]]:
+        """Convert errors; one thread at a time."""
+        try:
+            with self._lock:
+                yield []
+        except (RuntimeError, IndexError, UnicodeDecodeError) as error:
+            cause = find_cause(error)
+            raise FormatError(f"is not a sound Alembic file ({cause}); export it again") from error
 
-    def _open_mesh(self, path: str, request: ClipRequest) -> list[str]:
-        """Find the mesh and its frames; return notes on what was changed."""
-        from alembic3d.Abc import IArchive, WrapExistingFlag
+    def list_meshes(self, path: Path) -> dict[str, Any]:
+        """Open the archive."""
+        from alembic3d.Abc import IArchive
         from alembic3d.AbcGeom import IPolyMesh
 
-        self._archive = IArchive(path)
-        objects = {
-            thing.getFullName(): thing for thing in _iterate_descendants(self._archive.getTop())
+        self._archive = IArchive(str(path))
+        objects = _iterate_descendants(self._archive.getTop())
+        return {
+            thing.getFullName(): thing for thing in objects if IPolyMesh.matches(thing.getHeader())
         }
-        meshes = [k for k, thing in objects.items() if IPolyMesh.matches(thing.getHeader())]
-        found = objects[choose_mesh(meshes, request.member)]
-        self._schema = IPolyMesh(found, WrapExistingFlag.kWrapExisting).getSchema()
-        self._points = self._schema.getPositionsProperty()
-        self._transforms = _find_transforms(found)
-        sampling, notes = self._choose_sampling()
-        fps = _read_frame_rate(self._archive, found)
-        self.set_frames(request, len(sampling.times), _make_scene_hints(sampling, fps))
-        self._times = sampling.times[list(self.frame_indices)].tolist()
-        matrix = self._world_matrix(self._times[0])
-        # Alembic's faces wind clockwise.
-        mesh = self._read_polygons().make_mesh(
-            request.complete_first(self._read_points(self._times[0])),
-            is_clockwise=not is_mirroring(matrix),
-            read_surface=partial(read_surface, self._schema),
-        )
-        self.first = mesh.make_mesh()
-        is_animated = any(transform.getNumSamples() > 1 for transform in self._transforms)
-        return [*notes, *describe_transform(matrix, is_animated), *mesh.notes]
 
-    def _choose_sampling(self) -> tuple[Sampling, list[str]]:
-        """Return the times of the points, or of the transforms if the points do not move."""
+    def open_mesh(self, mesh: Any) -> None:
+        """Take an object."""
+        from alembic3d.Abc import WrapExistingFlag
+        from alembic3d.AbcGeom import IPolyMesh
+
+        self._mesh = mesh
+        self._schema = IPolyMesh(mesh, WrapExistingFlag.kWrapExisting).getSchema()
+        self._points = self._schema.getPositionsProperty()
+        self._transforms = _find_transforms(mesh)
+
+    def list_times(self) -> set[float]:
+        """List the times of the points, or of the transforms if the points do not move."""
         times = _sample_times(self._points)
         if len(times) < 2:
             times = set().union(*map(_sample_times, self._transforms), times)
-        sampling = Sampling.from_times(times)
+        return times
+
+    def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
+        """Keep uneven samples."""
         note = f"its {len(times)} samples are not evenly spaced in time; each is used as one frame"
-        return sampling, [note] if sampling.is_uneven else []
+        return times, note
 
-    def _read_points(self, time: float) -> Floats:
-        index = self._points.getTimeSampling().getNearIndex(time, self._points.getNumSamples())
-        points = np.array(read_sample(self._points, index), np.float32)
-        return transform_points(points.reshape(-1, 3), self._world_matrix(time))
+    def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
+        """Return frame rate and frame numbers, of whole frames if a rate is stated.
 
-    def _world_matrix(self, time: float) -> Floats:
+        Alembic knows seconds only. Without a rate, the step is the smallest that makes the number
+        of the first frame whole, to 1e-4 frames.
+        """
+        if step is None:
+            return SceneHints()
+        fps, seconds = _read_frame_rate(self._archive, self._mesh), float(times[0])
+        frame_step = round_frame_step(step * fps) if fps is not None else None
+        if fps is None or (frame_step is not None and frame_step != int(frame_step)):
+            fps = round(1 / step, 9)  # without the digits of rounding errors
+            frame_step = find_frame_step(seconds * fps, tolerance=1e-4)
+            fps *= frame_step or 1
+        return SceneHints(fps=fps, start=round(seconds * fps, 6), frame_step=frame_step)
+
+    def compute_matrix(self, time: float) -> Floats:
+        """Return the product of the transforms."""
         matrix = np.eye(4)
         for transform in self._transforms:
             matrix = matrix @ _interpolate_matrix(transform, time)
         return matrix
 
-    def _read_polygons(self) -> Polygons:
-        """Read the faces, which must never change."""
-        properties = (self._schema.getFaceCountsProperty(), self._schema.getFaceIndicesProperty())
-        samples = range(max(1 if p.isConstant() else p.getNumSamples() for p in properties))
-        return read_constant_polygons(partial(_read_polygons_at, properties), samples)
+    def has_moving_transform(self) -> bool:
+        """Return whether a transform has several samples."""
+        return any(transform.getNumSamples() > 1 for transform in self._transforms)
+
+    def read_points(self, time: float) -> np.ndarray:
+        """Read the sample nearest to a time."""
+        index = self._points.getTimeSampling().getNearIndex(time, self._points.getNumSamples())
+        return np.array(read_sample(self._points, index), np.float32).reshape(-1, 3)
+
+    def list_polygon_times(self) -> range:
+        """List the numbers of the samples of the faces."""
+        properties = self._polygon_properties
+        return range(max(1 if p.isConstant() else p.getNumSamples() for p in properties))
+
+    def read_polygons(self, time: float) -> Polygons:
+        """Read the faces of a sample."""
+        counts, corners = (
+            np.array(read_sample(p, min(int(time), p.getNumSamples() - 1)), np.int64)
+            for p in self._polygon_properties
+        )
+        return counts, corners
+
+    def list_surface_parts(
+        self, vertex_count: int, time: float
+    ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+        """Return what reads UVs, normals and face sets, in the first sample."""
+        return list_parts(self._schema)
+
+    @property
+    def _polygon_properties(self) -> tuple[Any, Any]:
+        return self._schema.getFaceCountsProperty(), self._schema.getFaceIndicesProperty()
+
+
+def require_alembic(purpose: str) -> None:
+    """Raise MissingLibraryError without alembic3d, which is needed for a purpose."""
+    with require_optional("alembic3d", "abc", purpose):
+        import alembic3d  # noqa: F401
 
 
 def _check_header(path: Path) -> None:
-    """Refuse files that the library would open as an empty archive, or not at all."""
+    """Refuse files that are not Alembic, or not complete."""
     with open_input(path) as stream:
         try:
             header = stream.read(16)
@@ -136,17 +160,6 @@ def _check_header(path: Path) -> None:
         raise FormatError(
             "is cut short, or was not closed by the program that wrote it; export it again"
         )
-
-
-@contextmanager
-def _wrap_alembic_errors() -> Iterator[None]:
-    """Turn what Alembic raises inside into a FormatError."""
-    try:
-        yield
-    except (RuntimeError, IndexError, UnicodeDecodeError) as error:
-        # Exceptions are wrapped in one another; the innermost names the cause.
-        cause = " ".join(str(error).rpartition("EXCEPTION:")[2].split())
-        raise FormatError(f"is not a sound Alembic file ({cause}); export it again") from error
 
 
 def _iterate_descendants(thing: Any) -> Iterator[Any]:
@@ -197,11 +210,6 @@ def _interpolate_matrix(transform: Any, time: float) -> Floats:
     return np.asarray(before + min(max(part, 0.0), 1.0) * (after - before))
 
 
-def _read_polygons_at(properties: tuple[Any, Any], sample: int) -> Polygons:
-    counts, corners = (read_sample(p, min(sample, p.getNumSamples() - 1)) for p in properties)
-    return Polygons(np.array(counts, np.int64), np.array(corners, np.int64))
-
-
 def _read_frame_rate(archive: Any, mesh: Any) -> float | None:
     """Return the frames per second that cageik or another program states; None if none does."""
     from alembic3d.Abc import GetArchiveInfo
@@ -217,23 +225,6 @@ def _read_frame_rate(archive: Any, mesh: Any) -> float | None:
     return None
 
 
-def _make_scene_hints(sampling: Sampling, fps: float | None) -> SceneHints:
-    """Return frame rate and numbers of samples; those at `fps` if samples are whole frames of it.
-
-    Alembic knows seconds only. Without a rate, the step is the smallest that makes the number of
-    the first frame whole.
-    """
-    if sampling.step is None:
-        return SceneHints()
-    seconds = float(sampling.times[0])
-    step = round_frame_step(sampling.step * fps) if fps is not None else None
-    if fps is None or (step is not None and step != int(step)):
-        fps = frames_per_second(sampling.step)
-        step = find_frame_step(seconds * fps, START_TOL)
-        fps *= step or 1
-    return SceneHints(fps=fps, start=round(seconds * fps, 6), frame_step=step)
-
-
 class Writer(AnimationWriter):
     """Each frame at its number / fps seconds of the mesh `/NAME`; faces turn clockwise there."""
 
@@ -243,14 +234,13 @@ class Writer(AnimationWriter):
     @classmethod
     def require_libraries(cls) -> None:
         """Raise MissingLibraryError without alembic3d."""
-        with require_optional("alembic3d", "abc", "writing .abc"):
-            import alembic3d  # noqa: F401
+        require_alembic("writing .abc")
 
     def __init__(self, target: Path, animation: Animation) -> None:
-        with require_optional("alembic3d", "abc", "writing .abc"):
-            from alembic3d.Abc import OArchive
-            from alembic3d.AbcCoreAbstract import MetaData, TimeSampling
-            from alembic3d.AbcGeom import OPolyMesh
+        self.require_libraries()
+        from alembic3d.Abc import OArchive
+        from alembic3d.AbcCoreAbstract import MetaData, TimeSampling
+        from alembic3d.AbcGeom import OPolyMesh
 
         _check_disk_space(target, animation)
         scene, self._surface = animation.scene, AlembicSurface(animation.rest)

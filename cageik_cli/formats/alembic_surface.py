@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,35 +20,30 @@ NORMAL_DECIMALS = 4
 """Normals of a vertex that are equal to so many decimals are one."""
 
 
-def read_surface(
-    schema: Any, attributes: SurfaceAttributes
-) -> tuple[SurfaceAttributes, tuple[str, ...]]:
-    """Read all that a mesh says of its surface in its first sample.
+def list_parts(schema: Any) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+    """Return what reads the parts of a surface in its first sample, for `FileMesh.read_parts`."""
+    return {
+        "its texture coordinates": partial(_read_safely, _read_uvs, schema),
+        "its normals": partial(_read_safely, _read_normals, schema),
+        "its face sets": partial(_read_safely, _read_face_sets, schema),
+    }
 
-    Parameters
-    ----------
-    attributes : SurfaceAttributes
-        Its polygons, as the file has them.
 
-    Returns
-    -------
-    attributes : SurfaceAttributes
-    notes : tuple of str
-        What is left out, one sentence each.
-    """
-    left_out: list[str] = []
-    steps: tuple[tuple[str, Callable[[Any, SurfaceAttributes], SurfaceAttributes]], ...] = (
-        ("texture coordinates", _read_uvs),
-        ("normals", _read_normals),
-        ("face sets", _read_face_sets),
-    )
-    for noun, read in steps:
-        try:
-            attributes = read(schema, attributes)
-        except (FormatError, RuntimeError, IndexError, TypeError, ValueError) as error:
-            cause = " ".join(str(error).rpartition("EXCEPTION:")[2].split())
-            left_out.append(f"its {noun} left out ({single_line(cause)})")
-    return attributes, tuple(left_out)
+def _read_safely(
+    read: Callable[[Any, SurfaceAttributes], SurfaceAttributes],
+    schema: Any,
+    attributes: SurfaceAttributes,
+) -> SurfaceAttributes:
+    """Turn what the library raises while a part is read into a FormatError."""
+    try:
+        return read(schema, attributes)
+    except (FormatError, RuntimeError, IndexError, TypeError, ValueError) as error:
+        raise FormatError(single_line(find_cause(error))) from error
+
+
+def find_cause(error: Exception) -> str:
+    """Return what the innermost of exceptions says that are wrapped in one another."""
+    return " ".join(str(error).rpartition("EXCEPTION:")[2].split())
 
 
 def read_sample(sampled: Any, index: int) -> Any:

@@ -2,6 +2,7 @@
 
 import codecs
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -38,20 +39,15 @@ def read_obj_attributes(data: bytes, mesh: FileMesh) -> FileMesh:
     if _is_bare(data):
         return mesh
     tokens = tokenize(blank_out(data.removeprefix(codecs.BOM_UTF8)))
-    attributes = SurfaceAttributes(mesh.corner_counts, mesh.corners)
-    left_out: list[str] = []
-    for noun, read in (
-        ("texture coordinates are", _read_uvs),
-        ("normals are", _read_normals),
-        ("names of faces are", _read_labels),
-        ("colours are", _read_colours),
-        ("the material library is", _read_library),
-    ):
-        try:
-            attributes = read(tokens, attributes)
-        except (FormatError, ValueError) as error:
-            left_out.append(f"its {noun} left out ({error})".replace("its the", "the"))
-    return replace(mesh, attributes=attributes, left_out=tuple(left_out))
+    return mesh.read_parts(
+        {
+            "its texture coordinates are": partial(_read_uvs, tokens),
+            "its normals are": partial(_read_normals, tokens),
+            "its names of faces are": partial(_read_labels, tokens),
+            "its colours are": partial(_read_colours, tokens),
+            "the material library is": partial(_read_library, tokens),
+        }
+    )
 
 
 def _is_bare(data: bytes) -> bool:

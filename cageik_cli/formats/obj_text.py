@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.mesh_data import FileMesh, check_not_points, fan_triangulate_polygons
+from cageik_cli.formats.base.mesh_data import FileMesh, check_not_points
 from cageik_cli.formats.obj_numbers import convert_words
-from cageik_cli.geometry.surface_attributes import fan_triangulate
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, InputError
 
@@ -218,7 +217,7 @@ def parse_obj(data: bytes) -> FileMesh:
     polygons = parse_polygons(words) if vertices is not None else None
     if vertices is None or polygons is None:
         return _parse_word_by_word(words, data)
-    return FileMesh(vertices, fan_triangulate(*polygons), polygons[1])
+    return FileMesh(vertices, *polygons)
 
 
 def _parse_word_by_word(tokens: Tokens, data: bytes) -> FileMesh:
@@ -248,7 +247,7 @@ def _parse_word_by_word(tokens: Tokens, data: bytes) -> FileMesh:
             f"a face names vertex {last}, the file has {len(vertices)} (counted from 1); "
             "export it again"
         )
-    return FileMesh(np.array(vertices), *fan_triangulate_polygons(polygons))
+    return FileMesh.from_polygons(np.array(vertices), polygons)
 
 
 def _parse_position(words: list[bytes]) -> tuple[float, ...]:

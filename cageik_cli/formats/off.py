@@ -6,7 +6,7 @@ from itertools import islice
 import numpy as np
 
 from cageik_cli.formats.base.files import with_gzip
-from cageik_cli.formats.base.mesh_data import FileMesh, fan_triangulate_polygons
+from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.base.readers import FrameFileReader
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
@@ -22,8 +22,7 @@ class Reader(FrameFileReader):
     @classmethod
     def parse(cls, data: bytes) -> FileMesh:
         """Parse the content of an OFF file."""
-        vertices, polygons = parse_off(data)
-        return FileMesh(vertices, *fan_triangulate_polygons(polygons))
+        return FileMesh.from_polygons(*parse_off(data))
 
 
 def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:

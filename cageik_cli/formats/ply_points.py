@@ -2,9 +2,13 @@
 
 Binary files are written as they were read, byte for byte, but for the positions. A text becomes a
 little-endian binary file with the same properties.
+
+Gaussian splats are points, as the training of Kerbl et al. 2023 writes them: logarithms of standard
+deviations `scale_0` to `scale_2`, a quaternion w, x, y, z `rot_0` to `rot_3` of any length, and
+coefficients of spherical harmonics: `f_dc_0` to `f_dc_2`, and `f_rest_*`, first all of red, then of
+green and of blue.
 """
 
-import io
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,31 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.writers import Animation, FrameFileWriter
-from cageik_cli.formats.ply import (
-    Element,
-    has_lists,
-    is_binary_ply,
-    make_row_dtype,
-    parse_header,
-    stack_positions,
-)
+from cageik_cli.formats.ply_rows import NORMAL_NAMES, Element, PlyRows, stack_positions
 from cageik_cli.geometry.ellipsoids import Ellipsoids
 from cageik_cli.geometry.oriented import Splats
 from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError, OutputError
+from cageik_cli.util.errors import FormatError, OutputError, join_truncated
 
-POSITION_NAMES = ("x", "y", "z")
-
-NORMAL_NAMES = ("nx", "ny", "nz")
-
-MOVED = np.dtype([(name, np.float64) for name in POSITION_NAMES + NORMAL_NAMES])
+MOVED = np.dtype([(name, np.float64) for name in (*"xyz", *NORMAL_NAMES)])
 """Places and normals, before they are rounded to the types of a file."""
-
-MAX_HEADER_BYTES = 1 << 20
-"""A longer header is none."""
-
-_END = b"end_header"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +91,7 @@ class PointFile:
         """
         for name in self.names:
             is_half = self.rows.dtype[name] == np.float16
-            if name not in POSITION_NAMES and not is_half:
+            if name not in ("x", "y", "z") and not is_half:
                 continue
             if (np.isfinite(self.rows[name]) & ~np.isfinite(rows[name])).any():
                 raise OutputError(
@@ -121,107 +109,77 @@ def parse_points(data: bytes) -> PointFile | None:
     FormatError
         When it is a cloud of points that is damaged or cannot be used.
     """
-    found = _find_header(data)
-    if found is None:
-        return None
-    head, is_text = found
     try:
-        order, elements, _ = parse_header(head)
-    except (KeyError, ValueError, IndexError, OverflowError):
+        file = PlyRows(data)
+    except (ValueError, IndexError, OverflowError):
         return None  # the reader of meshes says what is wrong
-    counts = {element.name: element.count for element in elements}
-    if counts.get(b"face", 0) > 0 or b"vertex" not in counts:
+    counts = {element.name: element.count for element in file.elements}
+    if counts.get("face", 0) > 0 or "vertex" not in counts:
         return None
-    vertex, body = elements[0], memoryview(data)[_end_of_header(data) :]
-    _check_elements(elements)
-    kind = make_row_dtype(vertex, order, {})
-    smallest = 2 * len(vertex.type_codes) - 1 if is_text else kind.itemsize
-    if vertex.count * smallest > len(body) + is_text:
+    vertex = file.elements[0]
+    _check_points(vertex)
+    kind, left = vertex.make_row_dtype(file.order), len(data) - file.head_size
+    smallest = 2 * len(vertex.type_codes) - 1 if file.is_text else kind.itemsize
+    if vertex.count * smallest > left + file.is_text:
         raise FormatError(
-            f"announces {vertex.count} points of at least {smallest} bytes, but {len(body)} bytes "
+            f"announces {vertex.count} points of at least {smallest} bytes, but {left} bytes "
             "follow; it is cut short, export it again"
         )
-    if is_text:
-        return PointFile(head, _parse_text(bytes(body), elements, kind), b"")
-    size = vertex.count * kind.itemsize
-    rows = np.frombuffer(body[:size], kind)
-    return PointFile(head, rows, bytes(body[size:]))
+    head = data[: file.head_size]
+    if not file.is_text:
+        tail = data[file.head_size + vertex.count * kind.itemsize :]
+        return PointFile(head, file.read_rows(vertex), tail)
+    head = head.replace(b"format ascii", b"format binary_little_endian", 1)
+    return PointFile(head, _read_text_rows(file), b"")
 
 
-def _find_header(data: bytes) -> tuple[bytes, bool] | None:
-    """Return the header as that of a binary file, and whether it is that of a text."""
-    end = _end_of_header(data)
-    if not data.startswith(b"ply") or not end:
-        return None
-    if is_binary_ply(data):
-        return data[:end], False
-    head = data[:end].replace(b"format ascii", b"format binary_little_endian", 1)
-    return head, True
-
-
-def _end_of_header(data: bytes) -> int:
-    """Return where the header ends, or 0 if it does not."""
-    mark = data.find(_END, 0, MAX_HEADER_BYTES)
-    return data.find(b"\n", mark) + 1 if mark >= 0 else 0
-
-
-def _check_elements(elements: list[Element]) -> None:
-    """Refuse a header that cannot be that of points to be moved."""
-    vertex = elements[0]
-    names = [name.decode("utf-8", "replace") for name in vertex.type_codes]
-    for element in elements:
-        if element.count < 0:
-            shown = element.name.decode("utf-8", "replace")
-            raise FormatError(
-                f"its header says `element {shown} {element.count}`, which is not a valid count; "
-                "export it again"
-            )
-    if vertex.name != b"vertex":
-        before = vertex.name.decode("utf-8", "replace")
+def _check_points(vertex: Element) -> None:
+    """Refuse a header whose first element cannot be points to be moved."""
+    names = list(vertex.type_codes)
+    if vertex.name != "vertex":
         hint = "; if it is a compressed splat file, export it uncompressed"
-        raise FormatError(f"has `{before}` before its points, expected the points first{hint}")
+        raise FormatError(f"has `{vertex.name}` before its points, expected the points first{hint}")
     if not all(name.isascii() for name in names):
         raise FormatError("has a property whose name is not plain text; rename it")
     if vertex.count == 0:
         raise FormatError("has no points; export it again")
-    if has_lists(vertex):
+    if vertex.lists:
         raise FormatError("has a list among the properties of its points; export it without")
-    for axis in POSITION_NAMES:
-        code = vertex.type_codes.get(axis.encode())
+    for axis in "xyz":
+        code = vertex.type_codes.get(axis)
         if code is None:
-            shown = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+            shown = join_truncated(names, 8)
             raise FormatError(f"its points have no property `{axis}` (found {shown}); export it")
         if code not in "efd":
             raise FormatError(f"its `{axis}` is a whole number, expected float or double")
 
 
-def _parse_text(body: bytes, elements: list[Element], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Read the rows of the points of a text."""
-    others = [e.name.decode("utf-8", "replace") for e in elements[1:] if e.count]
+def _read_text_rows(file: PlyRows) -> NDArray[Any]:
+    """Read the rows of the points of a text, which holds nothing else."""
+    points, *others = file.elements
+    others = [element for element in others if element.count]
     if others:
         raise FormatError(
-            f"is a text that has `{others[0]}` besides its points; export the points alone, or as "
-            "a binary file"
+            f"is a text that has `{others[0].name}` besides its points; export the points alone, "
+            "or as a binary file"
         )
-    count = elements[0].count
+    count = file.line_count
+    if count != points.count:
+        more = "more" if count > points.count else str(count)
+        raise FormatError(f"announces {points.count} points, holds {more}; export it again")
     try:
-        rows = np.loadtxt(io.BytesIO(body), kind, comments=None, ndmin=1, max_rows=count + 1)
+        return file.read_rows(points)
     except (ValueError, OverflowError, struct.error) as error:
-        width = len(kind.names or ())
         raise FormatError(
-            f"is not a sound PLY file (its points are not rows of {width} numbers that fit their "
-            "types); export it again"
+            f"is not a sound PLY file (its points are not rows of {len(points.type_codes)} numbers "
+            "that fit their types); export it again"
         ) from error
-    if len(rows) != count:
-        more = "more" if len(rows) > count else str(len(rows))
-        raise FormatError(f"announces {count} points, holds {more}; export it again")
-    return rows
 
 
 def place_positions(rows: NDArray[Any], positions: Floats) -> None:
     """Put positions, (m, 3), into rows; one too large for its type becomes infinite."""
     with np.errstate(over="ignore"):
-        for axis, values in zip(POSITION_NAMES, positions.T, strict=True):
+        for axis, values in zip("xyz", positions.T, strict=True):
             rows[axis] = values
 
 
@@ -236,14 +194,14 @@ def place_moved(rows: NDArray[Any], moved: NDArray[Any]) -> None:
     if moved.dtype.names is None:
         place_positions(rows, moved)
         return
-    place_positions(rows, np.stack([moved[axis] for axis in POSITION_NAMES], axis=1))
+    place_positions(rows, np.stack([moved[axis] for axis in "xyz"], axis=1))
     place_normals(rows, np.stack([moved[axis] for axis in NORMAL_NAMES]))
 
 
 class PointWriter(FrameFileWriter):
     """Writes a file per frame that differs from the one that was read in what is moved.
 
-    Frames are positions, or rows of `MOVED`.
+    Frames are positions, rows of `MOVED`, or whole rows as of splats.
     """
 
     def __init__(self, target: Path, animation: Animation, points: PointFile) -> None:
@@ -252,6 +210,8 @@ class PointWriter(FrameFileWriter):
 
     def encode_frame(self, positions: NDArray[Any]) -> bytes:
         """Return the bytes of one frame."""
+        if positions.dtype == self._points.rows.dtype:
+            return self._points.encode(positions)
         rows = self._points.rows.copy()
         place_moved(rows, positions)
         return self._points.encode(rows)
@@ -351,15 +311,3 @@ def place_splats(rows: NDArray[Any], splats: Splats) -> None:
     with np.errstate(over="ignore"):  # only half precision is too narrow
         for k, row in enumerate(splats.harmonics.reshape(-1, len(rows))):
             rows[f"f_rest_{k}"] = row
-
-
-class SplatWriter(FrameFileWriter):
-    """Writes a file per frame: rows of splats, in the layout of the file that was read."""
-
-    def __init__(self, target: Path, animation: Animation, points: PointFile) -> None:
-        super().__init__(target, animation)
-        self._points = points
-
-    def encode_frame(self, positions: NDArray[Any]) -> bytes:
-        """Return the bytes of one frame, given its rows."""
-        return self._points.encode(positions)

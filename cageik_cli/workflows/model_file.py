@@ -20,7 +20,6 @@ from cageik_cli.formats.ply_points import (
     MOVED,
     PointFile,
     PointWriter,
-    SplatWriter,
     holds_splats,
     parse_points,
     place_normals,
@@ -149,13 +148,11 @@ class LoadedModel:
         """Return what makes the writer of the model; None for the usual one of the format."""
         if self.points is None or (self.splats is None and output.suffix != ".ply"):
             return None
-        if self.splats is None:
-            return partial(PointWriter, points=self.points)
         if output.suffix != ".ply":
             from cageik_cli.formats.usd.splats import UsdSplatWriter
 
             return partial(UsdSplatWriter, points=self.points)
-        return partial(SplatWriter, points=self.points)
+        return partial(PointWriter, points=self.points)
 
 
 def load_surface(path: Path) -> LoadedModel:

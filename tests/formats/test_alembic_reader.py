@@ -224,7 +224,7 @@ def test_vertices_that_change_in_number_are_refused(archive):
     [
         ({"frames": [np.zeros((0, 3))]}, "vertices have shape (0, 3), expected (count, 3)"),
         ({"faces": []}, "0 faces need 0 corners"),
-        ({"faces": [[0, 1, 6]]}, "face 0 names vertices 6, 1, 0 (counted from 0), but there are 6"),
+        ({"faces": [[0, 1, 6]]}, "face 0 names vertices 0, 1, 6 (counted from 0), but there are 6"),
         ({"frames": []}, "is not a sound Alembic file ("),
     ],
 )

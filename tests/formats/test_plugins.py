@@ -27,7 +27,6 @@ import numpy as np
 from cageik_cli.formats.base.files import with_gzip
 from cageik_cli.formats.base.readers import FrameFileReader
 from cageik_cli.formats.base.mesh_data import FileMesh
-from cageik_cli.formats.base.mesh_data import fan_triangulate_polygons
 from cageik_cli.formats.base.writers import FrameFileWriter
 from cageik_cli.util.errors import FormatError
 
@@ -41,7 +40,7 @@ class Reader(FrameFileReader):
             points, polygons = json.loads(data)
         except ValueError as error:
             raise FormatError(f"not a toy mesh: {error}") from error
-        return FileMesh(np.array(points), *fan_triangulate_polygons(polygons))
+        return FileMesh.from_polygons(np.array(points), polygons)
 
 
 class Writer(FrameFileWriter):

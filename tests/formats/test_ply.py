@@ -7,9 +7,16 @@ import trimesh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.ply import PlyFrameParser, is_binary_ply, parse_binary_ply
+from cageik_cli.formats.ply import PlyFrameParser, Reader
 from cageik_cli.util.errors import FormatError, InputError
 from tests.shapes import ball
+
+
+def parse(data):
+    """The vertices, the corners of all faces in order, and how many each has."""
+    mesh = Reader.parse(data)
+    return mesh.vertices, mesh.corners, mesh.corner_counts
+
 
 VERTICES = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [0.5, 1, 0], [0, 2, 0.25]])
 POLYGONS = [[0, 1, 2, 3], [0, 1, 2], [0, 1, 2, 3, 4]]
@@ -34,6 +41,15 @@ def ply(order="<", count="B", index="i4", polygons=POLYGONS, other=b"", behind=b
     return header.encode() + rows.tobytes() + behind + b"".join(faces)
 
 
+def text(end="\n", polygons=POLYGONS):
+    """The same mesh as a text."""
+    head = ply(polygons=polygons).split(b"end_header")[0].decode()
+    head = head.replace("binary_little_endian", "ascii") + "end_header"
+    vertices = [f"{x} {y} 0 {z}" for x, y, z in VERTICES.tolist()]
+    faces = [f"{len(ring)} {' '.join(map(str, ring))} -1" for ring in polygons]
+    return end.join([*head.splitlines(), *vertices, "", *faces]).encode()
+
+
 OTHER = b"element strip 2\nproperty float a\nproperty list uchar short b\n"
 STRIPS = b"\0\0\0\0\2\1\0\2\0" + b"\0\0\0\0\0"
 
@@ -48,11 +64,12 @@ STRIPS = b"\0\0\0\0\2\1\0\2\0" + b"\0\0\0\0\0"
         ply(other=OTHER, behind=STRIPS),
         ply().replace(b"made by hand\n", b"made by hand\r\n"),
         ply() + b"element of which nothing is said",
+        text(),
+        text("\r\n") + b"\nwhat comes behind",
     ],
 )
 def test_polygons_of_several_sizes_keep_their_order(data):
-    assert is_binary_ply(data)
-    vertices, corners, sizes = parse_binary_ply(data)
+    vertices, corners, sizes = parse(data)
     np.testing.assert_array_equal(vertices, VERTICES)
     assert corners.tolist() == [0, 1, 2, 3, 0, 1, 2, 0, 1, 2, 3, 4]
     assert sizes.tolist() == [4, 3, 5]
@@ -62,13 +79,13 @@ def test_uneven_polygons_as_long_as_even_ones_are_not_misread():
     """A quad, a triangle and a pentagon take the bytes of three quads."""
     data = ply()
     assert len(data) == len(ply(polygons=[[0, 1, 2, 3]] * 3))
-    assert parse_binary_ply(data)[2].tolist() == [4, 3, 5]
+    assert parse(data)[2].tolist() == [4, 3, 5]
 
 
 def test_files_of_other_programs_are_read_as_they_read_them():
     mesh = ball(2, np.pi)
     by_trimesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type="ply")
-    vertices, corners, sizes = parse_binary_ply(by_trimesh)
+    vertices, corners, sizes = parse(by_trimesh)
     np.testing.assert_array_equal(vertices, mesh.vertices.astype(np.float32))
     np.testing.assert_array_equal(corners.reshape(-1, 3), mesh.faces)
     assert (sizes == 3).all()
@@ -78,7 +95,7 @@ def test_triangles_and_quads_by_meshio(tmp_path):
     path = tmp_path / "mixed.ply"
     cells = [("triangle", np.array([[0, 1, 2]])), ("quad", np.array([[0, 2, 3, 4]]))]
     meshio.Mesh(VERTICES, cells).write(path, binary=True)
-    vertices, corners, sizes = parse_binary_ply(path.read_bytes())
+    vertices, corners, sizes = parse(path.read_bytes())
     np.testing.assert_array_equal(vertices, VERTICES)
     assert (corners.tolist(), sizes.tolist()) == ([0, 1, 2, 0, 2, 3, 4], [3, 4])
 
@@ -94,18 +111,23 @@ def test_a_frame_is_read_by_its_vertices_alone():
     assert parser.parse_positions(ply(">")) is None
     assert parser.parse_positions(first[:-1]) is None
     assert parser.parse_positions(b"") is None
-    assert PlyFrameParser(b"ply\nformat ascii 1.0\n").parse_positions(first) is None
-    assert PlyFrameParser(b"OFF").parse_positions(b"OFF") is None
+    assert PlyFrameParser(text()).parse_positions(text()) is None
 
 
 FAULTS = {
     "cut inside the faces": (ply()[:-3], "PLY"),
+    "text that lacks a face": (text().rpartition(b"\n")[0], "cut short"),
+    "text that lacks a corner": (text()[:-5], "list of 5 items"),
+    "text of words": (text().replace(b"0.25", b"o.25"), "PLY"),
+    "text with more numbers": (text().replace(b"0.25", b"0.25 7"), "PLY"),
+    "text with half a corner": (text().replace(b"1 2 -1", b"1 2.5 -1"), "PLY"),
+    "text of a negative list": (text().replace(b"3 0 1", b"-3 0 1"), "list of -3 items"),
     "cut in the last flag": (ply()[:-1], "PLY"),
     "cut inside the vertices": (ply()[:250], "PLY"),
-    "no end of the header": (b"ply\nformat binary_little_endian 1.0\n", "not found"),
-    "middle endian": (ply().replace(b"little", b"middle"), "unknown word b'binary_middle_endian'"),
-    "type": (ply().replace(b"short flag", b"shirt flag"), "unknown word b'shirt'"),
-    "count": (ply().replace(b"vertex 5", b"vertex -1"), "PLY"),
+    "no end of the header": (b"ply\nformat binary_little_endian 1.0\n", "no PLY header"),
+    "middle endian": (ply().replace(b"little", b"middle"), "unknown word `binary_middle_endian`"),
+    "type": (ply().replace(b"short flag", b"shirt flag"), "unknown word `shirt`"),
+    "count": (ply().replace(b"vertex 5", b"vertex -1"), "not a valid count"),
     "claim": (ply().replace(b"vertex 5", b"vertex 5" + b"0" * 40), "PLY"),
     "more faces than bytes": (ply().replace(b"face 3", b"face 300000000000"), "PLY"),
     "no x": (ply().replace(b"double x", b"double w"), "PLY"),
@@ -125,7 +147,7 @@ FAULTS = {
 @pytest.mark.parametrize(("data", "says"), FAULTS.values(), ids=FAULTS)
 def test_faults_have_a_sentence(data, says):
     with pytest.raises(FormatError) as caught:
-        parse_binary_ply(data)
+        parse(data)
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -136,7 +158,7 @@ def test_whatever_is_damaged_is_refused_or_read_alike(place, removed, inserted):
     data = ply()[:place] + inserted + ply()[place + removed :]
     fast = PlyFrameParser(ply()).parse_positions(data)
     try:
-        vertices, _, _ = parse_binary_ply(data)
+        vertices, _, _ = parse(data)
     except InputError:
         assert fast is None
     else:

@@ -11,7 +11,6 @@ from cageik_cli.formats.obj import Reader
 from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.ply import Reader as PlyReader
-from cageik_cli.formats.ply_surface import complete_surface
 from cageik_cli.formats.write import write_mesh
 from cageik_cli.geometry.surface_attributes import number_normal_fans
 from cageik_cli.geometry.surface_parts import UvMap
@@ -153,10 +152,9 @@ def test_what_is_damaged_is_left_out_and_said_so(text, says):
     assert says in mesh.left_out[0]
 
 
-@pytest.mark.parametrize("sizes", [[6], [6, 4], [6, 6, 6]])
-def test_lists_that_do_not_fit_are_left_out_and_said_so(sizes):
-    mesh = PlyReader.parse(make_text().encode())
-    found = complete_surface(mesh, {}, (np.zeros(sum(sizes)), np.array(sizes)))
+def test_lists_that_do_not_fit_are_left_out_and_said_so():
+    text = make_text(face=TEXCOORD, lists=("6 0 0 1 0 1 1", "4 0 0 1 1")).encode()
+    found = PlyReader.read_attributes(text, PlyReader.parse(text))
     assert found.attributes.uvs is None
     assert "texture coordinates left out" in found.left_out[0]
 

@@ -1,7 +1,7 @@
-"""Meshes as they are read from files."""
+"""Meshes as they are read from files: polygons are cut into triangles, connectivities compared."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -21,10 +21,10 @@ class FileMesh:
     ----------
     vertices : (n, 3) float64
         Each value is `float(text)` to the bit; may not be finite.
-    faces : (f, 3) int64
-        From 0; polygons are cut into fans at their first corner.
+    corners : (c,) int64
+        The vertices of the faces, from 0, one face after the other.
     corner_counts : (p,) int64
-        How many corners each face of the file has.
+        How many corners each face has.
     attributes : SurfaceAttributes, optional
         What else the file says of the surface; its polygons alone if absent.
     left_out : tuple of str
@@ -32,27 +32,58 @@ class FileMesh:
     """
 
     vertices: Floats
-    faces: Integers
+    corners: Integers
     corner_counts: Integers
     attributes: SurfaceAttributes | None = None
     left_out: tuple[str, ...] = ()
+
+    @staticmethod
+    def from_polygons(vertices: Floats, polygons: Sequence[Sequence[int] | Integers]) -> "FileMesh":
+        """Return the mesh of polygons, each given by its vertices."""
+        counts = np.array([len(polygon) for polygon in polygons], np.int64)
+        corners = np.fromiter(chain.from_iterable(polygons), np.int64, counts.sum())
+        return FileMesh(vertices, corners, counts)
+
+    @property
+    def fans(self) -> Integers:
+        """The faces cut into triangles (f, 3), as fans around their first corners.
+
+        Raises
+        ------
+        FormatError
+            Naming a face of fewer than three corners.
+        """
+        return fan_triangulate(self.corners, self.corner_counts)
 
     @property
     def polygon_count(self) -> int:
         """Number of faces with more than three corners."""
         return int(np.count_nonzero(self.corner_counts > 3))
 
-    @property
-    def corners(self) -> Integers:
-        """The vertices of the faces of the file, one face after the other, (c,)."""
-        first = np.cumsum(self.corner_counts - 2) - (self.corner_counts - 2)
-        corners = np.empty(int(self.corner_counts.sum()), np.int64)
-        starts = np.cumsum(self.corner_counts) - self.corner_counts
-        corners[starts], corners[starts + 1] = self.faces[first, 0], self.faces[first, 1]
-        is_later = np.ones(len(corners), bool)
-        is_later[starts] = is_later[starts + 1] = False
-        corners[is_later] = self.faces[:, 2]
-        return corners
+    def read_parts(
+        self, parts: dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]
+    ) -> "FileMesh":
+        """Return it with all that its file says of the surface; a damaged part is left out.
+
+        Parameters
+        ----------
+        parts : dict
+            What adds each part to the attributes that were read before, by the name of the part in
+            a note: "its normals".
+        """
+        attributes, left_out = SurfaceAttributes(self.corner_counts, self.corners), []
+        for noun, read in parts.items():
+            try:
+                attributes = read(attributes)
+            except (FormatError, ValueError) as error:
+                left_out.append(f"{noun} left out ({error})")
+        return replace(self, attributes=attributes, left_out=tuple(left_out))
+
+    def turn_faces(self) -> "FileMesh":
+        """Return it with faces and attributes that turn the other way round."""
+        assert self.attributes is not None
+        turned = self.attributes.reverse(keeps_first=False)
+        return replace(self, corners=turned.corners, attributes=turned)
 
     def make_mesh(self) -> TriMesh:
         """Return the checked mesh, with polygons as fans, or as ears where a fan would fold over.
@@ -61,13 +92,13 @@ class FileMesh:
         ------
         FormatError
         """
-        mesh = TriMesh(self.vertices, self.faces)
+        mesh = TriMesh(self.vertices, self.fans)
         attributes = self.attributes
         if attributes is None and self.polygon_count:
             attributes = SurfaceAttributes(self.corner_counts, self.corners)
         if attributes is None or attributes.is_plain:
             return mesh
-        return replace_folded_fans(TriMesh(mesh.vertices, mesh.faces, attributes))
+        return replace_folded_fans(replace(mesh, attributes=attributes))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -112,21 +143,6 @@ class LoadedMesh:
 
 FOLD_TOL = 1e-9
 """A fan is folded when it has a triangle turned against the polygon by more of its area."""
-
-
-def fan_triangulate_polygons(
-    polygons: Sequence[Sequence[int] | Integers],
-) -> tuple[Integers, Integers]:
-    """Cut `polygons` into fans at their first corners, (f, 3); also return their corner counts.
-
-    Raises
-    ------
-    InputError
-        Naming a polygon of fewer than three corners.
-    """
-    sizes = np.array([len(polygon) for polygon in polygons], np.int64)
-    corners = np.fromiter(chain.from_iterable(polygons), np.int64, sizes.sum())
-    return fan_triangulate(corners, sizes), sizes
 
 
 def replace_folded_fans(mesh: TriMesh) -> TriMesh:

@@ -103,7 +103,7 @@ class FrameFileReader(MeshSequence):
                 return vertices
             mesh = parse_mesh(type(self), data)
             expected = self.first.fan_triangulated
-            check_connectivity(len(mesh.vertices), mesh.faces, expected, "the rest pose")
+            check_connectivity(len(mesh.vertices), mesh.fans, expected, "the rest pose")
             return mesh.vertices
 
     def location(self, index: int) -> str:
@@ -149,7 +149,7 @@ def parse_mesh(reader: type[FrameFileReader], data: bytes) -> FileMesh:
     if not data:
         raise FormatError("the file is empty, expected a mesh; export it again")
     mesh = reader.parse(data)
-    check_not_points(len(mesh.vertices), len(mesh.faces))
+    check_not_points(len(mesh.vertices), len(mesh.corner_counts))
     return mesh
 
 

@@ -1,103 +1,189 @@
 """Meshes in scenes: polygons of either winding, moved by transforms, sampled in time."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.mesh_data import FileMesh, fan_triangulate_polygons
+from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.readers import ClipFile, single_path
+from cageik_cli.formats.base.sequence import ClipRequest
+from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import ConnectivityError, FormatError, SettingError, join_truncated
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import (
+    ConnectivityError,
+    FormatError,
+    SettingError,
+    error_context,
+    join_truncated,
+)
 
-Time = TypeVar("Time", int, float)
+Polygons = tuple[Integers, Integers]
+"""How many corners each face has, (p,), and the vertices of the corners, face after face."""
 
-SurfaceReader = Callable[[SurfaceAttributes], tuple[SurfaceAttributes, tuple[str, ...]]]
+EVEN_STEP_TOL = 1e-4
+"""Steps that differ by more than this fraction of their mean are uneven."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Polygons:
-    """Faces as USD and Alembic store them.
+class SceneReader(ClipFile):
+    """Frames of one mesh in the space of its scene, evaluated on demand.
+
+    Formats open a scene, list its meshes, and say what one of them is at a time, in seconds or in
+    time codes.
 
     Attributes
     ----------
-    corner_counts : (p,) integers
-        Number of corners of each.
-    corners : (sum of counts,) integers
-        Those of one face after those of another.
+    is_clockwise : bool
+        Whether the faces of the mesh wind clockwise; set by `open_mesh`.
+    winding_note : str
+        What a user is told of such faces; nothing where all files of the format have them.
     """
 
-    corner_counts: NDArray[np.integer]
-    corners: NDArray[np.integer]
+    has_members = True
+    is_clockwise: bool
+    winding_note = ""
 
-    def differs_from(self, other: "Polygons") -> bool:
-        """Return whether others are different."""
-        return not (
-            np.array_equal(self.corner_counts, other.corner_counts)
-            and np.array_equal(self.corners, other.corners)
-        )
+    @abstractmethod
+    def check_file(self, path: Path) -> None:
+        """Refuse a file, or a missing library, before the library opens the file."""
 
-    def make_mesh(
-        self, points: Floats, is_clockwise: bool, read_surface: SurfaceReader | None = None
-    ) -> FileMesh:
-        """Make a mesh with these points.
+    @abstractmethod
+    def guard(self) -> AbstractContextManager[list[str]]:
+        """Turn what the library raises inside into a FormatError; yield its warnings at the end."""
 
-        Parameters
-        ----------
-        points : (m, 3)
-        is_clockwise : bool
-            Whether the faces wind clockwise.
-        read_surface : callable, optional
-            Completes the attributes of the polygons, in the order of the file, and returns notes
-            on what is left out.
+    @abstractmethod
+    def list_meshes(self, path: Path) -> dict[str, Any]:
+        """Open the file; return its meshes by their paths in the scene."""
 
-        Raises
-        ------
-        InputError
-            When counts and corners do not agree.
-        """
-        total = int(self.corner_counts.sum(dtype=np.int64))
-        if (
-            len(self.corner_counts) == 0
-            or self.corner_counts.min() < 0
-            or total != len(self.corners)
-        ):
-            raise FormatError(
-                f"{len(self.corner_counts)} faces need {total} corners, found {len(self.corners)}; "
-                "export the mesh again"
-            )
-        polygons = np.split(self.corners, np.cumsum(self.corner_counts)[:-1])
-        if is_clockwise:
-            polygons = [polygon[::-1] for polygon in polygons]
-        mesh = FileMesh(points, *fan_triangulate_polygons(polygons))
-        if read_surface is None:
-            return mesh
-        TriMesh(points, mesh.faces)  # names vertices that are not there
-        counts, corners = (a.astype(np.int64) for a in (self.corner_counts, self.corners))
-        found, left_out = read_surface(SurfaceAttributes(counts, corners))
-        attributes = found.reverse(keeps_first=False) if is_clockwise else found
-        return replace(mesh, attributes=attributes, left_out=left_out)
+    @abstractmethod
+    def open_mesh(self, mesh: Any) -> None:
+        """Take one of these meshes: what follows is about it."""
+
+    @abstractmethod
+    def list_times(self) -> set[float]:
+        """List when the points are sampled, or the transforms; nothing if none of them moves."""
+
+    @abstractmethod
+    def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
+        """Return the times of frames in place of uneven ones, and a note."""
+
+    @abstractmethod
+    def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
+        """Return what the file says of the scene; `step` is None for one frame, or uneven ones."""
+
+    @abstractmethod
+    def compute_matrix(self, time: float) -> Floats:
+        """Return the transform of the mesh into the scene, (4, 4), which multiplies rows."""
+
+    @abstractmethod
+    def has_moving_transform(self) -> bool:
+        """Return whether a transform of the mesh has several samples."""
+
+    @abstractmethod
+    def read_points(self, time: float) -> NDArray[np.floating]:
+        """Read the points in the space of the mesh, (m, 3)."""
+
+    @abstractmethod
+    def list_polygon_times(self) -> Sequence[float]:
+        """List when faces are sampled: at least one time, or the number of one sample."""
+
+    @abstractmethod
+    def read_polygons(self, time: float) -> Polygons:
+        """Read the faces at one of these times."""
+
+    @abstractmethod
+    def list_surface_parts(
+        self, vertex_count: int, time: float
+    ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+        """Return what reads the parts of the surface, for `FileMesh.read_parts`."""
+
+    def __init__(self, request: ClipRequest) -> None:
+        path = single_path(request.paths)
+        with error_context(path):
+            self.check_file(path)
+            with self.guard() as warnings:
+                notes = self._open_clip(path, request)
+        self.notes = tuple(f"{path.name}: {note}" for note in (*notes, *warnings))
+
+    def read_positions(self, index: int) -> Floats:
+        """Read the vertices of one frame."""
+        with error_context(self.location(index)), self.guard():
+            return self._read_moved(self._times[index])
+
+    def _open_clip(self, path: Path, request: ClipRequest) -> list[str]:
+        """Find the mesh and its frames; return notes on what was changed."""
+        meshes, notes = self.list_meshes(path), []
+        self.open_mesh(meshes[choose_mesh(list(meshes), request.member)])
+        times = np.array(sorted(self.list_times() or {0.0}))
+        step = find_step(times)
+        if step is None and len(times) > 1:
+            times, note = self.replace_uneven(times)
+            step = find_step(times)
+            notes.append(note)
+        self.set_frames(request, len(times), self.describe_scene(times, step))
+        self._times = times[list(self.frame_indices)].tolist()
+        mesh = self._read_mesh(request.complete_first(self._read_moved(self._times[0])))
+        self.first = mesh.make_mesh()
+        if self.is_clockwise and self.winding_note:
+            notes.append(self.winding_note)
+        return [*notes, *self._describe_transform(), *mesh.notes]
+
+    def _read_moved(self, time: float) -> Floats:
+        return transform_points(self.read_points(time), self.compute_matrix(time))
+
+    def _read_mesh(self, points: Floats) -> FileMesh:
+        """Return the mesh of the first frame, its surface included."""
+        time = self._times[0]
+        counts, corners = read_constant_polygons(self.read_polygons, self.list_polygon_times())
+        check_corner_counts(counts, corners)
+        mesh = FileMesh(points, corners.astype(np.int64), counts.astype(np.int64))
+        TriMesh(points, mesh.fans)  # names vertices that are not there
+        mesh = mesh.read_parts(self.list_surface_parts(len(points), time))
+        is_inside_out = self.is_clockwise != is_mirroring(self.compute_matrix(time))
+        return mesh.turn_faces() if is_inside_out else mesh
+
+    def _describe_transform(self) -> list[str]:
+        """Return a note on a mesh that its transform has moved."""
+        if self.has_moving_transform():
+            return ["moved by its animated transform into the scene's space"]
+        if not np.array_equal(self.compute_matrix(self._times[0]), np.eye(4)):
+            return ["moved by its transform into the scene's space"]
+        return []
 
 
-def read_constant_polygons(read_at: Callable[[Time], Polygons], times: Iterable[Time]) -> Polygons:
+def read_constant_polygons(
+    read_at: Callable[[float], Polygons], times: Iterable[float]
+) -> Polygons:
     """Read the faces at the first of some times, and check that they never change.
 
     Raises
     ------
-    InputError
+    ConnectivityError
         Naming the time at which they change.
     """
     first, *others = times
     found = read_at(first)
     for time in others:
-        if read_at(time).differs_from(found):
+        if not all(map(np.array_equal, read_at(time), found)):
             raise ConnectivityError(
                 f"the faces change at time {time:g}; all frames must share one connectivity"
             )
     return found
+
+
+def check_corner_counts(counts: Integers, corners: Integers) -> None:
+    """Refuse faces whose counts are not those of their corners; raises FormatError."""
+    total = int(counts.sum(dtype=np.int64))
+    if len(counts) == 0 or counts.min() < 0 or total != len(corners):
+        raise FormatError(
+            f"{len(counts)} faces need {total} corners, found {len(corners)}; export the mesh again"
+        )
 
 
 def transform_points(points: NDArray[np.floating], matrix: Floats) -> Floats:
@@ -114,54 +200,13 @@ def is_mirroring(matrix: Floats) -> bool:
     return bool(np.linalg.det(matrix[:3, :3]) < 0)
 
 
-def describe_transform(matrix: Floats, is_animated: bool) -> list[str]:
-    """Return a note on a mesh that its transform, `matrix` at the first frame, has moved."""
-    if is_animated:
-        return ["moved by its animated transform into the scene's space"]
-    if not np.array_equal(matrix, np.eye(4)):
-        return ["moved by its transform into the scene's space"]
-    return []
-
-
-EVEN_STEP_TOL = 1e-4
-"""Steps that differ by more than this fraction of their mean are uneven."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sampling:
-    """The times of the frames of a clip.
-
-    Attributes
-    ----------
-    times : (F,)
-        Ascending, seconds or time codes.
-    step : float or None
-        From one frame to the next; None for a single frame, or when steps differ.
-    """
-
-    times: Floats
-    step: float | None
-
-    @staticmethod
-    def from_times(times: set[float]) -> "Sampling":
-        """Sample at `times`; at time 0 if there are none."""
-        ordered = np.array(sorted(times or {0.0}))
-        steps = np.diff(ordered)
-        if len(steps) == 0:
-            return Sampling(ordered, None)
-        mean = float(ordered[-1] - ordered[0]) / len(steps)
-        even = bool((np.abs(steps - mean) <= EVEN_STEP_TOL * mean).all())
-        return Sampling(ordered, mean if even else None)
-
-    @property
-    def is_uneven(self) -> bool:
-        """Whether the steps differ."""
-        return self.step is None and len(self.times) > 1
-
-
-def frames_per_second(step: float) -> float:
-    """Convert seconds per frame to frames per second, without the digits of rounding errors."""
-    return round(1 / step, 9)
+def find_step(times: Floats) -> float | None:
+    """Return the step between ascending times, (F,); None for a single one, or uneven ones."""
+    steps = np.diff(times)
+    if len(steps) == 0:
+        return None
+    mean = float(times[-1] - times[0]) / len(steps)
+    return mean if (np.abs(steps - mean) <= EVEN_STEP_TOL * mean).all() else None
 
 
 def round_frame_step(step: float | None) -> float | None:

@@ -37,7 +37,7 @@ def capture_diagnostics(make_error: Callable[[str], Exception]) -> Iterator[list
         except UnicodeDecodeError as error:
             raise make_error(_NOT_TEXT) from error
         finally:
-            warnings += map(_format_diagnostic, trap.GetWarnings())
+            warnings += (f"USD warns: {_format_diagnostic(each)}" for each in trap.GetWarnings())
             trap.Clear()
 
 

@@ -10,7 +10,6 @@ from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.ply_points import (
     COLOURS,
     OPACITY,
-    POSITION_NAMES,
     SCALES,
     TURNS,
     PointFile,
@@ -59,7 +58,7 @@ class UsdSplatWriter(AnimationWriter):
         """Write the next frames, rows (k, m)."""
         for rows in frames:
             time = self._file.begin_frame()
-            positions = _stack(rows, POSITION_NAMES)
+            positions = _stack(rows, ("x", "y", "z"))
             with np.errstate(over="ignore"):
                 scales = np.exp(_stack(rows, SCALES))
             if not (np.isfinite(positions).all() and np.isfinite(scales).all()):

@@ -24,47 +24,24 @@ NORMAL_DECIMALS = 4
 _PER_VERTEX, _PER_CORNER, _PER_FACE = ("vertex", "varying"), ("faceVarying",), ("uniform",)
 
 
-def read_surface(
-    mesh: Any, attributes: SurfaceAttributes, vertex_count: int, time: float
-) -> tuple[SurfaceAttributes, tuple[str, ...]]:
-    """Read all that a mesh says of its surface at a time.
-
-    Parameters
-    ----------
-    attributes : SurfaceAttributes
-        Its polygons, as the file has them.
-
-    Returns
-    -------
-    attributes : SurfaceAttributes
-    notes : tuple of str
-        What is left out, one sentence each.
-    """
-    surface = _Surface(mesh, vertex_count, time)
-    left_out: list[str] = []
-    steps: tuple[tuple[str, Callable[[SurfaceAttributes], SurfaceAttributes]], ...] = (
-        ("texture coordinates", surface.read_uvs),
-        ("normals", surface.read_normals),
-        ("colours", surface.read_colours),
-        ("materials and groups", surface.read_labels),
-        ("subdivision", surface.read_subdivision),
-    )
-    for noun, read in steps:
-        try:
-            attributes = read(attributes)
-        except FormatError as error:
-            left_out.append(f"its {noun} left out ({error})")
-    return attributes, tuple(left_out)
-
-
-class _Surface:
-    """Reads the parts of one mesh."""
+class SurfaceReader:
+    """Reads the parts of the surface of one mesh, at a time."""
 
     def __init__(self, mesh: Any, vertex_count: int, time: float) -> None:
         from pxr import UsdGeom
 
         self._mesh, self._vertex_count, self._time = mesh, vertex_count, time
         self._primvars = UsdGeom.PrimvarsAPI(mesh)
+
+    def list_parts(self) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+        """Return what reads each part, for `FileMesh.read_parts`."""
+        return {
+            "its texture coordinates": self.read_uvs,
+            "its normals": self.read_normals,
+            "its colours": self.read_colours,
+            "its materials and groups": self.read_labels,
+            "its subdivision": self.read_subdivision,
+        }
 
     def read_uvs(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
         """Read the primvar `st`, or else the first that holds texture coordinates."""

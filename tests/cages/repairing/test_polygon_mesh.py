@@ -2,12 +2,14 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
-from cageik_cli.formats.base.mesh_data import FileMesh, fan_triangulate_polygons
+from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import QUADS, box
 
-FACES, COUNTS = fan_triangulate_polygons([*QUADS[:5], QUADS[5][:3], QUADS[5][2:] + QUADS[5][:1]])
-MIXED = TriMesh(box().vertices, FACES)
+READ = FileMesh.from_polygons(
+    box().vertices, [*QUADS[:5], QUADS[5][:3], QUADS[5][2:] + QUADS[5][:1]]
+)
+COUNTS, MIXED = READ.corner_counts, TriMesh(READ.vertices, READ.fans)
 
 
 def test_rings_of_fans_are_the_polygons():
@@ -64,7 +66,7 @@ def test_a_folded_quad_starts_at_another_corner_as_readers_cut_it():
     assert unfolded.corner_counts.tolist() == [4]
     assert not unfolded.is_folded.any()
     fans = unfolded.triangles
-    read = FileMesh(fans.vertices, fans.faces, unfolded.corner_counts).make_mesh()
+    read = FileMesh.from_polygons(fans.vertices, unfolded.rings).make_mesh()
     np.testing.assert_array_equal(read.faces, unfolded.triangles.faces)
 
 

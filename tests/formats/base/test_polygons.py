@@ -5,11 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base.mesh_data import (
-    FileMesh,
-    _project_to_plane,
-    fan_triangulate_polygons,
-)
+from cageik_cli.formats.base.mesh_data import FileMesh, _project_to_plane
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FormatError
 from tests.shapes import rotation
@@ -28,8 +24,7 @@ def cut(points, start=0, seed=0):
     turn = rotation(seed)
     flat = np.column_stack([points, np.zeros(len(points))])
     order = np.roll(np.arange(len(points)), -start)
-    faces, sizes = fan_triangulate_polygons([order])
-    mesh = FileMesh(flat @ turn.T + [5, -3, 2], faces, sizes).make_mesh()
+    mesh = FileMesh.from_polygons(flat @ turn.T + [5, -3, 2], [order]).make_mesh()
     return mesh, turn[:, 2]
 
 
@@ -74,9 +69,9 @@ def test_stars_are_covered_once(radii, start, seed):
 def test_a_fan_would_have_folded():
     """The checks above must be able to fail: fans fail them."""
     turn = rotation(0)
-    faces, _ = fan_triangulate_polygons([np.roll(np.arange(4), -1)])
     flat = np.column_stack([DART, np.zeros(4)]) @ turn.T
-    assert signed_areas(TriMesh(flat, faces), turn[:, 2]).min() < 0
+    fans = FileMesh.from_polygons(flat, [np.roll(np.arange(4), -1)]).fans
+    assert signed_areas(TriMesh(flat, fans), turn[:, 2]).min() < 0
 
 
 @pytest.mark.parametrize("corners", [3, 4, 5, 9])
@@ -104,9 +99,8 @@ def test_degenerate_polygons_give_as_many_triangles_of_their_corners(points):
 
 
 def test_a_bent_quad_stays_a_fan():
-    faces, sizes = fan_triangulate_polygons([[0, 1, 2, 3]])
     vertices = np.array([[0, 0, 0], [1, 0, 0.4], [1, 1, 0], [0, 1, 0.4]])
-    mesh = FileMesh(vertices, faces, sizes).make_mesh()
+    mesh = FileMesh.from_polygons(vertices, [[0, 1, 2, 3]]).make_mesh()
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
 
 
@@ -122,10 +116,10 @@ def test_the_smallest_area_has_a_direction():
 def test_triangles_stay_in_the_place_of_their_polygon():
     flat = np.column_stack([DART, np.zeros(4)])
     vertices = np.concatenate([flat, flat + np.array([9, 0, 0])])
-    faces, sizes = fan_triangulate_polygons([[0, 1, 2], [5, 6, 7, 4], [0, 2, 3]])
-    np.testing.assert_array_equal(sizes, [3, 4, 3])
-    mesh = FileMesh(vertices, faces, sizes).make_mesh()
-    np.testing.assert_array_equal(mesh.faces[[0, 3]], faces[[0, 3]])
+    read = FileMesh.from_polygons(vertices, [[0, 1, 2], [5, 6, 7, 4], [0, 2, 3]])
+    np.testing.assert_array_equal(read.corner_counts, [3, 4, 3])
+    mesh = read.make_mesh()
+    np.testing.assert_array_equal(mesh.faces[[0, 3]], read.fans[[0, 3]])
     assert {frozenset(face) for face in mesh.faces[1:3].tolist()} == {
         frozenset((4, 5, 6)),
         frozenset((4, 6, 7)),
@@ -134,4 +128,4 @@ def test_triangles_stay_in_the_place_of_their_polygon():
 
 def test_a_polygon_of_two_corners_is_refused():
     with pytest.raises(FormatError, match="face 1 has 2 corners, expected 3 or more"):
-        fan_triangulate_polygons([[0, 1, 2], [0, 1]])
+        FileMesh.from_polygons(np.zeros((3, 3)), [[0, 1, 2], [0, 1]]).make_mesh()

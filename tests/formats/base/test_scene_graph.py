@@ -3,41 +3,62 @@
 import numpy as np
 import pytest
 
+from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.base.scene_graph import (
-    Polygons,
-    describe_transform,
+    EVEN_STEP_TOL,
+    check_corner_counts,
+    find_step,
     is_mirroring,
+    read_constant_polygons,
     transform_points,
 )
-from cageik_cli.util.errors import FormatError
+from cageik_cli.util.errors import ConnectivityError, FormatError
 
 POINTS = np.arange(15.0).reshape(5, 3)
-MIXED = Polygons(np.array([3, 4]), np.array([0, 1, 2, 1, 2, 3, 4]))
+COUNTS, CORNERS = np.array([3, 4]), np.array([0, 1, 2, 1, 2, 3, 4])
 
 
 def test_polygons_become_fans_of_either_winding():
-    assert MIXED.make_mesh(POINTS, is_clockwise=False).faces.tolist() == [
-        [0, 1, 2],
-        [1, 2, 3],
-        [1, 3, 4],
-    ]
-    assert MIXED.make_mesh(POINTS, is_clockwise=True).faces.tolist() == [
-        [2, 1, 0],
-        [4, 3, 2],
-        [4, 2, 1],
-    ]
+    mesh = FileMesh(POINTS, CORNERS, COUNTS)
+    assert mesh.fans.tolist() == [[0, 1, 2], [1, 2, 3], [1, 3, 4]]
+    turned = mesh.read_parts({}).turn_faces()
+    assert turned.fans.tolist() == [[2, 1, 0], [4, 3, 2], [4, 2, 1]]
 
 
 @pytest.mark.parametrize("counts", [[], [3], [3, 5], [-3, 10], [2**62, 2**62]])
 def test_counts_that_do_not_fit_the_corners_are_refused(counts):
     with pytest.raises(FormatError, match="corners, found 7"):
-        Polygons(np.array(counts, np.int64), MIXED.corners).make_mesh(POINTS, is_clockwise=False)
+        check_corner_counts(np.array(counts, np.int64), CORNERS)
 
 
-def test_polygons_differ_by_counts_or_corners():
-    assert not MIXED.differs_from(Polygons(MIXED.corner_counts.copy(), MIXED.corners.copy()))
-    assert MIXED.differs_from(Polygons(np.array([4, 3]), MIXED.corners))
-    assert MIXED.differs_from(Polygons(MIXED.corner_counts, MIXED.corners[::-1]))
+@pytest.mark.parametrize(
+    "others", [(np.array([4, 3]), CORNERS), (COUNTS, CORNERS[::-1]), (COUNTS, CORNERS[:6])]
+)
+def test_polygons_differ_by_counts_or_corners(others):
+    polygons = {0: (COUNTS, CORNERS), 1: (COUNTS.copy(), CORNERS.copy()), 2.5: others}
+    assert read_constant_polygons(polygons.__getitem__, [0, 1]) == polygons[0]
+    with pytest.raises(ConnectivityError, match="faces change at time 2"):
+        read_constant_polygons(polygons.__getitem__, [0, 1, 2.5])
+
+
+@pytest.mark.parametrize(
+    ("times", "step"),
+    [
+        ([0.0], None),
+        ([1.0, 2.0, 3.0], 1.0),
+        ([-1.5, 0.0, 1.5], 1.5),
+        ([1.0, 2.0, 4.0], None),
+        ([0.0, 1.0, 2.0 + 4 * EVEN_STEP_TOL], None),
+        ([0.0, 1.0, 2.0 + EVEN_STEP_TOL / 4], 1 + EVEN_STEP_TOL / 8),
+    ],
+)
+def test_samples_have_one_step_or_none(times, step):
+    assert find_step(np.array(times)) == step
+
+
+@pytest.mark.parametrize("fps", [24, 25, 29.97, 120])
+def test_the_step_of_times_counted_up_from_far(fps):
+    assert 1 / find_step(86400 + np.arange(2000) / fps) == pytest.approx(fps, rel=1e-8)
 
 
 def test_rows_are_multiplied_with_the_matrix():
@@ -54,13 +75,3 @@ def test_what_is_not_moved_keeps_every_bit():
 @pytest.mark.parametrize(("scales", "mirror"), [([1, 1, -1], True), ([-1, -1, 1], False)])
 def test_mirrors(scales, mirror):
     assert is_mirroring(np.diag([*scales, 1.0])) == mirror
-
-
-def test_only_what_moves_is_noted():
-    assert describe_transform(np.eye(4), False) == []
-    assert describe_transform(np.diag([2.0, 1, 1, 1]), False) == [
-        "moved by its transform into the scene's space"
-    ]
-    assert describe_transform(np.eye(4), True) == [
-        "moved by its animated transform into the scene's space"
-    ]

@@ -77,7 +77,7 @@ def frame_of(data: bytes, first: bytes = PLAIN) -> np.ndarray | None:
 def test_every_dialect_gives_the_same_mesh(data):
     mesh = parse_obj(data)
     np.testing.assert_array_equal(mesh.vertices, VERTICES)
-    np.testing.assert_array_equal(mesh.faces, FACES)
+    np.testing.assert_array_equal(mesh.fans, FACES)
     assert mesh.polygon_count == 0
 
 
@@ -120,7 +120,7 @@ def test_polygons_become_fans_at_their_first_corner():
     pentagon = b"".join(b"v %d %d 0\n" % xy for xy in ((0, 0), (2, 0), (3, 1), (2, 2), (0, 2)))
     mesh = parse_obj(pentagon + b"f 1 2 3\nf 1 3 4 5\nf 1 2 3 4 5\n")
     expected = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 1, 2], [0, 2, 3], [0, 3, 4]]
-    np.testing.assert_array_equal(mesh.faces, expected)
+    np.testing.assert_array_equal(mesh.fans, expected)
     assert mesh.polygon_count == 2
 
 
@@ -216,7 +216,7 @@ def test_a_file_is_the_mesh_that_its_lines_are(edits, dialect):
             assert expected is None
         else:
             assert mesh.vertices.tobytes() == expected[0].tobytes()
-            assert mesh.faces.tolist() == fans(expected[1])
+            assert mesh.fans.tolist() == fans(expected[1])
             assert mesh.corner_counts.tolist() == [len(polygon) for polygon in expected[1]]
 
 
@@ -225,7 +225,7 @@ def test_texts_of_more_than_32_bits_are_read_alike(monkeypatch, dialect):
     monkeypatch.setattr(tokens, "MAX_SHORT_TEXT", 10)
     mesh = parse_obj(DIALECTS[dialect])
     np.testing.assert_array_equal(mesh.vertices, VERTICES)
-    np.testing.assert_array_equal(mesh.faces, FACES)
+    np.testing.assert_array_equal(mesh.fans, FACES)
 
 
 @pytest.mark.parametrize(

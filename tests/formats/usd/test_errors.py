@@ -11,7 +11,7 @@ def test_warnings_are_kept_without_folders_and_addresses(capfd):
     with capture_diagnostics(InputError) as warnings:
         Tf.Warn("Could not load @/home/me/a.usda@\n (Opening stage on stage @/b@ <0x7f>)")
         assert warnings == []
-    assert warnings == ["Could not load a.usda"]
+    assert warnings == ["USD warns: Could not load a.usda"]
     assert capfd.readouterr().err == ""
 
 
