@@ -7,7 +7,6 @@ import numpy as np
 
 from cageik_cli.geometry.points import smallest_enclosing_sphere
 from cageik_cli.geometry.shape import lumped_areas
-from cageik_cli.report.clip_notes import list_clip_notes
 from cageik_cli.report.figures import (
     ClipRecord,
     FrameRecord,
@@ -20,18 +19,11 @@ from cageik_cli.report.fit_figures import (
     UnfittedRecord,
     build_unfitted,
     is_fitted_to_clip,
-    list_fit_notes,
     measure_gap_closed,
 )
-from cageik_cli.report.limits import (
-    LimitCheck,
-    Limits,
-    check_limits,
-    list_limit_notes,
-    missing_in_baseline,
-)
-from cageik_cli.report.regions import RegionRecord, build_regions, list_region_notes
-from cageik_cli.report.standouts import list_standout_notes
+from cageik_cli.report.limits import LimitCheck, Limits, check_limits
+from cageik_cli.report.notes import list_notes
+from cageik_cli.report.regions import RegionRecord, build_regions
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.vertex_bound import VertexBound
@@ -98,7 +90,6 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
     limits = limits or Limits()
     frames = _build_frames(result)
     summary = _build_summary(result, frames, radius)
-    fit_notes = () if result.fit is None else list_fit_notes(result.fit)
     return Report(
         schema=SCHEMA_VERSION,
         tool={"name": "cageik", "version": result.version},
@@ -106,15 +97,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         edited_from=result.edited_from,
         sources=result.sources,
         settings=result.settings,
-        notes=(
-            *result.notes,
-            *fit_notes,
-            *list_clip_notes(result),
-            *list_region_notes(result, summary),
-            *list_limit_notes(limits, rest.diagonal),
-            *list_standout_notes(result),
-            *missing_in_baseline(result_name, summary, limits),
-        ),
+        notes=list_notes(result, result_name, summary, limits),
         clip=ClipRecord(
             frames=len(frames),
             vertices=len(rest.vertices),

@@ -1,0 +1,257 @@
+"""Notes on a result: sentences on what stands out of it, found without being asked.
+
+Each note compares a measure with a threshold, which its function has as a default, and says both.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cageik_cli.geometry.mesh import TriMesh, signed_volumes
+from cageik_cli.report.figures import ReportSummary, format_percent
+from cageik_cli.report.fit_figures import list_fit_notes
+from cageik_cli.report.limits import Limits, list_limit_notes, missing_in_baseline
+from cageik_cli.report.regions import list_region_notes
+from cageik_cli.store.result import Result, read_cages
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import join_truncated
+from cageik_cli.util.text import format_count
+
+MIN_DATA_PER_CAGE_VERTEX = 2
+"""Vertices that are data, per cage vertex, below which the error is noted as too small.
+
+On samba with cages of 60 to 300, and only some vertices as data, the error of the others is 8 to 10
+times that of the data at 1 per cage vertex, 5 times at 1.5, 2.5 to 3 times at 2, 1.5 to 1.9 times
+at 3, and 1.1 times at 10.
+"""
+
+MIN_STANDOUT_FRAMES = 8
+"""Frames of the shortest clip out of which a frame can stand."""
+
+
+def list_notes(
+    result: Result, name: str, summary: ReportSummary, limits: Limits
+) -> tuple[str, ...]:
+    """List all notes on a result, first those that it holds itself.
+
+    Parameters
+    ----------
+    name : str
+        Of the result, by which a baseline knows it.
+    """
+    return (
+        *result.notes,
+        *([] if result.fit is None else list_fit_notes(result.fit)),
+        *list_clip_notes(result),
+        *list_region_notes(result, summary),
+        *list_limit_notes(limits, result.rest.diagonal),
+        *list_standout_notes(result),
+        *missing_in_baseline(name, summary, limits),
+    )
+
+
+def list_clip_notes(result: Result) -> list[str]:
+    """List notes on the frames as a whole and on their vertices; none for an edited result."""
+    if result.edited_from is not None:
+        return []
+    return [
+        *_note_mirrored_frames(result),
+        *_note_other_size(result),
+        *_note_few_vertices(result),
+    ]
+
+
+def list_standout_notes(result: Result) -> list[str]:
+    """Say which frames and vertices stand out, by how much, and which option would help."""
+    if result.edited_from is not None:
+        return []
+    is_long = len(result.frames) - len(result.skipped) >= MIN_STANDOUT_FRAMES
+    return [
+        *(_note_spikes(result) if is_long else []),
+        *(_note_motion(result) if is_long else []),
+        *_note_lonely_vertices(result),
+    ]
+
+
+def _note_mirrored_frames(result: Result, max_share: float = -0.5) -> Iterator[str]:
+    """Say which frames have less volume than `max_share` times that of the rest pose."""
+    shares = _measure_volume_shares(result)
+    known = np.flatnonzero(np.isfinite(shares))
+    mirrored = known[shares[known] < max_share]
+    if len(mirrored):
+        yield (
+            f"{len(mirrored)} of {len(result.frames)} frames are mirrored relative to the rest "
+            f"pose ({_name_frames(result, mirrored, 3)}): their volume has the other sign; a scale "
+            "of -1 or another handedness of the axes in the export is the likely cause"
+        )
+
+
+def _measure_volume_shares(result: Result) -> Floats:
+    """Return the signed volume of each frame relative to the rest pose; nan where unknown.
+
+    Of a model that has none, it is that of the cage, which turns inside out with it.
+    """
+    volumes = result.metrics.volume
+    if np.isfinite(volumes).any():
+        return np.asarray(volumes / result.rest.volume)
+    blocks = read_cages(result, size=256)
+    shares = np.concatenate([signed_volumes(block, result.cage.faces) for block in blocks])
+    shares[list(result.skipped)] = np.nan
+    return np.asarray(shares / result.cage.volume)
+
+
+def _note_other_size(result: Result, max_ratio: float = 2.0) -> Iterator[str]:
+    """Say so if the frames are of another size than the rest pose, and which units explain it."""
+    points = result.rest.vertices[np.isfinite(result.vertex_rms)]
+    spread = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    if not spread > 0:
+        return
+    ratio = float(np.nanmedian(result.metrics.spread)) / spread
+    if 1 / max_ratio <= ratio <= max_ratio:
+        return
+    size = f"{ratio:.3g} times as large as" if ratio > 1 else f"{1 / ratio:.3g} times smaller than"
+    yield (
+        f"the frames are {size} the rest pose in the median, by their spread about the centroid; "
+        f"{_guess_cause(ratio)}, and the figures compare them with the diagonal of the rest pose"
+    )
+
+
+def _guess_cause(ratio: float, tolerance: float = 0.1) -> str:
+    """Name the units whose ratio this is nearly: poses differ in size, too."""
+    unit_ratios = {
+        "centimetres and metres": 100.0,
+        "millimetres and centimetres": 10.0,
+        "millimetres and metres": 1000.0,
+        "inches and centimetres": 2.54,
+        "inches and millimetres": 25.4,
+        "inches and metres": 39.37,
+        "inches and feet": 12.0,
+        "feet and metres": 3.281,
+        "feet and centimetres": 30.48,
+    }
+    factor = max(ratio, 1 / ratio) if ratio > 0 else np.inf
+    for units, known in unit_ratios.items():
+        if abs(factor / known - 1) < tolerance:
+            return f"one is likely in another unit ({units})"
+    return "one is likely in another unit, or of another model"
+
+
+def _note_few_vertices(result: Result) -> Iterator[str]:
+    """Say so if hardly more vertices are data than the cage has."""
+    data, points = int(np.isfinite(result.vertex_rms).sum()), len(result.cage.vertices)
+    if data < MIN_DATA_PER_CAGE_VERTEX * points:
+        yield (
+            f"{data} vertices of the model are data, and the cage has {points}: with fewer than "
+            f"{MIN_DATA_PER_CAGE_VERTEX} per cage vertex the cage follows them more closely than "
+            "the surface between them, so the error is too small; take a smaller cage or a denser "
+            "model"
+        )
+
+
+def _note_spikes(
+    result: Result, min_ratio: float = 25.0, min_percent: float = 3.0
+) -> Iterator[str]:
+    """Name frames whose largest deviation is above so many median rms, and so many percent."""
+    metrics, percent = result.metrics, 100 / result.rest.diagonal
+    if result.kept is not None and result.settings.get("robust"):
+        return
+    largest = percent * np.nan_to_num(metrics.max_deviation)
+    middle = percent * float(np.nanmedian(metrics.rms))
+    found = np.flatnonzero((largest > min_ratio * middle) & (largest > min_percent))
+    if len(found):
+        worst = int(found[largest[found].argmax()])
+        yield (
+            f"{format_count(len(found), 'frame')} with vertices far away, up to "
+            f"{format_percent(largest[worst])} % in {result.frames[worst]} (median error "
+            f"{format_percent(middle)} %): {_name_frames(result, found)}; reject them by --robust"
+        )
+
+
+def _note_motion(
+    result: Result, min_jump: float = 12.0, hold_tol: float = 1e-9, max_held: float = 0.1
+) -> Iterator[str]:
+    """Name frames that jump, and frames that are copies of the one before.
+
+    Parameters
+    ----------
+    min_jump : float
+        Acceleration of the cage of a frame that jumps, in medians.
+    hold_tol : float
+        Cages that differ by less, in diagonals, are copies.
+    max_held : float
+        Clips with a larger share of copies are held on purpose, or on twos.
+    """
+    sizes, steps = _measure_motion(result)
+    known = np.ones(len(result.frames), bool)
+    known[list(result.skipped)] = False
+    middle = float(np.median(sizes[sizes > 0])) if (sizes > 0).any() else 0.0
+    is_jump = (sizes > min_jump * middle) & known
+    # The acceleration is large beside a jump, too: the frame of the largest one counts.
+    peaks = np.flatnonzero(
+        is_jump & (sizes >= np.roll(sizes, 1)) & (sizes >= np.roll(sizes, -1)) & (middle > 0)
+    )
+    if len(peaks):
+        worst = int(peaks[sizes[peaks].argmax()])
+        yield (
+            f"{format_count(len(peaks), 'frame')} where the motion jumps, most in "
+            f"{result.frames[worst]} ({sizes[worst] / middle:.0f} times the median acceleration): "
+            f"{_name_frames(result, peaks)}; smooth them by --smooth auto"
+        )
+    held = np.flatnonzero((steps <= hold_tol * result.rest.diagonal) & known)
+    if 0 < len(held) <= max_held * len(steps):
+        yield (
+            f"{format_count(len(held), 'frame')} the same as the one before: "
+            f"{_name_frames(result, held)}; if they were lost, leave them out, and fill them by "
+            "--fill-gaps"
+        )
+
+
+def _measure_motion(result: Result) -> tuple[Floats, Floats]:
+    """Return acceleration and largest step to the frame before, of each cage, (F,) each."""
+    count = len(result.frames)
+    sizes, steps = np.zeros(count), np.full(count, np.inf)
+    last = np.empty((0, *result.cage.vertices.shape))
+    start = 0
+    for block in read_cages(result, size=64):
+        cages = np.concatenate([last, block])
+        first = start - len(last)
+        bends = np.sqrt((np.diff(cages, 2, axis=0) ** 2).mean(axis=(1, 2)))
+        sizes[first + 1 : first + 1 + len(bends)] = bends
+        moved = np.abs(np.diff(cages, axis=0)).max(axis=(1, 2))
+        steps[first + 1 : first + 1 + len(moved)] = moved
+        start, last = start + len(block), cages[-2:]
+    return sizes, steps
+
+
+def _note_lonely_vertices(
+    result: Result, min_ratio: float = 8.0, min_percent: float = 1.0
+) -> Iterator[str]:
+    """Name vertices whose rms is above so many of their neighbours', and so many percent."""
+    rms, percent = result.vertex_rms, 100 / result.rest.diagonal
+    if not np.isfinite(rms).all():
+        return
+    around = _average_neighbours(result.rest, rms)
+    found = np.flatnonzero((rms > min_ratio * around) & (percent * rms > min_percent))
+    if len(found):
+        worst = int(found[rms[found].argmax()])
+        numbers = join_truncated(map(str, found.tolist()), 5)
+        yield (
+            f"{format_count(len(found), 'vertex')} moving unlike the neighbours: {numbers}; vertex "
+            f"{worst} is off by {format_percent(percent * rms[worst])} %, those around it by "
+            f"{format_percent(percent * around[worst])} %; reject them by --robust, or give them "
+            "the weight 0 by --vertex-weights"
+        )
+
+
+def _average_neighbours(mesh: TriMesh, values: Floats) -> Floats:
+    """Return the mean of the values of each vertex's neighbours; its own if it has none."""
+    first, second = mesh.edges.ends.T
+    own = np.concatenate([first, second])
+    others = values[np.concatenate([second, first])]
+    counts = np.bincount(own, minlength=len(values))
+    sums = np.bincount(own, others, minlength=len(values))
+    return np.asarray(np.where(counts > 0, sums / np.maximum(counts, 1), values))
+
+
+def _name_frames(result: Result, frames: Integers, max_named: int = 5) -> str:
+    return join_truncated((result.frames[k] for k in frames.tolist()), max_named)
