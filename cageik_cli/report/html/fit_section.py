@@ -1,14 +1,248 @@
-"""The part of the page that shows fitted weights beside those before the fit."""
+"""The part of the page that shows fitted weights beside those before the fit.
 
+The same frames are drawn with both, and the rest pose with one cage vertex moved.
+"""
+
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.fit_figures import UnfittedRecord
 from cageik_cli.report.html.templating import format_ticks, make_png_url
 from cageik_cli.report.record import Report
-from cageik_cli.report.render.fit_views import MOVE_SHARE, ComparedPictures, FitPictures
+from cageik_cli.report.render.model_views import (
+    FRAME_LABELS,
+    Pose,
+    PoseSet,
+    encode_png,
+    overlay_cage,
+    project_surface,
+)
+from cageik_cli.report.render.raster import ParallelCamera, rasterize_lines
+from cageik_cli.report.render.shading import (
+    COLOUR_SCALE,
+    MESH_COLOURS,
+    SAMPLES_PER_PIXEL,
+    SIGNED_SCALE,
+    Picture,
+    choose_scale_end,
+    colour_pixels,
+    colour_signed_pixels,
+    overlay,
+    parse_colour,
+    render,
+)
+from cageik_cli.report.render.viewpoints import REGION_TURNS, choose_view, view_axes
 from cageik_cli.report.vocabulary import Vocabulary
+from cageik_cli.store.result import Result
+from cageik_cli.store.result_frames import read_binding, read_unfitted
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.text import format_count
+
+DEFAULT_MOVE = 0.05
+"""How far a cage vertex is moved, in diagonals of the model."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FitShapes:
+    """The meshes that a page draws of a fit, beside its poses.
+
+    Attributes
+    ----------
+    poses : tuple of (Pose, Pose)
+        The worst and the median frame, from the cages of the weights before the fit, and of the
+        fitted ones.
+    vertex : int
+        A vertex of the rest cage that is moved outward.
+    move : (3,) float64
+    unfitted, fitted : (m,) float64
+        Its weights, before and after the fit.
+    cage_faces : (k, 3) int64
+        The faces that meet at the vertex.
+    """
+
+    poses: tuple[tuple[Pose, Pose], ...]
+    vertex: int
+    move: Floats
+    unfitted: Floats
+    fitted: Floats
+    cage_faces: Integers
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedPictures:
+    """Pictures from one viewpoint, as PNG files.
+
+    Attributes
+    ----------
+    label, name : str
+        As in `Pose`; of a moved vertex, the viewpoint.
+    original : bytes, optional
+        The input, if there is one.
+    """
+
+    label: str
+    name: str
+    original: bytes | None
+    unfitted: bytes
+    fitted: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class FitPictures:
+    """All pictures of a fit, and their colour scales.
+
+    Attributes
+    ----------
+    poses : tuple of ComparedPictures
+        The worst and the median frame, coloured by deviation.
+    moved : tuple of ComparedPictures
+        The rest pose with a cage vertex moved, coloured by displacement along the move.
+    vertex : int
+        The vertex.
+    max_deviation_percent, max_move_percent : float
+        Ends of the colour scales, percent of the diagonal; larger values are clamped. The second
+        begins at its negative.
+    unfitted_range, fitted_range : (float, float)
+        The smallest and the largest displacement, percent of the diagonal.
+    """
+
+    poses: tuple[ComparedPictures, ...]
+    moved: tuple[ComparedPictures, ...]
+    vertex: int
+    max_deviation_percent: float
+    max_move_percent: float
+    unfitted_range: tuple[float, float]
+    fitted_range: tuple[float, float]
+
+
+def load_fit_shapes(result: Result, poses: PoseSet) -> FitShapes | None:
+    """Load what is drawn of a fit; None if the result does not hold the weights before it.
+
+    Raises
+    ------
+    InputError
+        When the file is damaged.
+    """
+    binding = None if result.fit is None else read_binding(result)
+    clip = None if binding is None else read_unfitted(result)
+    if binding is None or clip is None:
+        return None
+    frames, diagonal = {pose.label: pose for pose in poses.poses}, result.rest.diagonal
+    compared = []
+    for label in ("worst", "median"):
+        fitted, misses = frames[label], clip.misses[FRAME_LABELS.index(label)]
+        deviation = np.asarray(100 * np.linalg.norm(misses, axis=1))
+        rebuilt = fitted.original - diagonal * misses
+        compared.append((replace(fitted, reconstruction=rebuilt, deviation=deviation), fitted))
+    faces = result.cage.faces[(result.cage.faces == clip.cage_vertex).any(axis=1)]
+    return FitShapes(
+        poses=tuple(compared),
+        vertex=clip.cage_vertex,
+        move=DEFAULT_MOVE * diagonal * _find_outward(result.cage.vertices[faces] / diagonal),
+        unfitted=clip.influence,
+        fitted=binding.weights[:, clip.cage_vertex],
+        cage_faces=faces,
+    )
+
+
+def _find_outward(corners: Floats) -> Floats:
+    """Return the direction of the sum of the normals of faces, (k, 3, 3)."""
+    first, second, third = corners.transpose(1, 0, 2)
+    normal = np.cross(second - first, third - first).sum(axis=0)
+    length = float(np.linalg.norm(normal))
+    return normal / length if length > 0 else np.array([0.0, 0.0, 1.0])
+
+
+def render_fit_pictures(poses: PoseSet, shapes: FitShapes, pixels: int = 360) -> FitPictures:
+    """Draw frames and a moved vertex with both kinds of weights, in squares of `pixels`."""
+    known, size = np.isfinite(poses.vertex_rms), SAMPLES_PER_PIXEL * pixels
+    deviations = [pose.deviation[known] for pair in shapes.poses for pose in pair]
+    displaced = 100 * DEFAULT_MOVE * np.stack([shapes.unfitted, shapes.fitted])
+    top = choose_scale_end(np.concatenate(deviations))
+    reach = choose_scale_end(np.abs(displaced).ravel())
+    views = _choose_move_views(poses, shapes, size)
+    return FitPictures(
+        poses=tuple(_render_compared(poses, *pair, top, size) for pair in shapes.poses),
+        moved=tuple(_render_moved(poses, shapes, reach, name, views[name]) for name in views),
+        vertex=shapes.vertex,
+        max_deviation_percent=top,
+        max_move_percent=reach,
+        unfitted_range=(float(displaced[0].min()), float(displaced[0].max())),
+        fitted_range=(float(displaced[1].min()), float(displaced[1].max())),
+    )
+
+
+def _render_compared(
+    poses: PoseSet, unfitted: Pose, fitted: Pose, top: float, size: int
+) -> ComparedPictures:
+    known, original = np.isfinite(poses.vertex_rms), fitted.original
+    shapes = np.stack([original, unfitted.reconstruction, fitted.reconstruction])
+    points = shapes[:, poses.drawn].reshape(-1, 3)
+    camera = ParallelCamera.fit(view_axes(poses.up_axis, poses.turn), points, size)
+
+    def draw(pose: Pose) -> bytes:
+        surface = project_surface(camera, pose.reconstruction, poses.faces)
+        shown = np.where(known, pose.deviation, np.nan)
+        return encode_png(render(surface, colour_pixels(surface, shown, top)))
+
+    surface = project_surface(camera, original, poses.faces)
+    return ComparedPictures(
+        label=fitted.label,
+        name=fitted.name,
+        original=encode_png(render(surface, parse_colour(MESH_COLOURS["input"]))),
+        unfitted=draw(unfitted),
+        fitted=draw(fitted),
+    )
+
+
+def _choose_move_views(poses: PoseSet, moved: FitShapes, size: int) -> dict[str, ParallelCamera]:
+    """Return the cameras, by name: close up, and the whole model from where the move is seen.
+
+    That is from where most vertices are seen that move more than half the largest displacement; a
+    close-up shows those that move more than a tenth of it.
+    """
+    rest, cage = poses.poses[0].original, poses.poses[0].cage
+    largest = np.maximum(np.abs(moved.unfitted), np.abs(moved.fitted))
+    chosen = largest > 0.5 * largest.max()
+    turns = {turn: view_axes(poses.up_axis, turn) for turn in REGION_TURNS}
+    turn = choose_view(rest, poses.faces, chosen, turns) if chosen.any() else REGION_TURNS[0]
+    tip = (cage[moved.vertex] + moved.move)[None]
+    whole = np.concatenate([rest[poses.drawn], cage[moved.cage_faces.ravel()], tip])
+    near = np.concatenate([rest[largest > 0.1 * largest.max()], tip])
+    behind = view_axes(poses.up_axis, turn + 180)
+    return {
+        "close up": ParallelCamera.fit(turns[turn], near, size),
+        "whole model": ParallelCamera.fit(turns[turn], whole, size),
+        "from the other side": ParallelCamera.fit(behind, whole, size),
+    }
+
+
+def _render_moved(
+    poses: PoseSet, moved: FitShapes, top: float, name: str, camera: ParallelCamera
+) -> ComparedPictures:
+    cage = poses.poses[0].cage.copy()
+    ends = cage[moved.vertex] + np.array([[0.0], [1.0]]) * moved.move
+    cage[moved.vertex] = ends[1]
+
+    def draw(influence: Floats) -> bytes:
+        vertices = poses.poses[0].original + influence[:, None] * moved.move
+        surface = project_surface(camera, vertices, poses.faces)
+        displaced = 100 * DEFAULT_MOVE * influence
+        picture = render(surface, colour_signed_pixels(surface, displaced, top))
+        picture = overlay_cage(picture, camera, surface, cage, moved.cage_faces)
+        return encode_png(_overlay_move(picture, camera, ends))
+
+    return ComparedPictures("moved", name, None, draw(moved.unfitted), draw(moved.fitted))
+
+
+def _overlay_move(picture: Picture, camera: ParallelCamera, ends: Floats) -> Picture:
+    """Draw a thick line from where the vertex was to where it is, (2, 3), before all else."""
+    width, projected = 4.0 * SAMPLES_PER_PIXEL, camera.project(ends)
+    depth = rasterize_lines(projected, np.array([[0, 1]]), width, camera.size)
+    return overlay(picture, parse_colour("#111418"), np.where(np.isfinite(depth), 1.0, 0.0))
 
 
 def build_fit_values(
@@ -29,7 +263,7 @@ def build_fit_values(
             for one in pictures.poses
         ],
         "vertex": pictures.vertex,
-        "move": f"{100 * MOVE_SHARE:g} %",
+        "move": f"{100 * DEFAULT_MOVE:g} %",
         "ranges": [
             (name, _format_move(low), _format_move(high))
             for name, (low, high) in zip(
@@ -40,8 +274,8 @@ def build_fit_values(
             (f"{name} weights".capitalize(), _list_moved_views(pictures, name, side))
             for side, name in enumerate(names)
         ],
-        "colours": pictures.colours,
-        "signed_colours": pictures.signed_colours,
+        "colours": COLOUR_SCALE,
+        "signed_colours": SIGNED_SCALE,
         "ticks": format_ticks(top),
         "signed_ticks": format_ticks(reach, -reach),
     }

@@ -13,7 +13,12 @@ from cageik_cli.report.figures import (
     format_number,
     format_percent,
 )
-from cageik_cli.report.html.fit_section import build_fit_values
+from cageik_cli.report.html.fit_section import (
+    FitPictures,
+    build_fit_values,
+    load_fit_shapes,
+    render_fit_pictures,
+)
 from cageik_cli.report.html.frames_table import (
     NAME_COLUMN,
     NUMBER_COLUMN,
@@ -46,11 +51,6 @@ from cageik_cli.report.regions import (
     format_centre,
     format_size,
     list_remedies,
-)
-from cageik_cli.report.render.fit_views import (
-    FitPictures,
-    load_fit_shapes,
-    render_fit_pictures,
 )
 from cageik_cli.report.render.model_views import (
     Pictures,

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from cageik_cli.report.figures import format_percent
+from cageik_cli.report.html.fit_section import ComparedPictures, FitPictures
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.record import build_report
-from cageik_cli.report.render.fit_views import ComparedPictures, FitPictures
 from tests.report.html.test_page import pictures_of_one_point, png
 from tests.report.markup import find_faults, parse_page
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cageik_cli.report.render.fit_views import load_fit_shapes, render_fit_pictures
+from cageik_cli.report.html.fit_section import load_fit_shapes, render_fit_pictures
 from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.store.result_frames import read_binding
 
@@ -41,19 +41,19 @@ def tint(content):
 
 
 def test_a_frame_differs_from_its_unfitted_mesh_by_what_is_kept(fitted, shapes):
-    assert [one.pose.label for one in shapes.poses] == ["worst", "median"]
+    assert [fitted.label for _, fitted in shapes.poses] == ["worst", "median"]
     with h5py.File(fitted.path) as file:
         numbers, rms = file["unfitted/frame"][:].tolist(), file["unfitted/rms"][:]
-    for one in shapes.poses:
-        misses = np.linalg.norm(one.pose.original - one.unfitted, axis=1)
-        expected = rms[numbers.index(fitted.frames.index(one.pose.name))]
+    for one, _ in shapes.poses:
+        misses = np.linalg.norm(one.original - one.reconstruction, axis=1)
+        expected = rms[numbers.index(fitted.frames.index(one.name))]
         assert abs(np.sqrt(np.mean(misses**2)) - expected) < 1e-6
         percent = 100 * misses / fitted.rest.diagonal
-        np.testing.assert_allclose(one.unfitted_deviation, percent, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(one.deviation, percent, rtol=0, atol=1e-5)
 
 
 def test_a_cage_vertex_is_moved_outward_by_a_twentieth_of_the_diagonal(fitted, shapes):
-    moved, cage = shapes.moved, fitted.cage.vertices
+    moved, cage = shapes, fitted.cage.vertices
     assert abs(np.linalg.norm(moved.move) / fitted.rest.diagonal - 0.05) < 1e-12
     assert moved.move @ (cage[moved.vertex] - cage.mean(axis=0)) > 0
     assert (moved.cage_faces == moved.vertex).any(axis=1).all()
@@ -71,13 +71,12 @@ def test_the_pictures_and_their_scales(pictures, shapes):
         for content in (one.unfitted, one.fitted):
             assert open_png(content).shape == (PIXELS, PIXELS, 4)
         assert one.unfitted != one.fitted
-    moved = shapes.moved
     for weights, held in (
-        (moved.unfitted, pictures.unfitted_range),
-        (moved.fitted, pictures.fitted_range),
+        (shapes.unfitted, pictures.unfitted_range),
+        (shapes.fitted, pictures.fitted_range),
     ):
         np.testing.assert_allclose(held, (5 * weights.min(), 5 * weights.max()))
-    assert pictures.vertex == moved.vertex
+    assert pictures.vertex == shapes.vertex
 
 
 def test_the_same_result_gives_the_same_pictures(poses, shapes, pictures):
@@ -85,9 +84,9 @@ def test_the_same_result_gives_the_same_pictures(poses, shapes, pictures):
 
 
 def test_what_moves_against_the_vertex_is_blue(poses, shapes):
-    m = len(shapes.moved.fitted)
-    opposite = replace(shapes.moved, unfitted=np.full(m, 0.4), fitted=np.full(m, -0.4))
-    pictures = render_fit_pictures(poses, replace(shapes, moved=opposite), PIXELS)
+    m = len(shapes.fitted)
+    opposite = replace(shapes, unfitted=np.full(m, 0.4), fitted=np.full(m, -0.4))
+    pictures = render_fit_pictures(poses, opposite, PIXELS)
     assert pictures.fitted_range == (-2.0, -2.0)
     for one in pictures.moved:
         assert np.median(tint(one.unfitted)) > 20
@@ -95,9 +94,9 @@ def test_what_moves_against_the_vertex_is_blue(poses, shapes):
 
 
 def test_weights_that_are_all_zero_are_drawn(poses, shapes):
-    nothing = np.zeros(len(shapes.moved.fitted))
-    still = replace(shapes.moved, unfitted=nothing, fitted=nothing)
-    pictures = render_fit_pictures(poses, replace(shapes, moved=still), PIXELS)
+    nothing = np.zeros(len(shapes.fitted))
+    still = replace(shapes, unfitted=nothing, fitted=nothing)
+    pictures = render_fit_pictures(poses, still, PIXELS)
     assert pictures.max_move_percent == 0.001
 
 
