@@ -1,26 +1,20 @@
 """The record of many clips, shown by the index page, JUnit and Markdown."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.report.figures import ClipRecord, FrameRecord, ReportSummary
+from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.record import SCHEMA_VERSION, Report
-from cageik_cli.report.regions import RegionRecord
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
-from cageik_cli.solver.dual_laplacian import SolveQuality
-from cageik_cli.solver.fitting.record import FitRecord
-
-MAX_CURVE_POINTS = 120
-"""Longer clips are summarized in this many spans."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A small curve of a clip: the largest value in each of at most `MAX_CURVE_POINTS` spans.
+    """A small curve of a clip: the largest value in each of at most 120 spans.
 
     Attributes
     ----------
@@ -39,35 +33,24 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class ClipEntry:
-    """A clip: its metrics, or the reason why it has none.
+    """A clip: its report, or the reason why it has none.
 
     Attributes
     ----------
     fault : str, optional
-        The message of its failure; it then has no result, page, clip, binding, summary and curve.
+        The message of its failure; it then has no result, page, report and curve.
     result, page : str, optional
         Its files, relative to the overview's, with forward slashes.
-    clip, binding, summary, curve
-        As in the clip's report.
-    fit : FitRecord, optional
-        As in the clip's report.
-    regions : tuple of RegionRecord, optional
-        As in the clip's report.
+    report : Report, optional
+        Without its frames, which would fill the memory in a batch of many long clips.
     """
 
     name: str
     fault: str | None = None
     result: str | None = None
     page: str | None = None
-    clip: ClipRecord | None = None
-    binding: SolveQuality | None = None
-    summary: ReportSummary | None = None
+    report: Report | None = None
     curve: Curve | None = None
-    gates: tuple[LimitCheck, ...] = ()
-    notes: tuple[str, ...] = ()
-    edited_from: str | None = None
-    regions: tuple[RegionRecord, ...] | None = None
-    fit: FitRecord | None = None
 
     @property
     def has_failed(self) -> bool:
@@ -75,9 +58,37 @@ class ClipEntry:
         return self.fault is not None
 
     @property
+    def gates(self) -> tuple[LimitCheck, ...]:
+        """The limits on the clip; none if it has failed."""
+        return () if self.report is None else self.report.gates
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The notes on the clip; none if it has failed."""
+        return () if self.report is None else self.report.notes
+
+    @property
     def exceeds_limit(self) -> bool:
         """Whether a metric is above its limit."""
         return any(check.passed is False for check in self.gates)
+
+    @property
+    def edited_from(self) -> str | None:
+        """The name of the result that was edited; None for an extracted one."""
+        return None if self.report is None else self.report.edited_from
+
+    @property
+    def vocabulary(self) -> Vocabulary:
+        """The words for the clip."""
+        return choose_vocabulary(self.edited_from)
+
+    @property
+    def title(self) -> str:
+        """The name in a list; that of an edited result says what its numbers mean."""
+        origin = self.edited_from
+        return (
+            self.name if origin is None else f"{self.name} (edited: distance moved from {origin})"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +120,7 @@ class Overview:
 
 def _severity_key(entry: ClipEntry) -> tuple[bool, bool, float]:
     """Sort key: failed clips, then those over a limit, then by error."""
-    error = entry.summary.rms_percent if entry.summary else 0.0
+    error = entry.report.summary.rms_percent if entry.report else 0.0
     return not entry.has_failed, not entry.exceeds_limit, -error
 
 
@@ -122,25 +133,13 @@ def build_clip_entry(
     report: Report, result: str | None = None, page: str | None = None
 ) -> ClipEntry:
     """Build the entry of a report in an overview."""
-    return ClipEntry(
-        name=report.result,
-        result=result,
-        page=page,
-        clip=report.clip,
-        binding=report.binding,
-        summary=report.summary,
-        curve=_build_curve(report),
-        gates=report.gates,
-        notes=report.notes,
-        edited_from=report.edited_from,
-        regions=report.regions,
-        fit=report.fit,
-    )
+    short = replace(report, frames=())
+    return ClipEntry(report.result, None, result, page, short, _build_curve(report))
 
 
-def _build_curve(report: Report) -> Curve:
+def _build_curve(report: Report, max_points: int = 120) -> Curve:
     count = len(report.frames)
-    spans = np.array_split(np.arange(count), min(count, MAX_CURVE_POINTS))
+    spans = np.array_split(np.arange(count), min(count, max_points))
     other = "volume_change" if report.summary.volume_change_percent_max is not None else None
     return Curve(
         rms_percent=tuple(_largest_value(report.frames, span, "rms_percent") for span in spans),

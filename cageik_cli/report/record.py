@@ -24,6 +24,7 @@ from cageik_cli.report.fit_figures import (
 from cageik_cli.report.limits import LimitCheck, Limits, check_limits
 from cageik_cli.report.notes import list_notes
 from cageik_cli.report.regions import RegionRecord, build_regions
+from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.vertex_bound import VertexBound
@@ -73,6 +74,11 @@ class Report:
     unfitted: UnfittedRecord | None = None
     kept: KeptSummary | None = None
     filled: tuple[str, ...] = ()
+
+    @property
+    def vocabulary(self) -> Vocabulary:
+        """The words for the result."""
+        return choose_vocabulary(self.edited_from)
 
 
 def build_report(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:

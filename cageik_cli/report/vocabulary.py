@@ -369,8 +369,3 @@ EDIT_VOCABULARY = Vocabulary(
 def choose_vocabulary(*edited_from: str | None) -> Vocabulary:
     """Choose the words for results: those of edits when every one was edited."""
     return EDIT_VOCABULARY if edited_from and None not in edited_from else EXTRACTION_VOCABULARY
-
-
-def display_name(name: str, edited_from: str | None) -> str:
-    """Return a result's name in a list; that of an edited result says what its numbers mean."""
-    return name if edited_from is None else f"{name} (edited: distance moved from {edited_from})"

@@ -16,7 +16,7 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import load_poses, render_pictures
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.settings import ExtractSettings
-from tests.report.clips import make_500_clips
+from tests.report.clips import change, make_500_clips
 from tests.report.hostile import NAMES, with_hostile_names
 
 pytestmark = pytest.mark.browser
@@ -59,14 +59,7 @@ def html(report, pictures):
 @pytest.fixture(scope="session")
 def index(report):
     entry = build_clip_entry(report, page="clip.html")
-    entries = [
-        replace(
-            entry,
-            name=f"walks/shot_{k}",
-            summary=replace(entry.summary, rms_percent=(7 * k % 12) / 10),
-        )
-        for k in range(12)
-    ]
+    entries = [change(entry, f"walks/shot_{k}", rms_percent=(7 * k % 12) / 10) for k in range(12)]
     return render_index(
         build_overview([*entries, ClipEntry("walks/broken", fault="it could not be read")])
     )

@@ -29,13 +29,23 @@ def gate(passed: bool | None, **others) -> LimitCheck:
     return LimitCheck(**fields | {"passed": passed} | others)
 
 
-def clip(name: str, *gates: LimitCheck, rms_percent: float = 0.25, notes=()) -> ClipEntry:
-    """An extracted clip."""
-    figures = summary(rms_percent)
+def clip(name: str, *gates: LimitCheck, notes=(), **figures) -> ClipEntry:
+    """An extracted clip whose summary has these figures."""
     counts = ClipRecord(
         frames=5, vertices=18, cage_vertices=8, diagonal=2.0, radius=1.0, closed=True, fps=24.0
     )
-    return ClipEntry(name, clip=counts, summary=figures, gates=gates, notes=tuple(notes))
+    report = Report(
+        schema=1, tool={}, result=name, edited_from=None, sources={}, settings={},
+        notes=tuple(notes), clip=counts, binding=None, fit=None, bound=None,
+        summary=summary(**figures), vertices=None, frames=(), gates=gates,
+    )  # fmt: skip
+    return ClipEntry(name, report=report)
+
+
+def change(entry: ClipEntry, name: str | None = None, **figures) -> ClipEntry:
+    """The entry with another name and other figures in its summary."""
+    report = replace(entry.report, summary=replace(entry.report.summary, **figures))
+    return replace(entry, name=name or entry.name, report=report)
 
 
 HOSTILE = {

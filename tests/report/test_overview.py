@@ -110,18 +110,24 @@ def test_an_entry_has_the_values_of_its_report(closed):
     report = build_report(closed.result, name="walk/run")
     entry = build_clip_entry(report, "walk/run.h5", "walk/run.html")
     assert (entry.name, entry.result, entry.page) == ("walk/run", "walk/run.h5", "walk/run.html")
-    assert (entry.clip, entry.binding, entry.summary) == (
-        report.clip, report.binding, report.summary,
-    )  # fmt: skip
+    assert entry.report == replace(report, frames=())
     assert not entry.has_failed
 
 
 def test_json_is_the_whole_record(closed):
-    overview = build_overview(
-        [build_clip_entry(build_report(closed.result)), OVER, FAILED, UNJUDGED]
-    )
-    record = json.loads(format_overview_json(overview))
-    assert record == json.loads(json.dumps(asdict(overview)))
+    report = build_report(closed.result)
+    entry = build_clip_entry(report, "walk.h5", "walk.html")
+    record = json.loads(format_overview_json(build_overview([entry, OVER, FAILED, UNJUDGED])))
+    names = ("clip", "binding", "summary", "gates", "notes", "edited_from", "regions", "fit")
+    expected = {"name": "cages.h5", "fault": None, "result": "walk.h5", "page": "walk.html"}
+    expected |= {name: asdict(report)[name] for name in names} | {"curve": asdict(entry.curve)}
+    assert record["clips"][0] == json.loads(json.dumps(expected))
+    assert record["clips"][2] == dict.fromkeys(expected) | {
+        "name": "c",
+        "fault": "broken",
+        "gates": [],
+        "notes": [],
+    }
     assert record["schema"] == 1
     assert [entry["fault"] for entry in record["clips"]] == [None, None, "broken", None]
     assert record["clips"][1]["gates"][0]["passed"] is False

@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 from decimal import Decimal
 from xml.etree import ElementTree
 
@@ -153,13 +152,12 @@ def test_edits_are_marked_among_extractions(edited, closed):
     assert cases == ["edited", "extracted"]
 
 
-def test_several_results_use_the_words_of_edits_if_all_are_edited(edited):
+def test_several_results_use_the_words_of_edits_if_all_are_edited(edited, closed):
     clip = build_clip_entry(build_report(edited))
     failed = ClipEntry("broken", fault="it is empty")
     assert build_overview([clip, failed]).vocabulary is EDIT_VOCABULARY
-    assert (
-        build_overview([clip, replace(clip, edited_from=None)]).vocabulary is EXTRACTION_VOCABULARY
-    )
+    extracted = build_clip_entry(build_report(closed.result))
+    assert build_overview([clip, extracted]).vocabulary is EXTRACTION_VOCABULARY
     assert build_overview([failed]).vocabulary is EXTRACTION_VOCABULARY
     assert choose_vocabulary() is EXTRACTION_VOCABULARY
 

@@ -169,13 +169,12 @@ LIMIT_OPTIONS = OptionGroup(
 def echo_exceeded_limits(overview: "Overview") -> None:
     """Print on stderr which figures are above their limits, one line each."""
     from cageik_cli.report.views.text import format_check_row
-    from cageik_cli.report.vocabulary import choose_vocabulary
 
     for entry in overview.clips:
-        words = choose_vocabulary(entry.edited_from)
         for check in entry.gates:
             if check.passed is False:
-                click.echo(f"{entry.name}: {': '.join(format_check_row(check, words))}", err=True)
+                row = ": ".join(format_check_row(check, entry.vocabulary))
+                click.echo(f"{entry.name}: {row}", err=True)
 
 
 def exit_with_code(overview: "Overview") -> None:

@@ -15,7 +15,6 @@ from cageik_cli.report.figures import (
     format_percent,
 )
 from cageik_cli.report.record import Report
-from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.solver.dual_laplacian import MAX_CONDITION
 
 
@@ -84,7 +83,7 @@ KEPT_COLUMNS = (
 
 def choose_columns(report: Report) -> tuple[Column, ...]:
     """Choose the columns in which some frame has a value, besides number and name."""
-    titles = choose_vocabulary(report.edited_from).columns
+    titles = report.vocabulary.columns
     return tuple(
         _set_column_label(column, titles.get(column.name, column.label))
         for column in (*LENGTH_COLUMNS, *KEPT_COLUMNS, *VOLUME_COLUMNS)
@@ -144,7 +143,7 @@ def build_quality_rows(report: Report) -> list[QualityRow]:
         QualityRow(
             "Condition number",
             f"{quality.condition_number:.4g}",
-            choose_vocabulary(report.edited_from).condition,
+            report.vocabulary.condition,
             f"far below {MAX_CONDITION:.0e}; a run above it is refused",
         ),
     ]

@@ -5,7 +5,7 @@ from itertools import groupby
 from typing import Any
 from urllib.parse import quote
 
-from cageik_cli.report.figures import ClipRecord, ReportSummary, format_change, format_percent
+from cageik_cli.report.figures import ReportSummary, format_change, format_percent
 from cageik_cli.report.html.templating import render_template
 from cageik_cli.report.limits import (
     Verdict,
@@ -14,7 +14,8 @@ from cageik_cli.report.limits import (
     make_overall_verdict,
 )
 from cageik_cli.report.overview import ClipEntry, Curve, Overview
-from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary, display_name
+from cageik_cli.report.record import Report
+from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.text import format_count
 
 THUMBNAIL_HEIGHT, THUMBNAIL_MARGIN, THUMBNAIL_STEP = 48, 4, 2
@@ -42,9 +43,9 @@ def render_index(overview: Overview) -> str:
         words=overview.vocabulary,
         failed=failed,
         rows=[
-            _build_clip_row(entry, entry.clip, entry.summary, entry.curve)
+            _build_clip_row(entry, entry.report, entry.curve)
             for entry in done
-            if entry.clip and entry.summary and entry.curve
+            if entry.report and entry.curve
         ],
     )
 
@@ -61,19 +62,19 @@ def _make_batch_verdict(failed: int, over: int, total: int) -> Verdict:
     return Verdict("good", "All clips done, none over a limit")
 
 
-def _build_clip_row(
-    entry: ClipEntry, clip: ClipRecord, summary: ReportSummary, curve: Curve
-) -> dict[str, Any]:
-    change, words = summary.volume_change_percent_max, choose_vocabulary(entry.edited_from)
+def _build_clip_row(entry: ClipEntry, report: Report, curve: Curve) -> dict[str, Any]:
+    clip, summary, words = report.clip, report.summary, report.vocabulary
+    change = summary.volume_change_percent_max
+    undefined = "unknown" if clip.closed else "open"
     verdict = make_overall_verdict(entry.gates) if entry.gates else Verdict("none", "no limits")
     return {
-        "name": display_name(entry.name, entry.edited_from),
+        "name": entry.title,
         "href": entry.page and "./" + quote(entry.page, errors="surrogateescape"),
         "error": format_percent(summary.rms_percent),
         "worst_rms": format_percent(summary.worst_frame_rms_percent),
         "worst_frame": summary.worst_frame,
         "deviation": format_percent(summary.max_deviation_percent),
-        "volume": _explain_undefined_volume(clip) if change is None else format_change(change),
+        "volume": undefined if change is None else format_change(change),
         "frames": clip.frames,
         "skipped": summary.frames_skipped,
         "vertices": clip.vertices,
@@ -89,11 +90,6 @@ def _build_clip_row(
         "text": _describe_thumbnail(summary, words),
         **_build_thumbnail(curve),
     }
-
-
-def _explain_undefined_volume(clip: ClipRecord) -> str:
-    """Say in a word why there is no change of volume."""
-    return "unknown" if clip.closed else "open"
 
 
 def _describe_thumbnail(summary: ReportSummary, words: Vocabulary) -> str:

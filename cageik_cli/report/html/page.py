@@ -62,7 +62,6 @@ from cageik_cli.report.vocabulary import (
     CAUSES,
     SETTING_MEANINGS,
     Vocabulary,
-    choose_vocabulary,
 )
 from cageik_cli.solver.region_causes import Cause
 from cageik_cli.store.result import Result
@@ -110,7 +109,7 @@ def render_page(
     str
         The same text for the same arguments.
     """
-    columns, words = choose_columns(report), choose_vocabulary(report.edited_from)
+    columns, words = choose_columns(report), report.vocabulary
     digest = compute_record_digest(report)
     fit = build_fit_values(report, fit_pictures, words)
     optional = {"regions": report.regions, "fit": fit, "player": player}
@@ -223,7 +222,7 @@ def _build_limit_row(check: LimitCheck, words: Vocabulary) -> dict[str, Any]:
 def _build_plot_values(report: Report) -> dict[str, Any]:
     """Collect the plot, the position of its axes, and a description in words."""
     svg, places = render_page_plot(report)
-    summary, words = report.summary, choose_vocabulary(report.edited_from)
+    summary, words = report.summary, report.vocabulary
     changes = summary.volume_change_percent_max
     other = (
         f"the largest {words.distance} of each frame, up to "

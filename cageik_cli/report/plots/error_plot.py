@@ -21,7 +21,6 @@ from cageik_cli.report.plots.series import Series, build_series
 from cageik_cli.report.plots.style import COLOURS, make_drawable, use_fixed_style
 from cageik_cli.report.record import Report
 from cageik_cli.report.render.shading import MIN_SCALE_PERCENT
-from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.util.arrays import Floats, Integers
 
 AXES_SIDES = {"left": 0.1, "bottom": 0.14, "right": 0.9, "top": 0.87}
@@ -194,7 +193,7 @@ def _draw_worst_frame(axes: Axes, series: Series, report: Report) -> Box:
     column = int(np.digitize(worst / count, (0.3, 0.7)))
     side = ("left", "center", "right")[column]
     text = (
-        f"{choose_vocabulary(report.edited_from).worst} "
+        f"{report.vocabulary.worst} "
         f"{format_percent(summary.worst_frame_rms_percent)} %, {make_drawable(summary.worst_frame)}"
     )
     axes.plot(

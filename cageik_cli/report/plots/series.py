@@ -10,7 +10,7 @@ from cageik_cli.report.limits import PERCENT, LimitCheck, format_limit, make_ver
 from cageik_cli.report.plots.style import CURVE_STYLES
 from cageik_cli.report.record import Report
 from cageik_cli.report.render.shading import MIN_SCALE_PERCENT
-from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
+from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.arrays import Floats
 
 
@@ -62,7 +62,7 @@ def build_series(report: Report) -> tuple[Series, Series]:
 
     The largest deviation replaces the volume change if the model is open, or no frame has one.
     """
-    frames, words = report.frames, choose_vocabulary(report.edited_from)
+    frames, words = report.frames, report.vocabulary
     numbers = np.array([frame.number for frame in frames], np.float64)
     errors = _make_plottable(frame.rms_percent for frame in frames)
     limits, undrawn = _split_limits(report, ("rms", "frame_rms"), errors)
@@ -113,7 +113,7 @@ def _split_limits(
 
     A limit has a line up to `max_reach` times the highest value.
     """
-    words = choose_vocabulary(report.edited_from)
+    words = report.vocabulary
     reach = max_reach * np.nanmax(np.abs(values), initial=MIN_SCALE_PERCENT)
     near, far = [], []
     for check in report.gates:

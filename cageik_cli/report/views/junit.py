@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.views.text import format_check_row
-from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
+from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.text import single_line
 
 # The schema requires a time and a host; the same input must give the same bytes.
@@ -31,7 +31,7 @@ def format_junit(overview: Overview) -> str:
 
 
 def _add_suite(root: Element, number: int, entry: ClipEntry) -> None:
-    words = choose_vocabulary(entry.edited_from)
+    words = entry.vocabulary
     name = " ".join(single_line(entry.name).split()) or "unnamed"
     verdicts = [check.passed for check in entry.gates]
     counts = {

@@ -9,7 +9,7 @@ from cageik_cli.report.fit_figures import format_fit_line
 from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.regions import describe_region
 from cageik_cli.report.views.text import format_check_row
-from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary, display_name
+from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.text import format_count, single_line
 
 MAX_PART_BYTES = {
@@ -46,20 +46,21 @@ def format_markdown(overview: Overview) -> str:
     ]
     limits = [
         f"- {_escape_markdown(entry.name)}: "
-        f"{_escape_markdown(format_check_row(check, choose_vocabulary(entry.edited_from))[1])}"
+        f"{_escape_markdown(format_check_row(check, entry.vocabulary)[1])}"
         for entry in clips
         for check in entry.gates
         if check.passed is False
     ]
+    reports = [(entry.name, entry.report) for entry in clips if entry.report is not None]
     regions = [
-        f"- {_escape_markdown(entry.name)}: {_escape_markdown(describe_region(entry.regions[0]))}"
-        for entry in clips
-        if entry.regions
+        f"- {_escape_markdown(name)}: {_escape_markdown(describe_region(report.regions[0]))}"
+        for name, report in reports
+        if report.regions
     ]
     fits = [
-        f"- {_escape_markdown(entry.name)}: {_escape_markdown(format_fit_line(entry.fit.report))}"
-        for entry in clips
-        if entry.fit is not None
+        f"- {_escape_markdown(name)}: {_escape_markdown(format_fit_line(report.fit.report))}"
+        for name, report in reports
+        if report.fit is not None
     ]
     parts = {"Failed": (failed, "failed"), "Over a limit": (limits, "limits"),
              "Worst regions": (regions, "regions"), "Fitted weights": (fits, "fits"),
@@ -87,10 +88,10 @@ def _format_run_verdict(overview: Overview) -> str:
 
 
 def _format_table_row(entry: ClipEntry) -> str:
-    summary = entry.summary
-    if summary is None:
+    if entry.report is None:
         cells = ["", "", "", "", ""]
     else:
+        summary = entry.report.summary
         change = summary.volume_change_percent_max
         cells = [
             format_percent(summary.rms_percent),
@@ -102,7 +103,7 @@ def _format_table_row(entry: ClipEntry) -> str:
     verdict = _name_clip_verdict(entry)
     if entry.has_failed or entry.exceeds_limit:
         verdict = f"**{verdict}**"
-    name = _escape_markdown(display_name(entry.name, entry.edited_from))
+    name = _escape_markdown(entry.title)
     return f"| {' | '.join([name, verdict, *cells])} |"
 
 
@@ -113,7 +114,7 @@ def _name_clip_verdict(entry: ClipEntry) -> str:
         return "over limit"
     if any(check.passed for check in entry.gates):
         return "within limits"
-    return choose_vocabulary(entry.edited_from).done
+    return entry.vocabulary.done
 
 
 def _format_notes(clips: Iterable[ClipEntry]) -> list[str]:

@@ -5,9 +5,10 @@ import io
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, fields
+from typing import Any
 
 from cageik_cli.report.figures import ClipRecord, FrameRecord, ReportSummary
-from cageik_cli.report.overview import Overview
+from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.record import Report
 
 
@@ -33,7 +34,22 @@ def format_csv(reports: Sequence[Report]) -> str:
 
 def format_overview_json(overview: Overview) -> str:
     """Format the record of a batch as JSON; metrics not defined are null."""
-    return json.dumps(asdict(overview), indent=1, allow_nan=False) + "\n"
+    record = {
+        "schema": overview.schema,
+        "tool": overview.tool,
+        "clips": [_collect_entry(entry) for entry in overview.clips],
+    }
+    return json.dumps(record, indent=1, allow_nan=False) + "\n"
+
+
+def _collect_entry(entry: ClipEntry) -> dict[str, Any]:
+    """Collect what the record of a batch has of a clip: parts of its report beside its files."""
+    report = {} if entry.report is None else asdict(entry.report)
+    own = {name: getattr(entry, name) for name in ("name", "fault", "result", "page")}
+    own |= {name: report.get(name) for name in ("clip", "binding", "summary")}
+    own["curve"] = None if entry.curve is None else asdict(entry.curve)
+    own |= {name: report.get(name, ()) for name in ("gates", "notes")}
+    return own | {name: report.get(name) for name in ("edited_from", "regions", "fit")}
 
 
 def format_overview_csv(overview: Overview) -> str:
@@ -45,6 +61,6 @@ def format_overview_csv(overview: Overview) -> str:
     writer.writerow(["name", "fault", "over_limit", *(name for _, name in columns)])
     for entry in overview.clips:
         over = dict.fromkeys(check.metric for check in entry.gates if check.passed is False)
-        values = (getattr(getattr(entry, part), name, None) for part, name in columns)
+        values = (getattr(getattr(entry.report, part, None), name, None) for part, name in columns)
         writer.writerow([entry.name, entry.fault, " ".join(over), *values])
     return stream.getvalue()

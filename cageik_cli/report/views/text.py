@@ -20,7 +20,7 @@ from cageik_cli.report.limits import (
 )
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import describe_region, explain_regions, list_remedies
-from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
+from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.progress import label_note
 from cageik_cli.util.text import format_block, format_count, single_line
@@ -31,7 +31,7 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
 
     `is_verbose` adds what a fit has tried.
     """
-    clip, summary, words = report.clip, report.summary, choose_vocabulary(report.edited_from)
+    clip, summary, words = report.clip, report.summary, report.vocabulary
     headline = (
         f"{report.result}: {format_count(clip.frames, 'frame')} of "
         f"{format_count(clip.vertices, 'vertex')} in a cage of {clip.cage_vertices}, "

@@ -143,9 +143,9 @@ def check_is_result(path: Path) -> None:
 def _log_outcome(outcome: Outcome, width: int, progress: ProgressListener) -> None:
     """Note one line per clip, as it ends: its error over all frames, or that there is none."""
     entry, text = outcome.entry, outcome.state.value
-    if entry.summary is not None:
+    if entry.report is not None:
         over = ", over a limit" if entry.exceeds_limit else ""
-        text = f"{text}, error {format_percent(entry.summary.rms_percent)} %{over}"
+        text = f"{text}, error {format_percent(entry.report.summary.rms_percent)} %{over}"
     progress.note(f"{entry.name:<{width}}", text)
 
 

@@ -11,7 +11,7 @@ from cageik_cli.report.html.index import render_index
 from cageik_cli.report.limits import Limit, Limits, check_limits
 from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
-from tests.report.clips import make_500_clips
+from tests.report.clips import change, make_500_clips
 from tests.report.hostile import NAMES, with_hostile_names
 from tests.report.markup import find_faults, parse_page
 
@@ -24,7 +24,7 @@ def report(closed):
 
 
 def _with_error(entry, name, rms_percent):
-    return replace(entry, name=name, summary=replace(entry.summary, rms_percent=rms_percent))
+    return change(entry, name, rms_percent=rms_percent)
 
 
 def _rows(page):
@@ -105,14 +105,14 @@ def test_an_open_model_has_no_volume_change(opened):
 
 def test_skipped_frames_are_counted(report):
     entry = build_clip_entry(report)
-    skipping = replace(entry, summary=replace(entry.summary, frames_skipped=2))
+    skipping = change(entry, frames_skipped=2)
     (row,) = _rows(render_index(build_overview([skipping])))
     assert [cell.text for cell in row.all("td")][6] == "5 2 skipped"
 
 
 def test_a_closed_model_with_missing_data_has_no_volume_change(report):
     entry = build_clip_entry(report)
-    unknown = replace(entry, summary=replace(entry.summary, volume_change_percent_max=None))
+    unknown = change(entry, volume_change_percent_max=None)
     (row,) = _rows(render_index(build_overview([unknown])))
     assert [cell.text for cell in row.all("td")][5] == "unknown"
 

@@ -8,7 +8,7 @@ from markdown_it import MarkdownIt
 
 from cageik_cli.report.overview import ClipEntry, build_overview
 from cageik_cli.report.views.markdown import MAX_TEXT_LENGTH, format_markdown
-from tests.report.clips import HOSTILE, clip, gate, summary
+from tests.report.clips import HOSTILE, clip, gate
 
 RENDERER = MarkdownIt("commonmark").enable(["table", "strikethrough"])
 
@@ -86,7 +86,7 @@ def test_names_are_rendered_as_they_are(name):
 
 def test_names_of_frames_are_rendered_as_they_are():
     for name in HOSTILE.values():
-        entry = ClipEntry("a", summary=summary(worst_frame=name))
+        entry = clip("a", worst_frame=name)
         assert table_cells(format_markdown(build_overview([entry])))[0][4] == seen(name)
 
 
