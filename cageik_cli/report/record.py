@@ -27,7 +27,7 @@ from cageik_cli.report.regions import RegionRecord, build_regions
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
-from cageik_cli.solver.vertex_bound import VertexBound
+from cageik_cli.solver.summary import VertexBound
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import to_unicode

@@ -5,8 +5,12 @@ from typing import Any
 
 from cageik_cli.report.figures import ReportSummary, format_percent
 from cageik_cli.report.vocabulary import CAUSES
-from cageik_cli.solver.region_causes import Cause
-from cageik_cli.solver.regions import MAX_DEVIATION, MAX_RMS_RATIO, has_bad_regions
+from cageik_cli.solver.regions import (
+    MAX_DEVIATION,
+    MAX_RMS_RATIO,
+    Cause,
+    has_bad_regions,
+)
 from cageik_cli.store.result import Result
 
 REGIONS_UNKNOWN = (

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from cageik_cli.solver.region_causes import Cause
+from cageik_cli.solver.regions import Cause
 
 SETTING_MEANINGS = {
     "accuracy": "accuracy of the harmonic weights",

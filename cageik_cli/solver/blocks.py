@@ -1,7 +1,7 @@
 """The frames of a clip in blocks: read ahead, solved, measured, summarised."""
 
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -21,10 +21,9 @@ from cageik_cli.solver.metrics import (
     check_finite,
     measure,
 )
-from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.solver.robust import RobustSolver
-from cageik_cli.solver.vertex_bound import VertexBound, VertexBoundAccumulator
-from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.solver.summary import DeviationPeaks
+from cageik_cli.util.arrays import Floats, Workspace
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
 from cageik_cli.util.threads import OrderedMap
@@ -222,87 +221,3 @@ def _timed_reads(blocks: Iterator[Block], progress: ProgressListener) -> Iterato
         if block is None:
             return
         yield block
-
-
-class ClipSummary:
-    """Summary of a clip, updated block by block, in order.
-
-    Attributes
-    ----------
-    skipped : dict
-        The reason for each skipped frame, by its number in the clip.
-    digests : list of bytes
-        SHA-256 of the file of each frame.
-    peaks : DeviationPeaks
-        The largest |v̂ − v| of each vertex; of no vertices before the first block.
-    """
-
-    def __init__(self) -> None:
-        self.skipped: dict[int, str] = {}
-        self.digests: list[bytes] = []
-        self.peaks = DeviationPeaks.none(0)
-        self._squared_errors = np.zeros(())
-        self._kept_counts: Integers | None = None
-        self._rms: list[Floats] = []
-        self._bound = VertexBoundAccumulator()
-
-    def update(self, block: SolvedBlock) -> None:
-        """Add the next block."""
-        self.skipped |= block.skipped
-        self.peaks = self.peaks.merge(block.peaks) if self.frames_done else block.peaks
-        self.digests += block.digests
-        self._squared_errors = self._squared_errors + block.squared_errors
-        if block.kept is not None:
-            before = 0 if self._kept_counts is None else self._kept_counts
-            self._kept_counts = before + block.kept.counts
-        self._rms.append(block.metrics.rms)
-        self._bound.update(block.sampled)
-
-    @property
-    def frames_done(self) -> int:
-        """Return the number of frames so far."""
-        return len(self.digests)
-
-    @property
-    def vertex_rms(self) -> Floats:
-        """Return sqrt(mean |v̂ − v|²), (m,), over solved frames; nan for missing data.
-
-        The mean is over the frames in which a vertex was kept, if that differs.
-        """
-        if self._kept_counts is not None:
-            counts = np.where(self._kept_counts > 0, self._kept_counts, np.nan)
-            return np.sqrt(self._squared_errors / counts)
-        return np.sqrt(self._squared_errors / max(1, self.frames_done - len(self.skipped)))
-
-    def measure_bound(self, points: int) -> VertexBound | None:
-        """Return the error of the best possible cage animation of a cage of `points` vertices.
-
-        None without sampled displacements.
-        """
-        return self._bound.finish(points, self.frames_done - len(self.skipped))
-
-    @property
-    def frame_rms(self) -> Floats:
-        """Return the rms of each frame, (F,); nan for skipped ones."""
-        return np.concatenate(self._rms)
-
-    def find_key_frames(self, is_rest: NDArray[np.bool_] | None = None) -> Integers:
-        """Return the numbers of the worst, the median and the best frame by rms, (3,) int64.
-
-        The best is none of those that are the rest pose, `is_rest` (F,), if there are others.
-        """
-        ranked = np.argsort(self.frame_rms, kind="stable")
-        ranked = ranked[: self.frames_done - len(self.skipped)]
-        if not len(ranked):
-            return ranked
-        others = ranked if is_rest is None else ranked[~is_rest[ranked]]
-        best = others[0] if len(others) else ranked[0]
-        return np.array([ranked[-1], ranked[(len(ranked) - 1) // 2], best])
-
-
-def summarize_blocks(blocks: Iterable[SolvedBlock]) -> ClipSummary:
-    """Summarise all blocks of a clip."""
-    summary = ClipSummary()
-    for block in blocks:
-        summary.update(block)
-    return summary

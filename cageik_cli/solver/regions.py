@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -10,8 +11,7 @@ from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.points import measure_distances
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import ClosestPoints, closest_points
-from cageik_cli.solver.peaks import DeviationPeaks
-from cageik_cli.solver.region_causes import Cause, Evidence, judge_cause
+from cageik_cli.solver.summary import DeviationPeaks
 from cageik_cli.util.arrays import Floats, Integers
 
 MAX_RMS_RATIO = 10.0
@@ -23,9 +23,6 @@ MAX_DEVIATION = 0.03
 MIN_DEVIATION = 1e-5
 """unless it is smaller than so many diagonals: it may be rounding of the input."""
 
-DEFAULT_SHARE = 0.5
-"""Vertices that deviate by more than this share of the largest deviation belong to regions."""
-
 MAX_REGIONS = 5
 """Regions given, at most."""
 
@@ -33,19 +30,67 @@ MAX_CAGE_FACES = 5
 """Nearest cage faces of a region, at most."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SharedPlace:
-    """A ball in which limbs are known to share one loop of the cage.
+class Cause(StrEnum):
+    """Why a region is likely to be off."""
+
+    LOOSE_CAGE = "loose-cage"
+    SHARED_LOOP = "shared-loop"
+    THIN_FACES = "thin-faces"
+    FAR_CAGE = "far-cage"
+    WEAK_INFLUENCE = "weak-influence"
+    COARSE_FACES = "coarse-faces"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What a cause was judged by.
 
     Attributes
     ----------
-    centre : (3,) float64
-    radius : float
-        File units.
+    cage_distance : float
+        Mean distance of the region from the cage, percent of the diagonal.
+    vertex_distance : float
+        Mean distance from the nearest cage vertices, percent of the diagonal.
+    largest_weight : float
+        Mean over the region of a vertex's largest weight.
+    smallest_angle : float
+        Of the nearest cage faces, degrees.
+    edge_length : float
+        Mean length of their edges, percent of the diagonal.
+    in_shared_place : bool
+        Whether the centre is where limbs share a loop of the cage.
+    has_loose_cage : bool
+        Whether the whole cage is far too loose.
     """
 
-    centre: Floats
-    radius: float
+    cage_distance: float
+    vertex_distance: float
+    largest_weight: float
+    smallest_angle: float
+    edge_length: float
+    in_shared_place: bool
+    has_loose_cage: bool
+
+    def judge(self, size: float) -> Cause:
+        """Return the first cause for which there is evidence.
+
+        `size` is that of the region; it and other lengths are percent of the diagonal.
+        """
+        if self.has_loose_cage:
+            return Cause.LOOSE_CAGE
+        if self.in_shared_place:
+            return Cause.SHARED_LOOP
+        if self.smallest_angle < 5.0:
+            return Cause.THIN_FACES
+        far_vertices = max(1.5 * size, 5.0)
+        if self.cage_distance > 4.0 or self.vertex_distance > far_vertices:
+            return Cause.FAR_CAGE
+        if self.largest_weight < 0.25:  # no cage vertex moves the region: all share it
+            return Cause.WEAK_INFLUENCE
+        if self.edge_length > max(size, 8.0):
+            return Cause.COARSE_FACES
+        return Cause.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +140,7 @@ def find_worst_regions(
     peaks : DeviationPeaks
         Of one frame or of many.
     threshold : float, optional
-        File units; a share of the largest deviation by default.
+        File units; half of the largest deviation by default.
 
     Returns
     -------
@@ -103,7 +148,7 @@ def find_worst_regions(
         The worst first, `MAX_REGIONS` at most; none if nothing deviates.
     """
     if threshold is None:
-        threshold = DEFAULT_SHARE * float(peaks.deviations.max())
+        threshold = 0.5 * float(peaks.deviations.max())
     chosen = peaks.deviations > max(threshold, 0.0)
     groups = _group_connected(binding.rest, chosen)
     groups.sort(key=lambda group: -peaks.deviations[group].max())
@@ -111,25 +156,24 @@ def find_worst_regions(
 
 
 def blame_shared_places(
-    regions: Sequence[Region], places: Sequence[SharedPlace], diagonal: float
+    regions: Sequence[Region], places: Sequence[tuple[Floats, float]], diagonal: float
 ) -> tuple[Region, ...]:
     """Judge the causes of regions again, where limbs share a loop of the cage.
 
     Parameters
     ----------
-    places : sequence of SharedPlace
-        As `cages` finds them.
+    places : sequence of ((3,) float64, float)
+        Centres and radii, file units, of balls in which limbs are known to share a loop.
     diagonal : float
         Of the rest model, file units.
     """
-    return tuple(
-        _judge_again(
-            region,
-            replace(region.evidence, in_shared_place=_is_in_place(region, places)),
-            diagonal,
-        )
-        for region in regions
-    )
+    blamed = []
+    for region in regions:
+        distances = [(np.linalg.norm(centre - region.centre), radius) for centre, radius in places]
+        is_inside = any(distance <= radius for distance, radius in distances)
+        evidence = replace(region.evidence, in_shared_place=is_inside)
+        blamed.append(_judge_again(region, evidence, diagonal))
+    return tuple(blamed)
 
 
 def blame_loose_cage(regions: Sequence[Region], diagonal: float) -> tuple[Region, ...]:
@@ -140,12 +184,8 @@ def blame_loose_cage(regions: Sequence[Region], diagonal: float) -> tuple[Region
     )
 
 
-def _is_in_place(region: Region, places: Sequence[SharedPlace]) -> bool:
-    return any(np.linalg.norm(place.centre - region.centre) <= place.radius for place in places)
-
-
 def _judge_again(region: Region, evidence: Evidence, diagonal: float) -> Region:
-    cause = judge_cause(evidence, 100 * region.size / diagonal)
+    cause = evidence.judge(100 * region.size / diagonal)
     return replace(region, evidence=evidence, cause=cause)
 
 
@@ -176,7 +216,7 @@ def _describe(binding: Binding, peaks: DeviationPeaks, group: Integers) -> Regio
         max_deviation=float(peaks.deviations[worst]),
         worst_vertex=worst,
         cage_faces=tuple(faces.tolist()),
-        cause=judge_cause(evidence, 100 * size / binding.rest.diagonal),
+        cause=evidence.judge(100 * size / binding.rest.diagonal),
         evidence=evidence,
     )
 

@@ -17,7 +17,7 @@ from cageik_cli.solver.metrics import (
     FrameMetrics,
     KeptMetrics,
 )
-from cageik_cli.solver.peaks import DeviationPeaks
+from cageik_cli.solver.summary import DeviationPeaks
 
 DIGEST_BYTES = hashlib.sha256().digest_size
 _HEADER = struct.Struct("<QQQQQ")

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli import __version__
-from cageik_cli.solver.blocks import ClipSummary, SolvedBlock
+from cageik_cli.solver.blocks import SolvedBlock
+from cageik_cli.solver.summary import ClipSummary
 from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.util.errors import CheckpointError, FormatError, OutputError, error_context
 from cageik_cli.util.files import open_input, open_locked, remove_locked, set_size

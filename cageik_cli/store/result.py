@@ -31,7 +31,7 @@ from cageik_cli.solver.metrics import (
     find_invalid_metric,
 )
 from cageik_cli.solver.regions import Region
-from cageik_cli.solver.vertex_bound import VertexBound
+from cageik_cli.solver.summary import VertexBound
 from cageik_cli.store import fit_fields
 from cageik_cli.store.fit_fields import read_fit_record, read_offset_mark
 from cageik_cli.store.hdf5_fields import (

@@ -22,7 +22,7 @@ from cageik_cli.solver.metrics import (
     KeptMetrics,
 )
 from cageik_cli.solver.regions import Region
-from cageik_cli.solver.vertex_bound import VertexBound
+from cageik_cli.solver.summary import VertexBound
 from cageik_cli.store.fit_fields import (
     MAX_STORED_ERROR,
     UnfittedClip,

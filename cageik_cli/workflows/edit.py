@@ -22,10 +22,10 @@ from cageik_cli.posing.edits import (
 from cageik_cli.posing.handles.reader import HandlesFile, read_handles
 from cageik_cli.posing.snapshot import PoseResult, take_snapshot
 from cageik_cli.posing.summary import PoseStatistics
-from cageik_cli.solver.blocks import SolvedBlock, summarize_blocks
+from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.solver.memory_plan import choose_block_size
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
-from cageik_cli.solver.peaks import DeviationPeaks
+from cageik_cli.solver.summary import DeviationPeaks, summarize_blocks
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.store.result_frames import read_rotations
 from cageik_cli.store.result_writer import (

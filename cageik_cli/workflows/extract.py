@@ -8,16 +8,11 @@ from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
-from cageik_cli.solver.blocks import (
-    BlockExecutor,
-    BlockSolver,
-    ClipSummary,
-    SolvedBlock,
-    ThreadExecutor,
-)
+from cageik_cli.solver.blocks import BlockExecutor, BlockSolver, SolvedBlock, ThreadExecutor
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.solver.regions import MIN_DEVIATION, Region
+from cageik_cli.solver.summary import ClipSummary
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint

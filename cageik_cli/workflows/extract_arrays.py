@@ -13,12 +13,12 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import validate_positions
-from cageik_cli.solver.area_weights import make_vertex_weights
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.solver.metrics import METRIC_NAMES, FrameMetrics, check_finite, measure
 from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Workspace
 from cageik_cli.util.errors import ConnectivityError, SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import validate_positions
-from cageik_cli.solver.area_weights import make_vertex_weights
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.fit import Fitter
 from cageik_cli.solver.fitting.record import FitReport, FitSettings, FittedClip
 from cageik_cli.solver.metrics import check_finite, measure
 from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_entries import compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import UnfittedClip

@@ -5,15 +5,15 @@ import numpy as np
 from cageik_cli.cages.quality import has_too_much_room
 from cageik_cli.cages.sections import find_shared_sections
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.solver.blocks import ClipSummary
 from cageik_cli.solver.regions import (
     Region,
-    SharedPlace,
     blame_loose_cage,
     blame_shared_places,
     find_worst_regions,
     has_bad_regions,
 )
+from cageik_cli.solver.summary import ClipSummary
+from cageik_cli.util.arrays import Floats
 
 
 def find_clip_regions(binding: Binding, summary: ClipSummary) -> tuple[Region, ...]:
@@ -36,10 +36,10 @@ def _has_loose_cage(binding: Binding) -> bool:
     return has_too_much_room(binding.cage, binding.rest)
 
 
-def _find_shared_places(binding: Binding, regions: tuple[Region, ...]) -> list[SharedPlace]:
+def _find_shared_places(
+    binding: Binding, regions: tuple[Region, ...]
+) -> list[tuple[Floats, float]]:
     """The places at these regions where limbs share a loop of the cage."""
     centres = np.array([region.centre for region in regions])
     sections = find_shared_sections(binding.cage, binding.rest, near=centres)
-    return [
-        SharedPlace(section.centre, (section.size + section.length) / 2) for section in sections
-    ]
+    return [(section.centre, (section.size + section.length) / 2) for section in sections]

@@ -12,7 +12,7 @@ from cageik_cli.formats.vertex_weights import (
     open_frame_weights,
     read_vertex_weights,
 )
-from cageik_cli.solver.area_weights import make_vertex_weights
+from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.text import to_unicode

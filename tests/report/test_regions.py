@@ -16,7 +16,7 @@ from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.tables import format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.report.vocabulary import CAUSES
-from cageik_cli.solver.region_causes import Cause
+from cageik_cli.solver.regions import Cause
 from tests.report.html.test_page import pictures_of_one_point
 from tests.report.markup import find_faults, parse_page
 from tests.report.views.test_markdown import list_items

@@ -7,9 +7,10 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.enclosure import check_enclosure
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, drop_unused_vertices
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.metrics import METRIC_NAMES
 from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.vertex_weights import drop_unused_vertices
 from cageik_cli.util.errors import CageError, FormatError
 from cageik_cli.workflows.build_cage import build_cage
 from cageik_cli.workflows.extract_arrays import extract

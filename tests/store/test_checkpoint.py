@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.sequence import Block
-from cageik_cli.solver.blocks import SolvedBlock, make_solved_block, summarize_blocks
+from cageik_cli.solver.blocks import SolvedBlock, make_solved_block
 from cageik_cli.solver.dual_laplacian import Solution
 from cageik_cli.solver.metrics import FrameErrors, FrameMetrics
-from cageik_cli.solver.peaks import DeviationPeaks
+from cageik_cli.solver.summary import DeviationPeaks, summarize_blocks
 from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.store.checkpoint import (
     MAGIC,

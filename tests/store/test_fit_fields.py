@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.solver.vertex_bound import VertexBound
+from cageik_cli.solver.summary import VertexBound
 from cageik_cli.store import binding_file, result_frames, result_writer
 from cageik_cli.store import result as results
 from cageik_cli.util.errors import FormatError, InputError

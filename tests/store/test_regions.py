@@ -6,8 +6,7 @@ from dataclasses import asdict
 import h5py
 import pytest
 
-from cageik_cli.solver.region_causes import Cause, Evidence
-from cageik_cli.solver.regions import MAX_REGIONS, Region
+from cageik_cli.solver.regions import MAX_REGIONS, Cause, Evidence, Region
 from cageik_cli.store.regions import read_regions, write_regions
 from cageik_cli.util.errors import FormatError
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.region_causes import Cause
+from cageik_cli.solver.regions import Cause
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.result import read_result
 from cageik_cli.store.result_frames import read_binding, read_key_frames

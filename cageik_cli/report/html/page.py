@@ -63,7 +63,7 @@ from cageik_cli.report.vocabulary import (
     SETTING_MEANINGS,
     Vocabulary,
 )
-from cageik_cli.solver.region_causes import Cause
+from cageik_cli.solver.regions import Cause
 from cageik_cli.store.result import Result
 from cageik_cli.util.text import format_count
 

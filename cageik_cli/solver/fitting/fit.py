@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.solver.dual_laplacian import drop_unused_vertices
 from cageik_cli.solver.fitting.affine import AFFINE_FUNCTIONS, complement_basis, restore_affine
 from cageik_cli.solver.fitting.alternate import Alternator, CageSolve
 from cageik_cli.solver.fitting.displacements import Displacements
@@ -22,6 +21,7 @@ from cageik_cli.solver.fitting.record import (
 from cageik_cli.solver.fitting.sample import FrameReader, Sample, sample_frames
 from cageik_cli.solver.fitting.systems import SurfaceLaplacian
 from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.vertex_weights import drop_unused_vertices
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.threads import OrderedMap, limit_blas_threads
