@@ -1,32 +1,81 @@
 """Make a user's own cage fit for a model, with as little change as possible."""
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.cages.enclosure import find_missing_extent
-from cageik_cli.cages.findings import format_elements
-from cageik_cli.cages.misfit import find_transform
-from cageik_cli.cages.quality import MIN_CLEARANCE
-from cageik_cli.cages.repairing.faces import Draft, start_draft, tidy_faces
-from cageik_cli.cages.repairing.judge import judge_cage
-from cageik_cli.cages.repairing.push import Clearance
-from cageik_cli.cages.repairing.record import RepairedCage, RepairSettings, RepairStep
-from cageik_cli.cages.repairing.shape import Target, fit_shape
+from cageik_cli.cages.enclosure import find_missing_extent, locate_vertices
+from cageik_cli.cages.findings import Finding
+from cageik_cli.cages.quality import (
+    MIN_CLEARANCE,
+    find_low_clearance,
+    find_needle_faces,
+    find_surface_crossings,
+    find_thin_parts,
+)
+from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
+from cageik_cli.cages.repairing.shape import ShapeFit
+from cageik_cli.cages.repairing.steps import Repair, RepairStep
+from cageik_cli.cages.settings import RepairSettings
+from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.cages.surface_points import sample_surface
 from cageik_cli.cages.transforms import Transform
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
+from cageik_cli.geometry.surface import winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
 from cageik_cli.util.progress import ignore_progress
-from cageik_cli.util.text import format_count
 
-__all__ = ["RepairSettings", "RepairStep", "RepairedCage", "repair_cage"]
 
-CLEARANCE_MARGIN = 1.1
-"""Points are pushed for when they are nearer than this many of the smallest good clearances."""
+@dataclass(frozen=True, slots=True, eq=False)
+class RepairedCage:
+    """A cage after its repair.
+
+    Attributes
+    ----------
+    mesh : PolygonMesh
+        Its polygons; vertices are in the order of the cage given.
+    vertex_map : (n,) int64
+        The new number of each vertex of the cage given; −1 if it has gone.
+    moves : (k, 3) float64
+        How far each vertex that is left was moved, file units; without the transform.
+    transform : Transform, optional
+        What was done to the whole cage first.
+    faults : tuple of Finding
+        What is still wrong; none of a cage that is fit.
+    warnings : tuple of Finding
+        What is poor about it.
+    """
+
+    mesh: PolygonMesh
+    vertex_map: Integers
+    moves: Floats
+    transform: Transform | None
+    steps: tuple[RepairStep, ...]
+    faults: tuple[Finding, ...]
+    warnings: tuple[Finding, ...]
+
+    @property
+    def cage(self) -> TriMesh:
+        """Return the triangles to compute with, outward if the cage is fit."""
+        return self.mesh.triangles
+
+    @property
+    def is_fit(self) -> bool:
+        """Return whether the cage is sound and holds the whole surface of the model."""
+        return not self.faults
+
+    @property
+    def max_move(self) -> float:
+        """Return how far the vertex that was moved furthest was, file units."""
+        return float(np.linalg.norm(self.moves, axis=1).max())
+
+    @property
+    def moved_vertices(self) -> Integers:
+        """Return numbers of the vertices that were moved, in the repaired cage."""
+        return np.flatnonzero((self.moves != 0).any(axis=1))
 
 
 def repair_cage(
@@ -64,83 +113,65 @@ def repair_cage(
     if point := find_missing_extent(model):
         raise CageError(point.sentence)
     samples = sample_surface(model)
-    draft = tidy_faces(start_draft(cage, corner_counts), samples, settings.max_hole_edges)
+    repair = Repair(cage, corner_counts)
+    repair.tidy_faces(samples, settings.max_hole_edges)
     transform = None
-    if settings.allow_transform and bounds_volume(draft.mesh.triangles):
-        draft, transform = _apply_transform(draft, model)
-    start = draft.mesh.vertices
-    draft = _fit_draft(draft, _make_target(model, samples, settings), progress)
-    judgement = judge_cage(draft.mesh.triangles, model, samples)
+    if settings.allow_transform and bounds_volume(repair.mesh.triangles):
+        transform = repair.undo_transform(model)
+    start = repair.mesh.vertices
+    repair.unfold()
+    if bounds_volume(repair.mesh.triangles):
+        # Points are pushed for when they are hardly nearer than a good cage has them.
+        least = min(1.1 * MIN_CLEARANCE, settings.clearance) * model.diagonal
+        fit = ShapeFit(model, samples, least, settings.clearance * model.diagonal)
+        repair.fit_shape(fit, model.diagonal, progress)
+        repair.unfold()
+    faults, warnings = judge_cage(repair.mesh.triangles, model, samples)
     return RepairedCage(
-        mesh=draft.mesh,
-        vertex_map=draft.vertex_map,
-        moves=draft.mesh.vertices - start,
+        mesh=repair.mesh,
+        vertex_map=repair.vertex_map,
+        moves=repair.mesh.vertices - start,
         transform=transform,
-        steps=draft.steps,
-        faults=judgement.faults,
-        warnings=judgement.warnings,
+        steps=tuple(repair.steps),
+        faults=faults,
+        warnings=warnings,
     )
 
 
-def _make_target(model: TriMesh, samples: Floats, settings: RepairSettings) -> Target:
-    least = min(CLEARANCE_MARGIN * MIN_CLEARANCE, settings.clearance)
-    clearance = Clearance(least * model.diagonal, settings.clearance * model.diagonal)
-    return Target(model, samples, clearance)
+def judge_cage(
+    cage: TriMesh, model: TriMesh, samples: Floats
+) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
+    """Test a cage alone, and around every vertex, face and sample of the model.
+
+    Returns
+    -------
+    tuple of Finding
+        Why it does not hold the model; none of a cage that is fit.
+    tuple of Finding
+        What is poor about it, all the same.
+    """
+    if faults := find_cage_faults(cage):
+        return faults, ()
+    placement = locate_vertices(cage, model)
+    is_outside = len(placement.outside_indices) > 0
+    holding = [placement.find_outside("move the cage outward there")] if is_outside else []
+    holding += find_surface_crossings(placement)
+    if not holding:
+        holding += _find_outside_samples(cage, samples)
+    warnings = [*find_needle_faces(cage), *find_thin_parts(cage)]
+    if not is_outside:
+        warnings += find_low_clearance(placement)
+    return tuple(holding), tuple(warnings)
 
 
-def _apply_transform(draft: Draft, model: TriMesh) -> tuple[Draft, Transform | None]:
-    """Bring a cage in another unit, or with other axes, to the model."""
-    transform = find_transform(draft.mesh.triangles, model)
-    if transform is None:
-        return draft, None
-    mesh = draft.mesh.move(transform.apply(draft.mesh.vertices))
-    if transform.is_mirror:
-        mesh = mesh.turn(np.ones(len(mesh.corner_counts), bool))
-    numbers = np.empty(0, np.int64)
-    step = RepairStep("transform", f"the cage is {transform.name}: undone", 1, numbers)
-    return draft.change(mesh, step), transform
-
-
-def _fit_draft(draft: Draft, target: Target, progress: Callable[[int, int], None]) -> Draft:
-    """Move what must be moved, of a cage that bounds a volume."""
-    draft = _unfold(draft)
-    if not bounds_volume(draft.mesh.triangles):
-        return draft
-    shape = fit_shape(draft.mesh.triangles, target, progress)
-    origins, diagonal = draft.origins, target.model.diagonal
-    steps = (
-        *_describe_moves(
-            "untangle", "whose faces cross others", shape.untangled, origins, diagonal
-        ),
-        *_describe_moves("push", "to hold the model", shape.pushed, origins, diagonal),
-    )
-    mesh = draft.mesh.move(shape.cage.vertices)
-    return _unfold(replace(draft, mesh=mesh, steps=(*draft.steps, *steps)))
-
-
-def _describe_moves(
-    kind: str, why: str, moves: Floats, origins: Integers, diagonal: float
-) -> list[RepairStep]:
-    """Return the step that moved vertices, if any did; numbers are those of the cage given."""
-    length = np.linalg.norm(moves, axis=1)
-    moved = np.flatnonzero(length > 0)
-    if len(moved) == 0:
-        return []
-    most, mean = float(length[moved].max()), float(length[moved].mean())
-    message = (
-        f"moved {format_elements('vertex', origins[moved])} {why}, by "
-        f"{100 * mean / diagonal:.2g} % of the diagonal on average, {100 * most / diagonal:.2g} % "
-        f"at vertex {origins[length.argmax()]}"
-    )
-    return [RepairStep(kind, message, len(moved), origins[moved], most, mean)]
-
-
-def _unfold(draft: Draft) -> Draft:
-    """Cut polygons that fold over as a reader of the file would, so that what is tested is read."""
-    mesh = draft.mesh.unfold()
-    lost = int((draft.mesh.corner_counts > 3).sum() - (mesh.corner_counts > 3).sum())
-    draft = replace(draft, mesh=mesh)
-    if lost == 0:
-        return draft
-    message = f"cut {format_count(lost, 'polygon')} that fold over into triangles"
-    return draft.change(mesh, RepairStep("cut-polygons", message, lost, np.empty(0, np.int64)))
+def _find_outside_samples(cage: TriMesh, samples: Floats) -> Iterator[Finding]:
+    """Find points on faces of the model that are outside."""
+    outside = samples[winding_numbers(cage, samples) < 0.5]
+    if len(outside):
+        x, y, z = outside[0]
+        message = (
+            f"{len(outside)} of {len(samples)} points of the model's surface are outside the "
+            f"cage, the first at ({x:.4g}, {y:.4g}, {z:.4g})"
+        )
+        remedy, count = "move the cage outward there", float(len(outside))
+        yield Finding("surface-outside", "unfit", message, remedy, value=count)

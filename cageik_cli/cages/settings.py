@@ -1,4 +1,4 @@
-"""Settings of a cage that is built, and their defaults. This module imports no numerics."""
+"""Settings of cages that are built or repaired. This module imports no numerics."""
 
 from dataclasses import dataclass
 
@@ -43,3 +43,22 @@ class BuildSettings:
                 f"the clearance is {100 * self.clearance:g} % of the diagonal, expected more than "
                 f"0 and at most {100 * MAX_CLEARANCE:g} %"
             )
+
+
+@dataclass(frozen=True, slots=True)
+class RepairSettings:
+    """The limits of a repair.
+
+    Attributes
+    ----------
+    clearance : float
+        How far parts of the cage that must move are moved off the model, in its diagonals.
+    max_hole_edges : int
+        Holes with more edges are not closed.
+    allow_transform : bool
+        Whether a cage in another unit, or with other axes, is brought to the model.
+    """
+
+    clearance: float = 0.002
+    max_hole_edges: int = 16
+    allow_transform: bool = True

@@ -3,7 +3,8 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cageik_cli.cages.repair import RepairedCage, RepairSettings, repair_cage
+from cageik_cli.cages.repair import RepairedCage, repair_cage
+from cageik_cli.cages.settings import RepairSettings
 from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.util.errors import CageError, error_context

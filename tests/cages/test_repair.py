@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.diagnosis import diagnose
-from cageik_cli.cages.repair import RepairSettings, repair_cage
+from cageik_cli.cages.repair import repair_cage
 from cageik_cli.cages.repairing import shape
+from cageik_cli.cages.settings import RepairSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError
 from tests.cages.damage import DAMAGES
@@ -142,10 +143,10 @@ def test_progress_is_told():
 
 
 def test_a_cage_that_no_round_improves_is_given_up(monkeypatch):
-    monkeypatch.setattr(shape, "push_outward", lambda cage, *_: cage)
+    monkeypatch.setattr(shape, "push", lambda cage, *_, **__: cage)
     small, rounds = changed(CAGE, vertices=0.8 * CAGE.vertices), []
     repaired = repair_cage(small, MODEL, progress=lambda done, of: rounds.append(done))
-    assert rounds == list(range(1, shape.PATIENCE + 1))
+    assert rounds == list(range(1, 5))
     (fault,) = [fault for fault in repaired.faults if fault.kind == "outside"]
     assert len(fault.numbers) > 0
 
@@ -156,12 +157,12 @@ def test_a_repair_ends_when_its_work_is_done(monkeypatch):
     pulled[:6] *= 0.4
     damaged = changed(CAGE, vertices=pulled)
     assert repair_cage(damaged, MODEL).is_fit
-    monkeypatch.setattr(shape, "MAX_WORK", 1.0)
+    monkeypatch.setattr(shape, "MAX_FIT_WORK", 1.0)
     rounds = []
     repaired = repair_cage(damaged, MODEL, progress=lambda done, of: rounds.append(done))
     assert rounds == [1]
     assert not repaired.is_fit
-    monkeypatch.setattr(shape, "MAX_WORK", 0.0)
+    monkeypatch.setattr(shape, "MAX_FIT_WORK", 0.0)
     repaired = repair_cage(damaged, MODEL)
     np.testing.assert_array_equal(repaired.cage.vertices, damaged.vertices)
 

@@ -7,12 +7,10 @@ import numpy as np
 from cageik_cli.cages.building.carry import Poses, align_poses, choose_poses
 from cageik_cli.cages.building.decimate import euler_characteristic
 from cageik_cli.cages.building.distance_grid import DistanceGrid, measure_grid
-from cageik_cli.cages.building.egg import DRAWS, wrap_ellipsoid
-from cageik_cli.cages.building.influence import replace_weak_vertices
 from cageik_cli.cages.building.judge import Demand, judge
 from cageik_cli.cages.building.motion import Motion
 from cageik_cli.cages.building.records import BuildSettings, Candidate, Clip
-from cageik_cli.cages.building.refine import COMPLETIONS, complete_clearance, refine_shell
+from cageik_cli.cages.building.refine import refine_shell, replace_weak_vertices, wrap_ellipsoid
 from cageik_cli.cages.building.shell import Shell, ShellRecipe, make_shell
 from cageik_cli.cages.building.shift import shift_vertices
 from cageik_cli.cages.building.unit import UnitModel, normalize_model
@@ -117,9 +115,8 @@ class Job:
             "expresses less: more vertices or another clearance may help",
         )
         tried: list[Candidate] = []
-        for name, draws in (("ellipsoid drawn in", DRAWS), ("ellipsoid", 0)):
+        for name, draws in (("ellipsoid drawn in", 12), ("ellipsoid", 0)):
             cage = wrap_ellipsoid(self.demand, draws)
-            cage, _ = complete_clearance(cage, self.demand, self.demand.samples, COMPLETIONS)
             tried.append(self._make_candidate(name, cage, notes, np.inf))
             if tried[-1].verdict.is_valid:
                 break

@@ -1,6 +1,11 @@
-"""From a shell to a cage: stages of decimation and push, then polish, then the whole clearance."""
+"""From a shell to a cage: stages of decimation and push, then polish, then the whole clearance.
 
+If no shell gives a valid cage, an ellipsoid is drawn in.
+"""
+
+import igl
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from cageik_cli.cages.building.carry import Poses
 from cageik_cli.cages.building.clearance import find_near_points
@@ -8,20 +13,21 @@ from cageik_cli.cages.building.collapse import collapse_edges
 from cageik_cli.cages.building.decimate import stages
 from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.judge import Demand
-from cageik_cli.cages.building.polish import lower_valences, mend_angles, refill, tighten
-from cageik_cli.cages.building.push import push_outward, untangle
+from cageik_cli.cages.building.polish import (
+    collapse_in_shape,
+    lower_valences,
+    mend_angles,
+    refill,
+    tighten,
+)
 from cageik_cli.cages.building.unit import thin_points
+from cageik_cli.cages.push import Contacts, move_to_neighbours, push
+from cageik_cli.cages.surface_points import thin_out
+from cageik_cli.coordinates.harmonic import harmonic_weights
+from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.arrays import Floats
-
-AIM = 1.01
-"""Clearances that edits keep, and that all points of faces must have."""
-
-POLISHES = 2
-"""Rounds of edits."""
-
-COMPLETIONS = 6
-"""Rounds in which points that are too near are found and pushed off."""
+from cageik_cli.geometry.surface import winding_numbers
+from cageik_cli.util.arrays import Floats, Integers
 
 
 def refine_shell(shell: TriMesh, demand: Demand, poses: Poses) -> TriMesh:
@@ -30,27 +36,27 @@ def refine_shell(shell: TriMesh, demand: Demand, poses: Poses) -> TriMesh:
     for count in stages(demand.most):
         if count < len(cage.vertices):
             cage = collapse_edges(cage, count, poses)
-        cage = untangle(cage, demand.samples, demand.clearance)
-    return finish(cage, demand)
-
-
-def finish(cage: TriMesh, demand: Demand) -> TriMesh:
-    """Improve the angles and the fit, and complete the clearance on the whole surface."""
+        cage = _push_and_relax(cage, demand)
     if len(cage.vertices) > demand.most:
         return cage
     cage, samples = complete_clearance(cage, demand, demand.samples, rounds=1)
-    draft = Draft(cage, samples, AIM * demand.clearance)
-    for _ in range(POLISHES):
+    draft = make_draft(cage, demand, samples)
+    for _ in range(2):
         mend_angles(draft, demand.fewest)
         lower_valences(draft)
         refill(draft, demand.most)
         tighten(draft, samples)
     mend_angles(draft, draft.count)
-    return complete_clearance(draft.to_mesh(), demand, samples, rounds=COMPLETIONS)[0]
+    return complete_clearance(draft.to_mesh(), demand, samples)[0]
+
+
+def make_draft(cage: TriMesh, demand: Demand, samples: Floats) -> Draft:
+    """Return a draft of the cage, whose edits keep a little more than the clearance."""
+    return Draft(cage, samples, 1.01 * demand.clearance)
 
 
 def complete_clearance(
-    cage: TriMesh, demand: Demand, samples: Floats, rounds: int
+    cage: TriMesh, demand: Demand, samples: Floats, rounds: int = 6
 ) -> tuple[TriMesh, Floats]:
     """Push off the points of faces that are too near although the samples are not.
 
@@ -62,10 +68,127 @@ def complete_clearance(
         The samples, with those points.
     """
     for _ in range(rounds):
-        near = find_near_points(demand.surface, cage, AIM * demand.clearance).points
+        near = find_near_points(demand.surface, cage, 1.01 * demand.clearance).points
         if len(near) == 0:
             break
         near = thin_points(near, 0.5 * demand.clearance)
         samples = np.concatenate([samples, near])
-        cage = push_outward(cage, samples, demand.clearance)
+        cage = push_off(cage, samples, demand.clearance)
     return cage, samples
+
+
+def push_off(cage: TriMesh, samples: Floats, clearance: float) -> TriMesh:
+    """Push the cage off samples; aim at a little more than the clearance, and end with less of it.
+
+    The stiffness is low, so that parts of the cage move as a whole.
+    """
+    return push(
+        cage,
+        lambda moved, _: find_contacts(moved, samples, 1.03 * clearance),
+        smoothness=0.05,
+        stiffness=0.005,
+        enough=(1.03 - 1.015) * clearance,
+    )
+
+
+def find_contacts(cage: TriMesh, samples: Floats, clearance: float) -> Contacts:
+    """Return the samples with less than the clearance."""
+    signed, face, nearest, normal = igl.signed_distance(
+        samples, cage.vertices, cage.faces, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
+    )
+    # libigl counts the inside negative. Where a cage crosses itself its normals mislead.
+    doubtful = np.flatnonzero(signed > 0)
+    if len(doubtful):
+        inside = winding_numbers(cage, samples[doubtful]) > 0.5
+        signed[doubtful[inside]] *= -1
+    close = np.flatnonzero(signed > -clearance)
+    corners = cage.faces[face[close]]
+    a, b, c = (cage.vertices[corners[:, k]] for k in range(3))
+    weights = igl.barycentric_coordinates(nearest[close].copy(), a, b, c).reshape(-1, 3)
+    direction = (samples[close] - nearest[close]) * np.sign(signed[close])[:, None]
+    length = np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = np.where(length > 1e-9, direction / np.maximum(length, 1e-9), normal[close])
+    return Contacts(corners, weights, direction, signed[close] + clearance)
+
+
+def _push_and_relax(cage: TriMesh, demand: Demand, rounds: int = 5, max_pairs: int = 60) -> TriMesh:
+    """Push, and relax what then crosses, in turn, until nothing crosses or the rounds are over.
+
+    A cage with more than `max_pairs` of crossing faces is not worth it.
+    """
+    cage = push_off(cage, demand.samples, demand.clearance)
+    before = max_pairs + 1
+    for _ in range(rounds):
+        pairs = self_intersections(cage)
+        if len(pairs) == 0 or len(pairs) >= before:
+            break
+        before = len(pairs)
+        vertices = move_to_neighbours(cage, np.unique(cage.faces[pairs]), 0.5)
+        cage = push_off(TriMesh(vertices, cage.faces), demand.samples, demand.clearance)
+    return cage
+
+
+def replace_weak_vertices(cage: TriMesh, demand: Demand) -> TriMesh:
+    """Collapse the vertices of a sound cage that are weak, and split long edges instead.
+
+    The cage itself is returned if none is weak.
+    """
+    weak = find_weak(cage, demand)
+    if len(weak) == 0:
+        return cage
+    draft = make_draft(cage, demand, demand.samples)
+    for vertex in weak:
+        around = draft.neighbours(int(vertex))
+        lengths = np.linalg.norm(draft.vertices[around] - draft.vertices[vertex], axis=1)
+        for other in around[np.argsort(lengths, kind="stable")]:
+            if collapse_in_shape(draft, int(other), int(vertex), share=0):
+                break
+    refill(draft, demand.most)
+    return draft.to_mesh()
+
+
+def find_weak(cage: TriMesh, demand: Demand, safe_weight: float = 0.08) -> Integers:
+    """Return the vertices whose weights are small on all of the model, the weakest first.
+
+    A check warns of weights below `MIN_INFLUENCE`; here, they are to be safely above.
+    """
+    points = thin_out(demand.samples, 1500)
+    largest = harmonic_weights(cage, points, "preview").values.max(axis=0)
+    order = np.argsort(largest, kind="stable")
+    return np.asarray(order[largest[order] < safe_weight])
+
+
+def wrap_ellipsoid(demand: Demand, draws: int) -> TriMesh:
+    """Return an ellipsoid of as many vertices as are allowed, drawn in `draws` times.
+
+    Its shortest axis is no less than 0.3 of the longest: flatter faces are needles.
+    """
+    low, high = demand.surface.vertices.min(axis=0), demand.surface.vertices.max(axis=0)
+    axes = np.maximum(high - low, 0.3 * (high - low).max()) / 2
+    unit, faces = _divide_sphere(demand.most)
+    a, b, c = (unit[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    inner = np.min(np.abs((normal * a).sum(axis=1)) / np.linalg.norm(normal, axis=1))
+    middle = (low + high) / 2
+    room = 1.05 * demand.clearance
+    reach = np.linalg.norm((demand.surface.vertices - middle) / axes, axis=1).max()
+    axes = axes * (reach + room / axes.min()) / inner
+    draft = Draft(TriMesh(middle + axes * unit, faces), demand.samples, room)
+    for _ in range(draws):
+        if tighten(draft, demand.samples) == 0:
+            break
+    return complete_clearance(draft.to_mesh(), demand, demand.samples)[0]
+
+
+def _divide_sphere(count: int) -> tuple[Floats, Integers]:
+    """Spread points over the unit sphere on a spiral; return them and their outward faces."""
+    k = np.arange(count) + 0.5
+    z = 1 - 2 * k / count
+    turn = np.pi * (1 + np.sqrt(5)) * k
+    radius = np.sqrt(1 - z**2)
+    points = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
+    faces = ConvexHull(points).simplices.astype(np.int64)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    inward = (np.cross(b - a, c - a) * a).sum(axis=1) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return points, faces

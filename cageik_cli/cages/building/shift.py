@@ -16,7 +16,7 @@ from cageik_cli.cages.building.polish import (
     splits_well,
     tighten,
 )
-from cageik_cli.cages.building.refine import AIM, COMPLETIONS, complete_clearance
+from cageik_cli.cages.building.refine import complete_clearance, make_draft
 from cageik_cli.cages.quality import find_thin_parts
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
@@ -64,7 +64,7 @@ def shift_vertices(cage: TriMesh, demand: Demand, motion: Motion) -> tuple[TriMe
             failures = 0
         else:
             break
-    cage, _ = complete_clearance(shifter.cage, demand, samples, COMPLETIONS)
+    cage, _ = complete_clearance(shifter.cage, demand, samples)
     return cage, shifter.moved
 
 
@@ -120,7 +120,7 @@ class _Shifter:
         return self._accept(draft.to_mesh(), POLISH_GAIN)
 
     def _make_draft(self) -> Draft:
-        return Draft(self.cage, self.samples, AIM * self.demand.clearance)
+        return make_draft(self.cage, self.demand, self.samples)
 
     def _accept(self, cage: TriMesh, share: float) -> bool:
         """Take a cage in the place of the last if its error is below a share of the last one's."""

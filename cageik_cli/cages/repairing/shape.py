@@ -1,13 +1,13 @@
 """The steps of a repair that move vertices: untangle, push outward, go back where that is safe."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cageik_cli.cages.repairing.effort import Effort
-from cageik_cli.cages.repairing.push import Clearance, find_contacts, push_outward
+from cageik_cli.cages.push import Contacts, push
 from cageik_cli.cages.repairing.untangle import (
+    Effort,
     find_local_tangle,
     find_star_box,
     find_tangle,
@@ -16,45 +16,14 @@ from cageik_cli.cages.repairing.untangle import (
 from cageik_cli.cages.surface_points import divide_triangles
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import closest_points
+from cageik_cli.geometry.surface import ClosestPoints, closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 
-MAX_ROUNDS = 12
-"""How often a cage is untangled and pushed, at most."""
-
-PATIENCE = 4
-"""A cage is given up when so many rounds that follow each other found none with fewer faults."""
-
-MAX_WORK = 25e6
+MAX_FIT_WORK = 25e6
 """Work of all rounds, as `Effort` counts it: about 25 seconds."""
 
-RETURN_WORK, MAX_RETURN_WORK = 15e3, 10e6
-"""Work of a trial to move vertices back, and of all of them."""
-
-RETURN_SHARE = 0.5
-"""Share of the way back that is tried for vertices that cannot go all of it."""
-
-MAX_PARTS = 40
-"""Sides of faces of the model that cross the cage are divided in so many, at most."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Target:
-    """The points and faces that a cage must hold.
-
-    Attributes
-    ----------
-    samples : (s, 3) float64
-        Points of its surface.
-    firm : (k, 3) float64
-        Points of faces that crossed the cage: they are pushed for until they have the whole
-        clearance, for what crosses lies between them.
-    """
-
-    model: TriMesh
-    samples: Floats
-    clearance: Clearance
-    firm: Floats = field(default_factory=lambda: np.empty((0, 3)))
+MAX_RETURN_WORK = 10e6
+"""Work of all trials to move vertices back."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,141 +49,219 @@ class Shape:
         return self.untangled + self.pushed
 
 
-def fit_shape(cage: TriMesh, target: Target, progress: Callable[[int, int], None]) -> Shape:
-    """Untangle and push in turn until nothing crosses and the model is inside.
+class ShapeFit:
+    """Moves vertices of cages until they hold a model.
 
-    The work is bounded.
-
-    Returns
-    -------
-    Shape
-        The best that was met; the cage as it was if nothing is better.
+    Parameters
+    ----------
+    samples : (s, 3) float64
+        Points of the model's surface.
+    least : float
+        Points nearer to the cage than this, or outside, are pushed for, file units,
+    target : float
+        to this distance.
     """
-    nothing = np.zeros_like(cage.vertices)
-    shape = best = Shape(cage, nothing, nothing, count_faults(cage, target))
-    failures, effort = 0, Effort(MAX_WORK)
-    for done in range(MAX_ROUNDS):
-        if best.faults == 0 or failures == PATIENCE or effort.is_spent:
-            break
-        failures += 1
-        for step in (_untangle_shape, _push_shape):
-            shape = step(shape, target, effort)
-            if shape.faults < best.faults:
-                best, failures = shape, 0
-        target = _add_crossing_samples(shape.cage, target)
-        progress(done + 1, MAX_ROUNDS)
-    return _return_vertices(best, cage, target) if best.faults == 0 else best
 
+    def __init__(self, model: TriMesh, samples: Floats, least: float, target: float) -> None:
+        self._model, self._samples = model, samples
+        self._least, self._target = least, target
+        # Points of faces that crossed the cage: they are pushed for until they have the whole
+        # clearance, for what crosses lies between them.
+        self._firm = np.empty((0, 3))
 
-def count_faults(cage: TriMesh, target: Target) -> int:
-    """Count crossing faces of the cage, points outside, and crossing faces of the model."""
-    reach = replace(target.clearance, least=0.0)
-    outside = len(find_contacts(cage, target.samples, reach).missing)
-    return find_tangle(cage).size + outside + len(_find_crossing_faces(cage, target.model))
+    def run(
+        self,
+        cage: TriMesh,
+        progress: Callable[[int, int], None],
+        max_rounds: int = 12,
+        patience: int = 4,
+    ) -> Shape:
+        """Untangle and push in turn until nothing crosses and the model is inside.
 
+        The work is bounded, and a cage is given up when `patience` rounds that follow each other
+        found none with fewer faults.
 
-def _untangle_shape(shape: Shape, target: Target, effort: Effort) -> Shape:
-    flat = untangle(shape.cage, effort)
-    moved = shape.untangled + flat.vertices - shape.cage.vertices
-    return Shape(flat, moved, shape.pushed, count_faults(flat, target))
+        Returns
+        -------
+        Shape
+            The best that was met; the cage as it was if nothing is better.
+        """
+        nothing = np.zeros_like(cage.vertices)
+        shape = best = Shape(cage, nothing, nothing, self.count_faults(cage))
+        failures, effort = 0, Effort(MAX_FIT_WORK)
+        for done in range(max_rounds):
+            if best.faults == 0 or failures == patience or effort.is_spent:
+                break
+            failures += 1
+            for step in (self._untangle, self._push):
+                shape = step(shape, effort)
+                if shape.faults < best.faults:
+                    best, failures = shape, 0
+            self._add_firm_points(shape.cage)
+            progress(done + 1, max_rounds)
+        return self._return_vertices(best, cage) if best.faults == 0 else best
 
+    def count_faults(self, cage: TriMesh) -> int:
+        """Count crossing faces of the cage, points outside, and crossing faces of the model."""
+        outside = int(np.count_nonzero(measure_depths(cage, self._samples)[0] < 0))
+        return len(find_tangle(cage)) + outside + len(self._find_crossing_faces(cage))
 
-def _push_shape(shape: Shape, target: Target, effort: Effort) -> Shape:
-    if shape.faults == 0:
+    def _untangle(self, shape: Shape, effort: Effort) -> Shape:
+        flat = untangle(shape.cage, effort)
+        moved = shape.untangled + flat.vertices - shape.cage.vertices
+        return Shape(flat, moved, shape.pushed, self.count_faults(flat))
+
+    def _push(self, shape: Shape, effort: Effort) -> Shape:
+        if shape.faults == 0:
+            return shape
+        least = np.repeat([self._least, self._target], [len(self._samples), len(self._firm)])
+        points = np.concatenate([self._samples, self._firm])
+        pushed = push_outward(shape.cage, points, least, self._target, effort)
+        moved = shape.pushed + pushed.vertices - shape.cage.vertices
+        return Shape(pushed, shape.untangled, moved, self.count_faults(pushed))
+
+    def _find_crossing_faces(self, cage: TriMesh) -> Floats:
+        """Return corners of the model's faces that cross the cage, (k, 3, 3)."""
+        pairs = crossing_face_pairs(self._model, cage, 0.0)
+        return self._model.vertices[self._model.faces[np.unique(pairs[:, 0])]]
+
+    def _add_firm_points(self, cage: TriMesh, max_parts: int = 40) -> None:
+        """Add firm points on the faces of the model that cross the cage, their sides divided."""
+        corners = self._find_crossing_faces(cage)
+        if len(corners):
+            side = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+            parts = int(np.clip(np.ceil(side / self._target), 2, max_parts))
+            points = [self._firm, corners.reshape(-1, 3), divide_triangles(corners, parts)]
+            self._firm = np.unique(np.concatenate(points), axis=0)
+
+    def _return_vertices(self, shape: Shape, original: TriMesh) -> Shape:
+        """Move vertices back to where they were, as many and as far as the cage stays fit."""
+        length = np.linalg.norm(shape.moves, axis=1)
+        order = np.argsort(length, kind="stable")
+        effort = Effort(MAX_RETURN_WORK)
+        shape, stuck = self._return_group(shape, original, order[length[order] > 0], effort)
+        for vertex in reversed(stuck):
+            if effort.is_spent:
+                break
+            # Those that cannot go all of the way back may go half of it.
+            shape = self._try_return(shape, original, np.array([vertex]), 0.5, effort) or shape
         return shape
-    clearance, counts = target.clearance, (len(target.samples), len(target.firm))
-    least = np.repeat([clearance.least, clearance.target], counts)
-    points = np.concatenate([target.samples, target.firm])
-    pushed = push_outward(shape.cage, points, Clearance(least, clearance.target), effort)
-    moved = shape.pushed + pushed.vertices - shape.cage.vertices
-    return Shape(pushed, shape.untangled, moved, count_faults(pushed, target))
+
+    def _return_group(
+        self, shape: Shape, original: TriMesh, group: Integers, effort: Effort
+    ) -> tuple[Shape, list[int]]:
+        """Move a group back together, or if that fails, its halves; and which cannot go back."""
+        if len(group) == 0 or effort.is_spent:
+            return shape, []
+        returned = self._try_return(shape, original, group, 1.0, effort)
+        if returned is not None:
+            return returned, []
+        if len(group) == 1:
+            return shape, [int(group[0])]
+        stuck = []
+        for half in np.array_split(group, 2):
+            shape, more = self._return_group(shape, original, half, effort)
+            stuck += more
+        return shape, stuck
+
+    def _try_return(
+        self, shape: Shape, original: TriMesh, group: Integers, share: float, effort: Effort
+    ) -> Shape | None:
+        """Move vertices back by a share of their moves; return None if that shape is not fit."""
+        effort.spend(15e3)
+        scale = np.ones((len(shape.moves), 1))
+        scale[group] = 1 - share
+        moved = replace(shape, untangled=shape.untangled * scale, pushed=shape.pushed * scale)
+        vertices = shape.cage.vertices.copy()
+        vertices[group] = original.vertices[group] + moved.moves[group]
+        after = TriMesh(vertices, original.faces)
+        return replace(moved, cage=after) if self._stays_fit(shape.cage, after, group) else None
+
+    def _stays_fit(self, before: TriMesh, after: TriMesh, group: Integers) -> bool:
+        """Return whether a cage that was fit still is when some vertices were moved.
+
+        Only what is near the faces around them, before or after, can have changed.
+        """
+        box = find_star_box(after, group, before.vertices[group])
+        low, high = box[0] - self._target, box[1] + self._target
+        samples = self._samples[((self._samples >= low) & (self._samples <= high)).all(axis=1)]
+        # The surface moves no further than its vertices: what is deeper stays inside.
+        longest = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
+        depth = closest_points(before, samples).distance
+        samples = samples[depth <= longest + self._target]
+        # Cheap, and true of most cages that are not fit: which side points are on costs more.
+        if (closest_points(after, samples).distance < self._least).any():
+            return False
+        if (measure_depths(after, samples)[0] < self._least).any():
+            return False
+        if len(find_local_tangle(after, *box)):
+            return False
+        corners = self._model.vertices[self._model.faces]
+        around = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
+        if not around.any():
+            return True
+        part = TriMesh(self._model.vertices, self._model.faces[around])
+        return len(crossing_face_pairs(part, after, 0.0)) == 0
 
 
-def _find_crossing_faces(cage: TriMesh, model: TriMesh) -> Floats:
-    """Return corners of the model's faces that cross the cage, (k, 3, 3)."""
-    pairs = crossing_face_pairs(model, cage, 0.0)
-    return model.vertices[model.faces[np.unique(pairs[:, 0])]]
+def push_outward(
+    cage: TriMesh,
+    samples: Floats,
+    least: float | Floats,
+    target: float,
+    effort: Effort | None = None,
+) -> TriMesh:
+    """Push the cage off samples whose depth is below `least`, of each or of all, to the target.
 
-
-def _add_crossing_samples(cage: TriMesh, target: Target) -> Target:
-    """Add firm points on the faces of the model that cross the cage."""
-    corners = _find_crossing_faces(cage, target.model)
-    if len(corners) == 0:
-        return target
-    side = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
-    parts = int(np.clip(np.ceil(side / target.clearance.target), 2, MAX_PARTS))
-    points = [target.firm, corners.reshape(-1, 3), divide_triangles(corners, parts)]
-    return replace(target, firm=np.unique(np.concatenate(points), axis=0))
-
-
-def _return_vertices(shape: Shape, original: TriMesh, target: Target) -> Shape:
-    """Move vertices back to where they were, as many and as far as the cage stays fit."""
-    length = np.linalg.norm(shape.moves, axis=1)
-    order = np.argsort(length, kind="stable")
-    effort = Effort(MAX_RETURN_WORK)
-    shape, stuck = _return_group(shape, original, target, order[length[order] > 0], effort)
-    for vertex in reversed(stuck):
-        if effort.is_spent:
-            break
-        effort.spend(RETURN_WORK)
-        shape = _try_return(shape, original, target, np.array([vertex]), RETURN_SHARE) or shape
-    return shape
-
-
-def _return_group(
-    shape: Shape, original: TriMesh, target: Target, group: Integers, effort: Effort
-) -> tuple[Shape, list[int]]:
-    """Move a group back together, or if that fails, its halves; and which vertices cannot go."""
-    if len(group) == 0 or effort.is_spent:
-        return shape, []
-    effort.spend(RETURN_WORK)
-    returned = _try_return(shape, original, target, group, 1.0)
-    if returned is not None:
-        return returned, []
-    if len(group) == 1:
-        return shape, [int(group[0])]
-    stuck = []
-    for half in np.array_split(group, 2):
-        shape, more = _return_group(shape, original, target, half, effort)
-        stuck += more
-    return shape, stuck
-
-
-def _try_return(
-    shape: Shape, original: TriMesh, target: Target, group: Integers, share: float
-) -> Shape | None:
-    """Move vertices back by a share of their moves; return None if that shape is not fit."""
-    scale = np.ones((len(shape.moves), 1))
-    scale[group] = 1 - share
-    moved = replace(shape, untangled=shape.untangled * scale, pushed=shape.pushed * scale)
-    vertices = shape.cage.vertices.copy()
-    vertices[group] = original.vertices[group] + moved.moves[group]
-    after = TriMesh(vertices, original.faces)
-    return replace(moved, cage=after) if _stays_fit(shape.cage, after, group, target) else None
-
-
-def _stays_fit(before: TriMesh, after: TriMesh, group: Integers, target: Target) -> bool:
-    """Return whether a cage that was fit still is when some vertices were moved.
-
-    Only what is near the faces around them, before or after, can have changed.
+    Vertices that need not move stay.
     """
-    box = find_star_box(after, group, before.vertices[group])
-    low, high = box[0] - target.clearance.target, box[1] + target.clearance.target
-    samples = target.samples[((target.samples >= low) & (target.samples <= high)).all(axis=1)]
-    # The surface moves no further than its vertices: what is deeper stays inside.
-    longest = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
-    depth = closest_points(before, samples).distance
-    samples = samples[depth <= longest + target.clearance.target]
-    # Cheap, and true of most cages that are not fit: which side points are on costs more.
-    if (closest_points(after, samples).distance < target.clearance.least).any():
-        return False
-    if len(find_contacts(after, samples, target.clearance).missing):
-        return False
-    if find_local_tangle(after, *box).size:
-        return False
-    corners = target.model.vertices[target.model.faces]
-    around = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
-    if not around.any():
-        return True
-    part = TriMesh(target.model.vertices, target.model.faces[around])
-    return len(crossing_face_pairs(part, after, 0.0)) == 0
+    depths, effort = np.full(len(samples), -np.inf), effort or Effort()
+    least = np.broadcast_to(least, len(samples))
+
+    def find_contacts(cage: TriMesh, longest: float) -> Contacts | None:
+        nonlocal depths
+        # No point of the surface moves further than a vertex: what is deeper stays inside.
+        depths = depths - longest
+        near = depths < least
+        if effort.is_spent or not near.any():
+            return None
+        effort.spend_on_samples(int(near.sum()), len(cage.faces))
+        depths[near], closest = measure_depths(cage, samples[near])
+        return _make_contacts(closest, samples[near], depths[near], least[near], target)
+
+    return push(cage, find_contacts, smoothness=0.02, stiffness=0.02)
+
+
+def measure_depths(cage: TriMesh, samples: Floats) -> tuple[Floats, ClosestPoints]:
+    """Measure how far inside samples are, (s,), negative outside; and find the nearest points."""
+    inside = winding_numbers(cage, samples) >= 0.5
+    closest = closest_points(cage, samples)
+    return np.where(inside, closest.distance, -closest.distance), closest
+
+
+def _make_contacts(
+    closest: ClosestPoints, samples: Floats, depths: Floats, least: Floats, target: float
+) -> Contacts:
+    """Describe the samples whose depth is below `least`."""
+    cage, chosen = closest.mesh, depths < least
+    corners, nearest = cage.faces[closest.face[chosen]], closest.position[chosen]
+    a, b, c = (cage.vertices[corners[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    weights = _weigh_corners(nearest, (a, b, c), normal)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
+    away = (nearest - samples[chosen]) * np.sign(depths[chosen])[:, None]
+    length = np.linalg.norm(away, axis=1, keepdims=True)
+    short = length < 1e-9 * cage.diagonal  # on the cage: its normal says where to
+    direction = np.where(short, normal, away / np.where(short, 1.0, length))
+    return Contacts(corners, weights, direction, target - depths[chosen])
+
+
+def _weigh_corners(
+    points: Floats, corners: tuple[Floats, Floats, Floats], normal: Floats
+) -> Floats:
+    """Return barycentric weights of points in triangles, (k, 3); 1/3 where there is no area."""
+    a, b, c = (corner - points for corner in corners)
+    parts = [np.einsum("kx,kx->k", np.cross(p, q), normal) for p, q in ((b, c), (c, a), (a, b))]
+    weights = np.stack(parts, axis=1)
+    total = weights.sum(axis=1, keepdims=True)
+    return np.where(total > 0, weights / np.where(total > 0, total, 1.0), 1 / 3)

@@ -1,13 +1,14 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.repairing.holes import close_hole, find_holes
 from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
 from cageik_cli.cages.repairing.tidy import (
+    close_hole,
     count_topology_faults,
     drop_unreferenced,
     find_coincident,
     find_fins,
+    find_holes,
     find_inward,
     find_repeated,
     find_turned,

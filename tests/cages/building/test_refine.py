@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.building.influence import find_weak, replace_weak_vertices
 from cageik_cli.cages.building.judge import Demand, judge
+from cageik_cli.cages.building.refine import find_weak, replace_weak_vertices
 from tests.shapes import ball, changed
 
 
