@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import cageik_cli
+from cageik_cli.formats.base.sequence import as_sequence
 from cageik_cli.util.errors import ConnectivityError, SettingError
-from cageik_cli.workflows.build_cage import _read_clip
 
 
 @pytest.fixture(autouse=True)
@@ -175,7 +175,7 @@ def test_a_cage_for_frames_has_their_least_error(animation):
 @pytest.mark.usefixtures("folder")
 def test_frames_for_a_cage_may_be_an_array(animation):
     clip = cageik_cli.load_clip("frames")
-    found = [_read_clip(clip.first, frames, 1).frames for frames in (clip, animation.frames)]
+    found = [np.stack([*as_sequence(one, clip.first)]) for one in (clip, animation.frames)]
     np.testing.assert_array_equal(*found)
 
 

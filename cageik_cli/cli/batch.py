@@ -120,15 +120,11 @@ def batch_command(
     from cageik_cli.cli.github_summary import append_step_summary
     from cageik_cli.cli.progress import LineLogger, show_progress
     from cageik_cli.report.views.markdown import format_markdown
-    from cageik_cli.workflows.batch.dry_run import describe_batch
-    from cageik_cli.workflows.batch.run import run_batch
+    from cageik_cli.workflows.batch.run import describe_batch, run_batch
 
     batch = plan_batch(options, shared)
     if dry_run:
-        described = describe_batch(batch)
-        click.echo(described.text)
-        if described.failing:
-            raise click.exceptions.Exit(1)
+        _show_dry_run(describe_batch(batch))
         return
     chosen = _choose_scheduler(scheduler, jobs)
     with show_progress(not quiet, None, False, LineLogger) as progress:
@@ -154,6 +150,19 @@ def _choose_scheduler(address: str | None, jobs: int) -> "Scheduler":
     from cageik_cli.workflows.batch.processes import ProcessScheduler
 
     return ProcessScheduler(jobs)
+
+
+def _show_dry_run(clips: dict[str, list[tuple[str, str]]]) -> None:
+    """Print what would be done; exit with 1 if a clip would fail."""
+    from cageik_cli.util.text import format_block, format_count
+    from cageik_cli.workflows.batch.run import FAULT_LABEL
+
+    failing = sum(rows[0][0] == FAULT_LABEL for rows in clips.values())
+    lines = [format_block(name, rows) for name, rows in clips.items()]
+    lines.append(f"{failing} of {format_count(len(clips), 'clip')} would fail")
+    click.echo("\n".join(lines))
+    if failing:
+        raise click.exceptions.Exit(1)
 
 
 def _show_overview(overview: "Overview", quiet: bool) -> None:

@@ -14,16 +14,16 @@ from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.files import describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
-from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.formats.open import load_mesh, mesh_suffixes, open_sequence
 from cageik_cli.formats.settings import ClipSettings, RestFrame
-from cageik_cli.geometry.mesh import TriMesh, validate_positions
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.views.cage_build import CageResult
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats, spread_evenly
-from cageik_cli.util.errors import CageikError, ConnectivityError, error_context
+from cageik_cli.util.errors import CageikError, error_context
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
@@ -161,34 +161,11 @@ def build_cage(
     >>> bind(rest, built.cage, accuracy="preview")
     <Binding: 1570 vertices in a cage of 40, harmonic, preview>
     """
-    clip = None if frames is None else _read_clip(mesh, frames, jobs or count_processors())
+    clip, jobs = None, jobs or count_processors()
+    if frames is not None:
+        sequence = as_sequence(frames, mesh)
+        clip = make_measured_clip(mesh, len(sequence), sequence.read_frame, jobs)
     return cage_builder.build_cage(mesh, BuildSettings(vertices, clearance), clip)
-
-
-def _read_clip(mesh: TriMesh, frames: MeshSequence | ArrayLike, jobs: int) -> Clip:
-    """Read some of the frames.
-
-    Raises
-    ------
-    ConnectivityError
-        When they have other vertices than the mesh.
-    """
-    if isinstance(frames, MeshSequence):
-        found: tuple[int, ...] = (len(frames), *frames.first.vertices.shape)
-        read_frame = frames.read_frame
-    else:
-        positions = np.asarray(frames, np.float64)
-        found = positions.shape
-
-        def read_frame(index: int) -> np.ndarray:
-            return validate_positions(positions[index])
-
-    if found[1:] != mesh.vertices.shape or not found[0]:
-        raise ConnectivityError(
-            f"frames have shape {found}, expected (F, {len(mesh.vertices)}, 3) as the mesh has "
-            f"{len(mesh.vertices)} vertices; give frames of this mesh"
-        )
-    return make_measured_clip(mesh, found[0], read_frame, jobs)
 
 
 def make_measured_clip(

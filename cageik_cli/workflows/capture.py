@@ -1,9 +1,10 @@
 """The part of a run that is for captured clips: tolerances, and the solver of their blocks."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
-from cageik_cli.formats.base.sequence import Block
-from cageik_cli.solver.captured import CapturedFrames
+from cageik_cli.formats.base.sequence import Block, MeshSequence
+from cageik_cli.solver.captured import CapturedFrames, FrameWeights
 from cageik_cli.solver.captured_blocks import CapturedBlockSolver
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.robust import RobustSolver
@@ -11,13 +12,17 @@ from cageik_cli.solver.tolerances import choose_tolerance_frames, measure_tolera
 from cageik_cli.util.errors import FileAccessError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.plan import ExtractionPlan
+from cageik_cli.workflows.settings import ExtractSettings
 
 
 def make_capture_solver(
-    plan: ExtractionPlan, solver: DualLaplacianSolver, progress: ProgressListener
-) -> CapturedBlockSolver | None:
-    """Return the solver of blocks in which vertices count differently; None for other clips.
+    solver: DualLaplacianSolver,
+    sequence: MeshSequence,
+    settings: ExtractSettings,
+    frame_weights: FrameWeights | None,
+    progress: ProgressListener,
+) -> CapturedBlockSolver:
+    """Return the solver of blocks in which vertices count differently.
 
     For outliers, some frames are solved twice: their residuals give tolerances, with which those of
     the second time are not led astray by outliers.
@@ -27,36 +32,33 @@ def make_capture_solver(
     InputError
         When one of these frames cannot be read and must not be skipped.
     """
-    if not plan.weighs_frames:
-        return None
-    tolerances = None
-    if plan.settings.capture.robust:
+    capture = CapturedBlockSolver(
+        robust=RobustSolver(solver, None),
+        frame_weights=frame_weights,
+        names=tuple(map(sequence.location, range(len(sequence)))),
+        accepts_gaps=settings.accepts_gaps,
+    )
+    if settings.capture.robust:
         with progress.stage("solve"), limit_blas_threads(1):
             for _ in range(2):
-                capture = _make_solver(plan, RobustSolver(solver, tolerances))
-                tolerances = measure_tolerances(capture.robust, _read_frames(plan, capture))
-    return _make_solver(plan, RobustSolver(solver, tolerances))
+                frames = _read_frames(sequence, capture, settings.skips_bad_frames)
+                tolerances = measure_tolerances(capture.robust, frames)
+                capture = replace(capture, robust=RobustSolver(solver, tolerances))
+    return capture
 
 
-def _make_solver(plan: ExtractionPlan, robust: RobustSolver) -> CapturedBlockSolver:
-    return CapturedBlockSolver(
-        robust=robust,
-        frame_weights=plan.frame_weights,
-        names=tuple(map(plan.sequence.location, range(len(plan.sequence)))),
-        accepts_gaps=plan.settings.accepts_gaps,
-    )
-
-
-def _read_frames(plan: ExtractionPlan, capture: CapturedBlockSolver) -> Iterator[CapturedFrames]:
+def _read_frames(
+    sequence: MeshSequence, capture: CapturedBlockSolver, skips_bad_frames: bool
+) -> Iterator[CapturedFrames]:
     """Read the frames on which tolerances are measured, one by one."""
     is_any = False
-    for index in choose_tolerance_frames(len(plan.sequence)).tolist():
-        if index in plan.sequence.missing:
+    for index in choose_tolerance_frames(len(sequence)).tolist():
+        if index in sequence.missing:
             continue
         try:
-            positions = plan.sequence.read_frame(index)[None]
+            positions = sequence.read_frame(index)[None]
         except InputError:
-            if not plan.settings.skips_bad_frames:
+            if not skips_bad_frames:
                 raise
             continue
         is_any = True

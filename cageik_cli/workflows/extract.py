@@ -1,43 +1,44 @@
-"""The run: blocks of frames through the solver, measured, into the result file."""
+"""The run: one clip on its way from files to a result."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.coordinates.binding import Binding
+from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.obj import encode_exact_obj
-from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
+from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.settings import Scene
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.blocks import BlockExecutor, BlockSolver, SolvedBlock, ThreadExecutor
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.memory_plan import MemoryPlan
-from cageik_cli.solver.regions import MIN_DEVIATION, Region
-from cageik_cli.solver.summary import ClipSummary
+from cageik_cli.solver.settings import CaptureSettings, SolveSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
-from cageik_cli.store.fit_fields import UnfittedClip
 from cageik_cli.store.result import Result, checkpoint_path, read_result, smoothed_path
-from cageik_cli.store.result_writer import ResultHeader, RunSummary, open_result_writer
+from cageik_cli.store.result_writer import ResultHeader
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.errors import error_context
 from cageik_cli.util.files import read_input
 from cageik_cli.util.outputs import write_bytes
-from cageik_cli.util.progress import ProgressListener, locate_note
+from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
+from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
+from cageik_cli.workflows.cached_cage import build_cached
 from cageik_cli.workflows.capture import make_capture_solver
-from cageik_cli.workflows.fit import choose_compared_frames, measure_unfitted
-from cageik_cli.workflows.plan import (
-    ExtractionPlan,
-    build_missing_cage,
-    check_output_path,
-    load_or_compute_binding,
-    plan_extraction,
-)
-from cageik_cli.workflows.regions import find_clip_regions
-from cageik_cli.workflows.resume import open_checkpoint, resume_from_checkpoint
+from cageik_cli.workflows.compose import collect_notes, compose_result
+from cageik_cli.workflows.fit import fit_to_clips
+from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
+from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
+from cageik_cli.workflows.resume import check_output, find_existing, open_checkpoint, recover_blocks
 from cageik_cli.workflows.settings import ExtractSettings
 from cageik_cli.workflows.smooth import run_time_pass
+from cageik_cli.workflows.vertex_weights import VertexWeights, load_vertex_weights
 
 
 def extract(settings: ExtractSettings, progress: ProgressListener | None = None) -> Result:
@@ -50,274 +51,339 @@ def extract(settings: ExtractSettings, progress: ProgressListener | None = None)
     NumericalError
         When the system is singular or the weights cannot be trusted.
     """
-    progress = progress or ProgressListener()
-    check_output_path(settings)
-    with progress.stage("open"):
-        plan = plan_extraction(settings)
-    return run_extraction(plan, progress)
+    return Extraction(settings, progress).run()
 
 
-def run_extraction(
-    plan: ExtractionPlan,
-    progress: ProgressListener | None = None,
-    executor: BlockExecutor | None = None,
-) -> Result:
-    """Run a plan, or return the result that exists already.
+class Extraction:
+    """One clip on its way from files, or from arrays, to its cages.
 
     Parameters
     ----------
+    stored : StoredBinding, optional
+        The weights, if they are known: of this rest pose, cage and settings.
     executor : BlockExecutor, optional
         Solves the blocks of frames; threads of this process by default.
 
-    Raises
-    ------
-    InputError, NumericalError
-        As `extract` does.
-    """
-    progress = progress or ProgressListener()
-    if plan.existing is not None:
-        delete_checkpoint(checkpoint_path(plan.settings.output))
-        delete_checkpoint(smoothed_path(plan.settings.output))
-        progress.note("unchanged", "up to date, nothing to do")
-        _write_cage(plan, plan.existing.cage)
-        return plan.existing
-    plan = build_missing_cage(plan, progress)
-    stored_binding = load_or_compute_binding(plan, progress)
-    _write_cage(plan, stored_binding.binding.cage)
-    # One thread: the matrix is small, and threads that wait for each other take longer.
-    with progress.stage("factor"), limit_blas_threads(1):
-        solver = DualLaplacianSolver(
-            stored_binding.binding, plan.settings.solve, plan.vertex_weights
-        )
-    header = _make_header(plan, stored_binding, solver)
-    executor = executor or ThreadExecutor(plan.settings.jobs)
-    capture = make_capture_solver(plan, solver, progress)
-    block_solver = BlockSolver(
-        plan.sequence, solver, plan.settings.skips_bad_frames, progress, capture
-    )
-    _solve_and_write(plan, RunOutput(header, stored_binding), block_solver, executor)
-    return read_result(plan.settings.output)
-
-
-def _write_cage(plan: ExtractionPlan, cage: TriMesh) -> None:
-    """Write the cage that was built, if that is asked for.
-
-    The file that an interrupted run wrote is kept; another one is replaced only with `overwrite`.
-    """
-    path = plan.settings.cage_output
-    if path is None:
-        return
-    data = encode_exact_obj(cage.vertices, cage.faces)
-    is_kept = plan.settings.resume and path.is_file() and read_input(path) == data
-    if not is_kept:
-        write_bytes(path, data, plan.settings.overwrite)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RunOutput:
-    """What a run writes beside its frames.
-
     Attributes
     ----------
+    settings : ExtractSettings
+        With the number of the rest frame, once it is chosen.
+    existing : Result, optional
+        A complete result of this very run at the output, to be kept as it is.
+    cage : LoadedMesh, optional
+        None when it comes with a binding, or is not built yet.
+    sources : dict
+        Name and digest of each file that was read, all but the frames; and of a cage that was
+        built.
     filled : tuple of int
         Skipped frames whose cages were filled from those around them.
     """
 
-    header: ResultHeader
-    stored: StoredBinding
-    filled: tuple[int, ...] = ()
+    sequence: MeshSequence
+    rest: LoadedMesh
+    block_solver: BlockSolver
+
+    def __init__(
+        self,
+        settings: ExtractSettings,
+        progress: ProgressListener | None = None,
+        *,
+        stored: StoredBinding | None = None,
+        executor: BlockExecutor | None = None,
+    ) -> None:
+        self.settings, self.stored = settings, stored
+        self.progress = progress or ProgressListener()
+        self.executor = executor or ThreadExecutor(settings.jobs)
+        self.existing: Result | None = None
+        self.cage: LoadedMesh | None = None
+        self.vertex_weights = VertexWeights(None)
+        self.sources: dict[str, Any] = {}
+        self.filled: tuple[int, ...] = ()
+
+    @staticmethod
+    def in_memory(
+        sequence: MeshSequence,
+        binding: Binding,
+        vertex_weights: Floats | None,
+        *,
+        solve: SolveSettings,
+        memory: int,
+        jobs: int,
+    ) -> "Extraction":
+        """Begin with a clip and its weights in memory; no result is written, only `run_blocks`."""
+        settings = ExtractSettings((), None, Path(), solve=solve, memory=memory, jobs=jobs)
+        extraction = Extraction(settings, stored=StoredBinding(binding, {}))
+        extraction.sequence, extraction.vertex_weights = sequence, VertexWeights(vertex_weights)
+        extraction.factor()
+        return extraction
+
+    def run(self) -> Result:
+        """Extract the cage of every frame, or return the result that exists already.
+
+        Raises
+        ------
+        InputError, NumericalError
+            As `extract` does.
+        """
+        check_output(self.settings)
+        with self.progress.stage("open"):
+            self.open()
+        if self.existing is not None:
+            return self.keep_existing(self.existing)
+        self._write_cage(self.bind().binding.cage)
+        self.factor()
+        with open_checkpoint(self.settings, self._make_spec()) as checkpoint, limit_blas_threads(1):
+            self.solve(checkpoint)
+            with self.smooth(checkpoint) as complete:
+                self.write(complete)
+        return read_result(self.settings.output)
+
+    def open(self) -> None:
+        """Open the clip and the files that are named beside it, and find a result that is kept.
+
+        Nothing is written; whoever goes on calls `check_output` first.
+
+        Raises
+        ------
+        InputError
+            Naming the file at fault; or when there is another result that may not be overwritten.
+        """
+        settings = self.settings
+        self.sequence, self.rest, index = open_clip_and_choose_rest(
+            settings.frames, settings.clip, settings.rest, settings.rest_frame
+        )
+        self.settings = settings = replace(settings, rest_frame=index or 0)
+        self.cage = load_mesh(settings.cage) if settings.cage is not None else None
+        self.sources = {"rest": self.rest.source}
+        if settings.binding is not None:
+            matching = self.stored or load_matching_binding(settings.binding, self.rest, self.cage)
+            self.stored, self.sources = matching, matching.sources | self.sources
+        elif self.cage is not None:
+            self.sources["cage"] = self.cage.source
+        elif self.stored is not None:
+            self.sources["cage"] = self.stored.sources["cage"]
+        self.vertex_weights = load_vertex_weights(
+            settings.vertex_weights, self.rest, len(self.sequence)
+        )
+        self.sources |= self.vertex_weights.sources
+        settings.capture.check_period(self.scene.fps)
+        if settings.resume:
+            self.existing = find_existing(
+                settings,
+                recorded=self.recorded_settings,
+                sequence=self.sequence,
+                scene=self.scene,
+                sources=self.sources,
+            )
 
     @property
-    def unfitted(self) -> Binding | None:
-        """The binding with the weights before the fit, if the result compares them."""
-        is_compared = self.header.keep_weights and not self.header.has_kept
-        return self.stored.binding.unfitted if is_compared else None
+    def scene(self) -> Scene:
+        """Time and space: as set, else as the clip says, else the defaults."""
+        return self.settings.scene.override(self.sequence.scene.override(Scene()))
 
-    def plan_memory(self, settings: ExtractSettings) -> MemoryPlan:
-        """Plan the blocks of frames beside all weights that are held."""
-        unfitted = self.stored.binding.unfitted
+    @property
+    def recorded_settings(self) -> dict[str, Any]:
+        """The settings on which the numbers depend, as a result file records them."""
+        return self.settings.record(None if self.stored is None else self.stored.binding)
+
+    @property
+    def weighs_frames(self) -> bool:
+        """Whether vertices of one frame may count differently than in another."""
+        settings = self.settings
+        is_asked = settings.capture != CaptureSettings() or settings.clip.missing
+        return is_asked or self.vertex_weights.frames is not None
+
+    def keep_existing(self, result: Result) -> Result:
+        """Delete what an interrupted run has left beside a result that exists already."""
+        delete_checkpoint(checkpoint_path(self.settings.output))
+        delete_checkpoint(smoothed_path(self.settings.output))
+        self.progress.note("unchanged", "up to date, nothing to do")
+        self._write_cage(result.cage)
+        return result
+
+    def bind(self) -> StoredBinding:
+        """Take the weights that are known, or compute and fit them; without a cage, build one.
+
+        The same model gives the same cage each time, so that a checkpoint of it can be continued.
+        """
+        settings, rest, progress = self.settings, self.rest, self.progress
+        if self.stored is not None:
+            with progress.stage("bind"):
+                progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
+                self.stored = self._restore_unfitted(self.stored)
+            return self.stored
+        if self.cage is None:
+            with progress.stage("cage"), error_context(rest.source["name"]):
+                self.cage = build_cached(rest.mesh, settings.build, settings.cache, progress)
+            self.sources["cage"] = self.cage.source
+        with (
+            progress.stage("bind"),
+            error_context(settings.cage or self.cage.source["name"]),
+            suggest_repair(settings.cage, self._find_rest_file()),
+        ):
+            weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
+            self.stored = bind_cached(rest, self.cage, weight_settings, progress)
+        if settings.fit is not None:
+            with progress.stage("fit"):
+                fitted = fit_to_clips(
+                    self.stored.binding,
+                    [self.sequence],
+                    settings.fit,
+                    progress,
+                    solve=settings.solve,
+                    vertex_weights=self.vertex_weights.vertices,
+                    memory=settings.memory,
+                    jobs=settings.jobs,
+                    skips_bad_frames=settings.skips_bad_frames,
+                    cache=settings.cache,
+                )
+            self.stored = replace(self.stored, binding=fitted)
+        return self.stored
+
+    def _restore_unfitted(self, stored: StoredBinding) -> StoredBinding:
+        """Return known weights with those before their fit, which binding files do not hold."""
+        binding, settings = stored.binding, self.settings
+        if binding.fit is None or binding.unfitted is not None or not settings.keep_weights:
+            return stored
+        cage = LoadedMesh(binding.cage, stored.sources["cage"])
+        weight_settings = WeightSettings(binding.settings, settings.cache, settings.jobs)
+        with error_context(settings.binding):
+            unfitted = bind_cached(self.rest, cage, weight_settings, self.progress).binding
+        return replace(stored, binding=replace(binding, unfitted=unfitted))
+
+    def _find_rest_file(self) -> Path | None:
+        """Return the mesh file of the rest pose; None if it is in a file of many frames."""
+        index = self.settings.rest_index
+        return self.settings.rest if index is None else find_rest_file(self.sequence, index)
+
+    def _write_cage(self, cage: TriMesh) -> None:
+        """Write the cage that was built, if that is asked for.
+
+        The file that an interrupted run wrote is kept; another one is replaced only with
+        `overwrite`.
+        """
+        path = self.settings.cage_output
+        if path is None:
+            return
+        data = encode_exact_obj(cage.vertices, cage.faces)
+        is_kept = self.settings.resume and path.is_file() and read_input(path) == data
+        if not is_kept:
+            write_bytes(path, data, self.settings.overwrite)
+
+    @property
+    def binding(self) -> Binding:
+        """The weights, once they are known."""
+        assert self.stored is not None
+        return self.stored.binding
+
+    def factor(self) -> None:
+        """Factor the system of the cages, and choose how blocks of frames are solved."""
+        settings, progress = self.settings, self.progress
+        # One thread: the matrix is small, and threads that wait for each other take longer.
+        with progress.stage("factor"), limit_blas_threads(1):
+            solver = DualLaplacianSolver(self.binding, settings.solve, self.vertex_weights.vertices)
+        capture = None
+        if self.weighs_frames:
+            weights = self.vertex_weights.frames
+            capture = make_capture_solver(solver, self.sequence, settings, weights, progress)
+        self.block_solver = BlockSolver(
+            self.sequence, solver, settings.skips_bad_frames, progress, capture
+        )
+
+    def run_blocks(self, start: int) -> AbstractContextManager[Iterator[SolvedBlock]]:
+        """Open an iterator of the frames from `start` on, solved and measured, in blocks."""
+        unfitted = self.binding.unfitted
         held = 0 if unfitted is None else unfitted.weights.nbytes
-        return MemoryPlan.fit(settings.memory - held, self.header.binding, settings.jobs)
+        plan = MemoryPlan.fit(self.settings.memory - held, self.binding, self.settings.jobs)
+        starts = range(start, len(self.sequence), plan.block_size)
+        return self.executor.run_blocks(self.block_solver, starts, plan)
 
-
-def _solve_and_write(
-    plan: ExtractionPlan, output: RunOutput, block_solver: BlockSolver, executor: BlockExecutor
-) -> None:
-    """Solve the frames that the checkpoint does not hold yet, and compose the result of it."""
-    settings, sequence, progress = plan.settings, plan.sequence, block_solver.progress
-    memory_plan = output.plan_memory(settings)
-    tolerances = None if block_solver.capture is None else block_solver.capture.robust.tolerances
-    spec = _make_run_spec(plan, output.stored, tolerances)
-    # One thread for the products: blocks are solved, and frames read, beside each other.
-    with open_checkpoint(settings, spec) as checkpoint, limit_blas_threads(1):
-        with progress.stage("read"):
-            resume_from_checkpoint(checkpoint, plan, progress)
-        starts = range(checkpoint.frames_done, len(sequence), memory_plan.block_size)
-        with executor.run_blocks(block_solver, starts, memory_plan) as blocks:
+    def solve(self, checkpoint: Checkpoint) -> None:
+        """Solve the frames that the checkpoint does not hold yet."""
+        with self.progress.stage("read"):
+            recover_blocks(checkpoint, self.sequence, self.settings, self.progress)
+        with self.run_blocks(checkpoint.frames_done) as blocks:
             for block in blocks:
-                with progress.stage("write"):
+                with self.progress.stage("write"):
                     checkpoint.append(block)
-                progress.update(block.stop, len(sequence))
-        if not settings.capture.needs_time_pass or len(checkpoint.summary.skipped) == len(sequence):
-            with progress.stage("write"):
-                _write_result(plan, output, checkpoint)
+                self.progress.update(block.stop, len(self.sequence))
+
+    @contextmanager
+    def smooth(self, checkpoint: Checkpoint) -> Iterator[Checkpoint]:
+        """Open a checkpoint with the cages smoothed and filled over time, if that is asked for."""
+        settings = self.settings
+        is_empty = len(checkpoint.summary.skipped) == len(self.sequence)
+        if is_empty or not settings.capture.needs_time_pass:
+            yield checkpoint
             return
         path = smoothed_path(settings.output)
         smoothed = Checkpoint.open(path, checkpoint.spec, resume=False, overwrite=True)
         try:
-            filled = run_time_pass(plan, block_solver, checkpoint, smoothed)
-            with progress.stage("write"):
-                _write_result(plan, replace(output, filled=filled), smoothed)
+            self.filled = run_time_pass(
+                self.block_solver,
+                checkpoint,
+                smoothed,
+                settings=settings.capture,
+                fps=self.scene.fps,
+                jobs=settings.jobs,
+            )
+            yield smoothed
         finally:
             smoothed.discard()
 
-
-def _write_result(plan: ExtractionPlan, run_output: RunOutput, checkpoint: Checkpoint) -> None:
-    """Compose the result of a complete checkpoint, whose blocks are read once, in order."""
-    header, output, summary = run_output.header, plan.settings.output, checkpoint.summary
-    if len(summary.skipped) == len(header.frames):
-        raise FileAccessError(f"no frame can be read, the first: {summary.skipped[0]}")
-    regions = find_clip_regions(header.binding, summary)
-    key_frames = _find_key_frames(plan, summary, regions)
-    replaces = plan.settings.overwrite or plan.settings.resume
-    temporary = output.with_name(f"{output.name}.whole.partial")
-    with open_result_writer(output, header, replaces, temporary) as result:
-        key_meshes: dict[int, Floats] = {}
-        binding = header.binding
-        for block in checkpoint.blocks():
-            kept = None if block.kept is None else block.kept.metrics
-            result.append(block.cages, block.rotations, block.metrics, kept)
-            inside = [k for k in key_frames if block.start <= k < block.stop]
-            key_meshes |= {k: _rebuild_frame(binding, block, k) for k in inside}
-        errors = [
-            _reread_frame(plan.sequence, k, summary.digests[k]) - key_meshes[k] for k in key_frames
-        ]
-        result.complete(
-            RunSummary(
-                sources=plan.collect_sources(),
-                skipped=summary.skipped,
-                vertex_rms=summary.vertex_rms,
-                key_frames=np.array(key_frames),
-                key_frame_errors=np.array(errors),
-                regions=regions,
-                bound=summary.measure_bound(len(binding.cage.vertices)),
-                filled=run_output.filled,
-                unfitted=_measure_unfitted(plan, run_output, summary, key_frames),
+    def write(self, checkpoint: Checkpoint) -> None:
+        """Compose the result of a checkpoint that holds all frames."""
+        settings, solver = self.settings, self.block_solver.solver
+        assert self.stored is not None
+        header = ResultHeader(
+            binding=self.binding,
+            quality=solver.quality,
+            frames=self.sequence.names,
+            scene=self.scene,
+            settings=self.recorded_settings,
+            notes=collect_notes(self.stored, self.rest, self.sequence, solver.missing_count),
+            keep_weights=settings.keep_weights,
+            has_kept=self.weighs_frames,
+        )
+        with self.progress.stage("write"):
+            compose_result(
+                settings.output,
+                header,
+                checkpoint,
+                sequence=self.sequence,
+                sources=self.sources,
+                rest_index=settings.rest_index,
+                filled=self.filled,
+                unfitted=self._make_unfitted_solver(),
+                overwrite=settings.overwrite or settings.resume,
             )
+
+    def _make_unfitted_solver(self) -> DualLaplacianSolver | None:
+        """Return the solver with the weights before the fit, if the result compares them."""
+        before, settings = self.binding.unfitted, self.settings
+        if before is None or not settings.keep_weights or self.weighs_frames:
+            return None
+        return DualLaplacianSolver(before, settings.solve, self.vertex_weights.vertices)
+
+    def _make_spec(self) -> RunSpec:
+        """Return what this run has to do, by which an interrupted one is known again."""
+        binding, weights = self.binding, self.vertex_weights.vertices
+        capture = self.block_solver.capture
+        tolerances = None if capture is None else capture.robust.tolerances
+        is_fitted_here = self.settings.fit is not None
+        given = (binding.unfitted if is_fitted_here else None) or binding
+        arrays = [binding.rest.vertices, binding.rest.faces]
+        arrays += [binding.cage.vertices, binding.cage.faces, given.weights]
+        arrays += [] if weights is None else [weights]
+        found = [] if tolerances is None else [tolerances]
+        if not is_fitted_here:
+            arrays += found
+        return RunSpec(
+            frames=list(self.sequence.names),
+            settings=self.recorded_settings,
+            sources=self.sources,
+            key=compute_key({}, *arrays),
+            fit=compute_key({}, binding.weights, *found) if is_fitted_here else "",
+            vertices=len(binding.rest.vertices),
+            cage_vertices=len(binding.cage.vertices),
         )
-
-
-def _measure_unfitted(
-    plan: ExtractionPlan, output: RunOutput, summary: ClipSummary, key_frames: list[int]
-) -> UnfittedClip | None:
-    """Measure some frames with the weights before the fit, if the result compares them."""
-    if output.unfitted is None:
-        return None
-    known = np.setdiff1d(np.arange(summary.frames_done), list(summary.skipped))
-    return measure_unfitted(
-        DualLaplacianSolver(output.unfitted, plan.settings.solve, plan.vertex_weights),
-        output.header.binding,
-        choose_compared_frames(known, key_frames),
-        key_frames,
-        read=lambda k: _reread_frame(plan.sequence, k, summary.digests[k]),
-    )
-
-
-def _find_key_frames(
-    plan: ExtractionPlan, summary: ClipSummary, regions: tuple[Region, ...]
-) -> list[int]:
-    """Return the worst, the median and the best frame, and that of the worst region.
-
-    Where some frames deviate, those that the rest cage gives exactly are the rest pose: they say
-    nothing of the best frame.
-    """
-    is_rest = summary.frame_rms <= MIN_DEVIATION * plan.rest.mesh.diagonal
-    if (is_rest | np.isnan(summary.frame_rms)).all():
-        is_rest = np.zeros_like(is_rest)
-    if plan.rest_index is not None:
-        is_rest[plan.rest_index] = True
-    frames: list[int] = summary.find_key_frames(is_rest).tolist()
-    return frames + [region.frame for region in regions[:1] if region.frame not in frames]
-
-
-def _rebuild_frame(binding: Binding, block: SolvedBlock, frame: int) -> Floats:
-    """Return the mesh, (m, 3), that the cage of a frame gives."""
-    one = slice(frame - block.start, frame - block.start + 1)
-    return np.asarray(reconstruct_frames(binding, block.cages[one], block.rotations[one])[0])
-
-
-def _reread_frame(sequence: MeshSequence, index: int, digest: bytes) -> Floats:
-    """Read a frame that was solved again, unless its file has changed since."""
-    vertices = sequence.read_frame(index)
-    if sequence.digest(index) != digest:
-        raise FileAccessError(
-            f"{sequence.location(index)}: changed during the run; run again with --resume"
-        )
-    return vertices
-
-
-def _make_header(
-    plan: ExtractionPlan, stored_binding: StoredBinding, solver: DualLaplacianSolver
-) -> ResultHeader:
-    return ResultHeader(
-        binding=stored_binding.binding,
-        quality=solver.quality,
-        frames=plan.sequence.names,
-        scene=plan.scene,
-        settings=plan.recorded_settings,
-        notes=_collect_notes(plan, stored_binding, solver.missing_count),
-        keep_weights=plan.settings.keep_weights,
-        has_kept=plan.weighs_frames,
-    )
-
-
-def _make_run_spec(
-    plan: ExtractionPlan, stored: StoredBinding, tolerances: Floats | None
-) -> RunSpec:
-    binding, weights = stored.binding, plan.vertex_weights
-    is_fitted_here = plan.settings.fit is not None
-    given = (binding.unfitted if is_fitted_here else None) or binding
-    arrays = [binding.rest.vertices, binding.rest.faces, binding.cage.vertices, binding.cage.faces]
-    arrays += [given.weights] if weights is None else [given.weights, weights]
-    found = [] if tolerances is None else [tolerances]
-    if not is_fitted_here:
-        arrays += found
-    return RunSpec(
-        frames=list(plan.sequence.names),
-        settings=plan.recorded_settings,
-        sources=plan.sources,
-        key=compute_key({}, *arrays),
-        fit=compute_key({}, binding.weights, *found) if is_fitted_here else "",
-        vertices=len(binding.rest.vertices),
-        cage_vertices=len(binding.cage.vertices),
-    )
-
-
-def _collect_notes(
-    plan: ExtractionPlan, stored_binding: StoredBinding, missing: int
-) -> tuple[str, ...]:
-    rest = plan.rest
-    cage = stored_binding.sources["cage"]["name"]
-    notes = [
-        *(locate_note(cage, note) for note in stored_binding.binding.notes),
-        *(locate_note(rest.source["name"], note) for note in rest.notes),
-        *plan.sequence.notes,
-    ]
-    if not rest.mesh.is_closed:
-        holes = np.count_nonzero(~rest.mesh.edges.is_balanced)
-        notes.append(
-            f"the model is open ({holes} edges without a counterpart), so its volume is not "
-            "defined and volume figures are left out"
-        )
-    elif not rest.mesh.is_body:
-        notes.append(
-            f"the model is closed, but a sheet: its volume, {rest.mesh.volume:.3g}, is at most "
-            f"{MIN_VOLUME_RATIO:g} of its area times its diagonal, so changes of volume are left "
-            "out"
-        )
-    elif missing:
-        notes.append(
-            f"{missing} vertices of weight 0 are missing data, so volumes of frames are not "
-            "known and volume figures are left out"
-        )
-    return tuple(notes)

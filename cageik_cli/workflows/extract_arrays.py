@@ -1,7 +1,6 @@
 """Extract the cages of a clip into arrays, without files."""
 
-from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -11,17 +10,15 @@ from numpy.typing import ArrayLike
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
-from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.geometry.mesh import validate_positions
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.solver.fitting.record import FitSettings
-from cageik_cli.solver.memory_plan import MemoryPlan
-from cageik_cli.solver.metrics import METRIC_NAMES, FrameMetrics, check_finite, measure
+from cageik_cli.solver.metrics import METRIC_NAMES, FrameMetrics
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import make_vertex_weights
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Workspace
-from cageik_cli.util.errors import ConnectivityError, SettingError
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
+from cageik_cli.util.errors import SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
+from cageik_cli.workflows.extract import Extraction
 from cageik_cli.workflows.fit import fit_weights
 
 ReportProgress = Callable[[int, int], None]
@@ -158,37 +155,31 @@ def extract(
     """
     jobs = jobs or count_processors()
     binding = _bind_built_cage(clip, binding, cage_vertices, jobs)
-    count = len(binding.rest.vertices)
-    frames = _Frames(clip, count)
+    sequence, solve = as_sequence(clip, binding.rest), SolveSettings(alpha, beta, align)
     if fit is not None:
         binding = fit_weights(
             binding,
-            [clip],
+            [sequence],
             fit,
-            solve=SolveSettings(alpha, beta, align),
+            solve=solve,
             vertex_weights=vertex_weights,
             memory=memory,
             jobs=jobs,
         ).binding
     weights = make_vertex_weights(vertex_weights, binding.rest)
-    plan = MemoryPlan.fit(memory, binding, jobs)
+    extraction = Extraction.in_memory(
+        sequence, binding, weights, solve=solve, memory=memory, jobs=jobs
+    )
     cages: list[Floats] = []
     rotations: list[Floats] = []
     metrics: list[FrameMetrics] = []
-    done, workspace = 0, Workspace()
-    with limit_blas_threads(1), closing(frames.blocks(plan.block_size, jobs)) as blocks:
-        solver = DualLaplacianSolver(binding, SolveSettings(alpha, beta, align), weights)
+    with limit_blas_threads(1), extraction.run_blocks(0) as blocks:
         for block in blocks:
-            solution = solver.solve(block, workspace)
-            rebuilt, counted = solution.reconstructions, solver.data_vertices
-            measured = measure(binding.rest, block, rebuilt, counted, workspace).metrics
-            check_finite(done, solution.cages, measured)
-            cages.append(solution.cages)
-            rotations.append(solution.rotations)
-            metrics.append(measured)
-            done += len(block)
+            cages.append(block.cages)
+            rotations.append(block.rotations)
+            metrics.append(block.metrics)
             if progress is not None:
-                progress(done, len(frames))
+                progress(block.stop, len(sequence))
     return CageAnimation(
         binding, np.concatenate(cages), _join_metrics(metrics), np.concatenate(rotations)
     )
@@ -226,35 +217,3 @@ def _join_metrics(parts: Sequence[FrameMetrics]) -> FrameMetrics:
         name: np.concatenate([getattr(part, name) for part in parts]) for name in METRIC_NAMES
     }
     return FrameMetrics(**columns)
-
-
-class _Frames:
-    """The frames of a clip or of an array, in blocks of positions (k, m, 3)."""
-
-    def __init__(self, clip: MeshSequence | ArrayLike, count: int) -> None:
-        if isinstance(clip, MeshSequence):
-            self._clip: MeshSequence | Floats = clip
-            found = clip.first.vertices.shape
-        else:
-            self._clip = np.asarray(clip, np.float64)
-            found = self._clip.shape[1:]
-        if found != (count, 3) or not len(self._clip):
-            raise ConnectivityError(
-                f"frames have shape {('F', *found)}, expected (F, {count}, 3) as the binding has "
-                f"{count} vertices; bind the rest pose of this clip"
-            )
-
-    def __len__(self) -> int:
-        return len(self._clip)
-
-    def blocks(self, size: int, jobs: int) -> Generator[Floats]:
-        """Return the positions of all frames, at most `size` in a block."""
-        clip = self._clip
-        if isinstance(clip, MeshSequence):
-            with closing(clip.blocks(size, jobs)) as blocks:
-                for block in blocks:
-                    block.raise_read_errors()
-                    yield block.positions
-            return
-        for start in range(0, len(clip), size):
-            yield np.stack([validate_positions(frame) for frame in clip[start : start + size]])

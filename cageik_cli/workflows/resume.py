@@ -1,15 +1,120 @@
-"""The checkpoint of a run: opened, continued where an interrupted run ended, deleted at the end."""
+"""What is at the output of a run already: its result, or the checkpoint of an interrupted run."""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import Any
 
+from cageik_cli import __version__
+from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
+from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.settings import Scene
 from cageik_cli.solver.blocks import SolvedBlock
-from cageik_cli.store.checkpoint import Checkpoint, RunSpec
-from cageik_cli.store.result import checkpoint_path
+from cageik_cli.store.checkpoint import (
+    Checkpoint,
+    RunSpec,
+    check_checkpoint_path,
+    checkpoint_progress,
+)
+from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
+from cageik_cli.util.errors import CheckpointError, InputError
+from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.plan import ExtractionPlan
+from cageik_cli.workflows.cached_cage import check_cage_output
 from cageik_cli.workflows.settings import ExtractSettings
+
+
+def check_output(settings: ExtractSettings) -> None:
+    """Refuse, before any work, to write over a result or a checkpoint.
+
+    Raises
+    ------
+    InputError
+        Naming the file and what to do.
+    """
+    may_replace = settings.overwrite or settings.resume
+    check_writable(settings.output, may_replace)
+    check_hdf5_suffix(settings.output)
+    path = checkpoint_path(settings.output)
+    check_checkpoint_path(path)
+    if path.exists() and not may_replace:
+        done, count = checkpoint_progress(path)
+        raise CheckpointError(
+            f"{path}: checkpoint found ({done} of {count} frames): continue with `resume` or start "
+            "over with `overwrite`"
+        )
+    if settings.cage_output is not None:
+        check_cage_output(settings.cage_output, may_replace)
+
+
+def find_existing(
+    settings: ExtractSettings,
+    *,
+    recorded: dict[str, Any],
+    sequence: MeshSequence,
+    scene: Scene,
+    sources: dict[str, Any],
+) -> Result | None:
+    """Return the result that is at the output if the run would make the same; else None.
+
+    Parameters
+    ----------
+    recorded : dict
+        The settings as the result of the run records them.
+    sources : dict
+        Name and digest of each file that was read, all but the frames.
+
+    Raises
+    ------
+    InputError
+        When there is another result, or something else, or a result with gaps where the run
+        allows none; unless it may be overwritten.
+    """
+    if not settings.output.exists():
+        return None
+    try:
+        result = read_result(settings.output)
+        sources = sources | {"frames": sequence.describe_source()}
+        if settings.builds_cage and "cage" in result.sources:
+            sources["cage"] = result.sources["cage"]  # it follows from the other files
+        _check_same(
+            result,
+            {
+                "another version of cageik": result.version == __version__,
+                "other settings": result.settings == recorded
+                and has_weights(result) == settings.keep_weights,
+                "other frames": result.frames == sequence.names,
+                "another scene": result.scene == scene,
+                "other files": result.sources == sources,
+            },
+        )
+        if not settings.accepts_gaps:
+            _check_no_gaps(result, sequence)
+    except InputError:
+        if settings.overwrite:
+            return None
+        raise
+    return result
+
+
+def _check_same(result: Result, is_same: dict[str, bool]) -> None:
+    """Refuse a result of another run; the keys say of what it is then."""
+    for what, holds in is_same.items():
+        if not holds:
+            raise CheckpointError(
+                f"{result.path}: is the result of {what}; choose another name, or replace it with "
+                "`overwrite`"
+            )
+
+
+def _check_no_gaps(result: Result, sequence: MeshSequence) -> None:
+    """Refuse a result in which frames were skipped, other than those without files."""
+    skipped = [why for k, why in result.skipped.items() if k not in sequence.missing]
+    if skipped:
+        raise CheckpointError(
+            f"{result.path}: {len(skipped)} frames are skipped in it, the first: {skipped[0]}; "
+            "repair them and use `overwrite`, or accept the gaps with `on_bad_frame=skip`"
+        )
 
 
 @contextmanager
@@ -26,7 +131,7 @@ def open_checkpoint(settings: ExtractSettings, spec: RunSpec) -> Iterator[Checkp
         kept = checkpoint.count_frames()
         if kept:
             error.add_note(
-                f"{kept} of {len(spec.frames)} frames are kept in {path}; continue with --resume"
+                f"{kept} of {len(spec.frames)} frames are kept in {path}; continue with `resume`"
             )
             checkpoint.close()
         else:
@@ -35,8 +140,11 @@ def open_checkpoint(settings: ExtractSettings, spec: RunSpec) -> Iterator[Checkp
     checkpoint.discard()
 
 
-def resume_from_checkpoint(
-    checkpoint: Checkpoint, plan: ExtractionPlan, progress: ProgressListener
+def recover_blocks(
+    checkpoint: Checkpoint,
+    sequence: MeshSequence,
+    settings: ExtractSettings,
+    progress: ProgressListener,
 ) -> None:
     """Take over what an interrupted run has solved, and say from where this run continues.
 
@@ -50,33 +158,24 @@ def resume_from_checkpoint(
         all that it holds.
     """
     changed: list[int] = []
-    with ThreadPoolExecutor(plan.settings.jobs) as pool:
+    with ThreadPoolExecutor(settings.jobs) as pool:
 
         def is_current(block: SolvedBlock) -> bool:
-            changed[:] = _find_changed_frames(block, plan, pool)
+            digests = pool.map(sequence.digest_or_zeros, range(block.start, block.stop))
+            pairs = enumerate(zip(digests, block.digests, strict=True), block.start)
+            changed[:] = [k for k, (now, then) in pairs if now != then]
+            if not settings.skips_bad_frames:
+                changed.extend(set(block.skipped) - sequence.missing)
+                for k in sorted(changed):
+                    # The run would stop at a frame that cannot be read, and lose blocks after it.
+                    sequence.read_frame(k)
             return not changed
 
         checkpoint.recover(is_current)
-    count, done = len(plan.sequence), checkpoint.frames_done
+    count, done = len(sequence), checkpoint.frames_done
     if done or changed or checkpoint.has_other_fit:
-        reason = f" ({plan.sequence.names[min(changed)]} has changed)" if changed else ""
+        reason = f" ({sequence.names[min(changed)]} has changed)" if changed else ""
         if checkpoint.has_other_fit:
             reason = " (its weights were fitted to other frames)"
         progress.note("resumed", f"from frame {done} of {count}{reason}")
         progress.update(done, count)
-
-
-def _find_changed_frames(
-    block: SolvedBlock, plan: ExtractionPlan, pool: ThreadPoolExecutor
-) -> list[int]:
-    """Return the frames of a block that must be solved again."""
-    sequence = plan.sequence
-    digests = pool.map(sequence.digest_or_zeros, range(block.start, block.stop))
-    pairs = enumerate(zip(digests, block.digests, strict=True), block.start)
-    changed = [k for k, (now, then) in pairs if now != then]
-    if not plan.settings.skips_bad_frames:
-        changed += set(block.skipped) - sequence.missing
-        for k in sorted(changed):
-            # The run would stop at a frame that cannot be read, and lose the blocks after it.
-            sequence.read_frame(k)
-    return changed

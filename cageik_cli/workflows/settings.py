@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import list_input_files
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
@@ -145,10 +146,35 @@ class ExtractSettings(CommandSettings):
                 "out, or store few numbers by --fit-rank"
             )
 
-    def describe_capture(self) -> dict[str, Any]:
-        """Return what is done for captured clips as a result records it; empty for nothing."""
-        chosen = asdict(self.capture) | {"missing": self.clip.missing}
-        return {name: value for name, value in chosen.items() if value}
+    def record(self, known: Binding | None) -> dict[str, Any]:
+        """Return the settings on which the numbers depend, as a result file records them.
+
+        Parameters
+        ----------
+        known : Binding, optional
+            Weights that come from a binding file: how they were computed and fitted counts.
+        """
+        weights, fit = self.vertex_weights, self.fit
+        if fit is None and known is not None and known.fit is not None:
+            fit = known.fit.settings
+        built = {"cage_vertices": self.build.vertices, "cage_clearance": self.build.clearance}
+        captured = asdict(self.capture) | {"missing": self.clip.missing}
+        return {
+            "alpha": self.solve.alpha,
+            "beta": self.solve.beta,
+            "align": self.solve.align,
+            **asdict(self.bind if known is None else known.settings),
+            "rest_frame": self.rest_index,
+            "vertex_weights": weights if isinstance(weights, str) else weights is not None,
+            **(built if self.builds_cage else {}),
+            **({} if fit is None else fit.describe()),
+            **{name: value for name, value in captured.items() if value},
+        }
+
+    @property
+    def rest_index(self) -> int | None:
+        """The number of the rest pose in the clip, once chosen; None if it is a file."""
+        return int(self.rest_frame) if self.rest is None else None
 
     @property
     def builds_cage(self) -> bool:

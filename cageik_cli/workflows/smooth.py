@@ -8,18 +8,17 @@ from functools import cached_property
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
-from cageik_cli.formats.base.sequence import Block
+from cageik_cli.formats.base.sequence import Block, MeshSequence
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.captured_blocks import CapturedBlockSolver, SolvedFrames
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.solver.memory_plan import choose_block_size
-from cageik_cli.solver.settings import AUTO_SMOOTHING
+from cageik_cli.solver.settings import AUTO_SMOOTHING, CaptureSettings
 from cageik_cli.solver.smooth import FrameTerms, TimeSmoother
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.util.arrays import Floats, Mask
 from cageik_cli.util.errors import FileAccessError, InputError
-from cageik_cli.workflows.plan import ExtractionPlan
 
 MAX_FILLED_GAP = 48
 """Frames of a gap that is filled, at most."""
@@ -53,12 +52,15 @@ class TimePass:
     """
 
     def __init__(
-        self, plan: ExtractionPlan, capture: CapturedBlockSolver, checkpoint: Checkpoint
+        self,
+        solver: DualLaplacianSolver,
+        checkpoint: Checkpoint,
+        settings: CaptureSettings,
+        fps: float,
     ) -> None:
-        self._capture, self._checkpoint = capture, checkpoint
-        self._solver = capture.robust.solver
-        self._settings, self._fps = plan.settings.capture, plan.scene.fps
-        self._count = len(plan.sequence)
+        self._solver, self._checkpoint = solver, checkpoint
+        self._settings, self._fps = settings, fps
+        self._count = len(checkpoint.spec.frames)
         self._smoother = TimeSmoother(self._solver)
         self._is_known = np.ones(self._count, bool)
         self._is_known[list(checkpoint.summary.skipped)] = False
@@ -201,11 +203,17 @@ def find_rotations(binding: Binding, solver: DualLaplacianSolver, cages: Floats)
 
 
 def run_time_pass(
-    plan: ExtractionPlan, block_solver: BlockSolver, checkpoint: Checkpoint, output: Checkpoint
+    block_solver: BlockSolver,
+    checkpoint: Checkpoint,
+    output: Checkpoint,
+    *,
+    settings: CaptureSettings,
+    fps: float,
+    jobs: int,
 ) -> tuple[int, ...]:
     """Smooth and fill the frames of a checkpoint, and append them to another.
 
-    Frames are read again where their figures change.
+    Frames are read again, by `jobs` threads, where their figures change.
 
     Returns
     -------
@@ -217,14 +225,14 @@ def run_time_pass(
     InputError
         When a frame has changed since it was solved.
     """
-    capture, progress = block_solver.capture, block_solver.progress
+    capture, progress, sequence = block_solver.capture, block_solver.progress, block_solver.sequence
     assert isinstance(capture, CapturedBlockSolver)
-    time_pass, filled = TimePass(plan, capture, checkpoint), []
+    time_pass, filled = TimePass(block_solver.solver, checkpoint, settings, fps), []
     size = choose_block_size(checkpoint.spec.vertices)
-    frames = _cut_into_blocks(time_pass.run(), size, len(plan.sequence))
+    frames = _cut_into_blocks(time_pass.run(), size, len(sequence))
     with progress.stage("smooth"):
         gamma = time_pass.gamma
-    with closing(_read_blocks(plan, size, is_needed=gamma > 0)) as reads:
+    with closing(_read_blocks(sequence, size, jobs, is_needed=gamma > 0)) as reads:
         for solved in checkpoint.blocks():
             with progress.stage("smooth"):
                 smoothed = next(frames)
@@ -232,17 +240,19 @@ def run_time_pass(
                 block = next(reads)
             if gamma:
                 with progress.stage("measure"):
-                    solved = _measure_again(plan, capture, solved, smoothed, block)
+                    solved = _measure_again(sequence, capture, solved, smoothed, block)
             output.append(_set_filled(capture, solved, smoothed))
             filled += (np.flatnonzero(smoothed.is_filled) + smoothed.start).tolist()
     return tuple(filled)
 
 
-def _read_blocks(plan: ExtractionPlan, size: int, is_needed: bool) -> Generator[Block | None]:
+def _read_blocks(
+    sequence: MeshSequence, size: int, jobs: int, is_needed: bool
+) -> Generator[Block | None]:
     if not is_needed:
         while True:
             yield None
-    yield from plan.sequence.blocks(size, plan.settings.jobs)
+    yield from sequence.blocks(size, jobs)
 
 
 def _cut_into_blocks(
@@ -260,7 +270,7 @@ def _cut_into_blocks(
 
 
 def _measure_again(
-    plan: ExtractionPlan,
+    sequence: MeshSequence,
     capture: CapturedBlockSolver,
     solved: SolvedBlock,
     smoothed: SmoothedFrames,
@@ -269,11 +279,11 @@ def _measure_again(
     """Return a block with smoothed cages, and what is left of its residuals."""
     assert block is not None
     assert solved.kept is not None
-    sequence, binding = plan.sequence, capture.robust.solver.binding
+    binding = capture.robust.solver.binding
     for k, digest in enumerate(solved.digests, solved.start):
         if sequence.digest_or_zeros(k) != digest:
             raise FileAccessError(
-                f"{sequence.location(k)}: changed during the run; run again with --resume"
+                f"{sequence.location(k)}: changed during the run; run again with `resume`"
             )
     skipped = np.array(sorted(solved.skipped), np.int64) - solved.start
     cages = smoothed.cages.copy()

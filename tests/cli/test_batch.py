@@ -20,7 +20,7 @@ import cageik_cli.report
 from cageik_cli.store.checkpoint import MAGIC
 from cageik_cli.store.result import read_result
 from cageik_cli.workflows import cached_cage
-from cageik_cli.workflows.batch.clip_task import run_clip
+from cageik_cli.workflows.batch.jobs import run_clip
 from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER
 
 BATCH = ("batch", "anim", "-o", "out", "--no-pages")

@@ -12,15 +12,10 @@ from cageik_cli.solver.regions import Cause
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.result import read_result
 from cageik_cli.store.result_frames import read_binding, read_key_frames
-from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows import regions
+from cageik_cli.workflows import compose
 from cageik_cli.workflows.edit import EditSettings, edit
-from cageik_cli.workflows.extract import extract, run_extraction
-from cageik_cli.workflows.plan import (
-    ExtractSettings,
-    load_or_compute_binding,
-    plan_extraction,
-)
+from cageik_cli.workflows.extract import Extraction, extract
+from cageik_cli.workflows.settings import ExtractSettings
 from tests.cages.test_sections import trousers
 from tests.shapes import box, finer
 
@@ -86,11 +81,12 @@ def test_a_clip_that_is_met_has_no_regions(fixtures_folder, tmp_path):
 @pytest.mark.parametrize("is_loose", [True, False, None])
 def test_what_the_bind_found_of_the_room_is_not_measured_again(plain, is_loose, monkeypatch):
     measured = []
-    monkeypatch.setattr(regions, "has_too_much_room", lambda *_: measured.append(1) or True)
-    plan = plan_extraction(plain)
-    stored = load_or_compute_binding(plan, ProgressListener())
+    monkeypatch.setattr(compose, "has_too_much_room", lambda *_: measured.append(1) or True)
+    extraction = Extraction(plain)
+    extraction.open()
+    stored = extraction.bind()
     stored = replace(stored, binding=replace(stored.binding, has_loose_cage=is_loose))
-    result = run_extraction(plan_extraction(plain, stored))
+    result = Extraction(plain, stored=stored).run()
     causes = {region.cause for region in result.regions}
     assert (causes == {Cause.LOOSE_CAGE}) == (is_loose is not False)
     assert bool(measured) == (is_loose is None)

@@ -14,8 +14,7 @@ from cageik_cli.util.errors import CheckpointError
 from cageik_cli.workflows import rest_frame as module
 from cageik_cli.workflows.build_cage import CageSettings, build_cage_file
 from cageik_cli.workflows.check import CheckSettings, check_cage
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.plan import plan_extraction
+from cageik_cli.workflows.extract import Extraction, extract
 from cageik_cli.workflows.rest_frame import choose_rest_frame, open_clip_and_choose_rest
 from cageik_cli.workflows.settings import ExtractSettings
 from tests.shapes import box
@@ -82,10 +81,11 @@ def test_a_result_is_that_of_the_chosen_number(clip):
 def test_a_result_is_up_to_date_for_the_number_and_for_the_choice(clip):
     extract(clip)
     for rest_frame in ("auto", 2):
-        plan = plan_extraction(replace(clip, resume=True, rest_frame=rest_frame))
-        assert plan.existing is not None
+        extraction = Extraction(replace(clip, resume=True, rest_frame=rest_frame))
+        extraction.open()
+        assert extraction.existing is not None
     with pytest.raises(CheckpointError, match="other settings"):
-        plan_extraction(replace(clip, resume=True, rest_frame=1))
+        Extraction(replace(clip, resume=True, rest_frame=1)).open()
 
 
 def test_a_rest_pose_from_a_file_is_not_chosen(clip):

@@ -61,7 +61,7 @@ def interrupted(settings, after):
 @pytest.mark.parametrize("after", [1, 2, 4, 5])
 def test_a_resumed_run_gives_the_same_bytes(plain, whole, after):
     error = interrupted(plain, after)
-    kept = f"{after} of 5 frames are kept in cages.h5.partial; continue with --resume"
+    kept = f"{after} of 5 frames are kept in cages.h5.partial; continue with `resume`"
     assert error.__notes__ == [kept]
     assert checkpoint_progress(LOG) == (after, 5)
     watch = Stopped()
@@ -139,7 +139,7 @@ def test_an_existing_result_is_found_before_weights_are_computed(plain, whole, m
     def bind(*given):
         raise AssertionError("bound")
 
-    monkeypatch.setattr("cageik_cli.workflows.extract.load_or_compute_binding", bind)
+    monkeypatch.setattr("cageik_cli.workflows.extract.bind_cached", bind)
     assert extract(replace(plain, resume=True)).path.read_bytes() == whole
     with pytest.raises(AssertionError, match="bound"):
         extract(replace(plain, resume=True, overwrite=True, keep_weights=False))
@@ -201,7 +201,7 @@ def test_resume_does_not_replace_another_result(plain, whole, change, says):
 
 def test_a_result_of_another_version_is_another_result(plain, whole, monkeypatch):
     extract(plain)
-    monkeypatch.setattr("cageik_cli.workflows.plan.__version__", "9.9")
+    monkeypatch.setattr("cageik_cli.workflows.resume.__version__", "9.9")
     with pytest.raises(CheckpointError, match=r"cages\.h5: .*another version"):
         extract(replace(plain, resume=True))
     assert Path("cages.h5").read_bytes() == whole

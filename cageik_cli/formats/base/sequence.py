@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.geometry.mesh import TriMesh, validate_known_positions, validate_positions
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import (
+    ConnectivityError,
     FormatError,
     InputError,
     MissingFrameError,
@@ -239,6 +241,50 @@ class MeshSequence(ABC):
         """
         with FramePrefetcher(self, jobs, size, range(start, len(self))) as frames:
             yield from frames.blocks(size)
+
+
+class ArraySequence(MeshSequence):
+    """Frames in an array (F, m, 3), as a clip in the connectivity of a rest pose of m vertices."""
+
+    def __init__(self, frames: Floats, rest: TriMesh) -> None:
+        self._frames, self.first = frames, rest
+        self.names = tuple(f"frame {k}" for k in range(len(frames)))
+
+    def read_positions(self, index: int) -> Floats:
+        """Return the vertices of one frame."""
+        return np.asarray(self._frames[index])
+
+    def digest(self, index: int) -> bytes:
+        """Return zeros: a frame comes from no file."""
+        return bytes(hashlib.sha256().digest_size)
+
+    def set_digests(self, start: int, digests: Sequence[bytes]) -> None:
+        """Take nothing: there are no files."""
+
+    def describe_source(self) -> dict[str, Any]:
+        """Return a name, and a digest of all frames."""
+        return {"name": "array", "sha256": hashlib.sha256(self._frames.tobytes()).hexdigest()}
+
+
+def as_sequence(clip: MeshSequence | ArrayLike, rest: TriMesh) -> MeshSequence:
+    """Return a clip of a rest pose, or an array (F, m, 3) of its frames as one.
+
+    Raises
+    ------
+    ConnectivityError
+        When it has no frames, or other vertices than the rest pose.
+    """
+    if isinstance(clip, MeshSequence):
+        sequence, found = clip, (len(clip), *clip.first.vertices.shape)
+    else:
+        frames = np.asarray(clip, np.float64)
+        sequence, found = ArraySequence(frames, rest), frames.shape
+    if found[1:] != rest.vertices.shape or not found[0]:
+        raise ConnectivityError(
+            f"frames have shape {found}, expected (F, {len(rest.vertices)}, 3) as the rest pose "
+            f"has {len(rest.vertices)} vertices; give frames of that mesh"
+        )
+    return sequence
 
 
 def _validate_frame(positions: np.ndarray, takes_missing: bool) -> Floats:

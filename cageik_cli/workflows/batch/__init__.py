@@ -1,5 +1,5 @@
 """Every clip under some folders, in processes of this machine or on a Dask cluster.
 
 Depends on the other workflows and on `report`. Start with `run`; `discover` finds the clips, and
-`clip_task` is the work on one of them.
+`jobs` has the work on one of them.
 """

@@ -18,15 +18,20 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import checkpoint_path
 from cageik_cli.util.errors import ClusterError, format_error, require_optional
 from cageik_cli.util.files import open_locked
-from cageik_cli.workflows.batch.clip_task import check_clip, make_failed_outcome, run_clip
 from cageik_cli.workflows.batch.dask_pieces import (
     MIN_PIECE_SECONDS,
     ClusterExecutor,
     WeightsTask,
+    configure_worker,
     describe_killed_worker,
 )
-from cageik_cli.workflows.batch.dask_worker import configure_worker
-from cageik_cli.workflows.batch.jobs import ClipJob, Outcome
+from cageik_cli.workflows.batch.jobs import (
+    ClipJob,
+    Outcome,
+    check_clip,
+    make_failed_outcome,
+    run_clip,
+)
 
 PACKAGE_NAME = "cageik"
 """The name under which packages are installed."""

@@ -1,13 +1,15 @@
 """A long clip on a cluster: one worker writes its checkpoint, and others solve pieces of it."""
 
+import ctypes
 import io
 import pickle
+import sys
 import time
 from collections import deque
 from collections.abc import Generator, Iterator
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import islice
 from typing import Any
 
@@ -20,9 +22,8 @@ from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import ClusterError, FileAccessError
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.batch.clip_task import bind_clip
-from cageik_cli.workflows.batch.dask_worker import configure_worker
-from cageik_cli.workflows.batch.jobs import ClipJob
+from cageik_cli.util.threads import set_blas_threads
+from cageik_cli.workflows.batch.jobs import ClipJob, bind_clip
 from cageik_cli.workflows.settings import ExtractSettings
 
 MIN_PIECE_SECONDS = 0.5
@@ -30,6 +31,11 @@ MIN_PIECE_SECONDS = 0.5
 
 MIN_PIECES = 3
 """Pieces at least; a shorter clip is solved by one worker."""
+
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of malloc.h
+
+MAX_KEPT_BYTES = 1 << 25
+"""Bytes; the largest value that the C library accepts for its thresholds."""
 
 PIECE_PRIORITY = 1
 """Priority of pieces: a clip that was started ends before others start."""
@@ -206,6 +212,22 @@ def solve_piece(
         context.build_block_solver(stored_binding.binding), starts, context.memory_plan
     ) as blocks:
         return list(blocks)
+
+
+@cache
+def configure_worker() -> None:
+    """Let this process use one thread in the linear algebra, and keep the memory that it frees.
+
+    Dask makes the C library return every freed array to the system at once, so that each block of
+    frames gets new pages, which takes half as long as the solve. These are the values that the
+    library would reach by itself. They stay set, since the tasks of a worker follow each other.
+    """
+    set_blas_threads()
+    if sys.platform == "linux":
+        mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+        if mallopt is not None:  # not every C library has it
+            mallopt(_M_MMAP_THRESHOLD, MAX_KEPT_BYTES)
+            mallopt(_M_TRIM_THRESHOLD, 2 * MAX_KEPT_BYTES)
 
 
 def split_into_pieces(starts: range, size: int) -> Iterator[range]:

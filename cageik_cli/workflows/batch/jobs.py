@@ -1,12 +1,23 @@
-"""The jobs of a batch, one per clip, and their outcomes."""
+"""The jobs of a batch, one per clip: what each does, in whatever process, and its outcome."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from enum import Enum
-from typing import Protocol
+from typing import Any, Protocol
 
 from cageik_cli.report.limits import Limits
-from cageik_cli.report.overview import ClipEntry
+from cageik_cli.report.overview import ClipEntry, build_clip_entry
+from cageik_cli.report.record import build_report
+from cageik_cli.solver.blocks import BlockExecutor
+from cageik_cli.solver.settings import AREA
+from cageik_cli.store.binding_file import StoredBinding
+from cageik_cli.store.cache import compute_key
+from cageik_cli.store.result import Result, has_weights
+from cageik_cli.util.errors import CageikError, describe_error
+from cageik_cli.util.outputs import make_folder, write_text
+from cageik_cli.util.text import to_unicode
+from cageik_cli.workflows.extract import Extraction
+from cageik_cli.workflows.resume import check_output
 from cageik_cli.workflows.settings import ExtractSettings
 
 CLIPS_FOLDER = "clips"
@@ -68,3 +79,98 @@ class Scheduler(Protocol):
 
     def run_jobs(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
         """Yield the outcome of each job, as they end."""
+
+
+def run_clip(
+    job: ClipJob, stored: StoredBinding | None = None, executor: BlockExecutor | None = None
+) -> Outcome:
+    """Do a job; the outcome holds what failed, and this function raises no error.
+
+    Parameters
+    ----------
+    stored : StoredBinding, optional
+        The weights, if they are known.
+    executor : BlockExecutor, optional
+        Solves the frames; threads of this process by default.
+    """
+    try:
+        make_folder(job.settings.output.parent)
+        extraction = Extraction(job.settings, stored=stored, executor=executor)
+        result = extraction.run()
+        return _make_outcome(job, result, is_new=extraction.existing is None)
+    except Exception as error:
+        return make_failed_outcome(job, describe_error(error))
+
+
+def check_clip(job: ClipJob) -> Outcome | str:
+    """Return the outcome of a job that needs no work; else the key of the weights it needs."""
+    try:
+        make_folder(job.settings.output.parent)
+        check_output(job.settings)
+        extraction = Extraction(job.settings)
+        extraction.open()
+        if extraction.existing is None:
+            return compute_weights_key(extraction)
+        result = extraction.keep_existing(extraction.existing)
+        return _make_outcome(job, result, is_new=False)
+    except Exception as error:
+        return make_failed_outcome(job, describe_error(error))
+
+
+def bind_clip(job: ClipJob) -> StoredBinding | None:
+    """Return the weights that a job needs; None if that fails, for each job reports why itself."""
+    try:
+        extraction = Extraction(job.settings)
+        extraction.open()
+        return extraction.bind()
+    except CageikError:
+        return None
+
+
+def compute_weights_key(extraction: Extraction) -> str:
+    """Return a digest of what the weights of an opened clip depend on: clips of one share them.
+
+    It does not cover the name of the file of the rest pose, since the frames of two clips have
+    different names, nor the number of threads. A cage that is built depends on the rest pose and
+    on how it is built alone.
+    """
+    settings, sources, stored = extraction.settings, extraction.sources, extraction.stored
+    shared: dict[str, Any] = {
+        name: sources[name] for name in ("cage", "binding") if name in sources
+    }
+    if settings.builds_cage:
+        shared = {"build": asdict(settings.build)}
+    if settings.fit is not None:
+        shared |= {
+            "fit": asdict(settings.fit),
+            "solve": asdict(settings.solve),
+            "weighted": sources.get("vertex_weights", settings.vertex_weights == AREA),
+            "memory": settings.memory,
+            "skips": settings.skips_bad_frames,
+            "clip": (settings.frames, repr(settings.clip), extraction.sequence.names),
+        }
+    recorded = asdict(settings.bind if stored is None else stored.binding.settings)
+    rest = extraction.rest.mesh
+    return compute_key(recorded | shared, rest.vertices, rest.faces)
+
+
+def make_failed_outcome(job: ClipJob, sentence: str) -> Outcome:
+    """Make the outcome of a job that failed with this message."""
+    return Outcome(ClipEntry(job.name, fault=to_unicode(sentence)), ClipState.FAILED)
+
+
+def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
+    """Make the outcome of a job that has a result; write its page unless that is up to date."""
+    state = ClipState.DONE if is_new else ClipState.UNCHANGED
+    report, place = build_report(result, job.limits, job.name), f"{CLIPS_FOLDER}/{job.name}"
+    if not job.has_page:
+        return Outcome(build_clip_entry(report, f"{place}.h5"), state)
+    from cageik_cli.report.html.page import render_result_page
+    from cageik_cli.report.html.page_mark import is_page_current
+
+    page = result.path.with_suffix(".html")
+    has_pictures = has_weights(result)
+    has_player = job.has_player and has_pictures
+    if not is_page_current(page, report, has_pictures, has_player):
+        write_text(page, render_result_page(result, report, has_player), overwrite=True)
+    return Outcome(build_clip_entry(report, f"{place}.h5", f"{place}.html"), state)

@@ -16,8 +16,7 @@ from queue import SimpleQueue
 from cageik_cli.report.overview import ClipEntry
 from cageik_cli.util.errors import ClusterError
 from cageik_cli.util.threads import set_blas_threads
-from cageik_cli.workflows.batch.clip_task import run_clip
-from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome
+from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome, run_clip
 
 PRELOAD = "cageik_cli.workflows.batch.preload"
 PRELOAD_PAGE = f"{PRELOAD}_page"

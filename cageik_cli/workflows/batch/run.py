@@ -12,12 +12,14 @@ from cageik_cli.report.overview import ClipEntry, Overview, build_overview
 from cageik_cli.report.views.junit import format_junit
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.tables import format_overview_csv, format_overview_json
-from cageik_cli.store.result import is_result
-from cageik_cli.util.errors import OutputError
+from cageik_cli.store.result import checkpoint_path, is_result
+from cageik_cli.util.errors import CageikError, OutputError
 from cageik_cli.util.files import open_locked, remove_locked
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob, ClipState, Outcome, Scheduler
+from cageik_cli.workflows.extract import Extraction
+from cageik_cli.workflows.settings import ExtractSettings
 
 REPORT_FILES = {
     "index.html": render_index,
@@ -33,6 +35,8 @@ MAX_NAME_WIDTH = 60
 
 WEIGHT_CACHE_FOLDER = ".cageik-weights"
 """The weight cache of a batch that uses no other; it is deleted at the end."""
+
+FAULT_LABEL = "would fail"
 
 LOCK_FILE = ".cageik-batch.lock"
 
@@ -90,6 +94,46 @@ def run_batch(batch: BatchPlan, scheduler: Scheduler, progress: ProgressListener
             for name, view in REPORT_FILES.items():
                 write_text(batch.output / name, view(overview), overwrite=True)
     return overview
+
+
+def describe_batch(batch: BatchPlan) -> dict[str, list[tuple[str, str]]]:
+    """Describe, in labelled lines, what a batch would do with each clip; nothing is done.
+
+    That is its frames, its cage, where its result goes and what is there; of a clip that would
+    fail, the only label is `FAULT_LABEL`.
+    """
+    rejected = {entry.name: [(FAULT_LABEL, str(entry.fault))] for entry in batch.rejected}
+    planned = {job.name: _describe_job(job) for job in batch.jobs}
+    return {name: (rejected | planned)[name] for name in batch.order}
+
+
+def _describe_job(job: ClipJob) -> list[tuple[str, str]]:
+    settings, extraction = job.settings, Extraction(job.settings)
+    try:
+        extraction.open()
+    except CageikError as error:
+        return [(FAULT_LABEL, str(error))]
+    if extraction.existing is not None:
+        state = "up to date, nothing to do"
+    elif settings.resume and checkpoint_path(settings.output).exists():
+        state = "would continue from its checkpoint"
+    elif settings.output.exists():
+        state = "would be replaced"
+    else:
+        state = "would be new"
+    sequence = extraction.sequence
+    vertices = len(sequence.first.vertices)
+    return [
+        ("frames", f"{len(sequence)} of {vertices} vertices, from {sequence.names[0]}"),
+        ("cage", _describe_cage(settings)),
+        ("result", f"{settings.output}, {state}"),
+    ]
+
+
+def _describe_cage(settings: ExtractSettings) -> str:
+    if settings.builds_cage:
+        return f"would be built, of {settings.build.vertices} vertices"
+    return str(settings.cage or settings.binding)
 
 
 def check_folder_empty(folder: Path) -> None:

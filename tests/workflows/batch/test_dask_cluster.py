@@ -24,6 +24,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.solver.blocks import BlockSolver
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.memory_plan import MemoryPlan
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import checkpoint_path, read_result
@@ -31,7 +32,6 @@ from cageik_cli.util.errors import ClusterError, FileAccessError, InputError
 from cageik_cli.util.files import open_locked
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch import dask_cluster as module
-from cageik_cli.workflows.batch.clip_task import bind_clip, check_clip, run_clip
 from cageik_cli.workflows.batch.dask_cluster import DaskScheduler, wait_for_checkpoint
 from cageik_cli.workflows.batch.dask_pieces import (
     ClipContext,
@@ -39,8 +39,14 @@ from cageik_cli.workflows.batch.dask_pieces import (
     split_into_pieces,
     unpickle_with_weights,
 )
-from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
-from cageik_cli.workflows.plan import load_or_compute_binding, plan_extraction
+from cageik_cli.workflows.batch.jobs import (
+    ClipJob,
+    ClipState,
+    bind_clip,
+    check_clip,
+    run_clip,
+)
+from cageik_cli.workflows.extract import Extraction
 from cageik_cli.workflows.settings import ExtractSettings
 
 pytestmark = pytest.mark.slow
@@ -482,22 +488,22 @@ def test_a_checkpoint_in_use_is_waited_for(job):
 
 def test_files_that_changed_since_the_start_are_refused(job):
     settings = job("a").settings
-    plan = plan_extraction(settings)
-    bound = load_or_compute_binding(plan, ProgressListener())
+    extraction = Extraction(settings)
+    extraction.open()
+    bound = extraction.bind()
     solver = DualLaplacianSolver(bound.binding, settings.solve)
-    work = BlockSolver(plan.sequence, solver, False, ProgressListener())
+    work = BlockSolver(extraction.sequence, solver, False, ProgressListener())
     common = ClipContext.build(settings, work, MemoryPlan(1, 1, 1))
     copy = pickle.loads(pickle.dumps(common))
-    assert copy.build_block_solver(bound.binding).sequence.names == plan.sequence.names
+    assert copy.build_block_solver(bound.binding).sequence.names == extraction.sequence.names
     Path(settings.frames[0], "frame_4.obj").unlink()
     with pytest.raises(FileAccessError, match="found 4, expected 5"):
         pickle.loads(pickle.dumps(common)).build_block_solver(bound.binding)
 
 
 def test_a_solver_is_pickled_without_its_weights(job, animation):
-    settings = job("a").settings
-    binding = load_or_compute_binding(plan_extraction(settings), ProgressListener()).binding
-    solver = DualLaplacianSolver(binding, settings.solve)
+    binding = bind_clip(job("a")).binding
+    solver = DualLaplacianSolver(binding, SolveSettings())
     data = pickle_without_weights(binding, solver)
     assert binding.weights.tobytes() not in data
     again = unpickle_with_weights(binding, data)

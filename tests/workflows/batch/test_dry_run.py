@@ -6,9 +6,8 @@ import pytest
 
 from cageik_cli.report.overview import ClipEntry
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.batch.dry_run import describe_batch
 from cageik_cli.workflows.batch.jobs import ClipJob
-from cageik_cli.workflows.batch.run import BatchPlan
+from cageik_cli.workflows.batch.run import FAULT_LABEL, BatchPlan, describe_batch
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.settings import ExtractSettings
 
@@ -37,7 +36,7 @@ def describe(settings, rejected=()):
 
 
 def state(settings):
-    return describe(settings).text.splitlines()[-2].split(".h5, ")[1]
+    return dict(describe(settings)["a"])["result"].split(".h5, ")[1]
 
 
 @pytest.mark.usefixtures("single_frame_blocks")
@@ -55,14 +54,12 @@ def test_the_state_of_a_result_is_listed(settings, folder):
     assert state(replace(settings, overwrite=True, rest_frame=1)) == "would be replaced"
 
 
-def test_clips_that_would_fail_are_counted(settings, folder):
-    def check(found, failing, says):
-        assert found.failing == failing
-        assert found.text.splitlines()[-1] == says
-
-    check(describe(settings), 0, "0 of 1 clip would fail")
-    check(describe(settings, ["b"]), 1, "1 of 2 clips would fail")
-    assert "no cage" in describe(settings, ["b"]).text
+def test_clips_that_would_fail_say_why(settings, folder):
     missing = replace(settings, cage=folder / "none.obj")
-    assert "none.obj" in describe(missing).text
-    check(describe(missing, ["b", "c"]), 3, "3 of 3 clips would fail")
+    described = describe(missing, ["b"])
+    assert list(described) == ["a", "b"]
+    ((label, why),) = described["a"]
+    assert label == FAULT_LABEL
+    assert "none.obj" in why
+    assert described["b"] == [(FAULT_LABEL, "no cage")]
+    assert FAULT_LABEL not in dict(describe(settings)["a"])

@@ -13,8 +13,7 @@ import pytest
 from cageik_cli.report.limits import Limits
 from cageik_cli.util.errors import ClusterError
 from cageik_cli.workflows.batch import processes as local
-from cageik_cli.workflows.batch.clip_task import run_clip
-from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
+from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, run_clip
 from cageik_cli.workflows.batch.processes import ProcessScheduler
 from cageik_cli.workflows.settings import ExtractSettings
 
@@ -178,4 +177,4 @@ def test_what_cannot_be_imported_in_advance_ends_nothing(run_process, module, er
 def test_what_is_imported_in_advance_is_what_the_jobs_need(run_process):
     script = f"import sys, {local.PRELOAD}, {local.PRELOAD_PAGE}; print(*sys.modules)"
     found = run_process("-c", script).out.split()
-    assert {"cageik_cli.workflows.batch.clip_task", "cageik_cli.report.html.page"} <= {*found}
+    assert {"cageik_cli.workflows.batch.jobs", "cageik_cli.report.html.page"} <= {*found}

@@ -1,4 +1,4 @@
-"""A plan is all that a run needs; making one writes nothing."""
+"""An extraction is opened, then bound, then run; opening one writes nothing."""
 
 import hashlib
 from dataclasses import replace
@@ -20,14 +20,9 @@ from cageik_cli.util.errors import (
     SettingError,
 )
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows import extract as module
-from cageik_cli.workflows.extract import extract, run_extraction
-from cageik_cli.workflows.plan import (
-    build_missing_cage,
-    check_output_path,
-    load_or_compute_binding,
-    plan_extraction,
-)
+from cageik_cli.workflows.batch.jobs import compute_weights_key
+from cageik_cli.workflows.extract import Extraction, extract
+from cageik_cli.workflows.resume import check_output
 from cageik_cli.workflows.settings import ExtractSettings
 
 
@@ -45,58 +40,49 @@ def fail(*_, **__):
     raise AssertionError("computed")
 
 
+def open_extraction(settings, stored=None):
+    """Open an extraction, and return it."""
+    extraction = Extraction(settings, stored=stored)
+    extraction.open()
+    return extraction
+
+
 @pytest.fixture
 def plain(folder):
     """Settings for the little animation."""
     return ExtractSettings(frames=("frames",), cage=Path("cage.obj"), output=Path("cages.h5"))
 
 
-def test_a_plan_writes_nothing(plain, folder):
+def test_to_open_writes_nothing(plain, folder):
     before = sorted(folder.rglob("*"))
-    plan = plan_extraction(replace(plain, resume=True))
-    assert plan.existing is None
+    assert open_extraction(replace(plain, resume=True)).existing is None
     assert sorted(folder.rglob("*")) == before
-
-
-def test_a_plan_that_is_run_gives_the_same_bytes(plain):
-    expected = extract(replace(plain, output=Path("other.h5"))).path.read_bytes()
-    assert run_extraction(plan_extraction(plain)).path.read_bytes() == expected
 
 
 def test_known_weights_are_used(plain, monkeypatch):
     expected = extract(plain).path.read_bytes()
-    binding = load_or_compute_binding(plan_extraction(plain), ProgressListener())
-
-    def fail(*_):
-        raise AssertionError("computed")
-
-    monkeypatch.setattr("cageik_cli.workflows.plan.bind_cached", fail)
-    plan = plan_extraction(replace(plain, overwrite=True), binding)
-    assert run_extraction(plan).path.read_bytes() == expected
+    stored = open_extraction(plain).bind()
+    monkeypatch.setattr("cageik_cli.workflows.extract.bind_cached", fail)
+    again = replace(plain, overwrite=True)
+    assert Extraction(again, stored=stored).run().path.read_bytes() == expected
     with pytest.raises(AssertionError, match="computed"):
-        run_extraction(plan_extraction(replace(plain, overwrite=True)))
+        extract(again)
 
 
 def test_an_existing_result_is_returned_without_work(plain, monkeypatch):
     extract(plain)
-    plan = plan_extraction(replace(plain, resume=True))
-    assert plan.existing is not None
-
-    def fail(*_):
-        raise AssertionError("bound")
-
-    monkeypatch.setattr(module, "load_or_compute_binding", fail)
-    assert run_extraction(plan) is plan.existing
-    changed = replace(plain, resume=True, overwrite=True, rest_frame=2)
-    with pytest.raises(AssertionError, match="bound"):
-        run_extraction(plan_extraction(changed))
+    monkeypatch.setattr(Extraction, "bind", fail)
+    extraction = Extraction(replace(plain, resume=True))
+    assert extraction.run() is extraction.existing
+    with pytest.raises(AssertionError, match="computed"):
+        extract(replace(plain, resume=True, overwrite=True, rest_frame=2))
 
 
 def test_without_resume_an_existing_result_is_not_looked_for(plain):
     extract(plain)
-    assert plan_extraction(replace(plain, overwrite=True)).existing is None
+    assert open_extraction(replace(plain, overwrite=True)).existing is None
     with pytest.raises(InputError, match=r"cages\.h5"):
-        check_output_path(plain)
+        check_output(plain)
 
 
 def test_a_checkpoint_is_not_overwritten_unasked(plain, single_frame_blocks):
@@ -108,24 +94,24 @@ def test_a_checkpoint_is_not_overwritten_unasked(plain, single_frame_blocks):
     with pytest.raises(KeyboardInterrupt):
         extract(plain, Interrupt())
     with pytest.raises(CheckpointError) as caught:
-        check_output_path(plain)
+        check_output(plain)
     assert str(caught.value) == (
-        "cages.h5.partial: checkpoint found (2 of 5 frames): continue with --resume or start over "
-        "with --overwrite"
+        "cages.h5.partial: checkpoint found (2 of 5 frames): continue with `resume` or start "
+        "over with `overwrite`"
     )
     built = replace(plain, cage=None, cage_output=Path("cage.obj"))  # by the interrupted run
     with pytest.raises(CheckpointError, match="checkpoint found"):
-        check_output_path(built)
+        check_output(built)
     for change in ({"resume": True}, {"overwrite": True}):
-        check_output_path(replace(plain, **change))
+        check_output(replace(plain, **change))
 
 
 def test_weights_are_shared_by_clips_of_one_rest_pose_and_cage(plain, animation, write_obj):
     for k, name in ((1, "a_7.obj"), (2, "b_1.obj")):
         write_obj(Path(name), animation.frames[k - 1], animation.rest.faces)
-    key = plan_extraction(plain).weights_key
+    key = compute_weights_key(open_extraction(plain))
     one = replace(plain, frames=("a_7.obj",), jobs=3, memory=1, scene=SceneHints(fps=3.0))
-    assert plan_extraction(one).weights_key == key
+    assert compute_weights_key(open_extraction(one)) == key
     Path("other.obj").write_text(Path("cage.obj").read_text() + "# other\n")
     changes = (
         {"frames": ("b_1.obj",)},
@@ -133,19 +119,20 @@ def test_weights_are_shared_by_clips_of_one_rest_pose_and_cage(plain, animation,
         {"cage": Path("other.obj")},
         {"bind": BindSettings("mean-value")},
     )
-    keys = [plan_extraction(replace(plain, **change)).weights_key for change in changes]
+    keys = [compute_weights_key(open_extraction(replace(plain, **change))) for change in changes]
     assert keys[0] == keys[1]
     assert len({key, *keys}) == 4
 
 
 def test_the_settings_of_a_binding_file_are_recorded(plain):
     settings = replace(plain, bind=BindSettings("mean-value"))
-    stored = load_or_compute_binding(plan_extraction(settings), ProgressListener())
+    stored = open_extraction(settings).bind()
     write_binding(Path("binding.h5"), stored, overwrite=False)
-    plan = plan_extraction(replace(plain, cage=None, binding=Path("binding.h5")))
-    assert plan.recorded_settings["coordinates"] == "mean-value"
-    assert set(plan.sources) == {"binding", "cage", "rest"}
-    assert plan.collect_sources()["frames"]["files"] == 5
+    extraction = Extraction(replace(plain, cage=None, binding=Path("binding.h5")))
+    result = extraction.run()
+    assert extraction.recorded_settings["coordinates"] == "mean-value"
+    assert set(extraction.sources) == {"binding", "cage", "rest"}
+    assert result.sources["frames"]["files"] == 5
 
 
 @pytest.mark.usefixtures("coarse_grids")
@@ -196,15 +183,14 @@ def test_to_resume_does_not_replace_other_files(plain):
 @pytest.mark.usefixtures("coarse_grids")
 def test_known_weights_come_with_the_cage_that_was_built(plain, monkeypatch):
     settings = replace(plain, cage=None, build=BuildSettings(20))
-    progress = ProgressListener()
-    complete = build_missing_cage(plan_extraction(settings), progress)
-    stored = load_or_compute_binding(complete, progress)
+    complete = open_extraction(settings)
+    stored = complete.bind()
     monkeypatch.setattr("cageik_cli.workflows.cached_cage._build", fail)
-    result = run_extraction(plan_extraction(settings, stored))
+    result = Extraction(settings, stored=stored).run()
     assert result.sources["cage"] == complete.sources["cage"]
-    assert plan_extraction(settings).weights_key == complete.weights_key
+    assert compute_weights_key(open_extraction(settings)) == compute_weights_key(complete)
     other = replace(settings, build=BuildSettings(21))
-    assert plan_extraction(other).weights_key != complete.weights_key
+    assert compute_weights_key(open_extraction(other)) != compute_weights_key(complete)
 
 
 def test_the_builder_is_imported_when_a_cage_is_built(run_process):

@@ -1,0 +1,192 @@
+"""The result of a run, composed of its checkpoint when all frames are solved."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cageik_cli.cages.quality import has_too_much_room
+from cageik_cli.cages.sections import find_shared_sections
+from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
+from cageik_cli.solver.blocks import SolvedBlock
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.regions import (
+    MIN_DEVIATION,
+    Region,
+    blame_loose_cage,
+    blame_shared_places,
+    find_worst_regions,
+    has_bad_regions,
+)
+from cageik_cli.solver.summary import ClipSummary
+from cageik_cli.store.binding_file import StoredBinding
+from cageik_cli.store.checkpoint import Checkpoint
+from cageik_cli.store.result_writer import ResultHeader, RunSummary, open_result_writer
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.progress import locate_note
+from cageik_cli.workflows.fit import choose_compared_frames, measure_unfitted
+
+
+def compose_result(
+    path: Path,
+    header: ResultHeader,
+    checkpoint: Checkpoint,
+    *,
+    sequence: MeshSequence,
+    sources: dict[str, Any],
+    rest_index: int | None,
+    filled: tuple[int, ...],
+    unfitted: DualLaplacianSolver | None,
+    overwrite: bool,
+) -> None:
+    """Compose the result of a complete checkpoint, whose blocks are read once, in order.
+
+    Parameters
+    ----------
+    sources : dict
+        Name and digest of each file that was read, all but the frames.
+    rest_index : int or None
+        The number of the rest pose in the clip; None if it is a file of its own.
+    filled : tuple of int
+        Skipped frames whose cages were filled from those around them.
+    unfitted : DualLaplacianSolver or None
+        Of the weights before the fit, if the result compares them.
+
+    Raises
+    ------
+    InputError
+        When no frame can be read, or one has changed since it was solved, or the result cannot be
+        written.
+    """
+    binding, summary = header.binding, checkpoint.summary
+    if len(summary.skipped) == len(header.frames):
+        raise FileAccessError(f"no frame can be read, the first: {summary.skipped[0]}")
+    regions = find_clip_regions(binding, summary)
+    key_frames = _find_key_frames(binding.rest, rest_index, summary, regions)
+
+    def reread(frame: int) -> Floats:
+        return _reread_frame(sequence, frame, summary.digests[frame])
+
+    temporary = path.with_name(f"{path.name}.whole.partial")
+    with open_result_writer(path, header, overwrite, temporary) as result:
+        key_meshes: dict[int, Floats] = {}
+        for block in checkpoint.blocks():
+            kept = None if block.kept is None else block.kept.metrics
+            result.append(block.cages, block.rotations, block.metrics, kept)
+            inside = [k for k in key_frames if block.start <= k < block.stop]
+            key_meshes |= {k: _rebuild_frame(binding, block, k) for k in inside}
+        errors = [reread(k) - key_meshes[k] for k in key_frames]
+        compared = None
+        if unfitted is not None:
+            known = np.setdiff1d(np.arange(summary.frames_done), list(summary.skipped))
+            chosen = choose_compared_frames(known, key_frames)
+            compared = measure_unfitted(unfitted, binding, chosen, key_frames, reread)
+        result.complete(
+            RunSummary(
+                sources=sources | {"frames": sequence.describe_source()},
+                skipped=summary.skipped,
+                vertex_rms=summary.vertex_rms,
+                key_frames=np.array(key_frames),
+                key_frame_errors=np.array(errors),
+                regions=regions,
+                bound=summary.measure_bound(len(binding.cage.vertices)),
+                filled=filled,
+                unfitted=compared,
+            )
+        )
+
+
+def _find_key_frames(
+    rest: TriMesh, rest_index: int | None, summary: ClipSummary, regions: tuple[Region, ...]
+) -> list[int]:
+    """Return the worst, the median and the best frame, and that of the worst region.
+
+    Where some frames deviate, those that the rest cage gives exactly are the rest pose: they say
+    nothing of the best frame.
+    """
+    is_rest = summary.frame_rms <= MIN_DEVIATION * rest.diagonal
+    if (is_rest | np.isnan(summary.frame_rms)).all():
+        is_rest = np.zeros_like(is_rest)
+    if rest_index is not None:
+        is_rest[rest_index] = True
+    frames: list[int] = summary.find_key_frames(is_rest).tolist()
+    return frames + [region.frame for region in regions[:1] if region.frame not in frames]
+
+
+def _rebuild_frame(binding: Binding, block: SolvedBlock, frame: int) -> Floats:
+    """Return the mesh, (m, 3), that the cage of a frame gives."""
+    one = slice(frame - block.start, frame - block.start + 1)
+    return np.asarray(reconstruct_frames(binding, block.cages[one], block.rotations[one])[0])
+
+
+def _reread_frame(sequence: MeshSequence, index: int, digest: bytes) -> Floats:
+    """Read a frame that was solved again, unless its file has changed since."""
+    vertices = sequence.read_frame(index)
+    if sequence.digest(index) != digest:
+        raise FileAccessError(
+            f"{sequence.location(index)}: changed during the run; run again with `resume`"
+        )
+    return vertices
+
+
+def collect_notes(
+    stored: StoredBinding, rest: LoadedMesh, sequence: MeshSequence, missing: int
+) -> tuple[str, ...]:
+    """Return what the user should know of the meshes, of which so many vertices are missing."""
+    cage = stored.sources["cage"]["name"]
+    notes = [
+        *(locate_note(cage, note) for note in stored.binding.notes),
+        *(locate_note(rest.source["name"], note) for note in rest.notes),
+        *sequence.notes,
+    ]
+    if not rest.mesh.is_closed:
+        holes = np.count_nonzero(~rest.mesh.edges.is_balanced)
+        notes.append(
+            f"the model is open ({holes} edges without a counterpart), so its volume is not "
+            "defined and volume figures are left out"
+        )
+    elif not rest.mesh.is_body:
+        notes.append(
+            f"the model is closed, but a sheet: its volume, {rest.mesh.volume:.3g}, is at most "
+            f"{MIN_VOLUME_RATIO:g} of its area times its diagonal, so changes of volume are left "
+            "out"
+        )
+    elif missing:
+        notes.append(
+            f"{missing} vertices of weight 0 are missing data, so volumes of frames are not "
+            "known and volume figures are left out"
+        )
+    return tuple(notes)
+
+
+def find_clip_regions(binding: Binding, summary: ClipSummary) -> tuple[Region, ...]:
+    """Find the worst regions of a clip; none if its largest deviation is within the usual."""
+    rms = float(np.sqrt(np.nanmean(summary.frame_rms**2)))
+    largest = float(summary.peaks.deviations.max())
+    if not has_bad_regions(rms, largest, binding.rest.diagonal):
+        return ()
+    regions = find_worst_regions(binding, summary.peaks)
+    if _has_loose_cage(binding):
+        return blame_loose_cage(regions, binding.rest.diagonal)
+    places = _find_shared_places(binding, regions)
+    return blame_shared_places(regions, places, binding.rest.diagonal)
+
+
+def _has_loose_cage(binding: Binding) -> bool:
+    """Return whether the cage is far too loose, as the bind found, or judged now if it did not."""
+    if binding.has_loose_cage is not None:
+        return binding.has_loose_cage
+    return has_too_much_room(binding.cage, binding.rest)
+
+
+def _find_shared_places(
+    binding: Binding, regions: tuple[Region, ...]
+) -> list[tuple[Floats, float]]:
+    """The places at these regions where limbs share a loop of the cage."""
+    centres = np.array([region.centre for region in regions])
+    sections = find_shared_sections(binding.cage, binding.rest, near=centres)
+    return [(section.centre, (section.size + section.length) / 2) for section in sections]
