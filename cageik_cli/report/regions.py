@@ -4,14 +4,41 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from cageik_cli.report.figures import ReportSummary, format_percent
-from cageik_cli.report.vocabulary import CAUSES
-from cageik_cli.solver.regions import (
-    MAX_DEVIATION,
-    MAX_RMS_RATIO,
-    Cause,
-    has_bad_regions,
-)
+from cageik_cli.solver.regions import MAX_DEVIATION, MAX_RMS_RATIO, Cause, has_bad_regions
 from cageik_cli.store.result import Result
+
+CAUSES = {
+    Cause.LOOSE_CAGE: (
+        "the cage is far too loose",
+        "cage far too loose: build one with cageik cage, or move it closer to the model",
+    ),
+    Cause.SHARED_LOOP: (
+        "limbs share one loop of the cage",
+        "limbs in one loop: give each limb its own part of the cage, by more vertices, by hand, or "
+        "with --rest-frame auto if limbs touch at rest",
+    ),
+    Cause.THIN_FACES: (
+        "thin faces of the cage",
+        "thin faces: move their vertices apart, or use cageik cage --repair",
+    ),
+    Cause.FAR_CAGE: (
+        "the cage is far away",
+        "cage far away: bring the cage nearer to the model, and add vertices there",
+    ),
+    Cause.WEAK_INFLUENCE: (
+        "no cage vertex has much influence",
+        "little influence: add cage vertices there, or a loop of them across the limb",
+    ),
+    Cause.COARSE_FACES: (
+        "cage faces larger than the region",
+        "large faces: divide the cage faces that are named, or build a cage of more vertices",
+    ),
+    Cause.UNKNOWN: (
+        "not known, the cage looks fit",
+        "cause not known: try more cage vertices; if it stays, look at the input of that frame",
+    ),
+}
+"""The probable causes of large deviations in words, and what to do about each."""
 
 REGIONS_UNKNOWN = (
     "the result does not say where the largest deviations are, since it was written without worst "
@@ -108,7 +135,7 @@ def describe_region(region: RegionRecord) -> str:
     return (
         f"{format_percent(region.max_deviation_percent)} % in {region.frame}, at "
         f"{format_centre(region)}, size {format_size(region)}, {noun} {faces}: "
-        f"{CAUSES[Cause(region.cause)].text}"
+        f"{name_cause(region)}"
     )
 
 
@@ -122,8 +149,22 @@ def format_size(region: RegionRecord) -> str:
     return f"{region.size_percent:.1f} %"
 
 
+def name_cause(region: RegionRecord) -> str:
+    """Return the probable cause of a region's deviation in words."""
+    return CAUSES[Cause(region.cause)][0]
+
+
 def list_remedies(regions: tuple[RegionRecord, ...], is_fitted: bool) -> list[str]:
-    """List what to do about regions, once for each cause, that of the worst region first."""
-    causes = [CAUSES[Cause(cause)] for cause in dict.fromkeys(region.cause for region in regions)]
-    remedies = [(words.remedy, "" if is_fitted else words.fit_remedy) for words in causes]
-    return [remedy for pair in remedies for remedy in pair if remedy]
+    """List what to do about regions, once for each cause, that of the worst region first.
+
+    Weights that are not fitted yet can be the remedy in the same cage.
+    """
+    remedies = []
+    for cause in dict.fromkeys(Cause(region.cause) for region in regions):
+        remedies.append(CAUSES[cause][1])
+        if cause == Cause.SHARED_LOOP and not is_fitted:
+            remedies.append(
+                "limbs in one loop: in the same cage, weights that are fitted with --fit can part "
+                "them"
+            )
+    return remedies

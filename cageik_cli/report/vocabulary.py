@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from cageik_cli.solver.regions import Cause
-
 SETTING_MEANINGS = {
     "accuracy": "accuracy of the harmonic weights",
     "align": "move each frame rigidly onto the rest pose before it is solved",
@@ -33,68 +31,22 @@ SETTING_MEANINGS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class CauseWords:
-    """The probable cause of a large deviation, and what to do about it, as sentences begin.
-
-    Attributes
-    ----------
-    fit_remedy : str
-        What to do without another cage, unless the weights are fitted already.
-    """
-
-    text: str
-    remedy: str
-    fit_remedy: str = ""
-
-
-CAUSES = {
-    Cause.LOOSE_CAGE: CauseWords(
-        "the cage is far too loose",
-        "cage far too loose: build one with cageik cage, or move it closer to the model",
+SHARED_MEANINGS = (
+    (
+        "Size",
+        "",
+        "A cage has three floats per vertex and frame. The weights are stored once: one float for "
+        "each pair of a model vertex and a cage vertex, or those of a fit of low rank or few "
+        "influences.",
     ),
-    Cause.SHARED_LOOP: CauseWords(
-        "limbs share one loop of the cage",
-        "limbs in one loop: give each limb its own part of the cage, by more vertices, by hand, or "
-        "with --rest-frame auto if limbs touch at rest",
-        "limbs in one loop: in the same cage, weights that are fitted with --fit can part them",
+    (
+        "Verdict",
+        "",
+        "Values are compared with their limits as printed here. If a limit is exceeded, the "
+        "command ends with exit code 3.",
     ),
-    Cause.THIN_FACES: CauseWords(
-        "thin faces of the cage",
-        "thin faces: move their vertices apart, or use cageik cage --repair",
-    ),
-    Cause.FAR_CAGE: CauseWords(
-        "the cage is far away",
-        "cage far away: bring the cage nearer to the model, and add vertices there",
-    ),
-    Cause.WEAK_INFLUENCE: CauseWords(
-        "no cage vertex has much influence",
-        "little influence: add cage vertices there, or a loop of them across the limb",
-    ),
-    Cause.COARSE_FACES: CauseWords(
-        "cage faces larger than the region",
-        "large faces: divide the cage faces that are named, or build a cage of more vertices",
-    ),
-    Cause.UNKNOWN: CauseWords(
-        "not known, the cage looks fit",
-        "cause not known: try more cage vertices; if it stays, look at the input of that frame",
-    ),
-}
-"""Words for the causes of large deviations."""
-
-_SIZE_MEANING = (
-    "Size",
-    "",
-    "A cage has three floats per vertex and frame. The weights are stored once: one float for each "
-    "pair of a model vertex and a cage vertex, or those of a fit of low rank or few influences.",
 )
-
-_VERDICT_MEANING = (
-    "Verdict",
-    "",
-    "Values are compared with their limits as printed here. If a limit is exceeded, the command "
-    "ends with exit code 3.",
-)
+"""Term, formula and explanation of what is the same for all results."""
 
 MEANINGS = (
     (
@@ -171,8 +123,7 @@ MEANINGS = (
         "The error in percent of the spread of each frame about its centroid E(V), as Karni and "
         "Gotsman (2004) define it. V holds all coordinates of the clip.",
     ),
-    _SIZE_MEANING,
-    _VERDICT_MEANING,
+    *SHARED_MEANINGS,
     (
         "Worst, median and best frame",
         "",
@@ -230,8 +181,7 @@ EDIT_MEANINGS = (
         "100 (V − V_rest) / V_rest",
         "Difference in volume between the mesh before the edit and the rest pose, in percent.",
     ),
-    _SIZE_MEANING,
-    _VERDICT_MEANING,
+    *SHARED_MEANINGS,
     (
         "Most moved, median and least moved frame",
         "",

@@ -10,12 +10,11 @@ import pytest
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.overview import build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
-from cageik_cli.report.regions import REGIONS_UNKNOWN, describe_region
+from cageik_cli.report.regions import CAUSES, REGIONS_UNKNOWN, describe_region
 from cageik_cli.report.render.model_views import load_poses, render_pictures
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.tables import format_json
 from cageik_cli.report.views.text import format_text
-from cageik_cli.report.vocabulary import CAUSES
 from cageik_cli.solver.regions import Cause
 from tests.report.html.test_page import pictures_of_one_point
 from tests.report.markup import find_faults, parse_page
@@ -66,8 +65,8 @@ def test_the_text_has_a_row_for_each_region(report):
     assert text.startswith(f"{first.max_deviation_percent:.4f} % in {first.frame}, at (")
     assert f"size {first.size_percent:.1f} %" in text
     assert ", ".join(map(str, first.cage_faces)) in text
-    assert text.endswith(CAUSES[Cause(first.cause)].text)
-    assert CAUSES[Cause(first.cause)].remedy in dict(rows)["to do"]
+    assert text.endswith(CAUSES[Cause(first.cause)][0])
+    assert CAUSES[Cause(first.cause)][1] in dict(rows)["to do"]
     assert all(len(line) < 160 for line in format_text(report).splitlines())
 
 
@@ -91,9 +90,9 @@ def test_the_reason_is_the_limit_that_is_exceeded(report):
 def test_every_cause_has_words(report, cause):
     region = replace(report.regions[0], cause=str(cause), cage_faces=(3,))
     told = replace(report, regions=(region,))
-    assert describe_region(region).endswith(f"cage face 3: {CAUSES[cause].text}")
-    assert CAUSES[cause].remedy in format_text(told)
-    assert CAUSES[cause].text in parse_page(render_page(told, None)).by_id("regions").text
+    assert describe_region(region).endswith(f"cage face 3: {CAUSES[cause][0]}")
+    assert CAUSES[cause][1] in format_text(told)
+    assert CAUSES[cause][0] in parse_page(render_page(told, None)).by_id("regions").text
 
 
 def test_a_fit_is_suggested_where_limbs_share_a_loop_and_there_is_none(report):

@@ -441,7 +441,7 @@ def test_offsets_are_not_called_an_error(settings):
     report = build_report(extract(replace(settings, fit=FORMS["few"])))
     assert "offsets of the rest pose up to" in format_text(report)
     assert "rest pose error" not in format_text(report)
-    labels = [row.label for row in build_quality_rows(report)]
+    labels = [label for label, *_ in build_quality_rows(report)]
     assert "Rest pose error" not in labels
     assert "Smallest weight" in labels
 

@@ -20,127 +20,83 @@ from cageik_cli.solver.dual_laplacian import MAX_CONDITION
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of the table.
+    """A column of the table of frames.
 
     Attributes
     ----------
     name : str
         Field of `FrameRecord`.
-    format_value : callable
-        Formats a value as text.
     kind : str
         "number" or "name"; decides sorting and alignment.
-    cursor_label : str
-        Label at the plot's cursor; "" if the column is not shown there.
+    is_at_cursor : bool
+        Whether the values are also shown at the cursor of the plot.
     """
 
     name: str
     label: str
     format_value: Callable[[Any], str] = str
     kind: str = "number"
-    cursor_label: str = ""
+    is_at_cursor: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class FrameRow:
-    """A frame, the reason if it was skipped, and its metrics; "" where not defined."""
-
-    number: str
-    name: str
-    skipped: str | None
-    cells: tuple[str, ...]
-
-
-NUMBER_COLUMN, NAME_COLUMN = Column("number", "#"), Column("name", "Frame", kind="name")
-"""Columns of every frame."""
-
-LENGTH_COLUMNS = (
-    Column("rms_percent", "RMS, %", format_percent, cursor_label="rms, %"),
+FRAME_COLUMNS = (
+    Column("number", "#", format_number),
+    Column("name", "Frame", kind="name"),
+    Column("rms_percent", "RMS, %", format_percent, is_at_cursor=True),
     Column("rms", "RMS, file units", format_length),
-    Column(
-        "max_deviation_percent", "Max deviation, %", format_percent, cursor_label="max deviation, %"
-    ),
+    Column("max_deviation_percent", "Max deviation, %", format_percent, is_at_cursor=True),
     Column("max_deviation", "Max deviation, file units", format_length),
     Column("worst_vertex", "At vertex"),
-)
-
-VOLUME_COLUMNS = (
-    Column("volume_change", "Volume change, %", format_change, cursor_label="volume change, %"),
+    Column("missing", "Missing", is_at_cursor=True),
+    Column("rejected", "Rejected", is_at_cursor=True),
+    Column("rms_kept_percent", "RMS of kept, %", format_percent),
+    Column("max_deviation_kept_percent", "Max deviation of kept, %", format_percent),
+    Column("volume_change", "Volume change, %", format_change, is_at_cursor=True),
     Column("volume", "Volume", format_length),
     Column("volume_reconstructed", "Volume reconstructed", format_length),
     Column("volume_drift", "Drift from rest, %", format_change),
 )
+"""All columns that a table of frames may have."""
 
-
-KEPT_COLUMNS = (
-    Column("missing", "Missing", cursor_label="missing"),
-    Column("rejected", "Rejected", cursor_label="rejected"),
-    Column("rms_kept_percent", "RMS of kept, %", format_percent),
-    Column("max_deviation_kept_percent", "Max deviation of kept, %", format_percent),
-)
-"""Columns of results whose vertices do not all count alike."""
+WeightRow = tuple[str, str, str, str]
+"""A metric of the weights, its value as printed, its meaning, and the expected value or ""."""
 
 
 def choose_columns(report: Report) -> tuple[Column, ...]:
-    """Choose the columns in which some frame has a value, besides number and name."""
+    """Choose the columns in which some frame has a value, with the titles of the vocabulary."""
     titles = report.vocabulary.columns
     return tuple(
-        _set_column_label(column, titles.get(column.name, column.label))
-        for column in (*LENGTH_COLUMNS, *KEPT_COLUMNS, *VOLUME_COLUMNS)
+        replace(column, label=titles.get(column.name, column.label))
+        for column in FRAME_COLUMNS
         if any(getattr(frame, column.name) is not None for frame in report.frames)
     )
 
 
-def _set_column_label(column: Column, label: str) -> Column:
-    return replace(column, label=label, cursor_label=label.lower() if column.cursor_label else "")
+def format_cells(frame: FrameRecord, columns: Sequence[Column]) -> list[str]:
+    """Format the values of a frame in these columns; "" where one is not defined."""
+    values = [getattr(frame, column.name) for column in columns]
+    return [
+        "" if value is None else column.format_value(value)
+        for column, value in zip(columns, values, strict=True)
+    ]
 
 
-def build_frame_row(frame: FrameRecord, columns: Sequence[Column]) -> FrameRow:
-    """Build a frame's row, with a cell for each of the columns."""
-    cells = tuple(_format_cell(frame, column) for column in columns)
-    return FrameRow(format_number(frame.number), frame.name, frame.skipped, cells)
-
-
-def _format_cell(frame: FrameRecord, column: Column) -> str:
-    value = getattr(frame, column.name)
-    return "" if value is None else column.format_value(value)
-
-
-@dataclass(frozen=True, slots=True)
-class QualityRow:
-    """A metric as it is printed, its meaning, and the expected value; "" if there is none."""
-
-    label: str
-    value: str
-    meaning: str
-    expected: str
-
-
-FITTED_MEANING = (
-    "Weights that are fitted to frames may be negative, unless they have few influences."
-)
-
-
-def build_quality_rows(report: Report) -> list[QualityRow]:
+def build_quality_rows(report: Report) -> list[WeightRow]:
     """Build the rows on a report's weights, then the one on its system."""
     quality, settings = report.binding, report.settings
     has_offsets = report.fit is not None and report.fit.settings.influences is not None
-    smallest = (
-        _smallest_weight_row(quality, is_harmonic=settings.get("coordinates") == "harmonic")
-        if report.fit is None
-        else QualityRow("Smallest weight", f"{quality.min_weight:.1e}", FITTED_MEANING, "")
-    )
+    kind = "fitted" if report.fit is not None else settings.get("coordinates")
     return [
         *_exactness_rows(quality)[: 1 if has_offsets else None],
-        smallest,
+        _smallest_weight_row(quality, kind),
         *_accuracy_rows(quality, str(settings.get("accuracy"))),
-        QualityRow(
+        (
             "Projected vertices",
             str(quality.projected),
             "Vertices outside the cage. They have the weights of the nearest point on it.",
             "0",
         ),
-        QualityRow(
+        (
             "Condition number",
             f"{quality.condition_number:.4g}",
             report.vocabulary.condition,
@@ -149,17 +105,17 @@ def build_quality_rows(report: Report) -> list[QualityRow]:
     ]
 
 
-def _exactness_rows(quality: WeightQuality) -> list[QualityRow]:
+def _exactness_rows(quality: WeightQuality) -> list[WeightRow]:
     """Build the rows on properties that weights of any type have, up to rounding."""
     return [
-        QualityRow(
+        (
             "Partition of unity error",
             f"{quality.partition_of_unity:.1e}",
             "Largest difference between the sum of a vertex's weights and 1. Where the sum is not "
             "1, the model does not move as far as the cage.",
             "1e-10 or less (rounding)",
         ),
-        QualityRow(
+        (
             "Rest pose error",
             f"{quality.linear_precision:.1e}",
             "Largest distance between the rest pose and the weights times the rest cage, in "
@@ -169,33 +125,40 @@ def _exactness_rows(quality: WeightQuality) -> list[QualityRow]:
     ]
 
 
-def _smallest_weight_row(quality: WeightQuality, is_harmonic: bool) -> QualityRow:
-    label, smallest = "Smallest weight", f"{quality.min_weight:.1e}"
-    if is_harmonic:
+def _smallest_weight_row(quality: WeightQuality, kind: object) -> WeightRow:
+    """Build the row on the smallest weight, which means different things for different weights."""
+    if kind == "fitted":
+        meaning = (
+            "Weights that are fitted to frames may be negative, unless they have few influences."
+        )
+        expected = ""
+    elif kind == "harmonic":
         meaning = (
             "Exact harmonic weights are never negative; a negative one shows the size of the error."
         )
-        return QualityRow(label, smallest, meaning, f"{MIN_HARMONIC_WEIGHT} or more")
-    meaning = (
-        "Mean value weights can be negative near concave parts of a cage. There the model moves "
-        "against the cage."
-    )
-    return QualityRow(label, smallest, meaning, "close to zero")
+        expected = f"{MIN_HARMONIC_WEIGHT} or more"
+    else:
+        meaning = (
+            "Mean value weights can be negative near concave parts of a cage. There the model "
+            "moves against the cage."
+        )
+        expected = "close to zero"
+    return "Smallest weight", f"{quality.min_weight:.1e}", meaning, expected
 
 
-def _accuracy_rows(quality: WeightQuality, accuracy_name: str) -> list[QualityRow]:
+def _accuracy_rows(quality: WeightQuality, accuracy_name: str) -> list[WeightRow]:
     """Build the rows on the error of the weights and on the panels used to compute them."""
     if not quality.panels:
-        return [QualityRow("Accuracy", "exact", "These weights have a closed form.", "")]
+        return [("Accuracy", "exact", "These weights have a closed form.", "")]
     accuracy = ACCURACIES.get(accuracy_name)
     return [
-        QualityRow(
+        (
             "Estimated weight error",
             f"{quality.estimated_error:.1e}",
             "Mean over the vertices of the L1 distance between a vertex's weights and exact ones.",
             f"{accuracy.tolerance:g} or less (--accuracy {accuracy_name})" if accuracy else "",
         ),
-        QualityRow(
+        (
             "Panels",
             str(quality.panels),
             "Triangles into which the cage was divided to compute the weights.",

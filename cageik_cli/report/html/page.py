@@ -20,11 +20,9 @@ from cageik_cli.report.html.fit_section import (
     render_fit_pictures,
 )
 from cageik_cli.report.html.frames_table import (
-    NAME_COLUMN,
-    NUMBER_COLUMN,
-    build_frame_row,
     build_quality_rows,
     choose_columns,
+    format_cells,
 )
 from cageik_cli.report.html.page_mark import compute_record_digest, make_record_mark
 from cageik_cli.report.html.player_page import build_player_values
@@ -51,6 +49,7 @@ from cageik_cli.report.regions import (
     format_centre,
     format_size,
     list_remedies,
+    name_cause,
 )
 from cageik_cli.report.render.model_views import (
     Pictures,
@@ -59,11 +58,9 @@ from cageik_cli.report.render.model_views import (
     render_pictures,
 )
 from cageik_cli.report.vocabulary import (
-    CAUSES,
     SETTING_MEANINGS,
     Vocabulary,
 )
-from cageik_cli.solver.regions import Cause
 from cageik_cli.store.result import Result
 from cageik_cli.util.text import format_count
 
@@ -133,8 +130,8 @@ def render_page(
         quality=build_quality_rows(report),
         **_build_provenance(report),
         worst_number=format_number(report.frames[report.summary.worst_frame_index].number),
-        columns=(NUMBER_COLUMN, NAME_COLUMN, *columns),
-        rows=[build_frame_row(frame, columns) for frame in report.frames],
+        columns=columns,
+        rows=[(frame.skipped, format_cells(frame, columns)) for frame in report.frames],
         meanings=words.meanings,
         percent=format_percent,
         units=format_length,
@@ -165,7 +162,7 @@ def _build_region_values(report: Report) -> dict[str, Any]:
                 "frame": region.frame,
                 "deviation": format_percent(region.max_deviation_percent),
                 "faces": ", ".join(map(str, region.cage_faces)),
-                "cause": CAUSES[Cause(region.cause)].text,
+                "cause": name_cause(region),
             }
             for region in report.regions or ()
         ],
