@@ -62,7 +62,7 @@ def test_what_to_mind_stands_below(run, result):
 def test_the_cages_come_back(run, result, out, tolerance):
     """Read in the space of the result, whose scene is in centimetres with z up."""
     assert run("export", "cages.h5", out).code == 0
-    clip = open_sequence([str(opening.output_path(Path(out)))])
+    clip = open_sequence([str(opening.Output(Path(out)).target_path)])
     np.testing.assert_allclose(frames_of(clip), verts(), rtol=0, atol=tolerance)
     with h5py.File("cages.h5") as file:
         np.testing.assert_array_equal(clip.first.faces, file["tris"][:])

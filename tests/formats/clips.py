@@ -5,8 +5,9 @@ from pxr import Usd, UsdValidation
 
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.settings import Scene
-from cageik_cli.formats.write import open_writer
+from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
+from tests.formats.written import write
 from tests.shapes import octahedron
 
 SCENE = Scene(fps=30.0, start=11.0, up_axis="Z", metres_per_unit=0.01)
@@ -16,15 +17,12 @@ FRAMES = REST.vertices + np.random.default_rng(5).normal(0, 0.1, (7, 6, 3))
 
 def written(path, frames=FRAMES, rest=REST, scene=SCENE, size=3):
     """Write an animation, `size` frames at a time."""
-    with open_writer(path, Animation(rest, len(frames), scene, "hero"), True) as writer:
-        for start in range(0, len(frames), size):
-            writer.append(frames[start : start + size])
-    return path
+    return write(path, rest, frames, size, scene, "hero", overwrite=True)
 
 
 def fail_halfway(path):
     """Fail with a KeyError after two frames."""
-    with open_writer(path, Animation(REST, len(FRAMES), SCENE, "hero"), False) as writer:
+    with Output(path).open_writer(Animation(REST, len(FRAMES), SCENE, "hero")) as writer:
         writer.append(FRAMES[:2])
         raise KeyError
 

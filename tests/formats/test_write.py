@@ -7,7 +7,7 @@ import pytest
 
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.settings import Scene
-from cageik_cli.formats.write import check_animation_output, open_writer, output_path
+from cageik_cli.formats.write import Output
 from cageik_cli.util.errors import InputError, MissingLibraryError, SettingError
 from tests.formats.written import write
 
@@ -27,13 +27,13 @@ from tests.formats.written import write
     ],
 )
 def test_what_is_written(name, kind, place):
-    assert output_path(Path(name), kind) == Path(place)
+    assert Output(Path(name), kind).target_path == Path(place)
 
 
 @pytest.mark.parametrize(("kind", "files"), [(None, "obj"), ("obj", "obj"), ("ply", "ply")])
 def test_a_folder_alone_gives_its_files_its_name(tmp_path, animation, kind, files):
     described = Animation(animation.rest, 5, Scene(start=0), "a")
-    with open_writer(tmp_path / "v1.walk", described, False, kind or "obj") as writer:
+    with Output(tmp_path / "v1.walk", kind or "obj").open_writer(described) as writer:
         writer.append(animation.frames)
     found = sorted(item.name for item in (tmp_path / "v1.walk").iterdir())
     assert found == [f"v1.walk_{k:04d}.{files}" for k in range(5)]
@@ -62,7 +62,7 @@ def test_what_cannot_be_is_refused_before_any_work(tmp_path, monkeypatch, name, 
     monkeypatch.chdir(tmp_path / "work")
     Path("there.txt").write_text("")
     with pytest.raises(InputError) as caught:
-        check_animation_output(Path(name), True, kind)
+        Output(Path(name), kind, True).check_writable()
     assert str(caught.value).startswith(says)
     assert [item.name for item in Path().iterdir()] == ["there.txt"]
 
@@ -78,14 +78,14 @@ def test_what_cannot_be_is_refused_before_any_work(tmp_path, monkeypatch, name, 
 def test_a_library_that_is_missing_is_named_before_any_work(monkeypatch, module, name, says):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(MissingLibraryError) as caught:
-        check_animation_output(Path(name), False)
+        Output(Path(name)).check_writable()
     assert str(caught.value) == says
-    check_animation_output(Path("a.pc2"), False)
+    Output(Path("a.pc2")).check_writable()
 
 
 def test_nothing_is_left_of_preparing(tmp_path):
     for name in ("a.glb", "a/a_#.obj", "b"):
-        check_animation_output(tmp_path / name, False)
+        Output(tmp_path / name).check_writable()
     assert not list(tmp_path.iterdir())
 
 

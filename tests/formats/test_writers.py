@@ -13,7 +13,7 @@ from cageik_cli.formats import write as opening
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.usd.library import USD_SUFFIXES
-from cageik_cli.formats.write import open_writer
+from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import OutputError, SettingError
 from tests.formats.written import bytes_under, single, write
@@ -35,7 +35,7 @@ def long(animation):
 
 
 def place(path):
-    return opening.output_path(path)
+    return Output(path).target_path
 
 
 def test_no_format_is_left_out():
@@ -66,8 +66,8 @@ def test_frames_in_any_order_of_memory_are_the_same(tmp_path, animation, name):
 @pytest.mark.parametrize("appended", [0, 3])
 def test_what_fails_leaves_nothing(tmp_path, animation, name, appended):
     def fail():
-        with open_writer(
-            tmp_path / name, Animation(animation.rest, 5, Scene(), "a"), False
+        with Output(tmp_path / name).open_writer(
+            Animation(animation.rest, 5, Scene(), "a")
         ) as writer:
             writer.append(animation.frames[:appended])
             raise RuntimeError("the frames end here")
@@ -196,7 +196,7 @@ def test_mdd_as_it_is_described(tmp_path, animation, scene):
 @pytest.mark.parametrize(("start", "says"), [(0.0, ""), (1.0, "1"), (1001.5, "1001.5")])
 def test_where_the_first_frame_lands_is_said(tmp_path, animation, name, start, says):
     described = Animation(animation.rest, 5, Scene(start=start), "a")
-    with open_writer(tmp_path / name, described, False) as writer:
+    with Output(tmp_path / name).open_writer(described) as writer:
         writer.append(animation.frames)
     assert " ".join(writer.notes).endswith(says)
     assert bool(writer.notes) == bool(says)
@@ -205,7 +205,7 @@ def test_where_the_first_frame_lands_is_said(tmp_path, animation, name, start, s
 @pytest.mark.parametrize("name", ["a.pc2", "a.mdd"])
 def test_a_step_is_a_scale_in_blender(tmp_path, animation, name):
     described = Animation(animation.rest, 5, Scene(start=0, frame_step=2), "a")
-    with open_writer(tmp_path / name, described, False) as writer:
+    with Output(tmp_path / name).open_writer(described) as writer:
         writer.append(animation.frames)
     (note,) = writer.notes
     assert note.endswith("set its Frame Scale to 0.5")
@@ -216,6 +216,6 @@ def test_files_are_named_by_whole_numbers(tmp_path, animation, step):
     described = Animation(animation.rest, 5, Scene(frame_step=step), "a")
     with (
         pytest.raises(SettingError, match=rf"step of frame numbers is {step}, .* --frame-step"),
-        open_writer(tmp_path / "a/a_#.obj", described, False),
+        Output(tmp_path / "a/a_#.obj").open_writer(described),
     ):
         pass

@@ -4,13 +4,13 @@ import numpy as np
 
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.settings import Scene
-from cageik_cli.formats.write import open_writer
+from cageik_cli.formats.write import Output
 
 
 def write(path, mesh, frames, size=2, scene=None, name="thing", overwrite=False):
     """Write `frames` (F, m, 3) of the shape of `mesh` in blocks of `size`."""
     animation = Animation(mesh, len(frames), scene or Scene(), name)
-    with open_writer(path, animation, overwrite) as writer:
+    with Output(path, overwrite=overwrite).open_writer(animation) as writer:
         for start in range(0, len(frames), size):
             writer.append(frames[start : start + size])
     return path

@@ -8,7 +8,7 @@ import pytest
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
-from cageik_cli.formats.write import open_writer
+from cageik_cli.formats.write import Output
 from cageik_cli.util.errors import MissingLibraryError, require_optional
 from tests.shapes import TETRAHEDRON
 
@@ -36,7 +36,10 @@ def test_reading_and_writing_say_what_to_install(tmp_path, monkeypatch, library,
         open_sequence([str(path)])
     assert str(caught.value) == f"{path}: reading {suffix} needs {remedy}"
     animation = Animation(TETRAHEDRON, 1, Scene(), "clip")
-    with pytest.raises(MissingLibraryError) as caught, open_writer(path, animation, True):
+    with (
+        pytest.raises(MissingLibraryError) as caught,
+        Output(path, overwrite=True).open_writer(animation),
+    ):
         pass
     assert str(caught.value) == f"{path}: writing {suffix} needs {remedy}"
     assert [p.name for p in tmp_path.iterdir()] == [path.name]

@@ -10,7 +10,7 @@ from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.gltf_surface import cut_surface
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import MorphSettings, Scene
-from cageik_cli.formats.write import open_writer
+from cageik_cli.formats.write import Output
 from tests.assets import SIDES, asset_text, parse_asset
 from tests.formats.gltf.decoded import Glb
 from tests.formats.gltf.painted import paint
@@ -22,7 +22,7 @@ RANDOM = np.random.default_rng(2)
 def save(path, rest, frames, has_normals=True):
     morphs = MorphSettings(has_normals=has_normals)
     described = Animation(rest, len(frames), Scene(), "thing", morphs=morphs)
-    with open_writer(path, described, overwrite=False) as out:
+    with Output(path).open_writer(described) as out:
         out.append(frames)
     return Glb(path)
 

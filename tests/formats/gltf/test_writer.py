@@ -8,7 +8,7 @@ import trimesh
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.gltf import Writer
 from cageik_cli.formats.settings import MAX_MORPHS, MorphSettings, Scene
-from cageik_cli.formats.write import open_writer
+from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.util.errors import OutputError
@@ -35,7 +35,7 @@ def restless(animation):
 def save(path, mesh, frames, size=7, **morphs):
     """Write frames, and return the file and the note on the targets."""
     animation = Animation(mesh, len(frames), Scene(), "thing", morphs=MorphSettings(**morphs))
-    with open_writer(path, animation, True) as writer:
+    with Output(path, overwrite=True).open_writer(animation) as writer:
         for start in range(0, len(frames), size):
             writer.append(frames[start : start + size])
     (note,) = [note for note in writer.notes if "morph target" in note]
@@ -265,7 +265,7 @@ def test_it_stands_upright_and_in_metres(tmp_path, animation, scene):
 @pytest.mark.parametrize(("start", "count"), [(0, 0), (24, 0), (25, 1), (1001, 1)])
 def test_a_late_first_frame_is_said(tmp_path, animation, start, count):
     described = Animation(animation.rest, 5, Scene(start=start), "a")
-    with open_writer(tmp_path / "a.glb", described, False) as writer:
+    with Output(tmp_path / "a.glb").open_writer(described) as writer:
         writer.append(animation.frames)
     notes = [note for note in writer.notes if "--start 0" in note]
     assert len(notes) == count == len(writer.notes) - 1

@@ -148,17 +148,12 @@ def test_hints_that_cannot_be_are_noted_and_others_passed_by(opened):
 
 def test_an_export_is_read_back(tmp_path):
     """Our own writer's file, and numpy's opinion of it."""
-    from cageik_cli.formats.base.writers import Animation
     from cageik_cli.formats.settings import Scene
-    from cageik_cli.formats.write import open_writer
     from cageik_cli.geometry.mesh import TriMesh
+    from tests.formats.written import write
 
     path = tmp_path / "out.npz"
-    rest = TriMesh(FRAMES[0], FACES)
-    with open_writer(
-        path, Animation(rest, len(FRAMES), Scene(30, 7, "Z", 0.1), "clip"), False
-    ) as writer:
-        writer.append(FRAMES)
+    write(path, TriMesh(FRAMES[0], FACES), FRAMES, scene=Scene(30, 7, "Z", 0.1))
     sequence = open_sequence([str(path)])
     np.testing.assert_array_equal(frames_of(sequence), np.load(path)["vertices"])
     assert sequence.scene == SceneHints(30, 7, "Z", 0.1, 1)

@@ -142,10 +142,10 @@ def test_a_subdivided_surface_has_no_normals(tmp_path):
 def test_an_object_called_as_its_materials_are(tmp_path):
     from cageik_cli.formats.base.writers import Animation
     from cageik_cli.formats.settings import Scene
-    from cageik_cli.formats.write import open_writer
+    from cageik_cli.formats.write import Output
 
     animation = Animation(ASSET, 1, Scene(), "materials")
-    with open_writer(tmp_path / "a.usdc", animation, overwrite=False) as writer:
+    with Output(tmp_path / "a.usdc").open_writer(animation) as writer:
         writer.append(FRAMES[:1])
     assert faults_of(tmp_path / "a.usdc") == []
     assert set(read_back(tmp_path / "a.usdc").attributes.materials.names) == {
