@@ -1,6 +1,5 @@
 """A mesh animation as glTF: the rest pose, few morph targets, and a track of their weights."""
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -8,17 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.writers import Animation, AnimationWriter, to_float32
+from cageik_cli.formats.base.writers import Animation, to_float32
 from cageik_cli.formats.gltf_file import (
-    MAX_FILE_BYTES,
-    GlbFile,
+    MAX_GLB_BYTES,
+    GlbWriter,
     Singles,
     VectorSpool,
-    check_start,
-    compute_times,
     describe_excess,
-    make_node_transform,
-    require_pygltflib,
 )
 from cageik_cli.formats.gltf_surface import Part, cut_surface
 from cageik_cli.util.arrays import Floats, spread_evenly
@@ -101,20 +96,6 @@ def _round_targets(targets: Floats) -> Singles:
     return targets.astype(np.float32).reshape(len(targets), -1, 3)
 
 
-@dataclass(frozen=True, slots=True)
-class MorphError:
-    """Distances of the morphed vertices from the frames, over all vertices and frames.
-
-    Attributes
-    ----------
-    rms, largest : float
-        In the unit of the frames.
-    """
-
-    rms: float
-    largest: float
-
-
 def compute_modes(spool: VectorSpool, limit: int) -> Modes:
     """Compute the mean and singular vectors of displacements, at most `limit` targets.
 
@@ -143,8 +124,14 @@ def compute_modes(spool: VectorSpool, limit: int) -> Modes:
     return Modes(sums, loads * signs, np.maximum(residuals, 0))
 
 
-def measure_modes(spool: VectorSpool, modes: Modes) -> MorphError:
-    """Measure what the modes leave, with targets and weights as they are written."""
+def measure_modes(spool: VectorSpool, modes: Modes) -> tuple[float, float]:
+    """Measure what the modes leave, with targets and weights as they are written.
+
+    Returns
+    -------
+    rms, largest : float
+        Of the distances of the morphed vertices from the frames, in the unit of the frames.
+    """
     weights = modes.weights.astype(np.float64)
     squares, largest = 0.0, 0.0
     for _, block in spool.read_blocks(0, spool.vertex_count):
@@ -154,18 +141,26 @@ def measure_modes(spool: VectorSpool, modes: Modes) -> MorphError:
         squares += float(distances.sum())
         largest = max(largest, float(distances.max()))
     count = spool.frame_count * spool.vertex_count
-    return MorphError(float(np.sqrt(squares / count)), float(np.sqrt(largest)))
+    return float(np.sqrt(squares / count)), float(np.sqrt(largest))
 
 
-def choose_modes(spool: VectorSpool, modes: Modes, tolerance: float) -> tuple[Modes, MorphError]:
-    """Return the fewest targets whose largest error is at most `tolerance`, or all, and the error.
+def choose_modes(
+    spool: VectorSpool, modes: Modes, tolerance: float
+) -> tuple[Modes, tuple[float, float]]:
+    """Choose the fewest targets whose largest error is at most `tolerance`, or all.
 
     The rms error, which is known for any number, is a lower bound; between it and all modes the
     number is found by bisection.
+
+    Returns
+    -------
+    modes : Modes
+    errors : tuple of float
+        As of `measure_modes`.
     """
-    error = measure_modes(spool, modes)
-    if error.largest > tolerance:
-        return modes, error
+    errors = measure_modes(spool, modes)
+    if errors[1] > tolerance:
+        return modes, errors
     count = spool.frame_count * spool.vertex_count
     enough = np.flatnonzero(modes.residuals <= count * tolerance**2)
     high = modes.count
@@ -173,14 +168,14 @@ def choose_modes(spool: VectorSpool, modes: Modes, tolerance: float) -> tuple[Mo
     while low < high:
         middle = (low + high) // 2
         found = measure_modes(spool, modes.truncate(middle))
-        if found.largest <= tolerance:
-            high, error = middle, found
+        if found[1] <= tolerance:
+            high, errors = middle, found
         else:
             low = middle + 1
-    return modes.truncate(high), error
+    return modes.truncate(high), errors
 
 
-class Writer(AnimationWriter):
+class Writer(GlbWriter):
     """The rest pose plus weights times morph targets is each frame, to an error that is noted.
 
     The targets are the singular vectors of the displacements from the rest pose, in float32. The
@@ -188,30 +183,14 @@ class Writer(AnimationWriter):
     of the rest pose, and targets of normals that are fitted to the frames' by least squares.
     """
 
-    suffixes = (".glb",)
-    is_single = True
-
-    @classmethod
-    def require_libraries(cls) -> None:
-        """Raise MissingLibraryError without pygltflib."""
-        require_pygltflib()
-
     def __init__(self, target: Path, animation: Animation) -> None:
-        self._animation, self._settings = animation, animation.morphs
-        self.notes = check_start(animation.scene)
+        super().__init__(target, animation)
+        self._settings = animation.morphs
         self._surface = cut_surface(animation.rest, self._settings.has_normals)
         self._check_size()
         self._rest = to_float32(animation.rest.vertices).astype(np.float64)
         self._rest_normals = self._surface.compute_normals(self._rest)
-        with ExitStack() as stack:
-            self._file = GlbFile(target)
-            stack.callback(self._file.close)
-            count = len(self._surface.origins)
-            self._moves = VectorSpool(target.parent, count)
-            stack.callback(self._moves.close)
-            self._turns = VectorSpool(target.parent, count)
-            stack.callback(self._turns.close)
-            self._open = stack.pop_all()
+        self._moves, self._turns = self.open_file(len(self._surface.origins), spool_count=2)
 
     def append(self, frames: Floats) -> None:
         """Keep the next frames."""
@@ -225,14 +204,10 @@ class Writer(AnimationWriter):
     def complete(self) -> None:
         """Compute the targets, and compose the file."""
         with limit_blas_threads(1):  # the last digits depend on how many
-            modes, error = self._choose_modes()
+            modes, rms, largest = self._choose_modes()
             parts = [self._write_part(part, modes) for part in self._surface.parts]
         track = self._write_track(modes)
-        self._compose(parts, track, modes, error)
-        self._open.close()
-
-    def abandon(self) -> None:
-        """Close the temporary files."""
+        self._compose(parts, track, modes.count, rms, largest)
         self._open.close()
 
     def _check_size(self) -> None:
@@ -241,26 +216,33 @@ class Writer(AnimationWriter):
         least = 1 if settings.tolerance is not None else settings.limit
         count = 1 + min(least, self._animation.frame_count)
         size = 12 * count * len(self._surface.origins) * (2 if settings.has_normals else 1)
-        if size > MAX_FILE_BYTES:
+        if size > MAX_GLB_BYTES:
             raise OutputError(describe_excess(size))
 
-    def _choose_modes(self) -> tuple[Modes, MorphError]:
-        """Return the targets, note their error, and refuse one above the tolerance."""
+    def _choose_modes(self) -> tuple[Modes, float, float]:
+        """Return the targets and their errors, rms and largest, in percent of the diagonal.
+
+        They are noted; an error above the tolerance is refused.
+        """
         settings, unit = self._settings, self._animation.rest.diagonal / 100
-        wanted = 100 * EXACT_TOL if settings.tolerance is None else settings.tolerance
+        exact = 100 * EXACT_TOL
+        wanted = exact if settings.tolerance is None else settings.tolerance
         modes = compute_modes(self._moves, settings.limit)
-        modes, found = choose_modes(self._moves, modes, wanted * unit)
-        error = MorphError(found.rms / unit, found.largest / unit)
+        modes, errors = choose_modes(self._moves, modes, wanted * unit)
+        rms, largest = (error / unit for error in errors)
         text = format_count(modes.count, "morph target")
-        if settings.tolerance is not None and error.largest > settings.tolerance:
+        if settings.tolerance is not None and largest > settings.tolerance:
             raise OutputError(
-                f"{text} leave a largest error of {error.largest:.2g} % of the diagonal, above the "
+                f"{text} leave a largest error of {largest:.2g} % of the diagonal, above the "
                 f"tolerance of {settings.tolerance:g} %; give a higher --tolerance"
                 + ("" if settings.count is None else " or more --morphs")
                 + ", or write .usdc, .abc or .pc2"
             )
-        self.notes += (f"{text}; {_describe_error(error)}",)
-        return modes, error
+        quality = f"error: rms {rms:.2g}, largest {largest:.2g} % of the diagonal"
+        if largest <= exact:
+            quality = "exact to single precision"
+        self.notes += (f"{text}; {quality}",)
+        return modes, rms, largest
 
     def _write_part(self, part: Part, modes: Modes) -> Any:
         """Write the vertices, targets and triangles of one material; return its primitive."""
@@ -291,7 +273,7 @@ class Writer(AnimationWriter):
         """Write the weights of all frames, and return their animation."""
         import pygltflib as gltf
 
-        times = self._file.add_array(compute_times(self._animation), bounds=True)
+        times = self.add_times()
         weights = self._file.add_array(modes.weights.ravel())
         channel = gltf.AnimationChannel(
             sampler=0, target=gltf.AnimationChannelTarget(node=0, path="weights")
@@ -299,31 +281,25 @@ class Writer(AnimationWriter):
         sampler = gltf.AnimationSampler(input=times, output=weights)
         return gltf.Animation(name=self._animation.name, channels=[channel], samplers=[sampler])
 
-    def _compose(self, parts: list[Any], track: Any, modes: Modes, error: MorphError) -> None:
+    def _compose(
+        self, parts: list[Any], track: Any, count: int, rms: float, largest: float
+    ) -> None:
         import pygltflib as gltf
 
-        name, count = self._animation.name, modes.count
+        name = self._animation.name
         extras = {
             "targetNames": [f"morph_{k:03d}" for k in range(count)],
             "cageik": {
                 "morphs": count,
-                "rms_percent": float(f"{error.rms:.3g}"),
-                "largest_percent": float(f"{error.largest:.3g}"),
+                "rms_percent": float(f"{rms:.3g}"),
+                "largest_percent": float(f"{largest:.3g}"),
             },
         }
-        transform = make_node_transform(self._animation.scene)
         self._file.complete(
             scene=0,
             scenes=[gltf.Scene(nodes=[0])],
-            nodes=[gltf.Node(name=name, mesh=0, **transform)],
+            nodes=[gltf.Node(name=name, mesh=0, **self.make_node_transform())],
             meshes=[gltf.Mesh(name=name, primitives=parts, weights=[0.0] * count, extras=extras)],
             materials=self._surface.make_materials(),
             animations=[track],
         )
-
-
-def _describe_error(error: MorphError) -> str:
-    """Return the error, in percent of the diagonal, for a note."""
-    if error.largest <= 100 * EXACT_TOL:
-        return "exact to single precision"
-    return f"error: rms {error.rms:.2g}, largest {error.largest:.2g} % of the diagonal"

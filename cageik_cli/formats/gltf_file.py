@@ -1,9 +1,10 @@
-"""A GLB file in the making: arrays in a temporary file, and the JSON that describes them."""
+"""A GLB file in the making: arrays in temporary files, and the JSON that describes them."""
 
 import shutil
 import struct
 import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -12,24 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli import __version__
-from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.settings import Scene
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, require_optional
 from cageik_cli.util.files import set_size
 
-MAX_FILE_BYTES = 2**32 - 1
+MAX_GLB_BYTES = 2**32 - 1
 """Largest size that a GLB file can state."""
 
 Singles = NDArray[np.float32]
-
-_SHAPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-
-
-def require_pygltflib() -> None:
-    """Raise MissingLibraryError without pygltflib."""
-    with require_optional("pygltflib", "gltf", "writing .glb"):
-        import pygltflib  # noqa: F401
 
 
 class VectorTargets:
@@ -131,7 +124,7 @@ class GlbFile:
         text = document.gltf_to_json(separators=(",", ":"), indent=None).encode()
         text += b" " * (-len(text) % 4)
         size = 12 + 8 + len(text) + 8 + self._size
-        if size > MAX_FILE_BYTES:
+        if size > MAX_GLB_BYTES:
             raise OutputError(describe_excess(size))
         self._data.seek(0)
         with self._target.open("wb") as file:
@@ -162,6 +155,7 @@ class GlbFile:
         """Describe `rows` (k, width) that begin at a byte, by a view of their own."""
         import pygltflib as gltf
 
+        shapes = {1: gltf.SCALAR, 2: gltf.VEC2, 3: gltf.VEC3, 4: gltf.VEC4, 16: gltf.MAT4}
         kinds = {
             "f4": gltf.FLOAT,
             "u4": gltf.UNSIGNED_INT,
@@ -173,7 +167,7 @@ class GlbFile:
         accessor = gltf.Accessor(
             bufferView=len(self._views) - 1,
             componentType=kinds[f"{rows.dtype.kind}{rows.dtype.itemsize}"],
-            type=_SHAPES[rows.shape[1]],
+            type=shapes[rows.shape[1]],
             count=len(rows),
             **limits,
         )
@@ -187,49 +181,6 @@ def describe_excess(size: int) -> str:
         f"it would take {size / 2**30:.1f} GiB, and a .glb holds less than 4 GiB; give fewer "
         "--morphs, or frames, or write .usdc or .abc"
     )
-
-
-_Z_TO_Y = [-sqrt(0.5), 0.0, 0.0, sqrt(0.5)]
-"""The quaternion (x, y, z, w) of −90° about x: from z up to y up, which glTF has."""
-
-
-def check_start(scene: Scene) -> tuple[str, ...]:
-    """Return a note on a late first frame.
-
-    Raises
-    ------
-    OutputError
-        When the first frame is before time 0.
-    """
-    if scene.start < 0:
-        raise OutputError(
-            f"the number of the first frame is {scene.start:.10g}, and glTF has no "
-            "time before 0; give another with --start, or write .usdc or .abc"
-        )
-    seconds = scene.start / scene.fps
-    if seconds <= 1:
-        return ()
-    return (
-        f"the first frame is at {seconds:.4g} s, as its number says, and players wait "
-        "until then; --start 0 begins at once",
-    )
-
-
-def compute_times(animation: Animation) -> NDArray[np.float32]:
-    """Return the time of each frame, (F,), seconds."""
-    scene = animation.scene
-    numbers = scene.start + scene.frame_step * np.arange(animation.frame_count)
-    return np.asarray(numbers / scene.fps, np.float32)
-
-
-def make_node_transform(scene: Scene) -> dict[str, list[float]]:
-    """Return a node's transform into metres and y up; empty if the scene has these."""
-    placement = {}
-    if scene.up_axis == "Z":
-        placement["rotation"] = _Z_TO_Y
-    if scene.metres_per_unit != 1:
-        placement["scale"] = [scene.metres_per_unit] * 3
-    return placement
 
 
 BLOCK_BYTES = 1 << 25
@@ -272,3 +223,73 @@ class VectorSpool:
             self._file.seek(12 * (frame * self.vertex_count + start))
             self._file.readinto(row.data)
         return block.astype(np.float64)
+
+
+class GlbWriter(AnimationWriter):
+    """Keeps what is written of each frame in temporary files, and composes the file at the end."""
+
+    suffixes = (".glb",)
+    is_single = True
+
+    @classmethod
+    def require_libraries(cls) -> None:
+        """Raise MissingLibraryError without pygltflib."""
+        with require_optional("pygltflib", "gltf", "writing .glb"):
+            import pygltflib  # noqa: F401
+
+    def __init__(self, target: Path, animation: Animation) -> None:
+        self._target, self._animation = target, animation
+        self.notes = _check_start(animation.scene)
+
+    def open_file(self, vector_count: int, spool_count: int) -> list[VectorSpool]:
+        """Open the file, and spools of as many vectors per frame."""
+        with ExitStack() as stack:
+            self._file = GlbFile(self._target)
+            stack.callback(self._file.close)
+            spools = [VectorSpool(self._target.parent, vector_count) for _ in range(spool_count)]
+            for spool in spools:
+                stack.callback(spool.close)
+            self._open = stack.pop_all()
+        return spools
+
+    def abandon(self) -> None:
+        """Close the temporary files."""
+        self._open.close()
+
+    def add_times(self) -> int:
+        """Add the time of each frame, seconds; return the number of the accessor."""
+        scene = self._animation.scene
+        numbers = scene.start + scene.frame_step * np.arange(self._animation.frame_count)
+        return self._file.add_array(np.asarray(numbers / scene.fps, np.float32), bounds=True)
+
+    def make_node_transform(self) -> dict[str, list[float]]:
+        """Return a node's transform into metres and y up; empty if the scene has these."""
+        scene, placement = self._animation.scene, {}
+        if scene.up_axis == "Z":
+            # The quaternion (x, y, z, w) of −90° about x.
+            placement["rotation"] = [-sqrt(0.5), 0.0, 0.0, sqrt(0.5)]
+        if scene.metres_per_unit != 1:
+            placement["scale"] = [scene.metres_per_unit] * 3
+        return placement
+
+
+def _check_start(scene: Scene) -> tuple[str, ...]:
+    """Return a note on a late first frame.
+
+    Raises
+    ------
+    OutputError
+        When the first frame is before time 0.
+    """
+    if scene.start < 0:
+        raise OutputError(
+            f"the number of the first frame is {scene.start:.10g}, and glTF has no "
+            "time before 0; give another with --start, or write .usdc or .abc"
+        )
+    seconds = scene.start / scene.fps
+    if seconds <= 1:
+        return ()
+    return (
+        f"the first frame is at {seconds:.4g} s, as its number says, and players wait "
+        "until then; --start 0 begins at once",
+    )

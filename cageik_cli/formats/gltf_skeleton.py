@@ -1,6 +1,5 @@
 """A cage animation as a skinned glTF: a joint per cage vertex, cage weights as skin weights."""
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -8,14 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
-from cageik_cli.formats.base.writers import Animation, AnimationWriter, to_float32
-from cageik_cli.formats.gltf_file import (
-    GlbFile,
-    VectorSpool,
-    check_start,
-    compute_times,
-    make_node_transform,
-)
+from cageik_cli.formats.base.writers import Animation, to_float32
+from cageik_cli.formats.gltf_file import GlbWriter
 from cageik_cli.formats.gltf_surface import cut_surface
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
@@ -30,15 +23,12 @@ _PLACED, _ROOT = 1, 2
 """Nodes: the skinned mesh, what turns z up, the root joint, its children."""
 
 
-class SkeletonWriter(AnimationWriter):
+class SkeletonWriter(GlbWriter):
     """Writes the rest mesh, skinned to joints that translate below a root that also turns.
 
     `JointMotion` says where they are. There are no normals: joints that only translate would leave
     them as they are at rest.
     """
-
-    suffixes = (".glb",)
-    is_single = True
 
     def __init__(self, target: Path, animation: Animation, skin: Skin) -> None:
         """Start writing to `target`.
@@ -61,8 +51,8 @@ class SkeletonWriter(AnimationWriter):
                 f"up to {count} joints move a vertex, and programs read at most {MAX_INFLUENCES} "
                 "from .glb; give --influences 4, or 8"
             )
-        self._animation, self._skin = animation, skin
-        self.notes = check_start(animation.scene)
+        super().__init__(target, animation)
+        self._skin = skin
         if count > SET_SIZE:
             self.notes += (
                 f"three.js and other viewers read {SET_SIZE} joints per vertex, and leave out the "
@@ -71,12 +61,7 @@ class SkeletonWriter(AnimationWriter):
         self._vertices = to_float32(skin.rest.vertices - np.array(animation.origin))
         self._motion = JointMotion(animation.rest, skin.rotations)
         self._turns: list[Floats] = []
-        with ExitStack() as stack:
-            self._file = GlbFile(target)
-            stack.callback(self._file.close)
-            self._places = VectorSpool(target.parent, len(self._motion.names))
-            stack.callback(self._places.close)
-            self._open = stack.pop_all()
+        (self._places,) = self.open_file(len(self._motion.names), spool_count=1)
 
     def append(self, frames: Floats) -> None:
         """Keep the cages of the next k frames, (k, n, 3)."""
@@ -98,10 +83,6 @@ class SkeletonWriter(AnimationWriter):
             skins=[self._write_skin()],
             animations=[gltf.Animation(name=name, **self._write_motion())],
         )
-        self._open.close()
-
-    def abandon(self) -> None:
-        """Close the temporary files."""
         self._open.close()
 
     def _cut_mesh(self) -> tuple[list[Any], list[object]]:
@@ -130,7 +111,7 @@ class SkeletonWriter(AnimationWriter):
             for name, place in zip(names, places, strict=True)
         ]
         joints[0].children = list(range(_ROOT + 1, _ROOT + len(names)))
-        transform = make_node_transform(self._animation.scene)
+        transform = self.make_node_transform()
         placed = gltf.Node(name=self._animation.name, children=[_ROOT], **transform)
         return [gltf.Node(name="mesh", mesh=0, skin=0), placed, *joints]
 
@@ -148,7 +129,7 @@ class SkeletonWriter(AnimationWriter):
         """Write the translations of all joints, and the rotation of the root."""
         import pygltflib as gltf
 
-        times = self._file.add_array(compute_times(self._animation), bounds=True)
+        times = self.add_times()
         channels: list[object] = []
         samplers: list[object] = []
 

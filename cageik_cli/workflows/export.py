@@ -10,8 +10,9 @@ from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.gltf_skeleton import MAX_INFLUENCES
 from cageik_cli.formats.gltf_skeleton import SkeletonWriter as GltfSkeletonWriter
 from cageik_cli.formats.settings import MorphSettings, SceneHints
-from cageik_cli.formats.usd.writer import CageDisplay, WithModelWriter
+from cageik_cli.formats.usd.writer import CageDisplay
 from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
+from cageik_cli.formats.usd.writer import Writer as UsdWriter
 from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.util.arrays import fit_frames
@@ -120,7 +121,7 @@ def _write_with_model(
     display = settings.with_model or CageDisplay.MESH
     size = fit_frames(MAX_BLOCK_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
     frames = (np.concatenate([block.cages, block.meshes], axis=1) for block in target.blocks(size))
-    make_writer = partial(WithModelWriter, model=result.rest, cage=display)
+    make_writer = partial(UsdWriter, model=result.rest, display=display)
     with limit_blas_threads(1):  # the last digits of the model depend on it
         return write_animation(settings.output, animation, frames, progress, make_writer)
 
@@ -170,9 +171,8 @@ def check_export(settings: ExportSettings) -> None:
             f"{path}: `influences` is {settings.influences}, and programs read at most "
             f"{MAX_INFLUENCES} joints per vertex from .glb; give 4, or {MAX_INFLUENCES}"
         )
-    if settings.with_model is not None and path.suffix.lower() not in WithModelWriter.suffixes:
+    if settings.with_model is not None and path.suffix.lower() not in UsdWriter.suffixes:
         raise SettingError(
-            f"{path}: `with_model` works with USD only, expected "
-            f"{', '.join(WithModelWriter.suffixes)}"
+            f"{path}: `with_model` works with USD only, expected {', '.join(UsdWriter.suffixes)}"
         )
     settings.output.check_writable()

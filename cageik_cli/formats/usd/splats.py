@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.writers import Animation, AnimationWriter
+from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.ply_points import (
     COLOURS,
     OPACITY,
@@ -17,7 +17,7 @@ from cageik_cli.formats.ply_points import (
 )
 from cageik_cli.formats.usd.library import capture_diagnostics, require_usd
 from cageik_cli.formats.usd.surface_writer import compute_extent
-from cageik_cli.formats.usd.writer import UsdFile
+from cageik_cli.formats.usd.writer import UsdWriter
 from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
 from cageik_cli.util.errors import MissingLibraryError, OutputError
 
@@ -27,7 +27,7 @@ EXTENT_SIGMAS = 3.0
 """The extent holds every splat to so many of its largest standard deviation."""
 
 
-class UsdSplatWriter(AnimationWriter):
+class UsdSplatWriter(UsdWriter):
     """Writes rows of splats at the time code of each frame, of the prim `/NAME/NAME`.
 
     Standard deviations and opacities are written as themselves, not as logarithms and logits, and
@@ -37,14 +37,14 @@ class UsdSplatWriter(AnimationWriter):
     def __init__(self, target: Path, animation: Animation, points: PointFile) -> None:
         _require_schema()
         self._rest = rest_names(points)
-        self._count = len(points.rows)
+        self._splat_count = len(points.rows)
         coefficients = 1 + len(self._rest) // 3
         moving = 12 + 16 + 12 + (12 * coefficients if self._rest else 0)
-        self._file = UsdFile(target, animation, moving * self._count)
+        self.open_stage(target, animation, moving * self._splat_count)
         from pxr import UsdGeom, UsdVol
 
         with capture_diagnostics(OSError):
-            stage, root = self._file.stage, self._file.root
+            stage, root = self.stage, self.root
             UsdGeom.Xform.Define(stage, root)
             prim = getattr(UsdVol, SCHEMA).Define(stage, f"{root}/{animation.name}").GetPrim()
             self._attributes = {name: prim.GetAttribute(name) for name in prim.GetPropertyNames()}
@@ -57,7 +57,7 @@ class UsdSplatWriter(AnimationWriter):
     def append(self, frames: NDArray[Any]) -> None:
         """Write the next frames, rows (k, m)."""
         for rows in frames:
-            time = self._file.begin_frame()
+            time = self.begin_frame()
             positions = _stack(rows, ("x", "y", "z"))
             with np.errstate(over="ignore"):
                 scales = np.exp(_stack(rows, SCALES))
@@ -74,17 +74,9 @@ class UsdSplatWriter(AnimationWriter):
                 if self._rest:
                     self._set_colours(rows, time)
 
-    def complete(self) -> None:
-        """Save the file."""
-        self._file.complete()
-
-    def abandon(self) -> None:
-        """Close the file."""
-        self._file.abandon()
-
     def _set_colours(self, rows: NDArray[Any], time: float | None = None) -> None:
         """Write all coefficients of each splat together: the constant ones, then the bands."""
-        colours = _stack(rows, self._rest).reshape(self._count, 3, -1)
+        colours = _stack(rows, self._rest).reshape(self._splat_count, 3, -1)
         constant = _stack(rows, COLOURS)[:, :, None]
         grouped = np.concatenate([constant, colours], axis=2).transpose(0, 2, 1)
         self._set("radiance:sphericalHarmonicsCoefficients", grouped.reshape(-1, 3), time)

@@ -1,4 +1,4 @@
-"""USD: one mesh whose points have a time sample per frame, in single precision."""
+"""USD: meshes whose points have a time sample per frame, or a skeleton; in single precision."""
 
 import zipfile
 from contextlib import ExitStack
@@ -26,8 +26,8 @@ MAX_USDZ_BYTES = 1 << 32
 """Bytes of a `.usdz`: a zip file without the extension for large files."""
 
 
-class UsdFile:
-    """A stage whose default prim has the name of the animation, saved as it grows.
+class UsdWriter(AnimationWriter):
+    """Writes a stage whose default prim has the name of the animation; it is saved as it grows.
 
     USD reads saved samples of binary files from the disk on demand, and keeps only unsaved ones in
     memory.
@@ -35,23 +35,32 @@ class UsdFile:
     Attributes
     ----------
     root : str
-        Path of the default prim, not yet defined.
+        Path of the default prim, which the formats define.
     """
 
-    def __init__(self, target: Path, animation: Animation, frame_bytes: int) -> None:
+    suffixes = USD_SUFFIXES
+    is_single = True
+
+    @classmethod
+    def require_libraries(cls) -> None:
+        """Raise MissingLibraryError without usd-core."""
+        require_usd("writing USD")
+
+    def open_stage(self, target: Path, animation: Animation, frame_bytes: int) -> None:
         """Start a file of `frame_bytes` per frame."""
+        suffix = target.suffix.lower()
         require_usd(f"writing {target.suffix}")
         from pxr import Sdf, Usd
 
-        _check_size_limit(target.suffix.lower(), animation.frame_count * frame_bytes)
+        _check_size_limit(suffix, animation.frame_count * frame_bytes)
         self._target, self._frame_bytes, self._unsaved_bytes = target, frame_bytes, 0
-        self._count, self._scene = 0, animation.scene
+        self._frame_count, self._scene = 0, animation.scene
         self._folder: TemporaryDirectory[str] | None = None
         self._path, self._member = target, f"{animation.name}.usdc"
-        if target.suffix.lower() == ".usdz":
+        if suffix == ".usdz":
             self._folder = TemporaryDirectory(dir=target.parent, prefix=f"{target.stem}.")
             self._path = Path(self._folder.name) / self._member
-        binary = {"format": "usdc"} if target.suffix.lower() == ".usd" else {}
+        binary = {"format": "usdc"} if suffix == ".usd" else {}
         with ExitStack() as stack, capture_diagnostics(OSError):
             stack.callback(self.abandon)
             self.stage = Usd.Stage.Open(Sdf.Layer.CreateNew(str(self._path), args=binary))
@@ -67,8 +76,8 @@ class UsdFile:
                 self.stage.GetRootLayer().Save()
                 self._unsaved_bytes = 0
         self._unsaved_bytes += self._frame_bytes
-        self._count += 1
-        return self._scene.frame_number(self._count - 1)
+        self._frame_count += 1
+        return self._scene.frame_number(self._frame_count - 1)
 
     def complete(self) -> None:
         """Save what is left, and close the file."""
@@ -123,49 +132,6 @@ def _write_usdz(path: Path, target: Path, name: str) -> None:
                 file.write(block)
 
 
-class Writer(AnimationWriter):
-    """Writes each frame at the time code of its number, of the mesh `/NAME/NAME`.
-
-    Blender names the object after the mesh, other programs after its parent.
-    """
-
-    suffixes = USD_SUFFIXES
-    is_single = True
-
-    @classmethod
-    def require_libraries(cls) -> None:
-        """Raise MissingLibraryError without usd-core."""
-        require_usd("writing USD")
-
-    def __init__(self, target: Path, animation: Animation) -> None:
-        self._file = UsdFile(target, animation, count_frame_bytes(animation.rest))
-        from pxr import UsdGeom
-
-        with capture_diagnostics(OSError):
-            # If a mesh were the default prim, the type of a referencing prim would hide it.
-            UsdGeom.Xform.Define(self._file.stage, self._file.root)
-            path = f"{self._file.root}/{animation.name}"
-            self._mesh = UsdMesh(self._file.stage, path, animation.rest)
-
-    def append(self, frames: Floats) -> None:
-        """Write the next frames."""
-        for positions in frames:
-            time = self._file.begin_frame()
-            with capture_diagnostics(OSError):
-                self._mesh.write_positions(positions, time)
-
-    def complete(self) -> None:
-        """Save the file."""
-        self._file.complete()
-
-    def abandon(self) -> None:
-        """Close the file."""
-        self._file.abandon()
-
-
-MODEL_NAME = "model"
-
-
 class CageDisplay(Enum):
     """How a cage is shown beside its model."""
 
@@ -176,82 +142,59 @@ class CageDisplay(Enum):
     """With the purpose `guide`: programs hide it unless they are asked, and never render it."""
 
 
-class WithModelWriter(AnimationWriter):
-    """Writes the cages as the mesh `/NAME/NAME`, and beside them the model, `/NAME/model`.
+class Writer(UsdWriter):
+    """Writes each frame at the time code of its number, of the mesh `/NAME/NAME`.
 
-    The vertices of a frame are those of the cage, then those of the model.
+    Blender names the object after the mesh, other programs after its parent. If a model is given,
+    the mesh is its cage, and the model `/NAME/model` is beside it: a frame has the vertices of the
+    cage, then those of the model.
     """
 
-    suffixes = USD_SUFFIXES
-    is_single = True
-
-    @classmethod
-    def require_libraries(cls) -> None:
-        """Raise MissingLibraryError without usd-core."""
-        require_usd("writing USD")
-
     def __init__(
-        self, target: Path, animation: Animation, model: TriMesh, cage: CageDisplay
+        self,
+        target: Path,
+        animation: Animation,
+        model: TriMesh | None = None,
+        display: CageDisplay = CageDisplay.MESH,
     ) -> None:
-        """Start writing to `target`, whose suffix is one of `suffixes`.
-
-        Parameters
-        ----------
-        animation : Animation
-            Of the cage: its `rest` is the rest cage.
-        model : TriMesh
-            The model at rest.
-        """
-        self._cage_count = len(animation.rest.vertices)
-        size = count_frame_bytes(animation.rest) + count_frame_bytes(model)
-        self._file = UsdFile(target, animation, size)
+        rests = [animation.rest] if model is None else [animation.rest, model]
+        self.open_stage(target, animation, sum(map(count_frame_bytes, rests)))
         from pxr import UsdGeom
 
         with capture_diagnostics(OSError):
-            stage, root = self._file.stage, self._file.root
-            UsdGeom.Xform.Define(stage, root)
-            self._cage = define_cage(self._file, animation, cage)
-            self._model = UsdMesh(stage, f"{root}/{MODEL_NAME}", model)
+            # If a mesh were the default prim, the type of a referencing prim would hide it.
+            UsdGeom.Xform.Define(self.stage, self.root)
+            self._meshes = [define_mesh(self, animation, display)]
+            if model is not None:
+                self._meshes.append(UsdMesh(self.stage, f"{self.root}/model", model))
+        self._bounds = np.cumsum([len(rest.vertices) for rest in rests])[:-1]
 
     def append(self, frames: Floats) -> None:
-        """Write the next k frames, (k, n + m, 3)."""
+        """Write the next frames."""
         for positions in frames:
-            time = self._file.begin_frame()
+            time = self.begin_frame()
+            parts = np.split(positions, self._bounds)
             with capture_diagnostics(OSError):
-                self._cage.write_positions(positions[: self._cage_count], time)
-                self._model.write_positions(positions[self._cage_count :], time)
-
-    def complete(self) -> None:
-        """Save the file."""
-        self._file.complete()
-
-    def abandon(self) -> None:
-        """Close the file."""
-        self._file.abandon()
+                for mesh, part in zip(self._meshes, parts, strict=True):
+                    mesh.write_positions(part, time)
 
 
-def define_cage(file: UsdFile, animation: Animation, display: CageDisplay) -> UsdMesh:
-    """Define the mesh of the cage beside another."""
+def define_mesh(writer: UsdWriter, animation: Animation, display: CageDisplay) -> UsdMesh:
+    """Define the mesh of an animation below the root of its stage."""
     from pxr import UsdGeom
 
-    mesh = UsdMesh(file.stage, f"{file.root}/{animation.name}", animation.rest)
+    mesh = UsdMesh(writer.stage, f"{writer.root}/{animation.name}", animation.rest)
     if display == CageDisplay.GUIDE:
         mesh.prim.CreatePurposeAttr(UsdGeom.Tokens.guide)
     return mesh
 
 
-_JOINT_BYTES = 12 + 16
-"""Bytes of a joint in a frame: a translation and a rotation in single precision."""
-
-
-class SkeletonWriter(AnimationWriter):
+class SkeletonWriter(UsdWriter):
     """Writes the rest mesh, skinned to joints that translate below a root that also turns.
 
-    `JointMotion` says where they are.
+    There is a joint per cage vertex, the weights of the cage are the skin weights, and
+    `JointMotion` says where the joints are.
     """
-
-    suffixes = USD_SUFFIXES
-    is_single = True
 
     def __init__(
         self, target: Path, animation: Animation, skin: Skin, cage: CageDisplay | None = None
@@ -274,13 +217,14 @@ class SkeletonWriter(AnimationWriter):
         to_float32(points)  # refused before anything is written
         self._motion = JointMotion(animation.rest, skin.rotations)
         size = 0 if cage is None else count_frame_bytes(animation.rest)
-        self._file = UsdFile(target, animation, size + _JOINT_BYTES * len(self._motion.names))
+        joint_bytes = 12 + 16  # a translation and a rotation in single precision
+        self.open_stage(target, animation, size + joint_bytes * len(self._motion.names))
         with capture_diagnostics(OSError):
             self._define_skeleton()
-            mesh = UsdMesh(self._file.stage, f"{self._file.root}/mesh", skin.rest)
+            mesh = UsdMesh(self.stage, f"{self.root}/mesh", skin.rest)
             mesh.write_positions(points)
             self._bind_mesh(mesh.prim, skin.weights)
-            self._cage_mesh = None if cage is None else define_cage(self._file, animation, cage)
+            self._cage_mesh = None if cage is None else define_mesh(self, animation, cage)
 
     def append(self, frames: Floats) -> None:
         """Write the cages of the next k frames, (k, n, 3)."""
@@ -289,7 +233,7 @@ class SkeletonWriter(AnimationWriter):
         turns = np.zeros((len(self._motion.names), 4), np.float32)
         turns[:, 3] = 1
         for cage, (places, turn) in zip(frames, self._motion.advance(frames), strict=True):
-            time, translations = self._file.begin_frame(), to_float32(places)
+            time, translations = self.begin_frame(), to_float32(places)
             turns[0] = turn
             with capture_diagnostics(OSError):
                 self._translations.Set(Vt.Vec3fArray.FromNumpy(translations), time)
@@ -297,19 +241,11 @@ class SkeletonWriter(AnimationWriter):
                 if self._cage_mesh is not None:
                     self._cage_mesh.write_positions(cage, time)
 
-    def complete(self) -> None:
-        """Save the file."""
-        self._file.complete()
-
-    def abandon(self) -> None:
-        """Close the file."""
-        self._file.abandon()
-
     def _define_skeleton(self) -> None:
         """Define the root joint, and below it a joint per cage vertex."""
         from pxr import UsdSkel, Vt
 
-        stage, root, motion = self._file.stage, self._file.root, self._motion
+        stage, root, motion = self.stage, self.root, self._motion
         UsdSkel.Root.Define(stage, root)
         skeleton = UsdSkel.Skeleton.Define(stage, f"{root}/skeleton")
         animation = UsdSkel.Animation.Define(stage, f"{root}/skeleton/motion")
@@ -331,7 +267,7 @@ class SkeletonWriter(AnimationWriter):
 
         influences = weights.joints.shape[1]
         binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
-        binding.CreateSkeletonRel().SetTargets([f"{self._file.root}/skeleton"])
+        binding.CreateSkeletonRel().SetTargets([f"{self.root}/skeleton"])
         binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1))
         joints = binding.CreateJointIndicesPrimvar(False, influences)
         joints.Set(Vt.IntArray.FromNumpy((weights.joints + 1).astype(np.int32).ravel()))

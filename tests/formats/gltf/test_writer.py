@@ -286,7 +286,7 @@ def test_there_is_no_time_before_zero(tmp_path, animation):
 def test_what_there_is_no_room_for_is_refused_at_once(
     tmp_path, monkeypatch, animation, morphs, says
 ):
-    monkeypatch.setattr("cageik_cli.formats.gltf.MAX_FILE_BYTES", 1 << 30)
+    monkeypatch.setattr("cageik_cli.formats.gltf.MAX_GLB_BYTES", 1 << 30)
     rest = TriMesh(np.tile(animation.rest.vertices, (2_400_000 // 18, 1)), animation.rest.faces)
     described = Animation(rest, 1000, Scene(), "a", morphs=MorphSettings(**morphs))
     if says is None:
@@ -298,7 +298,7 @@ def test_what_there_is_no_room_for_is_refused_at_once(
 
 
 def test_a_file_that_has_grown_too_large_is_refused(tmp_path, monkeypatch, animation):
-    monkeypatch.setattr("cageik_cli.formats.gltf_file.MAX_FILE_BYTES", 500)
+    monkeypatch.setattr("cageik_cli.formats.gltf_file.MAX_GLB_BYTES", 500)
     with pytest.raises(OutputError, match=r"a.glb: it would take 0.0 GiB"):
         save(tmp_path / "a.glb", animation.rest, animation.frames, tolerance=1.0)
     assert not list(tmp_path.iterdir())
