@@ -14,8 +14,7 @@ from hypothesis import settings
 
 from cageik_cli.cages.building import job
 from cageik_cli.cages.building.shell import ShellRecipe
-from cageik_cli.cli import main
-from cageik_cli.cli.options import common
+from cageik_cli.cli import main, options
 from cageik_cli.coordinates import harmonic
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver import memory_plan
@@ -23,7 +22,7 @@ from cageik_cli.util import compiled
 from tests.shapes import ball, box
 
 # Imported before tests change the accuracies that its help states.
-assert common.BIND_OPTIONS
+assert options.BIND_OPTIONS
 # A machine that is busy is not a fault of the code.
 settings.register_profile("untimed", settings.default, deadline=None)
 settings.load_profile("untimed")

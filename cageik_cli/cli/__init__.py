@@ -2,14 +2,13 @@
 
 Only this folder uses click and tqdm. It depends on `workflows` and, for what it shows, on
 `report`; both are imported when a command runs, so that `--help` is quick. Start with `extract.py`.
-Options that commands share are in `options/`; `errors.py` decides the exit code of an error.
+Options that commands share are in `options/`; `group.py` decides the exit code of an error.
 """
 
 import click
 
 from cageik_cli import __version__
-from cageik_cli.cli.errors import CageikGroup
-from cageik_cli.cli.lazy import LazyCommands
+from cageik_cli.cli.group import CageikGroup, LazyCommands
 from cageik_cli.util.compiled import describe_core
 
 

@@ -13,14 +13,21 @@ from cageik_cli.cli.batch_plan import (
     SharedOptions,
     plan_batch,
 )
-from cageik_cli.cli.options.common import (
+from cageik_cli.cli.group import word_options
+from cageik_cli.cli.options import (
     PATH_TYPE,
+    OptionGroup,
     common_options,
     count_processors,
     is_on_command_line,
 )
-from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.cli.options.limits import echo_exceeded_limits, exit_with_code
+from cageik_cli.cli.output import (
+    LineLogger,
+    append_step_summary,
+    echo_exceeded_limits,
+    exit_with_code,
+    show_progress,
+)
 from cageik_cli.util.text import format_count
 
 if TYPE_CHECKING:
@@ -117,8 +124,6 @@ def batch_command(
     cageik batch animations --cage rest_cage.obj -o out
     cageik batch walks runs -o out --resume --max-rms 0.5%
     """  # noqa: D301
-    from cageik_cli.cli.github_summary import append_step_summary
-    from cageik_cli.cli.progress import LineLogger, show_progress
     from cageik_cli.report.views.markdown import format_markdown
     from cageik_cli.workflows.batch.run import describe_batch, run_batch
 
@@ -174,5 +179,6 @@ def _show_overview(overview: "Overview", quiet: bool) -> None:
         text = f"{clips}: {done} done, {len(failed)} failed"
         click.echo(f"{text}, {len(over)} over a limit", err=True)
     for entry in failed:  # at the end, where a long log is looked at
-        click.echo(f"{entry.name}: {entry.fault}", err=True)
+        fault = word_options(entry.fault or "", None)
+        click.echo(f"{entry.name}: {fault}", err=True)
     echo_exceeded_limits(overview)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from cageik_cli.cli.batch_config import CONFIG_NAME, ClipTables, is_auxiliary_path
-from cageik_cli.cli.config import list_commands
+from cageik_cli.cli.config import CONFIG_NAME, ClipTables, is_auxiliary_path, list_commands
 from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
+from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS
 from cageik_cli.util.errors import CageikError, SettingError
 
@@ -226,4 +226,5 @@ def _describe_fault(error: click.UsageError | CageikError) -> str:
     if isinstance(error, click.BadParameter) and error.param is not None:
         option = max(error.param.opts, key=len)
         return f"{option} of a {CONFIG_NAME} in its folder or above: {error.message.rstrip('.')}"
-    return error.message if isinstance(error, click.UsageError) else str(error)
+    message = error.message if isinstance(error, click.UsageError) else str(error)
+    return word_options(message, extract_command)

@@ -1,84 +1,52 @@
 """`cageik bind`: the weights of a rest pose in a cage."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.options.common import (
-    BIND_OPTIONS,
-    CACHE_OPTIONS,
+from cageik_cli.cli.options import (
     PATH_TYPE,
+    WEIGHT_OPTIONS,
+    OptionGroup,
     common_options,
     get_verbosity,
-    jobs_option,
+    is_given,
     memory_option,
     overwrite_option,
     timings_option,
 )
-from cageik_cli.cli.options.fit import (
-    FIT_NAMES,
+from cageik_cli.cli.options.solve import (
     FIT_STRENGTH_OPTIONS,
+    SOLVE_OPTIONS,
     make_fit_settings,
     refuse_without_fit,
+    vertex_weights_option,
 )
-from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.cli.options.solve import SOLVE_OPTIONS, vertex_weights_option
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.solver.fitting.record import FitSettings
-from cageik_cli.solver.settings import SolveSettings
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.bind import BindRunSettings, WeightSettings
+    from cageik_cli.workflows.bind import BindRunSettings
 
 
-def make_weight_settings(bind: BindSettings, cache: Path | None, jobs: int) -> "WeightSettings":
-    """Make the settings of the weights of a run."""
-    from cageik_cli.workflows.bind import WeightSettings
-
-    return WeightSettings(bind, cache, jobs)
-
-
-WEIGHT_OPTIONS = OptionGroup(
-    "weights", make_weight_settings, BIND_OPTIONS, CACHE_OPTIONS, jobs_option
-)
-
-
-def make_bind_run_settings(
-    cage: Path,
-    rest: Path,
-    output: Path,
-    weights: "WeightSettings",
-    overwrite: bool,
-    clips: tuple[str, ...],
-    fit: FitSettings | None,
-    solve: SolveSettings,
-    vertex_weights: Path | str | None,
-    memory: int,
-) -> "BindRunSettings":
+def make_bind_settings(fit: FitSettings | None, **others: Any) -> "BindRunSettings":
     """Make the settings of a run; options of a fit without one are wrong usage."""
     from cageik_cli.workflows.bind import BindRunSettings
 
     if fit is None:
         refuse_without_fit(("vertex_weights", "alpha", "beta", "align"))
-    return BindRunSettings(
-        cage=cage,
-        rest=rest,
-        output=output,
-        weights=weights,
-        overwrite=overwrite,
-        clips=clips,
-        fit=fit or FitSettings(),
-        solve=solve,
-        vertex_weights=vertex_weights,
-        memory=memory,
-    )
+    return BindRunSettings(fit=fit or FitSettings(), **others)
+
+
+def make_clip_fit(**options: Any) -> FitSettings | None:
+    """Make the settings of a fit to clips; None without clips."""
+    return make_fit_settings(is_given("clips"), **options)
 
 
 @click.command("bind")
 @OptionGroup(
     "settings",
-    make_bind_run_settings,
+    make_bind_settings,
     click.option("--cage", type=PATH_TYPE, required=True, help="The cage around the rest pose."),
     click.option("--rest", type=PATH_TYPE, required=True, help="Mesh of the rest pose."),
     click.option(
@@ -97,12 +65,7 @@ def make_bind_run_settings(
         multiple=True,
         help="Fit the weights to this clip: a folder, a glob or a file; may be repeated.",
     ),
-    OptionGroup(
-        "fit",
-        lambda clips, **options: make_fit_settings(bool(clips), **options),
-        *FIT_STRENGTH_OPTIONS,
-        names=("clips", *FIT_NAMES),
-    ),
+    OptionGroup("fit", make_clip_fit, *FIT_STRENGTH_OPTIONS),
     SOLVE_OPTIONS,
     vertex_weights_option,
     memory_option,
@@ -118,7 +81,7 @@ def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool)
     \b
     cageik bind --cage cage.obj --rest rest.obj --fit walk --fit run -o hero.h5
     """  # noqa: D301
-    from cageik_cli.cli.progress import show_progress
+    from cageik_cli.cli.output import show_progress
     from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import format_block
     from cageik_cli.workflows.bind import bind_files

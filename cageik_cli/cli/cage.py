@@ -1,63 +1,32 @@
 """`cageik cage`: a cage around a model."""
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.cli.options.clip import (
-    CLIP_OPTIONS,
-    choose_rest_frame,
-    rest_frame_option,
-    rest_option,
-)
-from cageik_cli.cli.options.common import (
+from cageik_cli.cli.options import (
     PATH_TYPE,
+    OptionGroup,
     common_options,
     get_verbosity,
+    is_given,
     is_on_command_line,
     jobs_option,
+    name_option,
     overwrite_option,
-    usage_errors,
-    write_or_print,
 )
-from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.formats.settings import ClipSettings, RestFrame
+from cageik_cli.cli.options.clip import CLIP_OPTIONS, rest_frame_option, rest_option
+from cageik_cli.cli.options.types import PercentType
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.build_cage import CageSettings
     from cageik_cli.workflows.repair_cage import RepairCageSettings
 
-BUILD_ONLY = ("vertices", "clearance", "rest_frame", "animation")
-"""Options without effect on a repair, by their parameters' names."""
-
-
-class ClearanceType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
-    """Percent of the diagonal, such as 0.4 or 0.4%; the value is in diagonals."""
-
-    name = "percent"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """Parse the text."""
-        match = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*%?", str(value).strip())
-        if not match:
-            self.fail(f"{value!r} is not a share of the diagonal such as 0.4%", param, ctx)
-        return float(match[1]) / 100
-
-
-def make_build_settings(vertices: int, clearance: float) -> BuildSettings:
-    """Make the settings of the builder; impossible values are wrong usage."""
-    with usage_errors():
-        return BuildSettings(vertices, clearance)
-
-
 BUILD_OPTIONS = OptionGroup(
     "build",
-    make_build_settings,
+    BuildSettings,
     click.option(
         "--vertices",
         type=int,
@@ -67,7 +36,7 @@ BUILD_OPTIONS = OptionGroup(
     ),
     click.option(
         "--clearance",
-        type=ClearanceType(),
+        type=PercentType("a clearance", "0.4%", unit=100),
         default=f"{100 * BuildSettings().clearance:g}%",
         show_default=True,
         help="Smallest distance between cage and model, in percent of the diagonal.",
@@ -75,55 +44,25 @@ BUILD_OPTIONS = OptionGroup(
 )
 
 
-def make_cage_settings(
-    model: str | None,
-    repair: Path | None,
-    output: Path,
-    build: BuildSettings,
-    rest: Path | None,
-    rest_frame: RestFrame | None,
-    animation: tuple[str, ...],
-    clip: ClipSettings,
-    overwrite: bool,
-    jobs: int,
-) -> "CageSettings | RepairCageSettings":
+def make_cage_settings(repair: Path | None, **values: Any) -> "CageSettings | RepairCageSettings":
     """Make the settings of a build or a repair; values that contradict are wrong usage."""
     from cageik_cli.workflows.build_cage import CageSettings
-
-    if repair is not None:
-        return _make_repair_settings(model, repair, rest, output, overwrite)
-    if model is None:
-        raise click.UsageError("Missing argument 'MODEL' (or '--repair', which names a cage).")
-    choose_rest_frame(rest, rest_frame)
-    return CageSettings(
-        model=model,
-        output=output,
-        build=build,
-        rest=rest,
-        rest_frame=rest_frame,
-        animation=animation,
-        clip=clip,
-        overwrite=overwrite,
-        jobs=jobs,
-    )
-
-
-def _make_repair_settings(
-    model: str | None, cage: Path, rest: Path | None, output: Path, overwrite: bool
-) -> "RepairCageSettings":
-    """Make the settings of a repair, whose model is MODEL or --rest."""
     from cageik_cli.workflows.repair_cage import RepairCageSettings
 
-    for name in BUILD_ONLY:
+    model, rest = values["model"], values["rest"]
+    if repair is None:
+        if model is None:
+            raise click.UsageError("Missing argument 'MODEL' (or '--repair', which names a cage).")
+        rest_frame = values.pop("rest_frame") if is_given("rest_frame") else None
+        return CageSettings(**{**values, "rest_frame": rest_frame})
+    for name in ("vertices", "clearance", "rest_frame", "animation"):
         if is_on_command_line(name):
-            raise click.UsageError(f"--repair keeps the cage; leave out {_name_option(name)}")
+            raise click.UsageError(f"--repair keeps the cage; leave out {name_option(name)}")
     if (model is None) == (rest is None):
         raise click.UsageError("--repair needs the model: give it with --rest, or as MODEL")
-    return RepairCageSettings(cage, rest or Path(str(model)), output, overwrite=overwrite)
-
-
-def _name_option(name: str) -> str:
-    return "--for" if name == "animation" else f"--{name.replace('_', '-')}"
+    return RepairCageSettings(
+        repair, rest or Path(model), values["output"], overwrite=values["overwrite"]
+    )
 
 
 @click.command("cage")
@@ -167,7 +106,7 @@ def cage_command(
     cageik cage body.obj -o cage.obj --for frames
     cageik cage --repair mine.obj --rest body.obj -o cage.obj
     """  # noqa: D301
-    from cageik_cli.cli.progress import show_progress
+    from cageik_cli.cli.output import show_progress, write_or_print
     from cageik_cli.report.views.cage_build import (
         format_cage_json,
         format_cage_text,

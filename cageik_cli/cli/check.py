@@ -2,63 +2,53 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.options.clip import (
-    CLIP_OPTIONS,
-    choose_rest_frame,
-    rest_frame_option,
-    rest_option,
-)
-from cageik_cli.cli.options.common import (
+from cageik_cli.cli.options import (
     PATH_TYPE,
+    OptionGroup,
     common_options,
+    is_given,
     jobs_option,
     overwrite_option,
-    write_or_print,
 )
-from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.formats.settings import ClipSettings, RestFrame
+from cageik_cli.cli.options.clip import CLIP_OPTIONS, rest_frame_option, rest_option
+from cageik_cli.cli.output import write_or_print
 
 if TYPE_CHECKING:
     from cageik_cli.report.views.cage_check import CheckResult
     from cageik_cli.workflows.check import CheckSettings
 
 
-def make_check_settings(
-    cage: Path,
-    frames: tuple[str, ...],
-    rest: Path | None,
-    rest_frame: RestFrame | None,
-    clip: ClipSettings,
-    jobs: int,
-) -> "CheckSettings":
-    """Make the settings of a check; values that contradict each other are wrong usage."""
+def make_check_settings(**values: Any) -> "CheckSettings":
+    """Make the settings of a check; a rest frame of no clip is wrong usage."""
     from cageik_cli.workflows.check import CheckSettings
 
-    index = choose_rest_frame(rest, rest_frame)
-    if rest_frame is not None and not frames:
+    if is_given("rest_frame") and not values["frames"]:
         raise click.UsageError("--rest-frame needs FRAMES; name them, or leave it out")
-    return CheckSettings(cage, frames, rest, index, jobs, clip)
+    return CheckSettings(**values)
 
 
 @dataclass(frozen=True, slots=True)
 class CheckViews:
-    """The files that a check writes; each may be absent."""
+    """The files that a check writes; each may be absent.
+
+    Raises
+    ------
+    click.UsageError
+        When one has another suffix.
+    """
 
     json_path: Path | None
     plot: Path | None
     marked: Path | None
 
-
-def make_check_views(json_path: Path | None, plot: Path | None, marked: Path | None) -> CheckViews:
-    """Make the files of a check; another suffix is wrong usage."""
-    for name, path, suffix in (("--plot", plot, ".png"), ("--marked", marked, ".ply")):
-        if path is not None and path.suffix.lower() != suffix:
-            raise click.UsageError(f"{name} {path}: expected a name that ends in {suffix}")
-    return CheckViews(json_path, plot, marked)
+    def __post_init__(self) -> None:
+        for name, path, suffix in (("plot", self.plot, ".png"), ("marked", self.marked, ".ply")):
+            if path is not None and path.suffix.lower() != suffix:
+                raise click.UsageError(f"--{name} {path}: expected a name that ends in {suffix}")
 
 
 @click.command("check")
@@ -74,7 +64,7 @@ def make_check_views(json_path: Path | None, plot: Path | None, marked: Path | N
 )
 @OptionGroup(
     "views",
-    make_check_views,
+    CheckViews,
     click.option(
         "--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout."
     ),

@@ -1,88 +1,50 @@
 """`cageik deform`: the cage animation of a result applied to a mesh."""
 
-from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.options.clip import CLIP_OPTIONS, SCENE_OPTIONS
-from cageik_cli.cli.options.common import (
+from cageik_cli.cli.options import (
     CACHE_OPTIONS,
     PATH_TYPE,
+    OptionGroup,
     common_options,
-    format_option,
     get_verbosity,
     jobs_option,
     make_binding_options,
     memory_option,
-    overwrite_option,
-    recentre_option,
+    output_options,
 )
-from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.cli.options.morphs import MORPH_OPTIONS, check_morph_usage
-from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
+from cageik_cli.cli.options.clip import (
+    CLIP_OPTIONS,
+    MORPH_MEMBERS,
+    SCENE_OPTIONS,
+    check_morph_usage,
+    make_morph_settings,
+)
+from cageik_cli.formats.settings import ClipSettings, MorphSettings
 
 if TYPE_CHECKING:
-    from cageik_cli.formats.write import Output
     from cageik_cli.workflows.deform import DeformSettings
 
 
-def make_output(out: Path, file_format: str | None, recentre: bool, overwrite: bool) -> "Output":
-    """Make the record of an animation's output."""
-    from cageik_cli.formats.write import Output
-
-    return Output(out, file_format, overwrite, recentre)
-
-
-def make_mesh_morphs(morphs: MorphSettings, flat: bool) -> MorphSettings:
-    """Add to the settings of morph targets whether they have normals."""
-    return replace(morphs, has_normals=not flat)
-
-
-def make_deform_settings(
-    source: Path,
-    mesh: Path | None,
-    cages: str | None,
-    output: "Output",
-    clip: ClipSettings,
-    scene: SceneHints,
-    coordinates: str | None,
-    accuracy: str | None,
-    outside: str | None,
-    cache: Path | None,
-    memory: int,
-    jobs: int,
-    influences: int | None,
-    mesh_morphs: MorphSettings,
-) -> "DeformSettings":
+def make_deform_settings(**values: Any) -> "DeformSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
     from cageik_cli.workflows.deform import DeformSettings
 
-    if cages is None and clip != ClipSettings():
+    if values["cages"] is None and values["clip"] != ClipSettings():
         raise click.UsageError(
             "--frames, --layout, --allow-gaps and --close-gaps apply to --cages; leave them out, "
             "or give it"
         )
-    is_given = mesh_morphs != MorphSettings(has_normals=True)
-    check_morph_usage("--morphs, --tolerance and --flat", is_given, output.path)
-    return DeformSettings(
-        source=source,
-        output=output,
-        mesh=mesh,
-        coordinates=coordinates,
-        accuracy=accuracy,
-        outside=outside,
-        cages=cages,
-        clip=clip,
-        scene=scene,
-        cache=cache,
-        memory=memory,
-        jobs=jobs,
-        influences=influences,
-        compares=influences is not None and get_verbosity() > 0,
-        morphs=mesh_morphs,
-    )
+    has_morphs = values["morphs"] != MorphSettings(has_normals=True)
+    check_morph_usage("--morphs, --tolerance and --flat", has_morphs, values["output"].path)
+    return DeformSettings(compares=get_verbosity() > 0, **values)
+
+
+def has_normals(flat: bool) -> bool:
+    """Return whether morph targets have normals."""
+    return not flat
 
 
 @click.command("deform")
@@ -103,19 +65,17 @@ def make_deform_settings(
     ),
     OptionGroup(
         "output",
-        make_output,
+        "formats.write.Output",
         click.option(
             "-o",
             "--output",
-            "out",
+            "path",
             type=PATH_TYPE,
             required=True,
             metavar="OUT",
             help="A file, a folder, or files in a folder, such as mesh/mesh_####.obj.",
         ),
-        format_option,
-        recentre_option,
-        overwrite_option,
+        *output_options,
     ),
     CLIP_OPTIONS,
     SCENE_OPTIONS,
@@ -128,13 +88,17 @@ def make_deform_settings(
         "vertices per vertex, as export --skeleton does.  [default: the weights of the mesh]",
     ),
     OptionGroup(
-        "mesh_morphs",
-        make_mesh_morphs,
-        MORPH_OPTIONS,
-        click.option(
-            "--flat",
-            is_flag=True,
-            help="Leave out normals: half the size, and programs show facets (.glb).",
+        "morphs",
+        make_morph_settings,
+        *MORPH_MEMBERS,
+        OptionGroup(
+            "has_normals",
+            has_normals,
+            click.option(
+                "--flat",
+                is_flag=True,
+                help="Leave out normals: half the size, and programs show facets (.glb).",
+            ),
         ),
     ),
     memory_option,
@@ -150,7 +114,7 @@ def deform_command(settings: "DeformSettings", quiet: bool) -> None:
     default), .npz, .pc2 or .mdd, and splats as .ply (the default) or .usd*.
     --frames, --layout, --allow-gaps and --close-gaps apply to --cages.
     """
-    from cageik_cli.cli.progress import show_progress
+    from cageik_cli.cli.output import show_progress
     from cageik_cli.util.text import format_block
     from cageik_cli.workflows.deform import deform
 

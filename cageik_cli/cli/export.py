@@ -1,66 +1,47 @@
 """`cageik export`: the cage animation of a result in another format."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.options.clip import SCENE_OPTIONS
-from cageik_cli.cli.options.common import (
+from cageik_cli.cli.options import (
     PATH_TYPE,
+    OptionGroup,
     common_options,
-    format_option,
     get_verbosity,
-    overwrite_option,
-    recentre_option,
+    output_options,
 )
-from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.cli.options.morphs import MORPH_OPTIONS, check_morph_usage
-from cageik_cli.formats.settings import MorphSettings, SceneHints
+from cageik_cli.cli.options.clip import MORPH_OPTIONS, SCENE_OPTIONS, check_morph_usage
+from cageik_cli.formats.settings import MorphSettings
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.export import ExportSettings
-
-
-def make_export_settings(
-    result: Path,
-    out: Path,
-    scene: SceneHints,
-    skeleton: bool,
-    influences: int | None,
-    with_model: bool,
-    guide: bool,
-    morphs: MorphSettings,
-    file_format: str | None,
-    recentre: bool,
-    overwrite: bool,
-) -> "ExportSettings":
-    """Make the settings of an export; values that contradict each other are wrong usage."""
     from cageik_cli.formats.usd.writer import CageDisplay
-    from cageik_cli.formats.write import Output
     from cageik_cli.workflows.export import ExportSettings
 
-    if influences is not None and not skeleton:
+
+def make_export_settings(**values: Any) -> "ExportSettings":
+    """Make the settings of an export; values that contradict each other are wrong usage."""
+    from cageik_cli.workflows.export import ExportSettings
+
+    is_skeleton = values["skeleton"]
+    if values["influences"] is not None and not is_skeleton:
         raise click.UsageError("--influences needs --skeleton; give both, or neither")
-    if guide and not with_model:
-        raise click.UsageError("--guide needs --with-model; give both, or neither")
-    display = (CageDisplay.GUIDE if guide else CageDisplay.MESH) if with_model else None
-    has_morphs = morphs != MorphSettings()
-    if has_morphs and skeleton:
+    has_morphs = values["morphs"] != MorphSettings()
+    if has_morphs and is_skeleton:
         raise click.UsageError(
             "--morphs and --tolerance do not go with --skeleton, which has none; give --influences"
         )
-    check_morph_usage("--morphs and --tolerance", has_morphs, out)
-    return ExportSettings(
-        result=result,
-        output=Output(out, file_format, overwrite, recentre),
-        scene=scene,
-        skeleton=skeleton,
-        influences=influences,
-        compares=get_verbosity() > 0,
-        with_model=display,
-        morphs=morphs,
-    )
+    check_morph_usage("--morphs and --tolerance", has_morphs, values["output"].path)
+    return ExportSettings(compares=get_verbosity() > 0, **values)
+
+
+def choose_display(with_model: bool, guide: bool) -> "CageDisplay | None":
+    """Return how the cage is shown beside the model; None without a model."""
+    from cageik_cli.formats.usd.writer import CageDisplay
+
+    if guide and not with_model:
+        raise click.UsageError("--guide needs --with-model; give both, or neither")
+    return (CageDisplay.GUIDE if guide else CageDisplay.MESH) if with_model else None
 
 
 @click.command("export")
@@ -68,7 +49,12 @@ def make_export_settings(
     "settings",
     make_export_settings,
     click.argument("result", type=PATH_TYPE),
-    click.argument("out", type=PATH_TYPE),
+    OptionGroup(
+        "output",
+        "formats.write.Output",
+        click.argument("path", metavar="OUT", type=PATH_TYPE),
+        *output_options,
+    ),
     SCENE_OPTIONS,
     click.option(
         "--skeleton",
@@ -82,22 +68,23 @@ def make_export_settings(
         help="Fit the weights again, with at most this number of joints per vertex.  [default: "
         "the weights of the result]",
     ),
-    click.option(
-        "--with-model",
-        is_flag=True,
-        help="Write the cage and the model that it moves in one file (.usd*). With --skeleton, the "
-        "model is skinned.",
-    ),
-    click.option(
-        "--guide",
-        is_flag=True,
-        help="Give the cage of --with-model the purpose `guide`, which programs hide and do not "
-        "render.",
+    OptionGroup(
+        "with_model",
+        choose_display,
+        click.option(
+            "--with-model",
+            is_flag=True,
+            help="Write the cage and the model that it moves in one file (.usd*). With "
+            "--skeleton, the model is skinned.",
+        ),
+        click.option(
+            "--guide",
+            is_flag=True,
+            help="Give the cage of --with-model the purpose `guide`, which programs hide and do "
+            "not render.",
+        ),
     ),
     MORPH_OPTIONS,
-    format_option,
-    recentre_option,
-    overwrite_option,
 )
 @common_options
 def export_command(settings: "ExportSettings", quiet: bool) -> None:
@@ -107,7 +94,7 @@ def export_command(settings: "ExportSettings", quiet: bool) -> None:
     .glb, .usd*, .abc), a folder of frames (.obj, .ply), or numbered files in a folder, such as
     cage/cage_####.obj.
     """
-    from cageik_cli.cli.progress import show_progress
+    from cageik_cli.cli.output import show_progress
     from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import format_block
     from cageik_cli.workflows.export import export

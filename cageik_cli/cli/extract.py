@@ -1,48 +1,43 @@
 """`cageik extract`: the cage of every frame."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.cli.options.capture import CAPTURE_OPTIONS
-from cageik_cli.cli.options.clip import (
-    CLIP_OPTIONS,
-    SCENE_OPTIONS,
-    choose_rest_frame,
-    rest_frame_option,
-    rest_option,
-)
-from cageik_cli.cli.options.common import (
+from cageik_cli.cli.options import (
     BIND_OPTIONS,
     CACHE_OPTIONS,
     PATH_TYPE,
+    OptionGroup,
     common_options,
     get_verbosity,
     is_given,
     is_on_command_line,
     jobs_option,
     memory_option,
+    name_option,
     overwrite_option,
     timings_option,
-    usage_errors,
 )
-from cageik_cli.cli.options.fit import FIT_NAMES, FIT_STRENGTH_OPTIONS, make_fit_settings
-from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.cli.options.limits import (
-    LIMIT_OPTIONS,
-    LimitOptions,
-    echo_exceeded_limits,
-    exit_with_code,
+from cageik_cli.cli.options.clip import (
+    CLIP_MEMBERS,
+    SCENE_OPTIONS,
+    rest_frame_option,
+    rest_option,
 )
-from cageik_cli.cli.options.solve import SOLVE_OPTIONS, vertex_weights_option
+from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
+from cageik_cli.cli.options.solve import (
+    CAPTURE_OPTIONS,
+    FIT_STRENGTH_OPTIONS,
+    SOLVE_OPTIONS,
+    make_fit_settings,
+    vertex_weights_option,
+)
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
-from cageik_cli.solver.fitting.record import FitSettings
-from cageik_cli.solver.settings import CaptureSettings, SolveSettings
+from cageik_cli.formats.settings import ClipSettings
 
 if TYPE_CHECKING:
     from cageik_cli.formats.write import ExportSummary
@@ -51,81 +46,41 @@ if TYPE_CHECKING:
     from cageik_cli.workflows.export import ExportSettings
     from cageik_cli.workflows.settings import ExtractSettings
 
-
-FIT_OPTIONS = OptionGroup(
-    "fit",
-    make_fit_settings,
-    click.option("--fit", "is_fitted", is_flag=True, help="Fit the weights to the clip."),
-    *FIT_STRENGTH_OPTIONS,
-    names=("is_fitted", *FIT_NAMES),
+BUILT_CAGE_OPTIONS = OptionGroup(
+    "build",
+    BuildSettings,
+    click.option(
+        "--cage-vertices",
+        "vertices",
+        type=int,
+        default=BuildSettings().vertices,
+        show_default=True,
+        help="Vertices of the cage that is built, at most.",
+    ),
 )
 
 
-def make_extract_settings(
-    frames: tuple[str, ...],
-    cage: Path | None,
-    binding: Path | None,
-    output: Path,
-    rest: Path | None,
-    rest_frame: RestFrame | None,
-    bind: BindSettings,
-    cache: Path | None,
-    solve: SolveSettings,
-    vertex_weights: Path | str | None,
-    scene: SceneHints,
-    no_weights: bool,
-    clip: ClipSettings,
-    resume: bool,
-    on_bad_frame: str,
-    overwrite: bool,
-    memory: int,
-    jobs: int,
-    cage_vertices: int,
-    cage_output: Path | None,
-    fit: FitSettings | None,
-    capture: CaptureSettings,
-    missing: bool,
-) -> "ExtractSettings":
+def make_extract_settings(**values: Any) -> "ExtractSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
     from cageik_cli.workflows.settings import ExtractSettings
 
-    if binding is not None:
-        _check_binding_settings(binding, bind)
-    with usage_errors():
-        build = BuildSettings(cage_vertices)
-    if cage is not None or binding is not None:
-        _check_no_cage_is_built("--binding" if cage is None else "--cage")
-    with usage_errors():
-        return ExtractSettings(
-            frames=frames,
-            cage=cage,
-            output=output,
-            binding=binding,
-            cache=cache,
-            rest=rest,
-            rest_frame=choose_rest_frame(rest, rest_frame),
-            vertex_weights=vertex_weights,
-            bind=bind,
-            solve=solve,
-            clip=replace(clip, missing=missing),
-            overwrite=overwrite,
-            resume=resume,
-            on_bad_frame=on_bad_frame,
-            keep_weights=not no_weights,
-            scene=scene,
-            memory=memory,
-            jobs=jobs,
-            build=build,
-            cage_output=cage_output,
-            fit=fit,
-            capture=capture,
-        )
+    if values["binding"] is not None:
+        _check_binding_settings(values["binding"], values["bind"])
+    if values["cage"] is not None or values["binding"] is not None:
+        _check_no_cage_is_built("--binding" if values["cage"] is None else "--cage")
+    return ExtractSettings(**values)
+
+
+def keep_weights(no_weights: bool) -> bool:
+    """Return whether the result holds the weights."""
+    return not no_weights
 
 
 def _check_no_cage_is_built(given: str) -> None:
     """Refuse options of a cage that is built, beside one that is given."""
-    for name, option in (("cage_vertices", "--cage-vertices"), ("cage_output", "--cage-out")):
+    for name in ("vertices", "cage_output"):
         if is_given(name):
+            option = name_option(name)
             raise click.UsageError(
                 f"{option} is for a cage that is built; leave out {option} or {given}"
             )
@@ -156,13 +111,7 @@ EXTRACT_OPTIONS = OptionGroup(
         type=PATH_TYPE,
         help="The cage around the rest pose.  [default: one is built, as by cageik cage]",
     ),
-    click.option(
-        "--cage-vertices",
-        type=int,
-        default=BuildSettings().vertices,
-        show_default=True,
-        help="Vertices of the cage that is built, at most.",
-    ),
+    BUILT_CAGE_OPTIONS,
     click.option(
         "--cage-out",
         "cage_output",
@@ -187,17 +136,32 @@ EXTRACT_OPTIONS = OptionGroup(
     BIND_OPTIONS,
     CACHE_OPTIONS,
     SOLVE_OPTIONS,
-    FIT_OPTIONS,
+    OptionGroup(
+        "fit",
+        make_fit_settings,
+        click.option("--fit", "is_fitted", is_flag=True, help="Fit the weights to the clip."),
+        *FIT_STRENGTH_OPTIONS,
+    ),
     vertex_weights_option,
     CAPTURE_OPTIONS,
-    click.option(
-        "--missing", is_flag=True, help="Take vertices whose position is nan as missing data."
-    ),
     SCENE_OPTIONS,
-    click.option(
-        "--no-weights", is_flag=True, help="Do not store the weights in the result (smaller file)."
+    OptionGroup(
+        "keep_weights",
+        keep_weights,
+        click.option(
+            "--no-weights",
+            is_flag=True,
+            help="Do not store the weights in the result (smaller file).",
+        ),
     ),
-    CLIP_OPTIONS,
+    OptionGroup(
+        "clip",
+        ClipSettings,
+        *CLIP_MEMBERS,
+        click.option(
+            "--missing", is_flag=True, help="Take vertices whose position is nan as missing data."
+        ),
+    ),
     click.option(
         "--resume",
         is_flag=True,
@@ -248,7 +212,7 @@ def extract_command(
     cageik extract body.pc2 --rest body.obj --cage cage.obj --resume
     cageik extract shot.usdc::/hero/body --cage cage.obj --frames 0:48
     """  # noqa: D301
-    from cageik_cli.cli.progress import show_progress
+    from cageik_cli.cli.output import echo_exceeded_limits, exit_with_code, show_progress
     from cageik_cli.report.overview import build_clip_entry, build_overview
     from cageik_cli.report.record import build_report
     from cageik_cli.report.views.text import format_text

@@ -2,8 +2,8 @@
 
 import click
 
+from cageik_cli.cli.options import common_options
 from cageik_cli.cli.options.clip import layout_option
-from cageik_cli.cli.options.common import common_options
 
 
 @click.command("info")

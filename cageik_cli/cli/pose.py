@@ -2,81 +2,35 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.bind import WEIGHT_OPTIONS
-from cageik_cli.cli.options.common import (
+from cageik_cli.cli.options import (
     PATH_TYPE,
+    WEIGHT_OPTIONS,
+    OptionGroup,
     common_options,
     is_on_command_line,
+    name_option,
     overwrite_option,
     timings_option,
-    usage_errors,
-    write_or_print,
 )
-from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.cli.options.limits import LimitValue, PercentType
+from cageik_cli.cli.options.types import PercentType
+from cageik_cli.cli.output import write_or_print
 from cageik_cli.formats.settings import UP_AXES
 
 if TYPE_CHECKING:
-    from cageik_cli.posing.edits import PosingSettings
     from cageik_cli.posing.snapshot import PoseSnapshot
-    from cageik_cli.workflows.bind import WeightSettings
     from cageik_cli.workflows.edit import EditSettings
     from cageik_cli.workflows.pose import PoseSettings
-
-CAGE_OPTIONS = ("cage", "cage_out")
-WEIGHT_OPTION_NAMES = ("coordinates", "accuracy", "outside", "cache", "no_cache", "jobs")
-
 
 DEFAULT_SNAP = "2%"
 """How far a position may be from the surface if --snap has no number."""
 
-
-class SnapType(PercentType):
-    """A number of percent; what follows a --snap without one may be taken for it."""
-
-    noun = "a percentage"
-    expected = f"10%; without a number, put --snap last or write --snap={DEFAULT_SNAP}"
-
-
-def read_snap(snap: LimitValue | None) -> float | None:
-    """Return how far positions may be from the surface, in percent; None for not at all."""
-    return None if snap is None else float(snap.value)
-
-
-snap_option = click.option(
-    "--snap",
-    type=SnapType(),
-    is_flag=False,
-    flag_value=DEFAULT_SNAP,
-    help="Move handles with a position to the nearest point of the surface, if it is at most "
-    f"this far away; {DEFAULT_SNAP} of the diagonal if no number is given.",
-)
-
-
-def make_posing_settings(
-    alpha: float,
-    beta: float,
-    rigidity: int,
-    snap: "LimitValue | None",
-    allow_conflicts: bool,
-    hard: bool,
-) -> "PosingSettings":
-    """Make the settings of the solve; impossible values are wrong usage."""
-    from cageik_cli.posing.edits import PosingSettings
-    from cageik_cli.posing.handles.model import PlacementSettings
-
-    with usage_errors():
-        placement = PlacementSettings(read_snap(snap), allow_conflicts, hard)
-        return PosingSettings(alpha, beta, rigidity, placement)
-
-
-POSING_OPTIONS = OptionGroup(
+POSING_OPTIONS: OptionGroup[Any] = OptionGroup(
     "posing",
-    make_posing_settings,
+    "posing.edits.PosingSettings",
     click.option(
         "--alpha",
         type=float,
@@ -87,7 +41,6 @@ POSING_OPTIONS = OptionGroup(
     click.option(
         "--beta", type=float, default=1.0, show_default=True, help="Weight of the handles."
     ),
-    click.option("--hard", is_flag=True, help="Meet all handles exactly."),
     click.option(
         "--rigidity",
         type=click.IntRange(min=0),
@@ -95,24 +48,32 @@ POSING_OPTIONS = OptionGroup(
         show_default=True,
         help="Rounds in which parts of the cage rotate with the motion; 0 shears them.",
     ),
-    snap_option,
-    click.option(
-        "--allow-conflicts",
-        is_flag=True,
-        help="Take the mean if one point has different targets.",
+    OptionGroup(
+        "placement",
+        "posing.handles.model.PlacementSettings",
+        click.option("--hard", is_flag=True, help="Meet all handles exactly."),
+        click.option(
+            "--snap",
+            type=PercentType(
+                "a percentage",
+                f"10%; without a number, put --snap last or write --snap={DEFAULT_SNAP}",
+            ),
+            is_flag=False,
+            flag_value=DEFAULT_SNAP,
+            help="Move handles with a position to the nearest point of the surface, if it is at "
+            f"most this far away; {DEFAULT_SNAP} of the diagonal if no number is given.",
+        ),
+        click.option(
+            "--allow-conflicts",
+            is_flag=True,
+            help="Take the mean if one point has different targets.",
+        ),
     ),
 )
 
 
 def make_pose_settings(
-    target: Path,
-    handles: Path,
-    output: Path,
-    cage: Path | None,
-    cage_out: Path | None,
-    posing: "PosingSettings",
-    weights: "WeightSettings",
-    overwrite: bool,
+    target: Path, cage: Path | None, cage_output: Path | None, **others: Any
 ) -> "PoseSettings | EditSettings":
     """Make the settings of an edit of a result, or of a pose of a model.
 
@@ -126,28 +87,29 @@ def make_pose_settings(
     from cageik_cli.workflows.edit import EditSettings
     from cageik_cli.workflows.pose import PoseSettings
 
+    handles = others["handles"]
     if target.suffix.lower() == ".json" and handles.suffix.lower() != ".json":
         raise click.UsageError(f"TARGET comes before HANDLES; swap {target} and {handles}")
+    weight_names = sorted(WEIGHT_OPTIONS.option_names)
     is_hdf5 = target.suffix.lower() in HDF5_SUFFIXES
     if is_hdf5 and not is_binding(target):
         _reject_options(
-            (*CAGE_OPTIONS, *WEIGHT_OPTION_NAMES), "a model; a result has its cage and weights"
+            ("cage", "cage_output", *weight_names), "a model; a result has its cage and weights"
         )
-        return EditSettings(target, handles, output, posing, overwrite)
+        del others["weights"]
+        return EditSettings(target, **others)
     if is_hdf5:
-        _reject_options(
-            ("cage", *WEIGHT_OPTION_NAMES), "a model; a binding has its cage and weights"
-        )
+        _reject_options(("cage", *weight_names), "a model; a binding has its cage and weights")
     elif cage is None:
         raise click.UsageError(f"Missing option '--cage', which {target} needs.")
-    return PoseSettings(target, handles, output, cage, cage_out, posing, weights, overwrite)
+    return PoseSettings(target, cage=cage, cage_output=cage_output, **others)
 
 
 def _reject_options(names: tuple[str, ...], purpose: str) -> None:
     """Refuse options that do not apply to this kind of TARGET."""
     for name in names:
         if is_on_command_line(name):
-            raise click.UsageError(f"--{name.replace('_', '-')} is for {purpose}; leave it out")
+            raise click.UsageError(f"{name_option(name)} is for {purpose}; leave it out")
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +171,12 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
         help="The posed model (.obj, .ply), or the edited result (.h5).",
     ),
     click.option("--cage", type=PATH_TYPE, help="The cage around TARGET, if that is a model."),
-    click.option("--cage-out", type=PATH_TYPE, help="Also write the posed cage (.obj, .ply)."),
+    click.option(
+        "--cage-out",
+        "cage_output",
+        type=PATH_TYPE,
+        help="Also write the posed cage (.obj, .ply).",
+    ),
     POSING_OPTIONS,
     WEIGHT_OPTIONS,
     overwrite_option,
@@ -238,7 +205,7 @@ def pose_command(
     cageik pose rest.obj --cage cage.obj handles.json -o posed.obj
     cageik pose cages.h5 handles.json -o edited.h5 --plot edited.png
     """  # noqa: D301
-    from cageik_cli.cli.progress import show_progress
+    from cageik_cli.cli.output import show_progress
     from cageik_cli.report.views.pose_text import format_pose_json, format_pose_rows
     from cageik_cli.util.text import format_block
     from cageik_cli.workflows.edit import EditSettings, edit

@@ -8,29 +8,25 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.github_summary import append_step_summary
-from cageik_cli.cli.options.common import (
+from cageik_cli.cli.options import (
     PATH_TYPE,
+    OptionGroup,
     common_options,
     get_verbosity,
     overwrite_option,
-    write_or_print,
 )
-from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.cli.options.limits import (
-    LIMIT_OPTIONS,
-    LimitOptions,
+from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
+from cageik_cli.cli.output import (
+    append_step_summary,
     echo_exceeded_limits,
     exit_with_code,
+    write_or_print,
 )
 
 if TYPE_CHECKING:
     from cageik_cli.report.overview import Overview
     from cageik_cli.report.record import Report
     from cageik_cli.store.result import Result
-
-DEFAULT_RESULT = Path("cages.h5")
-PLOT_SUFFIXES = (".png", ".svg")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +58,8 @@ class ReportTargets:
             raise click.UsageError(
                 f"{on_stdout[0]} and {on_stdout[1]} both go to stdout; write one to a file"
             )
-        if self.plot is not None and self.plot.suffix.lower() not in PLOT_SUFFIXES:
-            raise click.UsageError(
-                f"--plot {self.plot}: expected a name that ends in {' or '.join(PLOT_SUFFIXES)}"
-            )
+        if self.plot is not None and self.plot.suffix.lower() not in (".png", ".svg"):
+            raise click.UsageError(f"--plot {self.plot}: expected a name that ends in .png or .svg")
 
     @property
     def named(self) -> dict[str, Path]:
@@ -131,7 +125,7 @@ def report_command(
     The text goes to stdout, or to stderr when a view goes to stdout. Markdown is also appended to
     the file that GITHUB_STEP_SUMMARY names, when it is set.
     """
-    results = results or (DEFAULT_RESULT,)
+    results = results or (Path("cages.h5"),)
     targets.check_single(len(results))
 
     from cageik_cli.report.overview import build_clip_entry, build_overview

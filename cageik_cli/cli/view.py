@@ -1,89 +1,58 @@
 """`cageik view`: a page in the browser that plays a clip and poses its model."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.cli.bind import WEIGHT_OPTIONS
-from cageik_cli.cli.options.common import (
+from cageik_cli.cli.extract import BUILT_CAGE_OPTIONS
+from cageik_cli.cli.options import (
     PATH_TYPE,
+    WEIGHT_OPTIONS,
+    OptionGroup,
     common_options,
     is_given,
     is_on_command_line,
+    name_option,
     overwrite_option,
-    usage_errors,
 )
-from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.cli.pose import WEIGHT_OPTION_NAMES
-from cageik_cli.cli.progress import ProgressBar, show_progress
+from cageik_cli.cli.output import ProgressBar, show_progress
 from cageik_cli.util.progress import ProgressListener
 
 if TYPE_CHECKING:
     from cageik_cli.posing.snapshot import PoseResult
-    from cageik_cli.workflows.bind import WeightSettings
     from cageik_cli.workflows.view.session import ViewSettings
 
-MODEL_OPTIONS = ("cage", "binding", "cage_vertices", "cage_out", *WEIGHT_OPTION_NAMES)
 
-
-def make_view_settings(
-    target: Path,
-    cage: Path | None,
-    binding: Path | None,
-    cage_vertices: int,
-    handles: Path | None,
-    output: Path | None,
-    cage_out: Path | None,
-    handles_out: Path | None,
-    weights: "WeightSettings",
-    overwrite: bool,
-) -> "ViewSettings":
+def make_view_settings(**values: Any) -> "ViewSettings":
     """Make the settings of a view; options that contradict each other are wrong usage."""
     from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
+    from cageik_cli.store.binding_file import is_binding
     from cageik_cli.workflows.view.session import ViewSettings
 
+    target, weight_names = values["target"], sorted(WEIGHT_OPTIONS.option_names)
     if target.suffix.lower() in HDF5_SUFFIXES:
-        _check_hdf5_options(target)
-    elif binding is not None:
-        _reject(("cage_vertices", *WEIGHT_OPTION_NAMES), "a binding has its cage and weights")
-    elif cage is not None:
-        _reject(("cage_vertices",), "it is for a cage that is built, and --cage gives one")
-    if output is None:
-        _reject(("cage_out", "handles_out"), "it is written with the output, which -o names")
-    with usage_errors():
-        return ViewSettings(
-            target=target,
-            cage=cage,
-            binding=binding,
-            handles=handles,
-            output=output,
-            cage_output=cage_out,
-            handles_output=handles_out,
-            build=BuildSettings(cage_vertices),
-            weights=weights,
-            overwrite=overwrite,
-        )
+        names = ["cage", "binding", "vertices", *weight_names]
+        if is_binding(target):
+            _reject(names, "a binding has its cage and weights")
+        else:
+            _reject([*names, "cage_output"], "a result has its cage and weights")
+    elif values["binding"] is not None:
+        _reject(["vertices", *weight_names], "a binding has its cage and weights")
+    elif values["cage"] is not None:
+        _reject(["vertices"], "it is for a cage that is built, and --cage gives one")
+    if values["output"] is None:
+        outputs = ["cage_output", "handles_output"]
+        _reject(outputs, "it is written with the output, which -o names", is_given)
+    return ViewSettings(**values)
 
 
-def _check_hdf5_options(target: Path) -> None:
-    """Refuse options that a result or a binding file has no use for."""
-    from cageik_cli.store.binding_file import is_binding
-
-    if is_binding(target):
-        names = tuple(name for name in MODEL_OPTIONS if name != "cage_out")
-        _reject(names, "a binding has its cage and weights")
-    else:
-        _reject(MODEL_OPTIONS, "a result has its cage and weights")
-
-
-def _reject(names: tuple[str, ...], reason: str) -> None:
-    for name in names:
-        if is_given(name) if name in ("cage_out", "handles_out") else is_on_command_line(name):
-            raise click.UsageError(f"--{name.replace('_', '-')}: {reason}; leave it out")
+def _reject(
+    names: list[str], reason: str, is_named: Callable[[str], bool] = is_on_command_line
+) -> None:
+    for name in filter(is_named, names):
+        raise click.UsageError(f"{name_option(name)}: {reason}; leave it out")
 
 
 @click.command("view")
@@ -95,13 +64,7 @@ def _reject(names: tuple[str, ...], reason: str) -> None:
         "--cage", type=PATH_TYPE, help="The cage around a model.  [default: one is built]"
     ),
     click.option("--binding", type=PATH_TYPE, help="The binding file of a model."),
-    click.option(
-        "--cage-vertices",
-        type=int,
-        default=BuildSettings().vertices,
-        show_default=True,
-        help="Vertices of the cage that is built, at most.",
-    ),
+    BUILT_CAGE_OPTIONS,
     click.option("--handles", type=PATH_TYPE, help="A handles file that the page begins with."),
     click.option(
         "-o",
@@ -109,8 +72,18 @@ def _reject(names: tuple[str, ...], reason: str) -> None:
         type=PATH_TYPE,
         help="The posed model (.obj, .ply) or edited result (.h5) that Apply writes.",
     ),
-    click.option("--cage-out", type=PATH_TYPE, help="Also write the posed cage (.obj, .ply)."),
-    click.option("--handles-out", type=PATH_TYPE, help="Also write the applied handles (.json)."),
+    click.option(
+        "--cage-out",
+        "cage_output",
+        type=PATH_TYPE,
+        help="Also write the posed cage (.obj, .ply).",
+    ),
+    click.option(
+        "--handles-out",
+        "handles_output",
+        type=PATH_TYPE,
+        help="Also write the applied handles (.json).",
+    ),
     WEIGHT_OPTIONS,
     overwrite_option,
 )

@@ -168,7 +168,7 @@ def check_export(settings: ExportSettings) -> None:
     is_gltf = suffix in GltfSkeletonWriter.suffixes
     if is_gltf and settings.influences is not None and settings.influences > MAX_INFLUENCES:
         raise SettingError(
-            f"{path}: `influences` is {settings.influences}, and programs read at most "
+            f"{path}: `influences={settings.influences}`, and programs read at most "
             f"{MAX_INFLUENCES} joints per vertex from .glb; give 4, or {MAX_INFLUENCES}"
         )
     if settings.with_model is not None and path.suffix.lower() not in UsdWriter.suffixes:

@@ -145,7 +145,7 @@ def check_influences(result: Result, influences: int | None) -> None:
     n = len(result.cage.vertices)
     if influences is not None and influences > n:
         raise SettingError(
-            f"{result.path}: `influences` is {influences}, but the cage has {n} vertices; give "
+            f"{result.path}: `influences={influences}`, but the cage has {n} vertices; give "
             f"{n} or less"
         )
 

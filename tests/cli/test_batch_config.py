@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import pytest
 
-from cageik_cli.cli.batch_config import ClipTables
+from cageik_cli.cli.config import ClipTables
 from cageik_cli.cli.extract import extract_command
 
 TABLES = partial(ClipTables, extract_command, ("extract", "report"), ("output",))
@@ -157,7 +157,7 @@ def test_files_of_others_above_the_folder_are_not_read(monkeypatch):
     owner = os.stat("cageik.toml").st_uid
     monkeypatch.setattr(os, "getuid", lambda: owner + 1)
     if owner == 0:
-        monkeypatch.setattr("cageik_cli.cli.batch_config.SYSTEM_USER", 99)
+        monkeypatch.setattr("cageik_cli.cli.config.SYSTEM_USER", 99)
     assert given("clips") == {"beta": 2, "fps": 3}
     assert given("clips/walk") == {"fps": 3}
     assert given(".") == {"alpha": 1, "beta": 2, "fps": 3}

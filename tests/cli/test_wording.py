@@ -1,9 +1,9 @@
 import pytest
 
 from cageik_cli.cli.deform import deform_command
+from cageik_cli.cli.group import word_options
+from cageik_cli.cli.output import ProgressBar
 from cageik_cli.cli.pose import pose_command
-from cageik_cli.cli.progress import ProgressBar
-from cageik_cli.cli.wording import word_options
 from cageik_cli.util.errors import SettingError
 
 
@@ -14,7 +14,13 @@ from cageik_cli.util.errors import SettingError
         ("give `outside=project` or `memory=2 GiB`", "give --outside project or --memory 2 GiB"),
         ("of extract: `on_bad_frame=skip`", "of extract: --on-bad-frame skip"),
         ("choose others by `selection`", "choose others by --frames"),
-        ("`handles` is empty", "HANDLES is empty"),
+        ("has no part of `handles`", "has no part of HANDLES"),
+        ("`rigidity=2000` is too much", "--rigidity 2000 is too much"),
+        ("replace it with `overwrite=True`", "replace it with --overwrite"),
+        (
+            "attribute `fps` is a, `fps` is b, `fps`: c",
+            "attribute `fps` is a, `fps` is b, `fps`: c",
+        ),
         ("extract with it (`keep_weights`)", "extract with it (without --no-weights)"),
         ("a `.png`, a `vertex` and `Ctrl`", "a `.png`, a `vertex` and `Ctrl`"),
     ],
@@ -24,7 +30,7 @@ def test_parameters_are_shown_as_options(message, shown):
 
 
 def test_the_options_of_the_command_come_first():
-    assert word_options("`source` has `cages`", deform_command) == "SOURCE has --cages"
+    assert word_options("no `source`, no `cages`", deform_command) == "no SOURCE, no --cages"
 
 
 def test_an_error_names_the_option(monkeypatch, folder, run):

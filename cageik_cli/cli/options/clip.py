@@ -1,45 +1,23 @@
 """Options on an animation that is read or written: which frames, and in what scene."""
 
-import re
 from pathlib import Path
 from typing import Any
 
 import click
 
-from cageik_cli.cli.options.common import PATH_TYPE, usage_errors
-from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.cli.options import PATH_TYPE, OptionGroup, is_given
+from cageik_cli.cli.options.types import FrameRangeType, OrWord, PercentType
 from cageik_cli.formats.settings import (
     AUTO,
+    DEFAULT_MORPHS,
     LAYOUTS,
+    MAX_MORPHS,
     UP_AXES,
     ClipSettings,
     Gaps,
-    RestFrame,
+    MorphSettings,
     SceneHints,
 )
-
-
-class FrameRangeType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
-    """Frames A to B, without B, every STEP-th: A:B:STEP, each of which may be left out."""
-
-    name = "a:b:step"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> slice:
-        """Parse the text."""
-        if isinstance(value, slice):
-            return value
-        match = re.fullmatch(r"(-?\d{1,9})?:(-?\d{1,9})?(?::(\d{1,9})?)?", str(value).strip())
-        if not match or (match[3] and int(match[3]) == 0):
-            self.fail(
-                f"{value!r} is not a range of frames; expected A:B or A:B:STEP, such as 10:20 "
-                "for frames 10 to 19, counted from 0",
-                param,
-                ctx,
-            )
-        return slice(*(None if bound is None else int(bound) for bound in match.groups()))
-
 
 layout_option = click.option(
     "--layout",
@@ -49,27 +27,16 @@ layout_option = click.option(
 )
 
 
-def make_clip_settings(
-    selection: slice, layout: str | None, allow_gaps: bool, close_gaps: bool
-) -> ClipSettings:
-    """Make the record of how a clip is read; gaps cannot be both kept and closed."""
+def choose_gaps(allow_gaps: bool, close_gaps: bool) -> Gaps:
+    """Return what is done about missing files; gaps cannot be both kept and closed."""
     if allow_gaps and close_gaps:
         raise click.UsageError("--allow-gaps and --close-gaps exclude each other; leave one out")
-    gaps: Gaps = "keep" if allow_gaps else "close" if close_gaps else "refuse"
-    return ClipSettings(selection, layout, gaps)
+    return "keep" if allow_gaps else "close" if close_gaps else "refuse"
 
 
-CLIP_OPTIONS = OptionGroup(
-    "clip",
-    make_clip_settings,
-    click.option(
-        "--frames",
-        "selection",
-        type=FrameRangeType(),
-        default=":",
-        help="Take frames A:B:STEP only, counted from 0, without B.  [default: all]",
-    ),
-    layout_option,
+GAPS_OPTIONS = OptionGroup(
+    "gaps",
+    choose_gaps,
     click.option(
         "--allow-gaps",
         is_flag=True,
@@ -82,22 +49,23 @@ CLIP_OPTIONS = OptionGroup(
     ),
 )
 
+CLIP_MEMBERS = (
+    click.option(
+        "--frames",
+        "selection",
+        type=FrameRangeType(),
+        default=":",
+        help="Take frames A:B:STEP only, counted from 0, without B.  [default: all]",
+    ),
+    layout_option,
+    GAPS_OPTIONS,
+)
 
-def make_scene_hints(
-    fps: float | None,
-    start: float | None,
-    frame_step: float | None,
-    up_axis: str | None,
-    metres_per_unit: float | None,
-) -> SceneHints:
-    """Make the scene of what was typed; impossible values are wrong usage."""
-    with usage_errors():
-        return SceneHints(fps, start, up_axis, metres_per_unit, frame_step)
-
+CLIP_OPTIONS = OptionGroup("clip", ClipSettings, *CLIP_MEMBERS)
 
 SCENE_OPTIONS = OptionGroup(
     "scene",
-    make_scene_hints,
+    SceneHints,
     click.option("--fps", type=float, help="Frames per second.  [default: from the source, or 24]"),
     click.option(
         "--start", type=float, help="Number of the first frame.  [default: from the source, or 1]"
@@ -119,44 +87,66 @@ SCENE_OPTIONS = OptionGroup(
     ),
 )
 
+
+def _refuse_two_rest_poses(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
+    if is_given("rest") and is_given("rest_frame"):
+        raise click.UsageError("--rest and --rest-frame both give the rest pose; leave one out")
+    return value
+
+
 rest_option = click.option(
-    "--rest", type=PATH_TYPE, help="Mesh of the rest pose.  [default: the first frame]"
+    "--rest",
+    type=PATH_TYPE,
+    callback=_refuse_two_rest_poses,
+    help="Mesh of the rest pose.  [default: the first frame]",
 )
-
-
-class RestFrameType(click.ParamType):  # type: ignore[type-arg]  # as above
-    """The number of a frame, or `auto`."""
-
-    name = "rest frame"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> RestFrame:
-        """Parse the text."""
-        if value == AUTO:
-            return AUTO
-        if not re.fullmatch(r"-?\d{1,9}", str(value).strip()):
-            self.fail(f"{value!r} is not the number of a frame, or {AUTO}", param, ctx)
-        return int(value)
-
 
 rest_frame_option = click.option(
     "--rest-frame",
-    type=RestFrameType(),
+    type=OrWord(click.INT, AUTO, "the number of a frame"),
+    default=0,
+    callback=_refuse_two_rest_poses,
     metavar=f"K|{AUTO}",
     help="Number of the frame that is the rest pose, from 0, or auto: the frame in which the "
     "fewest parts touch.",
 )
 
+MORPH_SUFFIX = ".glb"
 
-def choose_rest_frame(rest: Path | None, rest_frame: RestFrame | None) -> RestFrame:
-    """Return the frame that is the rest pose, if no file is.
+MORPH_MEMBERS = (
+    click.option(
+        "--morphs",
+        "count",
+        type=click.IntRange(2, MAX_MORPHS),
+        help=f"Write at most this number of morph targets ({MORPH_SUFFIX}).  [default: "
+        f"{DEFAULT_MORPHS}, or {MAX_MORPHS} with --tolerance]",
+    ),
+    click.option(
+        "--tolerance",
+        type=PercentType("a tolerance", "0.01%, of the diagonal"),
+        help="Write as few morph targets as bring every vertex in every frame this near, in "
+        f"percent of the diagonal, such as 0.01%; fail if that is impossible ({MORPH_SUFFIX}).",
+    ),
+)
 
-    Raises
-    ------
-    click.UsageError
-        When both are given.
-    """
-    if rest is not None and rest_frame is not None:
-        raise click.UsageError("--rest and --rest-frame both give the rest pose; leave one out")
-    return rest_frame or 0
+
+def make_morph_settings(tolerance: float | None, **others: Any) -> MorphSettings:
+    """Make the settings of morph targets; a tolerance of 0 is wrong usage."""
+    if tolerance == 0:
+        raise click.UsageError(
+            "--tolerance is 0, expected a percentage above zero, such as 0.01%: positions are in "
+            "single precision"
+        )
+    return MorphSettings(tolerance=tolerance, **others)
+
+
+MORPH_OPTIONS = OptionGroup("morphs", make_morph_settings, *MORPH_MEMBERS)
+
+
+def check_morph_usage(options: str, is_given: bool, out: Path) -> None:
+    """Refuse options of morph targets for another format as wrong usage."""
+    if is_given and out.suffix.lower() != MORPH_SUFFIX:
+        raise click.UsageError(
+            f"{options} apply to {MORPH_SUFFIX} files, and the output is {out}; leave them out, "
+            f"or write {MORPH_SUFFIX}"
+        )

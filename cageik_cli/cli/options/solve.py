@@ -1,66 +1,98 @@
-"""Options of the solve for the cages."""
+"""Options of the solve for the cages: its weights, captured clips, and weights that are fitted."""
 
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import Field, fields
+from typing import Any, get_args
 
 import click
 
-from cageik_cli.cli.options.common import usage_errors
-from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.solver.settings import AREA, SolveSettings
-
-
-def make_solve_settings(alpha: float, beta: float, align: bool) -> SolveSettings:
-    """Make the settings of the solver; impossible values are wrong usage."""
-    with usage_errors():
-        return SolveSettings(alpha, beta, align)
-
-
-class VertexWeightsType(click.Path):
-    """A file of weights, or a word for weights that are computed."""
-
-    words = (AREA,)
-
-    def __init__(self) -> None:
-        super().__init__(path_type=Path)
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the word as it is, and other text as a path."""
-        return value if value in self.words else super().convert(value, param, ctx)
-
+from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, is_given, name_option
+from cageik_cli.cli.options.types import OrWord
+from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.settings import AREA, AUTO_SMOOTHING, CaptureSettings, SolveSettings
 
 vertex_weights_option = click.option(
     "--vertex-weights",
-    type=VertexWeightsType(),
+    type=OrWord(PATH_TYPE, AREA),
     metavar=f"FILE|{AREA}",
     help="Weights of the vertices: a file with one per vertex (text or .npy), or in extract one "
     f"per frame and vertex (.npy), where 0 marks missing data; or {AREA}: each vertex counts by "
     "its area.",
 )
 
-SOLVE_DEFAULTS = SolveSettings()
-
 SOLVE_OPTIONS = OptionGroup(
     "solve",
-    make_solve_settings,
+    SolveSettings,
     click.option(
         "--alpha",
         type=float,
-        default=SOLVE_DEFAULTS.alpha,
+        default=SolveSettings().alpha,
         show_default=True,
         help="Weight of the cage's Laplacian: higher is smoother and less exact.",
     ),
     click.option(
         "--beta",
         type=float,
-        default=SOLVE_DEFAULTS.beta,
+        default=SolveSettings().beta,
         show_default=True,
         help="Weight of the vertices.",
     ),
     click.option(
         "--align/--no-align",
-        default=SOLVE_DEFAULTS.align,
+        default=SolveSettings().align,
         show_default=True,
         help="Align each frame rigidly with the rest pose before the solve.",
     ),
 )
+
+CAPTURE_OPTIONS = OptionGroup(
+    "capture",
+    CaptureSettings,
+    click.option(
+        "--robust", is_flag=True, help="Reject vertices that are thrown away in some frames."
+    ),
+    click.option(
+        "--smooth",
+        type=OrWord(click.FLOAT, AUTO_SMOOTHING, "a number of seconds"),
+        metavar=f"SECONDS|{AUTO_SMOOTHING}",
+        help="Smooth the cages over time: halve motions of this period, or find it from the noise.",
+    ),
+    click.option(
+        "--fill-gaps", is_flag=True, help="Fill frames without data from those around them."
+    ),
+)
+
+
+def _make_fit_option(setting: "Field[Any]") -> Decorator:
+    """Make the option of a setting of a fit, of what the setting says of itself."""
+    kind = click.INT if int in get_args(setting.type) else click.FLOAT
+    flag, text = f"--{setting.metadata['name'].replace('_', '-')}", setting.metadata["help"]
+    unset = setting.metadata.get("unset")
+    if setting.default is None:
+        return click.option(flag, setting.name, type=kind, help=f"{text}  [default: {unset}]")
+    number = OrWord(kind, "auto", "a number, such as 0.1") if unset == "auto" else kind
+    return click.option(
+        flag, setting.name, type=number, default=str(setting.default), show_default=True, help=text
+    )
+
+
+FIT_STRENGTH_OPTIONS = tuple(map(_make_fit_option, fields(FitSettings)))
+"""The options that say how weights are fitted, one for each of the settings of a fit."""
+
+
+def refuse_without_fit(names: Iterable[str]) -> None:
+    """Refuse options that are given, though they are for a fit and there is none."""
+    for name in filter(is_given, names):
+        option = name_option(name)
+        raise click.UsageError(
+            f"{option} is for weights that are fitted; add --fit, or leave out {option}"
+        )
+
+
+def make_fit_settings(is_fitted: bool, **options: Any) -> FitSettings | None:
+    """Make the settings of a fit; None without one, and options without one are wrong usage."""
+    if not is_fitted:
+        refuse_without_fit(options)
+        return None
+    given: dict[str, Any] = {k: None if value == "auto" else value for k, value in options.items()}
+    return FitSettings(**given)

@@ -85,7 +85,7 @@ def test_wrong_usage_is_exit_code_2(run, folder, words, says):
     ],
 )
 def test_sizes(text, size):
-    from cageik_cli.cli.options.common import SizeType
+    from cageik_cli.cli.options.types import SizeType
 
     assert SizeType().convert(text, None, None) == size
 

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from cageik_cli.cli import main
-from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.cli.options import OptionGroup
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def test_the_help_lists_the_options_in_order():
 
 def test_a_record_without_an_option_for_a_field_is_a_mistake():
     group = OptionGroup("size", Size, click.option("--width", type=int, default=2))
-    with pytest.raises(KeyError, match="height"):
+    with pytest.raises(TypeError, match="height"):
         run(group)
 
 

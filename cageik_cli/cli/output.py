@@ -1,6 +1,7 @@
-"""What a run shows while it works: a progress bar on a terminal, and the seconds of each stage."""
+"""What a run shows: its progress, the views that it writes or prints, and the limits it exceeds."""
 
 import json
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -11,13 +12,18 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from cageik_cli.cli.wording import word_options
+from cageik_cli.cli.group import word_options
 from cageik_cli.util.outputs import check_writable, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_row
 
 if TYPE_CHECKING:
     from tqdm import tqdm
+
+    from cageik_cli.report.overview import Overview
+
+MAX_SUMMARY_BYTES = 1 << 20
+"""Largest size of the page of a step; GitHub shows no larger one."""
 
 # What each stage's bar counts; the stages of a frame share one.
 _BARS = {
@@ -132,3 +138,68 @@ def show_progress(
         progress.close()
     if timings is not None:
         write_text(timings, json.dumps(progress.seconds, indent=1) + "\n", overwrite)
+
+
+def write_or_print(view: str | bytes, target: Path, overwrite: bool) -> None:
+    """Write to a file, or the same bytes to stdout for the name `-`.
+
+    On a terminal, text is printed as all text is, without control characters.
+    """
+    from cageik_cli.util.outputs import write_bytes
+
+    data = view.encode() if isinstance(view, str) else view
+    if str(target) == "-":
+        is_shown = sys.stdout is not None and sys.stdout.isatty()
+        click.echo(view if is_shown else data, nl=False)
+    else:
+        write_bytes(target, data, overwrite)
+
+
+def echo_exceeded_limits(overview: "Overview") -> None:
+    """Print on stderr which figures are above their limits, one line each."""
+    from cageik_cli.report.views.text import format_check_row
+
+    for entry in overview.clips:
+        for check in entry.gates:
+            if check.passed is False:
+                row = ": ".join(format_check_row(check, entry.vocabulary))
+                click.echo(f"{entry.name}: {row}", err=True)
+
+
+def exit_with_code(overview: "Overview") -> None:
+    """End with the exit code of a run, if that is not 0."""
+    if overview.exit_code:
+        raise click.exceptions.Exit(overview.exit_code)
+
+
+def append_step_summary(text: str) -> None:
+    """Append Markdown to the file that GITHUB_STEP_SUMMARY names, if it is set.
+
+    A failure is only a warning: the work is done by then, and its exit code stays.
+    """
+    named = os.environ.get("GITHUB_STEP_SUMMARY")
+    if not named:
+        return
+    try:
+        size = _append_summary(Path(named), f"{text}\n".encode())
+    except OSError as error:
+        _warn_of_summary(named, f"cannot be written ({error.strerror or error})")
+        return
+    if size > MAX_SUMMARY_BYTES:
+        too_large = f"would have {size} bytes, more than {MAX_SUMMARY_BYTES}; nothing was added"
+        _warn_of_summary(named, too_large)
+
+
+def _append_summary(path: Path, data: bytes) -> int:
+    """Append all of it if it fits, else nothing; return the size it has or would have."""
+    if path.exists() and not path.is_file():
+        raise OSError("not a plain file")  # a pipe would wait for its reader
+    size = (path.stat().st_size if path.exists() else 0) + len(data)
+    if size <= MAX_SUMMARY_BYTES:
+        with path.open("ab") as stream:
+            stream.write(data)
+    return size
+
+
+def _warn_of_summary(named: str, what: str) -> None:
+    click.echo(f"Warning: {named} (GITHUB_STEP_SUMMARY): {what}", err=True)

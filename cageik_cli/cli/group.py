@@ -1,0 +1,159 @@
+"""The group of all commands: imports them when they run, and words and ends their errors.
+
+The one place where errors become messages and exit codes. The folders below name parameters in
+backticks, and options are words here: `overwrite` in a message is shown as --overwrite,
+`outside=project` as --outside project.
+"""
+
+import re
+import signal
+import threading
+import traceback
+from collections.abc import Iterator, Mapping, MutableMapping
+from contextlib import contextmanager
+from importlib import import_module
+from types import FrameType
+from typing import Any
+
+import click
+
+from cageik_cli.cli.streams import printable_streams
+from cageik_cli.util.errors import format_error
+from cageik_cli.util.leftovers import listen_to_leftovers
+from cageik_cli.util.text import single_line
+
+
+class LazyCommands(MutableMapping[str, click.Command]):
+    """The commands by their names; command NAME is `NAME_command` in the module `cli.NAME`.
+
+    Parameters
+    ----------
+    summaries : mapping of str to str
+        What each command does, in one line; the first line of its own help.
+    """
+
+    def __init__(self, summaries: Mapping[str, str]) -> None:
+        self.summaries = summaries
+        self._others: dict[str, click.Command] = {}
+
+    def __getitem__(self, name: str) -> click.Command:
+        if name in self._others:
+            return self._others[name]
+        if name not in self.summaries:
+            raise KeyError(name)
+        module = import_module(f"cageik_cli.cli.{name}")
+        command: click.Command = getattr(module, f"{name}_command")
+        return command
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.summaries or name in self._others
+
+    def __setitem__(self, name: str, command: click.Command) -> None:
+        self._others[name] = command
+
+    def __delitem__(self, name: str) -> None:
+        del self._others[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter([*self.summaries, *self._others])
+
+    def __len__(self) -> int:
+        return len(self.summaries) + len(self._others)
+
+
+class CageikGroup(click.Group):
+    """A command group that shows an error as one sentence; with -vv also its traceback."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the command line; nothing that it prints controls the terminal."""
+        with printable_streams(), interrupt_on_termination(), listen_to_leftovers(_show_note):
+            return super().main(*args, **kwargs)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; the exit code is 1 for an error, 2 for wrong usage."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            raise  # nobody reads our output any more; click ends without a message
+        except click.ClickException as error:
+            # Names may have lines.
+            error.message = single_line(self._word(ctx, error.message))  # type: ignore[misc]
+            raise
+        except (click.exceptions.Exit, click.Abort):
+            raise
+        except (Exception, KeyboardInterrupt) as error:
+            from cageik_cli.cli.options import get_verbosity
+
+            if get_verbosity() > 1:
+                click.echo(traceback.format_exc(), err=True)
+            message = self._word(ctx, format_error(error))
+            raise click.ClickException(message) from error  # its exit code is 1
+
+    def _word(self, ctx: click.Context, message: str) -> str:
+        """Return a message with the options of the command that runs."""
+        return word_options(message, self.commands.get(ctx.invoked_subcommand or ""))
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands with their summaries; no command is imported."""
+        if isinstance(self.commands, LazyCommands):
+            with formatter.section("Commands"):
+                formatter.write_dl(sorted(self.commands.summaries.items()))
+
+
+def _show_note(sentence: str) -> None:
+    """Print a note at once, unless the run is quiet."""
+    context = click.get_current_context(silent=True)
+    if context is None or not context.params.get("quiet"):
+        click.echo(f"note: {single_line(sentence)}", err=True)
+
+
+def word_options(text: str, command: click.Command | None) -> str:
+    """Return a message with the options of a command in place of parameters in backticks.
+
+    A parameter that the command does not have is taken for one of extract. Other words in backticks
+    are left as they are: suffixes, and fields of files, of which a message says what they are.
+    """
+
+    def replace(match: re.Match[str]) -> str:
+        name, value = match.groups()
+        option = _find_option(name, command)
+        shown = "" if value in ("", "True") else f" {value}"
+        return match[0] if option is None else f"{option}{shown}"
+
+    plain = r"(?<!attribute )(?<!ignored )`([a-z_]+)()`(?!:| is | are | has | holds | names )"
+    text = re.sub(r"`([a-z_]+)=([^`]*)`", replace, text)
+    return re.sub(plain, replace, text)
+
+
+def _find_option(name: str, command: click.Command | None) -> str | None:
+    """Return what is typed for a parameter: an option, or an argument in capitals."""
+    from cageik_cli.cli.extract import extract_command
+
+    for known in (command, extract_command):
+        for param in known.params if known is not None else ():
+            if param.name == name:
+                return max(param.opts, key=len) if param.opts[0][0] == "-" else name.upper()
+    return "without --no-weights" if name == "keep_weights" else None
+
+
+@contextmanager
+def interrupt_on_termination() -> Iterator[None]:
+    """Raise KeyboardInterrupt in the block when the process is told to end; not under nohup."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {
+        number: signal.signal(number, _interrupt)
+        for number in numbers
+        if signal.getsignal(number) == signal.SIG_DFL
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

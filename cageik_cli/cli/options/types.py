@@ -1,0 +1,179 @@
+"""Types of values: sizes, ranges of frames, percentages, limits, and words beside numbers."""
+
+import math
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Any, NoReturn
+
+import click
+
+
+class OrWord(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
+    """What another type knows, such as a number or a path; or one word, which is left as it is.
+
+    Parameters
+    ----------
+    expected : str, optional
+        What the message on other text expects; else the message is that of the other type.
+    """
+
+    def __init__(self, kind: click.ParamType, word: str, expected: str = "") -> None:  # type: ignore[type-arg]
+        self.kind, self.word, self.expected = kind, word, expected
+        self.name = kind.name
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Parse the text."""
+        if value == self.word:
+            return value
+        try:
+            return self.kind.convert(str(value), param, ctx)
+        except click.BadParameter:
+            if not self.expected:
+                raise
+        return self.fail(f"{value!r} is not {self.expected}, or {self.word}", param, ctx)
+
+
+class SizeType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """Bytes, such as 512MiB, 2GiB or 1000000."""
+
+    name = "size"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Parse the text."""
+        match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(?:i?B)?", str(value), re.IGNORECASE)
+        if not match or float(match[1]) == 0:
+            self.fail(f"{value!r} is not a size such as 512MiB or 1GiB", param, ctx)
+        return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
+
+
+class FrameRangeType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """Frames A to B, without B, every STEP-th: A:B:STEP, each of which may be left out."""
+
+    name = "a:b:step"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> slice:
+        """Parse the text."""
+        if isinstance(value, slice):
+            return value
+        match = re.fullmatch(r"(-?\d{1,9})?:(-?\d{1,9})?(?::(\d{1,9})?)?", str(value).strip())
+        if not match or (match[3] and int(match[3]) == 0):
+            self.fail(
+                f"{value!r} is not a range of frames; expected A:B or A:B:STEP, such as 10:20 "
+                "for frames 10 to 19, counted from 0",
+                param,
+                ctx,
+            )
+        return slice(*(None if bound is None else int(bound) for bound in match.groups()))
+
+
+class FrameFormatType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """A format of folders of frames: the formats are looked up when one is given."""
+
+    name = "format"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Check the name."""
+        from cageik_cli.formats.write import frame_formats
+
+        known = frame_formats()
+        if value not in known:
+            self.fail(f"{value!r} is not one of {', '.join(map(repr, known))}.", param, ctx)
+        return str(value)
+
+
+@dataclass(frozen=True, slots=True)
+class LimitValue:
+    """A limit of a figure, in percent or in file units."""
+
+    value: Decimal
+    is_percent: bool
+
+
+class LimitType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """A limit, zero or above: a length in percent of the diagonal or file units, or percents.
+
+    Parameters
+    ----------
+    is_length : bool
+        Whether one of the units has to be typed; else the number is in percent, with or without
+        the sign.
+    """
+
+    def __init__(self, is_length: bool) -> None:
+        self.name = "length" if is_length else "number[%]"
+        self._is_length = is_length
+        self._expected = "0.4% or, in file units, 0.01units" if is_length else "2%"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> LimitValue:
+        """Parse the text."""
+        if isinstance(value, LimitValue):
+            return value
+        number, unit = _split_number(value)
+        if not number or (unit == "units" and not self._is_length):
+            self.fail(
+                f"{value!r} is not a limit; expected a finite number, zero or above, such as "
+                f"{self._expected}",
+                param,
+                ctx,
+            )
+        if not unit and self._is_length:
+            self.fail(
+                f"{value!r} has no unit; give {number}% (of the diagonal) or {number}units (of "
+                "the file)",
+                param,
+                ctx,
+            )
+        return LimitValue(Decimal(number), unit != "units")
+
+
+class PercentType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """A number of percent, zero or above, with or without the sign.
+
+    Parameters
+    ----------
+    noun, example : str
+        What the message on other text expects.
+    unit : float
+        What the value is divided by: 100 for shares of the whole.
+    """
+
+    name = "percent"
+
+    def __init__(self, noun: str, example: str, unit: float = 1) -> None:
+        self._noun, self._example, self._unit = noun, example, unit
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Parse the text."""
+        number, unit = _split_number(value)
+        if not number or unit == "units":
+            self._refuse(value, param, ctx)
+        return float(number) / self._unit
+
+    def _refuse(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> NoReturn:
+        self.fail(
+            f"{value!r} is not {self._noun}; expected a finite number, zero or above, such as "
+            f"{self._example}",
+            param,
+            ctx,
+        )
+
+
+def _split_number(value: Any) -> tuple[str, str]:
+    """Return a finite number, zero or above, and the sign of its unit; both empty for other text.
+
+    The unit is "%", "units" or, if there is none, empty.
+    """
+    number = r"\+?((?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)"
+    match = re.fullmatch(rf"{number}\s*(%|units|)", str(value).strip().lower(), re.ASCII)
+    if not match or not math.isfinite(float(match[1])):
+        return "", ""
+    return match[1], match[2]
