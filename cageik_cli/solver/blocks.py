@@ -14,8 +14,7 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.solver.kept import KeptBlock
 from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.solver.metrics import (
-    INTEGER_METRICS,
-    METRIC_NAMES,
+    METRIC_TYPES,
     FrameErrors,
     FrameMetrics,
     check_finite,
@@ -88,9 +87,9 @@ def make_solved_block(
     if faults:
         gaps = np.array(list(faults)) - block.start
         squares, frames = np.delete(squares, gaps, axis=0), np.delete(frames, gaps)
-        columns = {name: getattr(metrics, name).copy() for name in METRIC_NAMES}
+        columns = {name: getattr(metrics, name).copy() for name in METRIC_TYPES}
         for name, column in columns.items():
-            column[gaps] = -1 if name in INTEGER_METRICS else np.nan
+            column[gaps] = -1 if METRIC_TYPES[name] == "i8" else np.nan
         cages, rotations, sampled = cages.copy(), rotations.copy(), sampled.copy()
         cages[gaps] = rotations[gaps] = np.nan
         sampled.reshape(len(sampled), -1, 3)[:, gaps] = 0

@@ -10,9 +10,8 @@ from cageik_cli.solver.captured import CapturedFrames, FrameWeights, complete_fr
 from cageik_cli.solver.dual_laplacian import Solution
 from cageik_cli.solver.kept import KeptBlock, SparseWeights, measure_noise
 from cageik_cli.solver.metrics import (
-    KEPT_COUNTS,
-    KEPT_NAMES,
-    METRIC_NAMES,
+    KEPT_TYPES,
+    METRIC_TYPES,
     FrameMetrics,
     KeptErrors,
     KeptMetrics,
@@ -159,9 +158,9 @@ def make_kept_block(
     errors, metrics = measured.errors.errors, measured.errors.metrics
     whole = make_solved_block(block, solution, errors, digests)
     check_finite(block.start, whole.cages[known], select_frames(whole.metrics, known))
-    columns = {name: getattr(metrics, name).copy() for name in KEPT_NAMES}
+    columns = {name: getattr(metrics, name).copy() for name in KEPT_TYPES}
     for name, column in columns.items():
-        column[gaps] = -1 if name in KEPT_COUNTS else np.nan
+        column[gaps] = -1 if KEPT_TYPES[name] == "i8" else np.nan
     weights = measured.weights.copy()
     weights[gaps] = 1
     kept = KeptBlock(
@@ -185,4 +184,4 @@ def _forget_beside(noise: Floats, gaps: Integers) -> Floats:
 
 def select_frames(metrics: FrameMetrics, places: Integers) -> FrameMetrics:
     """Return the metrics of the frames at `places`."""
-    return FrameMetrics(**{name: getattr(metrics, name)[places] for name in METRIC_NAMES})
+    return FrameMetrics(**{name: getattr(metrics, name)[places] for name in METRIC_TYPES})

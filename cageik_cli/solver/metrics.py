@@ -12,8 +12,6 @@ from cageik_cli.util.errors import NumericalError
 MAX_LENGTH = 1e60
 """Far above any length in a scene; its square does not overflow."""
 
-INTEGER_METRICS = ("worst_vertex",)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameMetrics:
@@ -165,8 +163,11 @@ class KeptMetrics:
     max_deviation_kept: Floats
 
 
-KEPT_NAMES = tuple(field.name for field in fields(KeptMetrics))
-KEPT_COUNTS = ("missing", "rejected")
+KEPT_TYPES = {
+    field.name: "i8" if field.name in ("missing", "rejected") else "f8"
+    for field in fields(KeptMetrics)
+}
+"""The names of the metrics over what was kept, and the types of their columns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,7 +230,10 @@ def measure_kept(
     return KeptErrors(FrameErrors(metrics, np.where(is_kept, squares, np.nan)), kept)
 
 
-METRIC_NAMES = tuple(field.name for field in fields(FrameMetrics))
+METRIC_TYPES = {
+    field.name: "i8" if field.name == "worst_vertex" else "f8" for field in fields(FrameMetrics)
+}
+"""The names of the metrics of frames, and the types of their columns."""
 
 
 def are_lengths(values: Floats) -> np.ndarray:

@@ -4,16 +4,16 @@ import hashlib
 import io
 import json
 import struct
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.solver.kept import KeptBlock, SparseWeights
 from cageik_cli.solver.metrics import (
-    INTEGER_METRICS,
-    KEPT_COUNTS,
-    KEPT_NAMES,
-    METRIC_NAMES,
+    KEPT_TYPES,
+    METRIC_TYPES,
     FrameMetrics,
     KeptMetrics,
 )
@@ -27,7 +27,6 @@ _HEADER = struct.Struct("<QQQQQ")
 def to_bytes(block: SolvedBlock) -> bytes:
     """Return the bytes of a block."""
     faults = json.dumps({str(k): text for k, text in block.skipped.items()}).encode()
-    columns = [_cast_column(name, getattr(block.metrics, name)) for name in METRIC_NAMES]
     kept = b"" if block.kept is None else _pack_kept(block.kept)
     counts = (block.start, len(block.cages), len(block.sampled), len(faults), len(kept))
     return b"".join(
@@ -36,7 +35,7 @@ def to_bytes(block: SolvedBlock) -> bytes:
             *block.digests,
             np.ascontiguousarray(block.cages, "<f8").tobytes(),
             np.ascontiguousarray(block.rotations, "<f8").tobytes(),
-            *(column.tobytes() for column in columns),
+            _pack_columns(block.metrics, METRIC_TYPES),
             np.ascontiguousarray(block.squared_errors, "<f8").tobytes(),
             np.ascontiguousarray(block.peaks.deviations, "<f8").tobytes(),
             np.ascontiguousarray(block.peaks.frames, "<i8").tobytes(),
@@ -54,10 +53,7 @@ def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
     digests = tuple(stream.read(DIGEST_BYTES) for _ in range(count))
     cages = np.frombuffer(stream.read(24 * count * cage_vertices), "<f8")
     rotations = np.frombuffer(stream.read(72 * count), "<f8")
-    columns = {
-        name: np.frombuffer(stream.read(8 * count), _cast_column(name, np.empty(0)).dtype)
-        for name in METRIC_NAMES
-    }
+    columns = _unpack_columns(stream, count, METRIC_TYPES)
     squares, deviations, peak_frames = (
         np.frombuffer(stream.read(8 * vertices), kind) for kind in ("<f8", "<f8", "<i8")
     )
@@ -78,11 +74,10 @@ def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
 
 
 def _pack_kept(kept: KeptBlock) -> bytes:
-    columns = [_cast_kept_column(name, getattr(kept.metrics, name)) for name in KEPT_NAMES]
     weights = kept.weights
     return b"".join(
         [
-            *(column.tobytes() for column in columns),
+            _pack_columns(kept.metrics, KEPT_TYPES),
             np.ascontiguousarray(kept.counts, "<i8").tobytes(),
             np.ascontiguousarray(kept.noise, "<f8").tobytes(),
             np.ascontiguousarray(weights.starts, "<i8").tobytes(),
@@ -93,10 +88,7 @@ def _pack_kept(kept: KeptBlock) -> bytes:
 
 
 def _unpack_kept(stream: io.BytesIO, count: int, vertices: int) -> KeptBlock:
-    columns = {
-        name: np.frombuffer(stream.read(8 * count), _cast_kept_column(name, np.empty(0)).dtype)
-        for name in KEPT_NAMES
-    }
+    columns = _unpack_columns(stream, count, KEPT_TYPES)
     counts = np.frombuffer(stream.read(8 * vertices), "<i8")
     noise = np.frombuffer(stream.read(8 * count), "<f8")
     starts = np.frombuffer(stream.read(8 * (count + 1)), "<i8")
@@ -106,9 +98,11 @@ def _unpack_kept(stream: io.BytesIO, count: int, vertices: int) -> KeptBlock:
     return KeptBlock(KeptMetrics(**columns), SparseWeights(starts, places, values), counts, noise)
 
 
-def _cast_kept_column(name: str, column: np.ndarray) -> np.ndarray:
-    return column.astype("<i8" if name in KEPT_COUNTS else "<f8")
+def _pack_columns(metrics: FrameMetrics | KeptMetrics, types: Mapping[str, str]) -> bytes:
+    """Return the columns of metrics, one after another."""
+    columns = (getattr(metrics, name).astype(f"<{kind}") for name, kind in types.items())
+    return b"".join(column.tobytes() for column in columns)
 
 
-def _cast_column(name: str, column: np.ndarray) -> np.ndarray:
-    return column.astype("<i8" if name in INTEGER_METRICS else "<f8")
+def _unpack_columns(stream: io.BytesIO, count: int, types: Mapping[str, str]) -> dict[str, Any]:
+    return {name: np.frombuffer(stream.read(8 * count), f"<{kind}") for name, kind in types.items()}

@@ -14,7 +14,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.record import FIT_VERSION, FitRecord, FitSettings, FittedClip
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.cache import Entry, EntryCache, EntryFormat, compute_key
-from cageik_cli.store.json_records import parse_record
+from cageik_cli.store.hdf5_fields import parse_record
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats
 

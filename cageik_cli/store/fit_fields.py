@@ -16,8 +16,7 @@ from cageik_cli.coordinates.binding import Binding, Correction
 from cageik_cli.formats.base.hdf5 import get_dataset, read_array, read_attribute
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import are_lengths
-from cageik_cli.store.hdf5_fields import read_json_attr, to_json, write_deflated
-from cageik_cli.store.json_records import parse_record
+from cageik_cli.store.hdf5_fields import parse_record, read_json_attr, to_json, write_deflated
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, error_context
 

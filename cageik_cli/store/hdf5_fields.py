@@ -2,8 +2,10 @@
 
 import json
 import zlib
-from dataclasses import fields
-from typing import Any, TypeVar
+from dataclasses import asdict, fields, is_dataclass
+from enum import StrEnum
+from types import NoneType, UnionType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import h5py
 import numpy as np
@@ -18,7 +20,8 @@ from cageik_cli.formats.base.hdf5 import (
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError
+from cageik_cli.util.errors import FormatError, SettingError
+from cageik_cli.util.json_files import format_value
 from cageik_cli.util.outputs import DeferredErrorFile
 from cageik_cli.util.text import single_line, to_unicode
 from cageik_cli.util.threads import OrderedMap, count_processors
@@ -95,8 +98,8 @@ def read_notes(file: h5py.File) -> tuple[str, ...]:
 
 
 def to_json(value: Any) -> str:
-    """Return a value as the text of an attribute."""
-    return json.dumps(value, sort_keys=True, allow_nan=False)
+    """Return plain values, and records of them, as the text of an attribute."""
+    return json.dumps(value, sort_keys=True, allow_nan=False, default=asdict)
 
 
 def read_json_attr(file: h5py.File, name: str, expected_type: type) -> Any:
@@ -217,3 +220,86 @@ def _parse_finite(text: str) -> float:
     if not np.isfinite(value):
         raise ValueError(f"{text} is not a finite number")
     return value
+
+
+_NAMES = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a string",
+    NoneType: "null",
+}
+
+
+def parse_record(kind: Any, value: Any, name: str) -> Any:
+    """Return a JSON value as `kind`.
+
+    Parameters
+    ----------
+    kind : type
+        A dataclass of such kinds, `bool`, `int`, `float`, `str`, an enumeration of texts, None, a
+        union, or a tuple of them.
+    value : JSON value
+        Its numbers are finite.
+    name : str
+        For messages.
+
+    Raises
+    ------
+    FormatError
+        Naming the value that is not of its kind.
+    """
+    if get_origin(kind) is UnionType:
+        return _parse_union(kind, value, name)
+    if get_origin(kind) is tuple:
+        return _parse_tuple(kind, value, name)
+    if is_dataclass(kind):
+        return _parse_dataclass(kind, value, name)
+    if issubclass(kind, StrEnum):
+        return _parse_enum(kind, value, name)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if kind is float and is_number:
+        return float(value)
+    if not isinstance(value, kind) or (kind is int and not is_number):
+        raise FormatError(f"`{name}` is {format_value(value)}, expected {_NAMES[kind]}")
+    return value
+
+
+def _parse_enum(kind: type[StrEnum], value: Any, name: str) -> StrEnum:
+    if value not in list(kind):
+        raise FormatError(
+            f"`{name}` is {format_value(value)}, expected one of {', '.join(map(str, kind))}"
+        )
+    return kind(value)
+
+
+def _parse_union(kind: Any, value: Any, name: str) -> Any:
+    """Parse null where it may be, else the other kind."""
+    others = [one for one in get_args(kind) if one is not NoneType]
+    return None if value is None else parse_record(others[0], value, name)
+
+
+def _parse_tuple(kind: Any, value: Any, name: str) -> tuple[Any, ...]:
+    kinds = get_args(kind)
+    if not isinstance(value, list):
+        raise FormatError(f"`{name}` is {format_value(value)}, expected a list")
+    if kinds[-1] is Ellipsis:
+        kinds = (kinds[0],) * len(value)
+    if len(kinds) != len(value):
+        raise FormatError(f"`{name}` has {len(value)} values, expected {len(kinds)}")
+    return tuple(
+        parse_record(one, held, f"{name}[{k}]")
+        for k, (one, held) in enumerate(zip(kinds, value, strict=True))
+    )
+
+
+def _parse_dataclass(kind: Any, value: Any, name: str) -> Any:
+    expected = [field.name for field in fields(kind)]
+    if not isinstance(value, dict) or set(value) != set(expected):
+        raise FormatError(f"`{name}` does not hold {', '.join(expected)}")
+    kinds = get_type_hints(kind)
+    values = {key: parse_record(kinds[key], value[key], f"{name}.{key}") for key in expected}
+    try:
+        return kind(**values)
+    except SettingError as error:
+        raise FormatError(f"`{name}`: {error}") from error

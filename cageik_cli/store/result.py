@@ -1,9 +1,8 @@
 """Read result files, with every check."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -11,91 +10,65 @@ import numpy as np
 from cageik_cli.formats.base.hdf5 import (
     get_dataset,
     open_checked,
-    read_array,
     read_attribute,
     read_texts,
 )
 from cageik_cli.formats.base.sequence import GapFiller
-from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import (
-    INTEGER_METRICS,
-    KEPT_COUNTS,
-    KEPT_NAMES,
-    METRIC_NAMES,
     FrameMetrics,
     KeptMetrics,
-    are_lengths,
-    find_invalid_metric,
 )
-from cageik_cli.solver.regions import Region
-from cageik_cli.solver.summary import VertexBound
 from cageik_cli.store import fit_fields
 from cageik_cli.store.fit_fields import read_fit_record, read_offset_mark
 from cageik_cli.store.hdf5_fields import (
     check_format,
     has_format,
-    read_json_attr,
     read_meshes,
-    read_notes,
-    read_quality,
-    read_scene,
-    read_sources,
-    read_text_attr,
     read_version,
 )
-from cageik_cli.store.json_records import parse_record
-from cageik_cli.store.regions import read_regions
+from cageik_cli.store.result_fields import (
+    ResultHeader,
+    ResultSizes,
+    ResultSummary,
+    read_fields,
+    read_frame_metrics,
+    read_kept_metrics,
+    read_skipped,
+)
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError, error_context
-from cageik_cli.util.text import to_unicode
+from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError
 
 FORMAT = "cageik.result"
 SCHEMA = 1
 CHECKPOINT_SUFFIX = ".partial"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Result:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Result(ResultHeader, ResultSummary):
     """The content of a result file, without the cages and the weights.
 
     Attributes
     ----------
     version : str
         Of the program that wrote it.
-    settings, sources : dict
-        The settings of the run; name and digest of each file that was read.
-    notes : tuple of str
-        What was changed or left out, one sentence each.
     frames : tuple of str
         The source of each of the F frames.
     rest, cage : TriMesh
         The rest pose, m vertices, and its cage, n vertices.
     metrics : FrameMetrics
         nan for a frame that was skipped, and a worst vertex of -1.
-    vertex_rms : (m,) float64
-        sqrt(mean |v̂ − v|²) of each vertex over the frames that were not skipped; nan for vertices
-        that are missing data.
-    skipped : dict
-        By number in the clip, why a frame was skipped.
+    kept : KeptMetrics, optional
+        Metrics over the vertices that were kept; None if all counted alike in all frames.
     fit : FitRecord, optional
         How the weights were fitted to clips, and how well they fit.
     has_offsets : bool
         As of `Binding`.
-    bound : VertexBound, optional
-        The error of the best possible cage animation of the clip.
-    edited_from : str, optional
-        The name of the result that was edited: metrics then compare the mesh before the edit, v,
-        with the edited one, v̂. None for a result that was extracted.
-    regions : tuple of Region, optional
-        The worst regions, the worst first; none if the largest deviation is within the usual. None
-        if the result was edited, or written by a version that did not look for them.
-    kept : KeptMetrics, optional
-        Metrics over the vertices that were kept; None if all counted alike in all frames.
-    filled : tuple of int
-        Skipped frames whose cages were filled from those around them.
+    scene, settings, notes, quality, edited_from
+        As of `ResultHeader`.
+    vertex_rms, regions, bound, filled, sources, skipped
+        As of `ResultSummary`.
 
     Examples
     --------
@@ -110,24 +83,13 @@ class Result:
 
     path: Path
     version: str
-    scene: Scene
-    settings: dict[str, Any]
-    sources: dict[str, Any]
-    quality: SolveQuality
-    notes: tuple[str, ...]
     frames: tuple[str, ...]
     rest: TriMesh
     cage: TriMesh
     metrics: FrameMetrics
-    vertex_rms: Floats
-    skipped: dict[int, str] = field(default_factory=dict)
-    edited_from: str | None = None
-    regions: tuple[Region, ...] | None = None
+    kept: KeptMetrics | None = None
     fit: FitRecord | None = None
     has_offsets: bool = False
-    bound: VertexBound | None = None
-    kept: KeptMetrics | None = None
-    filled: tuple[int, ...] = ()
 
     @property
     def gaps(self) -> list[int]:
@@ -217,33 +179,19 @@ def read_result(path: Path) -> Result:
         _check_result_format(file)
         rest, cage = read_meshes(file)
         frames = len(get_dataset(file, "verts", "f", (None, len(cage.vertices), 3)))
-        skipped = _read_skipped(file, frames)
+        skipped = read_skipped(file, frames)
+        sizes = ResultSizes(frames, len(rest.vertices), len(cage.faces), skipped)
         return Result(
             path=path,
             version=read_version(file),
-            scene=read_scene(file),
-            settings=read_json_attr(file, "settings", dict),
-            sources=read_sources(file),
-            quality=read_quality(file, SolveQuality),
-            notes=read_notes(file),
-            frames=_read_frame_names(file, frames),
+            frames=read_texts(file, "frames/name", frames),
             rest=rest,
             cage=cage,
-            metrics=_read_frame_metrics(file, frames, len(rest.vertices), list(skipped)),
-            vertex_rms=_read_vertex_rms(file, len(rest.vertices)),
-            skipped=skipped,
-            edited_from=read_text_attr(file, "edited_from"),
-            regions=read_regions(
-                file,
-                frames=frames,
-                vertices=len(rest.vertices),
-                cage_faces=len(cage.faces),
-            ),
+            metrics=read_frame_metrics(file, sizes),
+            kept=read_kept_metrics(file, sizes),
             fit=read_fit_record(file),
             has_offsets=read_offset_mark(file),
-            bound=_read_bound(file),
-            filled=_read_filled(file, skipped),
-            kept=_read_kept_metrics(file, frames, len(rest.vertices), list(skipped)),
+            **read_fields(file, sizes),
         )
 
 
@@ -256,92 +204,8 @@ def _check_result_format(file: h5py.File) -> None:
         )
 
 
-def _read_frame_metrics(
-    file: h5py.File, frames: int, vertices: int, skipped: list[int]
-) -> FrameMetrics:
-    """Read the metrics of all frames; skipped ones have none."""
-    columns = {name: _read_column(file, name, frames) for name in METRIC_NAMES}
-    figures = FrameMetrics(**columns)
-    held = FrameMetrics(**{name: np.delete(column, skipped) for name, column in columns.items()})
-    fault = find_invalid_metric(held)
-    if fault is not None:
-        raise FormatError(f"holds {fault}; extract it again")
-    if not np.isnan(figures.rms[skipped]).all():
-        raise FormatError("`metrics/rms` has values for skipped frames; extract it again")
-    if not ((held.worst_vertex >= 0) & (held.worst_vertex < vertices)).all():
-        raise FormatError(
-            f"`metrics/worst_vertex` names vertices that the model does not have ({vertices} "
-            "vertices); extract it again"
-        )
-    return figures
-
-
-def _read_kept_metrics(
-    file: h5py.File, frames: int, vertices: int, skipped: list[int]
-) -> KeptMetrics | None:
-    """Read the metrics over what was kept, if the result has them."""
-    if f"metrics/{KEPT_NAMES[0]}" not in file:
-        return None
-    columns = {name: _read_column(file, name, frames) for name in KEPT_NAMES}
-    for name, column in columns.items():
-        held = np.delete(column, skipped)
-        fits = (held >= 0) & (held <= vertices) if name in KEPT_COUNTS else are_lengths(held)
-        if not fits.all():
-            raise FormatError(f"holds `metrics/{name}` that is impossible; extract it again")
-    return KeptMetrics(**columns)
-
-
-def _read_filled(file: h5py.File, skipped: dict[int, str]) -> tuple[int, ...]:
-    """Read which of the skipped frames were filled."""
-    held = read_json_attr(file, "filled", list) if "filled" in file.attrs else []
-    if not all(type(k) is int and k in skipped for k in held):
-        raise FormatError("attribute `filled` names frames that are not skipped; extract it again")
-    return tuple(held)
-
-
-def _read_vertex_rms(file: h5py.File, vertices: int) -> Floats:
-    """Read the rms of every vertex, (m,); nan for missing data."""
-    values = read_array(file, "metrics/vertex_rms", "f", (vertices,)).astype(np.float64)
-    is_missing = np.isnan(values)
-    if is_missing.all() or not (is_missing | are_lengths(values)).all():
-        raise FormatError("`metrics/vertex_rms` is not a length everywhere; extract it again")
-    return values
-
-
-def _read_column(file: h5py.File, name: str, frames: int) -> Any:
-    if name in INTEGER_METRICS + KEPT_COUNTS:
-        return read_array(file, f"metrics/{name}", "iu", (frames,))
-    with np.errstate(over="ignore", invalid="ignore"):  # values that do not fit are found later
-        return read_array(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
-
-
-def _read_bound(file: h5py.File) -> VertexBound | None:
-    if "bound" not in file.attrs:
-        return None
-    held = read_json_attr(file, "bound", dict)
-    with error_context("attribute `bound`"):
-        bound: VertexBound = parse_record(VertexBound, held, "bound")
-    return bound
-
-
-def _read_frame_names(file: h5py.File, count: int) -> tuple[str, ...]:
-    return read_texts(file, "frames/name", count)
-
-
 def _suggest_instead(path: Path) -> str:
     checkpoint_file = checkpoint_path(path)
     if checkpoint_file.exists():
         return f"there is a checkpoint, {checkpoint_file.name}; rerun the command with --resume"
     return "create it with cageik extract, or give another"
-
-
-def _read_skipped(file: h5py.File, frames: int) -> dict[int, str]:
-    held = read_json_attr(file, "skipped", dict)
-    numbers_only = all(key.isdecimal() and int(key) < frames for key in held)
-    if not numbers_only or not all(isinstance(text, str) for text in held.values()):
-        raise FormatError(
-            "attribute `skipped` does not say which frames are skipped and why; extract it again"
-        )
-    if len(held) == frames:
-        raise FormatError("every frame is skipped; extract it again")
-    return {int(key): to_unicode(held[key]) for key in sorted(held, key=int)}

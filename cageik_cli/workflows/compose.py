@@ -24,7 +24,8 @@ from cageik_cli.solver.regions import (
 from cageik_cli.solver.summary import ClipSummary
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint
-from cageik_cli.store.result_writer import ResultHeader, RunSummary, open_result_writer
+from cageik_cli.store.result_fields import ResultHeader, ResultSummary
+from cageik_cli.store.result_writer import open_result_writer
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.progress import locate_note
@@ -36,11 +37,14 @@ def compose_result(
     header: ResultHeader,
     checkpoint: Checkpoint,
     *,
+    binding: Binding,
     sequence: MeshSequence,
     sources: dict[str, Any],
     rest_index: int | None,
     filled: tuple[int, ...],
     unfitted: DualLaplacianSolver | None,
+    keep_weights: bool,
+    has_kept: bool,
     overwrite: bool,
 ) -> None:
     """Compose the result of a complete checkpoint, whose blocks are read once, in order.
@@ -55,6 +59,8 @@ def compose_result(
         Skipped frames whose cages were filled from those around them.
     unfitted : DualLaplacianSolver or None
         Of the weights before the fit, if the result compares them.
+    has_kept : bool
+        Whether metrics over what was kept are written too.
 
     Raises
     ------
@@ -62,8 +68,8 @@ def compose_result(
         When no frame can be read, or one has changed since it was solved, or the result cannot be
         written.
     """
-    binding, summary = header.binding, checkpoint.summary
-    if len(summary.skipped) == len(header.frames):
+    summary = checkpoint.summary
+    if len(summary.skipped) == len(sequence):
         raise FileAccessError(f"no frame can be read, the first: {summary.skipped[0]}")
     regions = find_clip_regions(binding, summary)
     key_frames = _find_key_frames(binding.rest, rest_index, summary, regions)
@@ -71,8 +77,17 @@ def compose_result(
     def reread(frame: int) -> Floats:
         return _reread_frame(sequence, frame, summary.digests[frame])
 
-    temporary = path.with_name(f"{path.name}.whole.partial")
-    with open_result_writer(path, header, overwrite, temporary) as result:
+    writer = open_result_writer(
+        path,
+        header,
+        binding=binding,
+        frames=sequence.names,
+        overwrite=overwrite,
+        keep_weights=keep_weights,
+        has_kept=has_kept,
+        temporary_path=path.with_name(f"{path.name}.whole.partial"),
+    )
+    with writer as result:
         key_meshes: dict[int, Floats] = {}
         for block in checkpoint.blocks():
             kept = None if block.kept is None else block.kept.metrics
@@ -86,17 +101,17 @@ def compose_result(
             chosen = choose_compared_frames(known, key_frames)
             compared = measure_unfitted(unfitted, binding, chosen, key_frames, reread)
         result.complete(
-            RunSummary(
+            ResultSummary(
                 sources=sources | {"frames": sequence.describe_source()},
                 skipped=summary.skipped,
                 vertex_rms=summary.vertex_rms,
-                key_frames=np.array(key_frames),
-                key_frame_errors=np.array(errors),
                 regions=regions,
                 bound=summary.measure_bound(len(binding.cage.vertices)),
                 filled=filled,
-                unfitted=compared,
-            )
+            ),
+            key_frames=np.array(key_frames),
+            key_frame_errors=np.array(errors),
+            unfitted=compared,
         )
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.posing.edits import (
@@ -24,16 +23,12 @@ from cageik_cli.posing.snapshot import PoseResult, take_snapshot
 from cageik_cli.posing.summary import PoseStatistics
 from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.solver.memory_plan import choose_block_size
-from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
+from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics, check_finite
 from cageik_cli.solver.summary import DeviationPeaks, summarize_blocks
 from cageik_cli.store.result import Result, read_cages, read_result
+from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_frames import read_rotations
-from cageik_cli.store.result_writer import (
-    ResultHeader,
-    ResultWriter,
-    RunSummary,
-    open_result_writer,
-)
+from cageik_cli.store.result_writer import ResultWriter, open_result_writer
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.outputs import check_no_overlap, check_writable
@@ -100,20 +95,25 @@ def edit(
         statistics=PoseStatistics(layers, result.rest),
     )
     size = choose_block_size(len(result.rest.vertices))
-    header = _build_header(settings, result, target.binding)
-    with (
-        open_result_writer(settings.output, header, settings.overwrite) as file,
-        limit_blas_threads(1),
-    ):
+    writer = open_result_writer(
+        settings.output,
+        _build_header(settings, result),
+        binding=target.binding,
+        frames=result.frames,
+        overwrite=settings.overwrite,
+    )
+    with writer as file, limit_blas_threads(1):
         summary = summarize_blocks(edit_run.write_blocks(file, size, progress))
         key_frames = summary.find_key_frames()
         posed = [edit_run.edit_frame(frame) for frame in key_frames.tolist()]
         offsets = np.concatenate([block.meshes_before - block.meshes_after for block in posed])
-        sources = _collect_sources(settings, handles, result)
+        ending = ResultSummary(
+            sources=_collect_sources(settings, handles, result),
+            skipped=summary.skipped,
+            vertex_rms=summary.vertex_rms,
+        )
         with progress.stage("write"):
-            file.complete(
-                RunSummary(sources, summary.skipped, summary.vertex_rms, key_frames, offsets)
-            )
+            file.complete(ending, key_frames=key_frames, key_frame_errors=offsets)
     pose_summary = edit_run.statistics.summarize(result.frames)
     return PoseResult(pose_summary, take_snapshot(layers, target, posed[0], pose_summary))
 
@@ -172,9 +172,9 @@ class _EditRun:
         all_cages[known] = block.edit.cages
         rotations = self.rotations[frames]
         rotations[~known] = np.nan
-        for name in METRIC_NAMES:
+        for name in METRIC_TYPES:
             found = getattr(block.metrics, name)
-            gap = -1 if name in INTEGER_METRICS else np.nan
+            gap = -1 if METRIC_TYPES[name] == "i8" else np.nan
             columns[name] = np.full(len(cages), gap, found.dtype)
             columns[name][known] = found
         return SolvedBlock(
@@ -201,7 +201,7 @@ def _build_target(model: CagedModel, rotations: Floats) -> EditTarget:
     return EditTarget(binding, skin, cage, result.frames, result.scene.up_axis)
 
 
-def _build_header(settings: EditSettings, result: Result, binding: Binding) -> ResultHeader:
+def _build_header(settings: EditSettings, result: Result) -> ResultHeader:
     posing, placement = settings.posing, settings.posing.placement
     pose_settings = {
         "pose_alpha": posing.alpha,
@@ -219,13 +219,10 @@ def _build_header(settings: EditSettings, result: Result, binding: Binding) -> R
         "frames were met"
     )
     return ResultHeader(
-        binding=binding,
         quality=result.quality,
-        frames=result.frames,
         scene=result.scene,
         settings=result.settings | pose_settings,
         notes=(*result.notes, note),
-        keep_weights=True,
         edited_from=to_unicode(settings.result.name),
     )
 

@@ -21,7 +21,7 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
 from cageik_cli.store.result import Result, checkpoint_path, read_result, smoothed_path
-from cageik_cli.store.result_writer import ResultHeader
+from cageik_cli.store.result_fields import ResultHeader
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.files import read_input
@@ -336,25 +336,24 @@ class Extraction:
         settings, solver = self.settings, self.block_solver.solver
         assert self.stored is not None
         header = ResultHeader(
-            binding=self.binding,
             quality=solver.quality,
-            frames=self.sequence.names,
             scene=self.scene,
             settings=self.recorded_settings,
             notes=collect_notes(self.stored, self.rest, self.sequence, solver.missing_count),
-            keep_weights=settings.keep_weights,
-            has_kept=self.weighs_frames,
         )
         with self.progress.stage("write"):
             compose_result(
                 settings.output,
                 header,
                 checkpoint,
+                binding=self.binding,
                 sequence=self.sequence,
                 sources=self.sources,
                 rest_index=settings.rest_index,
                 filled=self.filled,
                 unfitted=self._make_unfitted_solver(),
+                keep_weights=settings.keep_weights,
+                has_kept=self.weighs_frames,
                 overwrite=settings.overwrite or settings.resume,
             )
 

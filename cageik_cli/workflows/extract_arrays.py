@@ -12,7 +12,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.solver.fitting.record import FitSettings
-from cageik_cli.solver.metrics import METRIC_NAMES, FrameMetrics
+from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
@@ -214,6 +214,6 @@ def _bind_built_cage(
 def _join_metrics(parts: Sequence[FrameMetrics]) -> FrameMetrics:
     """Return the metrics of consecutive blocks as those of all their frames."""
     columns = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in METRIC_NAMES
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in METRIC_TYPES
     }
     return FrameMetrics(**columns)

@@ -6,7 +6,7 @@ import pytest
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import place_columns
 from cageik_cli.solver.alignment import best_motions, move_to_rest
-from cageik_cli.solver.metrics import METRIC_NAMES, measure
+from cageik_cli.solver.metrics import METRIC_TYPES, measure
 from cageik_cli.util import compiled
 from tests.shapes import ball, box
 
@@ -68,7 +68,7 @@ def assert_measured_as_in_numpy(in_numpy, rest, frames, rebuilt, data):
     found = measure(rest, frames, rebuilt, data)
     expected = in_numpy(measure, rest, frames, rebuilt, data)
     np.testing.assert_allclose(found.squared_errors, expected.squared_errors, rtol=1e-14)
-    for name in METRIC_NAMES:
+    for name in METRIC_TYPES:
         np.testing.assert_allclose(
             getattr(found.metrics, name), getattr(expected.metrics, name), rtol=1e-13, err_msg=name
         )

@@ -8,7 +8,7 @@ from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.enclosure import check_enclosure
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.metrics import METRIC_NAMES
+from cageik_cli.solver.metrics import METRIC_TYPES
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import drop_unused_vertices
 from cageik_cli.util.errors import CageError, FormatError
@@ -51,7 +51,7 @@ def test_strays_that_stand_still_or_fly_off_change_no_figure(flight):
     found = extract(frames, bind(with_strays(REST), CAGE))
     assert found.rms_percent == pytest.approx(clean.rms_percent, rel=1e-5)
     np.testing.assert_allclose(found.cages, clean.cages, atol=1e-5)
-    for name in METRIC_NAMES:
+    for name in METRIC_TYPES:
         values, expected = getattr(found.metrics, name), getattr(clean.metrics, name)
         if name == "worst_vertex":  # of the first frame, the rest pose, rounding names one
             values, expected = values[1:], np.setdiff1d(np.arange(69), PLACES)[expected][1:]

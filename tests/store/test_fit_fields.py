@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.solver.summary import VertexBound
-from cageik_cli.store import binding_file, result_frames, result_writer
+from cageik_cli.store import binding_file, result_frames
 from cageik_cli.store import result as results
 from cageik_cli.util.errors import FormatError, InputError
 from tests.store.fits import as_fitted, record
@@ -20,8 +20,9 @@ from tests.store.test_result import (
     CAGES,
     ENDING,
     FIGURES,
+    KEY_FRAMES,
     ROTATIONS,
-    header,
+    open_writer,
 )
 
 FORMS = ("dense", "low rank", "few")
@@ -34,10 +35,9 @@ def write_binding(path, form):
 
 
 def write_result(path, form, **changes):
-    fitted = replace(header(), binding=as_fitted(MODEL, form), **changes)
-    with result_writer.open_result_writer(path, fitted, overwrite=True) as result:
+    with open_writer(path, binding=as_fitted(MODEL, form), **changes) as result:
         result.append(CAGES, ROTATIONS, FIGURES)
-        result.complete(replace(ENDING, bound=VertexBound(0.01, 4, 18)))
+        result.complete(replace(ENDING, bound=VertexBound(0.01, 4, 18)), **KEY_FRAMES)
     return path
 
 
@@ -110,9 +110,9 @@ def test_the_rotation_of_a_skipped_frame_is_that_of_the_nearest(tmp_path):
         column[1] = np.nan
     columns["worst_vertex"] = np.where(np.arange(5) == 1, -1, FIGURES.worst_vertex)
     path = tmp_path / "cages.h5"
-    with result_writer.open_result_writer(path, header(), overwrite=False) as result:
+    with open_writer(path) as result:
         result.append(cages, rotations, replace(FIGURES, **columns))
-        result.complete(replace(ENDING, skipped={1: "gone"}))
+        result.complete(replace(ENDING, skipped={1: "gone"}), **KEY_FRAMES)
     found = result_frames.read_rotations(results.read_result(path))
     np.testing.assert_array_equal(found, ROTATIONS[[0, 0, 2, 3, 4]])
 

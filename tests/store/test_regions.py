@@ -7,10 +7,11 @@ import h5py
 import pytest
 
 from cageik_cli.solver.regions import MAX_REGIONS, Cause, Evidence, Region
-from cageik_cli.store.regions import read_regions, write_regions
+from cageik_cli.store.result_fields import RESULT_FIELDS, ResultSizes
 from cageik_cli.util.errors import FormatError
 
-COUNTS = {"frames": 7, "vertices": 20, "cage_faces": 12}
+FIELD = RESULT_FIELDS["regions"]
+SIZES = ResultSizes(frames=7, vertices=20, cage_faces=12, skipped={})
 EVIDENCE = Evidence(1.5, 2.5, 0.25, 30.0, 8.0, True, False)
 
 
@@ -36,22 +37,22 @@ def file(tmp_path):
 
 
 def test_what_is_written_is_read(file):
-    write_regions(file, (region(), region(size=0.0, cause=Cause.UNKNOWN)))
-    first, second = read_regions(file, **COUNTS)
+    FIELD.write(file, "regions", (region(), region(size=0.0, cause=Cause.UNKNOWN)))
+    first, second = FIELD.read(file, SIZES)
     assert first == region()
     assert first.cause is Cause.SHARED_LOOP
     assert second == region(size=0.0, cause=Cause.UNKNOWN)
 
 
 def test_none_are_not_the_same_as_not_known(file):
-    assert read_regions(file, **COUNTS) is None
-    write_regions(file, ())
-    assert read_regions(file, **COUNTS) == ()
+    assert FIELD.read(file, SIZES) is None
+    FIELD.write(file, "regions", ())
+    assert FIELD.read(file, SIZES) == ()
 
 
 def damage(file, **changes):
     """Replace fields of the one region in a file; None leaves a field out."""
-    write_regions(file, (region(),))
+    FIELD.write(file, "regions", (region(),))
     held = json.loads(file.attrs["regions"])
     held[0] = {k: v for k, v in (held[0] | changes).items() if v is not None}
     file.attrs["regions"] = json.dumps(held)
@@ -85,17 +86,17 @@ def damage(file, **changes):
 def test_damaged_regions_are_refused(file, changes, says):
     damage(file, **changes)
     with pytest.raises(FormatError, match=rf"`regions` .*{says}.*; extract it again"):
-        read_regions(file, **COUNTS)
+        FIELD.read(file, SIZES)
 
 
 @pytest.mark.parametrize("text", ["{}", "[5]", "[null]", "nothing", "[{}]"])
 def test_what_does_not_hold_regions_is_refused(file, text):
     file.attrs["regions"] = text
     with pytest.raises(FormatError, match="`regions`"):
-        read_regions(file, **COUNTS)
+        FIELD.read(file, SIZES)
 
 
 def test_too_many_regions_are_refused(file):
-    write_regions(file, [region()] * (MAX_REGIONS + 1))
+    FIELD.write(file, "regions", [region()] * (MAX_REGIONS + 1))
     with pytest.raises(FormatError, match=f"{MAX_REGIONS + 1} regions"):
-        read_regions(file, **COUNTS)
+        FIELD.read(file, SIZES)

@@ -16,8 +16,9 @@ from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.metrics import FrameMetrics, check_finite
 from cageik_cli.store import hdf5_fields as parts
 from cageik_cli.store import result as store
-from cageik_cli.store import result_writer
+from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_frames import read_key_frames
+from cageik_cli.store.result_writer import open_result_writer
 from cageik_cli.util.errors import InputError, NumericalError
 from tests.shapes import TETRAHEDRON, ball, rotation
 
@@ -48,7 +49,8 @@ FIGURES = FrameMetrics(
 
 MISSES = GENERATOR.normal(size=(3, len(ball(1).vertices), 3))
 VERTEX_RMS = GENERATOR.uniform(1, 2, len(ball(1).vertices))
-ENDING = result_writer.RunSummary(SOURCES, {}, VERTEX_RMS, np.array([4, 1, 0]), MISSES)
+ENDING = ResultSummary(vertex_rms=VERTEX_RMS, sources=SOURCES, skipped={})
+KEY_FRAMES = {"key_frames": np.array([4, 1, 0]), "key_frame_errors": MISSES}
 
 QUALITY = SolveQuality(1e-15, 2e-15, -0.5, 944, 4e-3, 0, 123.0)
 
@@ -57,17 +59,20 @@ def part(rows):
     return FrameMetrics(*(getattr(FIGURES, field.name)[rows] for field in fields(FrameMetrics)))
 
 
-def header(keep_weights=True):
-    return result_writer.ResultHeader(
-        BINDING, QUALITY, NAMES, SCENE, SETTINGS, ("a note",), keep_weights
-    )
+HEADER = ResultHeader(scene=SCENE, settings=SETTINGS, notes=("a note",), quality=QUALITY)
+
+
+def open_writer(path, header=HEADER, **options):
+    """A writer of a result of five frames."""
+    usual = {"binding": BINDING, "frames": NAMES, "overwrite": True}
+    return open_result_writer(path, header, **usual | options)
 
 
 def written(path, cuts=(0, 2, 5), overwrite=False, **options):
-    with result_writer.open_result_writer(path, header(**options), overwrite) as result:
+    with open_writer(path, overwrite=overwrite, **options) as result:
         for first, last in pairwise(cuts):
             result.append(CAGES[first:last], ROTATIONS[first:last], part(slice(first, last)))
-        result.complete(ENDING)
+        result.complete(ENDING, **KEY_FRAMES)
     return path
 
 
@@ -219,9 +224,9 @@ def test_weights_can_be_left_out(tmp_path, path):
 def test_an_old_result_is_replaced_when_the_new_one_is_complete(tmp_path):
     path = tmp_path / "cages.h5"
     path.write_text("old")
-    with result_writer.open_result_writer(path, header(), overwrite=True) as result:
+    with open_writer(path) as result:
         result.append(CAGES, ROTATIONS, FIGURES)
-        result.complete(ENDING)
+        result.complete(ENDING, **KEY_FRAMES)
         assert path.read_text() == "old"
     assert store.read_result(path).frames == NAMES
     assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
@@ -231,9 +236,9 @@ def test_a_result_written_by_another_run_is_not_replaced(tmp_path):
     path = tmp_path / "cages.h5"
 
     def race():
-        with result_writer.open_result_writer(path, header(), overwrite=False) as result:
+        with open_writer(path, overwrite=False) as result:
             result.append(CAGES, ROTATIONS, FIGURES)
-            result.complete(ENDING)
+            result.complete(ENDING, **KEY_FRAMES)
             path.write_text("somebody else's")
 
     with pytest.raises(InputError, match=r"cages\.h5"):
@@ -248,7 +253,7 @@ def test_an_error_leaves_the_old_result_and_nothing_else(tmp_path, kind):
     path.write_text("old")
 
     def fail_in_the_middle():
-        with result_writer.open_result_writer(path, header(), overwrite=True) as result:
+        with open_writer(path) as result:
             result.append(CAGES[:2], ROTATIONS[:2], part(slice(2)))
             raise kind("in the middle")
 
@@ -261,7 +266,7 @@ def test_an_error_leaves_the_old_result_and_nothing_else(tmp_path, kind):
 def test_a_full_disk_is_an_error_that_names_the_file(tmp_path):
     path = tmp_path / "cages.h5"
     with pytest.raises(InputError, match=r"cages\.h5: .*No space left"):  # noqa: SIM117
-        with result_writer.open_result_writer(path, header(), overwrite=True):
+        with open_writer(path):
             raise OSError(28, "No space left on device")
     assert not list(tmp_path.iterdir())
 
@@ -411,11 +416,9 @@ def test_a_damaged_result_is_refused_by_name(path, damage, says):
 
 def test_an_edit_names_its_result(tmp_path, path):
     assert store.read_result(path).edited_from is None
-    with result_writer.open_result_writer(
-        tmp_path / "edited.h5", replace(header(), edited_from="ä.h5"), overwrite=False
-    ) as result:
+    with open_writer(tmp_path / "edited.h5", replace(HEADER, edited_from="ä.h5")) as result:
         result.append(CAGES, ROTATIONS, FIGURES)
-        result.complete(ENDING)
+        result.complete(ENDING, **KEY_FRAMES)
     assert store.read_result(tmp_path / "edited.h5").edited_from == "ä.h5"
 
 
@@ -462,12 +465,12 @@ def test_a_result_cut_short_is_refused(path, share):
 
 def test_an_interrupted_write_is_not_a_result(tmp_path):
     path = tmp_path / "cages.h5"
-    with result_writer.open_result_writer(path, header(), overwrite=True) as result:
+    with open_writer(path) as result:
         result.append(CAGES, ROTATIONS, FIGURES)
         result._file.flush()
         (partial,) = tmp_path.glob("*.partial")
         (tmp_path / "copy.h5").write_bytes(partial.read_bytes())
-        result.complete(ENDING)
+        result.complete(ENDING, **KEY_FRAMES)
     with pytest.raises(InputError, match=r"copy\.h5"):
         store.read_result(tmp_path / "copy.h5")
 
@@ -497,11 +500,9 @@ def test_gaps_are_read_in_the_order_of_the_frames(tmp_path):
         column[list(gaps)] = -1 if field.name == "worst_vertex" else np.nan
     frames = tuple(f"{k}.obj" for k in range(count))
     path = tmp_path / "cages.h5"
-    with result_writer.open_result_writer(
-        path, replace(header(), frames=frames), overwrite=False
-    ) as writer:
+    with open_writer(path, frames=frames) as writer:
         writer.append(cages, np.repeat(ROTATIONS[:1], count, axis=0), FrameMetrics(*figures))
-        writer.complete(replace(ENDING, skipped=gaps))
+        writer.complete(replace(ENDING, skipped=gaps), **KEY_FRAMES)
     assert list(store.read_result(path).skipped) == [2, 9, 10]
 
 
@@ -515,9 +516,9 @@ def test_gaps_are_interpolated(tmp_path, size):
         column[list(gaps)] = -1 if name == "worst_vertex" else np.nan
     cages[list(gaps)] = np.nan
     path = tmp_path / "cages.h5"
-    with result_writer.open_result_writer(path, header(), overwrite=False) as writer:
+    with open_writer(path, overwrite=False) as writer:
         writer.append(cages, ROTATIONS, FrameMetrics(**columns))
-        writer.complete(replace(ENDING, skipped=gaps))
+        writer.complete(replace(ENDING, skipped=gaps), **KEY_FRAMES)
     result = store.read_result(path)
     assert result.skipped == gaps
     found = np.concatenate(list(store.read_cages(result, size)))

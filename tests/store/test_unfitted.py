@@ -6,13 +6,21 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.store import result_writer
 from cageik_cli.store.fit_fields import UnfittedClip
 from cageik_cli.store.result import read_result
 from cageik_cli.store.result_frames import read_unfitted
 from cageik_cli.util.errors import FormatError
 from tests.store.fits import as_fitted
-from tests.store.test_result import BINDING, CAGES, ENDING, FIGURES, FRAMES, ROTATIONS, header
+from tests.store.test_result import (
+    BINDING,
+    CAGES,
+    ENDING,
+    FIGURES,
+    FRAMES,
+    KEY_FRAMES,
+    ROTATIONS,
+    open_writer,
+)
 
 M, N = BINDING.weights.shape
 GENERATOR = np.random.default_rng(4)
@@ -26,10 +34,10 @@ CLIP = UnfittedClip(
 
 
 def write_result(path, clip=CLIP, keep_weights=True):
-    fitted = replace(header(keep_weights), binding=as_fitted(BINDING, "dense"))
-    with result_writer.open_result_writer(path, fitted, overwrite=True) as result:
+    fitted = as_fitted(BINDING, "dense")
+    with open_writer(path, binding=fitted, keep_weights=keep_weights) as result:
         result.append(CAGES, ROTATIONS, FIGURES)
-        result.complete(replace(ENDING, unfitted=clip))
+        result.complete(ENDING, **KEY_FRAMES, unfitted=clip)
     return path
 
 
