@@ -133,7 +133,8 @@ def _find_option(name: str, command: click.Command | None) -> str | None:
         for param in known.params if known is not None else ():
             if param.name == name:
                 return max(param.opts, key=len) if param.opts[0][0] == "-" else name.upper()
-    return "without --no-weights" if name == "keep_weights" else None
+    # Parameters that no option of this name sets.
+    return {"fit": "--fit", "keep_weights": "without --no-weights"}.get(name)
 
 
 @contextmanager

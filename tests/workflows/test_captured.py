@@ -394,7 +394,7 @@ def test_clips_too_short_to_smooth_are_kept(walker, make, count):
 def test_weights_fitted_to_a_clean_clip_serve_one_with_missing_vertices(walker, make):
     clean = replace(make(walker[0], "clean", fit=FitSettings()), rest=Path("rest/frame_0.obj"))
     write_objs(Path("rest"), walker[0][:1], walker[1])
-    with pytest.raises(SettingError, match="--fit needs frames without missing vertices"):
+    with pytest.raises(SettingError, match="`fit` needs frames without missing vertices"):
         replace(clean, clip=MISSING)
     bind_files(BindRunSettings(clean.cage, clean.rest, Path("fit.h5"), clips=clean.frames))
     spoilt = make(corrupt("missing", walker[0]), capture=SMOOTH, clip=MISSING)

@@ -379,7 +379,7 @@ def test_few_influences_need_the_rotation_of_each_cage(settings):
 def test_contradicting_settings_are_refused(settings):
     with pytest.raises(SettingError, match="brings its weights"):
         replace(settings, cage=None, binding=Path("b.h5"))
-    with pytest.raises(SettingError, match="--no-weights"):
+    with pytest.raises(SettingError, match="keep_weights"):
         replace(settings, keep_weights=False)
     assert replace(settings, keep_weights=False, fit=FitSettings(rank=2)).fit.rank == 2
 

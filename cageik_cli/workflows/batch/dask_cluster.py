@@ -215,7 +215,7 @@ class DaskScheduler:
         except (OSError, CancelledError) as error:
             raise ClusterError(
                 f"{self._address}: the scheduler is lost, or has dropped its tasks; see its log, "
-                "start it again, and continue with --resume"
+                "start it again, and continue with `resume`"
             ) from error
 
     def _wait_for_worker(self) -> None:
@@ -226,7 +226,7 @@ class DaskScheduler:
             raise ClusterError(
                 f"{self._address}: no worker for {self._worker_timeout:g} s; start some with "
                 f"`dask worker {self._address} --nthreads 1 --nworkers N`, and continue with "
-                "--resume"
+                "`resume`"
             ) from error
 
     def _check_workers(self) -> None:

@@ -1,9 +1,9 @@
 """A batch: its jobs are run, and one report over all clips is written."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cageik_cli.report.figures import format_percent
@@ -61,10 +61,20 @@ class BatchPlan:
     order: tuple[str, ...]
 
 
-def run_batch(batch: BatchPlan, scheduler: Scheduler, progress: ProgressListener) -> Overview:
+def run_batch(
+    batch: BatchPlan,
+    scheduler: Scheduler,
+    progress: ProgressListener,
+    word: Callable[[str], str] = str,
+) -> Overview:
     """Run all jobs, and write the report over all clips; it lists failures, which raise no error.
 
     Each clip is noted as it ends, under its name.
+
+    Parameters
+    ----------
+    word : callable
+        Puts the message of a failure into the words of who reads the report.
 
     Raises
     ------
@@ -89,7 +99,11 @@ def run_batch(batch: BatchPlan, scheduler: Scheduler, progress: ProgressListener
                 progress.update(len(done), len(batch.jobs))
         if any(job.settings.cache == batch.output / WEIGHT_CACHE_FOLDER for job in batch.jobs):
             shutil.rmtree(batch.output / WEIGHT_CACHE_FOLDER, ignore_errors=True)
-        overview = build_overview([entries[name] for name in batch.order])
+        worded = {
+            name: replace(entry, fault=word(entry.fault)) if entry.fault else entry
+            for name, entry in entries.items()
+        }
+        overview = build_overview([worded[name] for name in batch.order])
         with progress.stage("write"):
             for name, view in REPORT_FILES.items():
                 write_text(batch.output / name, view(overview), overwrite=True)
@@ -148,7 +162,7 @@ def check_folder_empty(folder: Path) -> None:
         raise OutputError(f"{folder}: is a file; give a folder for the results")
     if any(not path.is_dir() for path in folder.rglob("*")):
         raise OutputError(
-            f"{folder}: holds files already; continue with --resume, start over with --overwrite, "
+            f"{folder}: holds files already; continue with `resume`, start over with `overwrite`, "
             "or choose another folder"
         )
 
@@ -164,7 +178,7 @@ def check_batch_folder(folder: Path) -> None:
     for name in REPORT_FILES:
         if (folder / name).exists() and not (folder / CLIPS_FOLDER).is_dir():
             raise OutputError(
-                f"{folder}: holds {name} but no batch to resume; start over with --overwrite, or "
+                f"{folder}: holds {name} but no batch to resume; start over with `overwrite`, or "
                 "choose another folder"
             )
 
@@ -180,7 +194,7 @@ def check_is_result(path: Path) -> None:
     if path.exists() and not is_result(path):
         raise OutputError(
             f"{path}: is not a result of cageik extract; move it away, or replace it with "
-            "--overwrite"
+            "`overwrite`"
         )
 
 
@@ -200,7 +214,7 @@ def _note_done_on_error(batch: BatchPlan) -> Iterator[list[Outcome]]:
     try:
         yield done
     except BaseException as error:
-        error.add_note(f"{len(done)} of {len(batch.jobs)} clips are done; continue with --resume")
+        error.add_note(f"{len(done)} of {len(batch.jobs)} clips are done; continue with `resume`")
         raise
 
 

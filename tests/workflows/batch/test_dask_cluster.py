@@ -301,7 +301,7 @@ def test_a_clip_that_crashes_every_worker_fails_alone(workers, job, monkeypatch)
     assert found["deadly"].state is ClipState.FAILED
     assert fault.startswith("2 workers crashed")
     assert "tcp://" in fault
-    assert "--memory" in fault
+    assert "memory" in fault
 
 
 def deadly(job):
@@ -461,7 +461,7 @@ def test_the_scheduler_is_lost(elsewhere, job):
         found = cluster.run_jobs([job("short"), job("long", 300)])
         assert next(found).entry.name == "short"
         process.kill()
-        with pytest.raises(ClusterError, match=f"{address}: .*--resume"):
+        with pytest.raises(ClusterError, match=f"{address}: .*resume"):
             next(found)
 
 

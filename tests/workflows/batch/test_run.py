@@ -88,6 +88,12 @@ def test_outcomes_are_noted_as_they_end_and_reported_in_order(tmp_path, done):
     assert overview.exit_code == 4
 
 
+def test_faults_are_put_into_the_words_of_who_reads_the_report(tmp_path):
+    overview = run_batch(batch_of(tmp_path / "o", "a"), Scripted(failed("a")), Heard(), str.upper)
+    assert [entry.fault for entry in overview.clips] == ["A: IS BROKEN"]
+    assert "IS BROKEN" in (tmp_path / "o" / "report.md").read_text()
+
+
 def test_the_order_in_which_clips_end_does_not_change_the_reports(tmp_path, done):
     outcomes = [done("a"), failed("b"), done("c")]
     for name, order in (("one", outcomes), ("two", outcomes[::-1])):
@@ -100,7 +106,7 @@ def test_an_interruption_says_how_many_clips_are_done_and_unlocks_the_folder(tmp
     scheduler = Scripted(done("a"), KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt) as caught:
         run_batch(batch_of(tmp_path / "o", "a", "b"), scheduler, Heard())
-    assert caught.value.__notes__ == ["1 of 2 clips are done; continue with --resume"]
+    assert caught.value.__notes__ == ["1 of 2 clips are done; continue with `resume`"]
     assert scheduler.has_ended
     assert not (tmp_path / "o" / LOCK_FILE).exists()
     run_batch(batch_of(tmp_path / "o", "a", "b"), Scripted(done("a"), done("b")), Heard())
@@ -135,7 +141,7 @@ def test_folders_with_files_are_refused(tmp_path):
     check_folder_empty(tmp_path / "new")
     check_folder_empty(tmp_path)
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="--resume"):
+    with pytest.raises(OutputError, match="resume"):
         check_folder_empty(tmp_path)
     with pytest.raises(OutputError, match="file: is a file"):
         check_folder_empty(tmp_path / "file")
