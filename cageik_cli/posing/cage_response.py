@@ -19,7 +19,7 @@ import numpy as np
 import scipy.linalg
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.dual_laplacian import MAX_CONDITION, REFINE_ABOVE_CONDITION
+from cageik_cli.solver.dual_laplacian import MAX_CONDITION, MIN_REFINED_CONDITION
 from cageik_cli.util.arrays import Floats
 
 FREE_MODE_TOL = 1e-9
@@ -94,7 +94,7 @@ class CageResponseSolver:
 
         anchor_response, forces = respond(np.eye(len(rows)))
         condition = _condition_number(values.tolist())
-        if REFINE_ABOVE_CONDITION < condition <= MAX_CONDITION:
+        if MIN_REFINED_CONDITION < condition <= MAX_CONDITION:
             # What the anchors miss, from the motion itself: the system has lost these digits.
             missed = np.eye(len(rows)) - rows @ anchor_response - compliance[:, None] * forces
             anchor_response += respond(missed)[0]

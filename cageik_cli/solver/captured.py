@@ -9,9 +9,6 @@ from cageik_cli.solver.alignment import best_rotations
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats
 
-MIN_ALIGNED_VERTICES = 3
-"""Frames with fewer vertices are filled by the rest pose without being aligned."""
-
 
 class FrameWeights(Protocol):
     """Weights of the vertices of each frame of a clip."""
@@ -69,7 +66,7 @@ def _complete_frame(solver: DualLaplacianSolver, frame: Floats, weights: Floats)
         return filled
     centre, origin = frame[known].mean(axis=0), rest[known].mean(axis=0)
     turn = np.eye(3)
-    if len(known) >= MIN_ALIGNED_VERTICES:
+    if len(known) >= 3:  # fewer do not tell how the frame is turned
         ones = np.ones(len(known))
         turn = best_rotations((frame[known] - centre)[None], rest[known] - origin, ones)[0]
     filled[is_missing] = (rest[is_missing] - origin) @ turn + centre

@@ -18,7 +18,7 @@ from cageik_cli.solver.metrics import (
     check_finite,
     measure_kept,
 )
-from cageik_cli.solver.robust import REJECTED_WEIGHT, RobustSolver, WeighedSolution
+from cageik_cli.solver.robust import MAX_REJECTED_WEIGHT, RobustSolver, WeighedSolution
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
 from cageik_cli.util.errors import FormatError, InputError
 
@@ -106,7 +106,7 @@ class CapturedBlockSolver:
         if self.robust.tolerances is not None:
             # A small weight that is given is no outlier: only what is taken from it counts.
             given = 1.0 if captured.weights is None else captured.weights
-            is_kept = is_data & (weights >= REJECTED_WEIGHT * given)
+            is_kept = is_data & (weights >= MAX_REJECTED_WEIGHT * given)
         rest = self.robust.solver.binding.rest
         errors = measure_kept(rest, captured.positions, rebuilt, is_data, is_kept)
         noise = measure_noise(rebuilt - captured.positions, is_kept)

@@ -30,14 +30,8 @@ from cageik_cli.util.errors import FormatError, NumericalError
 MAX_CONDITION = 1e12
 """Normal matrices with a larger condition number are refused."""
 
-REFINE_ABOVE_CONDITION = 1e6
+MIN_REFINED_CONDITION = 1e6
 """Above it, a step of refinement recovers digits that the normal matrix has lost."""
-
-MAX_SAMPLED_LENGTH = 1e30
-"""Longer displacements, in diagonals, are not what a bound of the error is for."""
-
-MAX_WEIGHTED_ENTRIES = 1 << 22
-"""Largest number of entries of H that are weighted at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,24 +67,6 @@ class Solution:
     reconstructions: Floats
     rotations: Floats
     sampled: NDArray[np.float32]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AlignedFrames:
-    """Displacements of k frames from the rest pose, and the motions that aligned them.
-
-    Attributes
-    ----------
-    columns : (m, 3k) float64
-        R (v − centre) − (rest − origin) of each frame.
-    rotations : (k, 3, 3) float64
-        R; `points @ R` turns points of the rest pose to the frame.
-    centres : (k, 3) float64
-    """
-
-    columns: Floats
-    rotations: Floats
-    centres: Floats
 
 
 class DualLaplacianSolver:
@@ -168,24 +144,30 @@ class DualLaplacianSolver:
         With `workspace`, the reconstructions are valid until it is used again.
         """
         workspace = workspace or Workspace()
-        aligned = self.align(frames, workspace)
-        columns = aligned.columns
-        sampled = columns[self.sampled_vertices] / self._diagonal
-        np.clip(sampled, -MAX_SAMPLED_LENGTH, MAX_SAMPLED_LENGTH, out=sampled)
+        columns, centres, rotations = self.align(frames, workspace)
+        sampled = self._scale_sample(columns[self.sampled_vertices])
         displaced = columns_to_frames(self.solve_displacements(columns))
-        turned = (self.rest_cage + displaced) @ aligned.rotations
+        turned = (self.rest_cage + displaced) @ rotations
         np.matmul(self._weights, frames_to_columns(turned), out=columns)
         moved = workspace.array("moved", *frames.shape)
-        place_columns(columns, aligned.centres, moved)
+        place_columns(columns, centres, moved)
         if self._offsets is not None:
-            moved += self._offsets @ aligned.rotations
-        centred, rotations = turned + aligned.centres[:, None], aligned.rotations
-        return Solution(centred, moved, rotations, sampled.astype(np.float32))
+            moved += self._offsets @ rotations
+        return Solution(turned + centres[:, None], moved, rotations, sampled.astype(np.float32))
 
-    def align(self, frames: Floats, workspace: Workspace | None = None) -> AlignedFrames:
-        """Move `frames`, (k, m, 3), onto the rest pose, and return their displacements from it.
+    def align(
+        self, frames: Floats, workspace: Workspace | None = None
+    ) -> tuple[Floats, Floats, Floats]:
+        """Move `frames`, (k, m, 3), onto the rest pose.
 
-        With `workspace`, the columns are valid until it is used again.
+        Returns
+        -------
+        columns : (m, 3k) float64
+            R (v − centre) − (rest − origin) of each frame: its displacements from the rest pose.
+            With `workspace`, they are valid until it is used again.
+        centres : (k, 3) float64
+        rotations : (k, 3, 3) float64
+            R; `points @ R` turns points of the rest pose to the frame.
         """
         workspace = workspace or Workspace()
         centres = np.tile(self._origin, (len(frames), 1))
@@ -194,7 +176,7 @@ class DualLaplacianSolver:
             centres, rotations = best_motions(frames, self.rest, self.vertex_weights)
         columns = workspace.array("columns", len(self.rest), 3 * len(frames))
         move_to_rest(frames, centres, rotations, self.rest, columns)
-        return AlignedFrames(columns, rotations, centres)
+        return columns, centres, rotations
 
     def sample(self, frame: Floats, rotation: Floats) -> Floats:
         """Return the displacements of `sampled_vertices` of a frame, (s, 3), as in a solution.
@@ -206,8 +188,11 @@ class DualLaplacianSolver:
             centre = centroids(frame[None], self.vertex_weights)[0]
         chosen = self.sampled_vertices
         moved = (frame[chosen] - centre) @ rotation.T - self.rest[chosen]
-        lengths = np.clip(moved / self._diagonal, -MAX_SAMPLED_LENGTH, MAX_SAMPLED_LENGTH)
-        return np.asarray(lengths)
+        return self._scale_sample(moved)
+
+    def _scale_sample(self, displacements: Floats) -> Floats:
+        """Return displacements in diagonals; those that fit no single precision are shortened."""
+        return np.clip(displacements / self._diagonal, -1e30, 1e30)
 
     def solve_displacements(self, target: Floats) -> Floats:
         """Return the cage displacements (n, 3k) that fit vertex displacements (m, 3k) best.
@@ -216,7 +201,7 @@ class DualLaplacianSolver:
         the corrected seminormal equations).
         """
         displaced = self._back_substitute(self._normal_rhs(target))
-        if self.quality.condition_number > REFINE_ABOVE_CONDITION:
+        if self.quality.condition_number > MIN_REFINED_CONDITION:
             residual = target - self._weights @ displaced
             displaced += self._back_substitute(
                 self._normal_rhs(residual) - self.smoothness @ displaced
@@ -273,7 +258,7 @@ class DualLaplacianSolver:
         It is summed over blocks: a weighted copy of H may not fit.
         """
         n = self._weights.shape[1]
-        size = max(1, MAX_WEIGHTED_ENTRIES // n)
+        size = max(1, (1 << 22) // n)
         data = np.zeros((n, n))
         for start in range(0, len(weights), size):
             block = slice(start, start + size)

@@ -26,24 +26,8 @@ from cageik_cli.solver.dual_laplacian import MAX_CONDITION, DualLaplacianSolver,
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
 from cageik_cli.util.errors import NumericalError
 
-HUBER_ROUNDS = 2
-"""Rounds in which outliers still pull, so that the next ones start close to the solution."""
-
-MAX_ROUNDS = 20
-MAX_SEARCHES = 5
-"""Times that all vertices of a frame are looked through for outliers, at most."""
-
-WEIGHT_TOL = 0.01
-"""Rounds end when no weight of a frame changes by more."""
-
-MIN_WEIGHT = 1e-4
-"""Smaller weights are 0."""
-
-REJECTED_WEIGHT = 0.5
+MAX_REJECTED_WEIGHT = 0.5
 """Vertices that are left a smaller share of their given weight are rejected."""
-
-CANDIDATE_RESIDUAL = 0.5
-"""Vertices with a residual above this share of the tolerance are followed in the rounds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +78,11 @@ class RobustSolver:
             self.offset_pull = solver.data_scale * (binding.weights.T @ weighted)
 
     def solve(
-        self, frames: Floats, given: Floats | None = None, workspace: Workspace | None = None
+        self,
+        frames: Floats,
+        given: Floats | None = None,
+        workspace: Workspace | None = None,
+        max_searches: int = 5,
     ) -> WeighedSolution:
         """Return the cages of `frames`, (k, m, 3).
 
@@ -106,11 +94,13 @@ class RobustSolver:
             Weights of the vertices of each frame, from 0 to 1.
         workspace : Workspace, optional
             The reconstructions are valid until it is used again.
+        max_searches : int
+            Times that all vertices of a frame are looked through for outliers, at most.
         """
         plain = self.solver.solve(frames, workspace)
         block = _WeighedBlock(self, frames, plain, given)
         left = np.arange(len(frames))
-        for count in range(MAX_SEARCHES):
+        for count in range(max_searches):
             left = block.search(left, is_first=count == 0)
             if not len(left):
                 break
@@ -168,7 +158,8 @@ class _WeighedBlock:
                 continue
             self._followed[place] |= is_given | is_new
             if limits is not None:
-                self._followed[place] |= squares > (CANDIDATE_RESIDUAL * limits) ** 2
+                # Vertices that are off by half as much may become outliers in the rounds.
+                self._followed[place] |= squares > (0.5 * limits) ** 2
             try:
                 self._solve_frame(place, limits)
                 solved.append(place)
@@ -191,19 +182,38 @@ class _WeighedBlock:
         middle = np.median(relative if is_data.all() else relative[is_data])
         return tolerances * max(1.0, 2 * float(middle))
 
-    def _solve_frame(self, place: int, limits: Floats | None) -> None:
-        """Weigh the followed vertices of a frame and solve it, in turn."""
+    def _solve_frame(
+        self,
+        place: int,
+        limits: Floats | None,
+        *,
+        huber_rounds: int = 2,
+        max_rounds: int = 20,
+        tolerance: float = 0.01,
+    ) -> None:
+        """Weigh the followed vertices of a frame and solve it, in turn.
+
+        Parameters
+        ----------
+        limits : (m,) float64, optional
+            From `_measure_limits`.
+        huber_rounds : int
+            First rounds, in which outliers still pull, so that the next start close to the
+            solution.
+        tolerance : float
+            Rounds end when no weight of the frame changes by more.
+        """
         frame = _FollowedVertices(self, place, np.flatnonzero(self._followed[place]))
         given = self._given[place, frame.rows]
         weights = self.weights[place, frame.rows]
         if limits is None:
             frame.solve(weights)
         else:
-            for count in range(MAX_ROUNDS):
+            for count in range(max_rounds):
                 relative = np.sqrt(np.einsum("jx,jx->j", frame.residuals, frame.residuals))
                 relative /= limits[frame.rows]
-                found = given * weigh(relative, is_huber=count < HUBER_ROUNDS)
-                if count > HUBER_ROUNDS and np.abs(found - weights).max() <= WEIGHT_TOL:
+                found = given * weigh(relative, is_huber=count < huber_rounds)
+                if count > huber_rounds and np.abs(found - weights).max() <= tolerance:
                     break
                 weights = found
                 frame.solve(weights)
@@ -320,10 +330,13 @@ class _FollowedVertices:
 
 
 def weigh(relative: Floats, is_huber: bool) -> Floats:
-    """Weigh vertices by their residuals in tolerances, with Huber's weights or Welsch's."""
+    """Weigh vertices by their residuals in tolerances, with Huber's weights or Welsch's.
+
+    Weights below 1e-4 are 0.
+    """
     far = np.maximum(relative, 1.0)
     weights = 1 / far if is_huber else np.exp(1 - np.minimum(far, 1e3) ** 2)
-    return np.where(weights < MIN_WEIGHT, 0.0, weights)
+    return np.where(weights < 1e-4, 0.0, weights)
 
 
 def solve_definite(matrix: Floats, right: Floats) -> Floats:

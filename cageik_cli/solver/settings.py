@@ -37,10 +37,6 @@ AREA = "area"
 AUTO_SMOOTHING: Final = "auto"
 """As the period that is smoothed: found by generalised cross-validation."""
 
-MAX_SMOOTHED_FRAMES = 240
-"""Longest period that is smoothed, in frames: far longer ones have no solution in double
-precision."""
-
 
 @dataclass(frozen=True, slots=True)
 class CaptureSettings:
@@ -70,21 +66,6 @@ class CaptureSettings:
         period = self.smooth
         if isinstance(period, float | int) and not (isfinite(period) and period > 0):
             raise SettingError(f"smooth is {period}, expected seconds above 0, or auto")
-
-    def check_period(self, fps: float) -> None:
-        """Refuse a period of more frames than the windows of long clips can smooth.
-
-        Raises
-        ------
-        InputError
-            With the longest period at this number of frames per second.
-        """
-        period = self.smooth
-        if isinstance(period, float | int) and period * fps > MAX_SMOOTHED_FRAMES:
-            raise SettingError(
-                f"smooth is {period:.6g} seconds, expected at most {MAX_SMOOTHED_FRAMES / fps:.4g} "
-                f"({MAX_SMOOTHED_FRAMES} frames at {fps:g} per second); state a shorter period"
-            )
 
     @property
     def needs_time_pass(self) -> bool:

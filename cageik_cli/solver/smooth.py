@@ -25,32 +25,32 @@ import numpy as np
 
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats, Mask
+from cageik_cli.util.errors import SettingError
 
-FILL_FRAMES = 0.4
-"""Length in frames, of a motion of the whole mesh, over which missing parts are filled."""
+MAX_SMOOTHING_PERIOD = 240
+"""Longest period that is smoothed, in frames: far longer ones have no solution in double
+precision."""
 
-FILL_PULL = 1e-3
-"""Share of the Laplacian that is left in frames with missing vertices while they are filled."""
-
-INTERPOLATION_FRAMES = 0.01
-"""The same length with which gaps are filled between cages that stay as they are."""
-
-FILL_TOL = 1e-3
-"""Conjugate gradients end at this share of the norm of the noise."""
-
-MAX_STEPS = 200
-MAX_WINDOW_BYTES = 1 << 26
 MIN_WINDOW, MAX_WINDOW = 96, 512
-"""Frames per window: as many as have matrices of `MAX_WINDOW_BYTES`, within these limits."""
-
-OVERLAP_SHARE = 4
-"""Windows overlap by this part of their length, at both ends."""
+"""Frames per window: as many as have matrices of 64 MiB, within these limits."""
 
 STRENGTHS = 10.0 ** np.arange(-9, 1.01, 0.25)
 """Strengths γ, per mean weight of the vertices, that cross-validation compares."""
 
-HIT_RATIO = 4.0
-"""Accelerations above so many medians are a hit."""
+
+def check_smoothing_period(period: float | str | None, fps: float) -> None:
+    """Refuse a period, in seconds, of more frames than the windows of long clips can smooth.
+
+    Raises
+    ------
+    SettingError
+        With the longest period at this number of frames per second.
+    """
+    if isinstance(period, float | int) and period * fps > MAX_SMOOTHING_PERIOD:
+        raise SettingError(
+            f"smooth is {period:.6g} seconds, expected at most {MAX_SMOOTHING_PERIOD / fps:.4g} "
+            f"({MAX_SMOOTHING_PERIOD} frames at {fps:g} per second); state a shorter period"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +77,17 @@ class FrameTerms:
 class TimeSmoother:
     """Solver over time of the cages of one binding.
 
+    Parameters
+    ----------
+    fill_frames : float
+        Length in frames, of a motion of the whole mesh, over which missing parts are filled.
+    fill_pull : float
+        Share of the Laplacian that is left in frames with missing vertices while they are filled.
+    fill_tolerance : float
+        Conjugate gradients end at this share of the norm of the noise.
+    hit_ratio : float
+        Accelerations above so many medians are a hit.
+
     Attributes
     ----------
     scale : float
@@ -85,8 +96,19 @@ class TimeSmoother:
         Frames per window, and by how many it overlaps the next.
     """
 
-    def __init__(self, solver: DualLaplacianSolver) -> None:
+    def __init__(
+        self,
+        solver: DualLaplacianSolver,
+        *,
+        fill_frames: float = 0.4,
+        fill_pull: float = 1e-3,
+        fill_tolerance: float = 1e-3,
+        hit_ratio: float = 4.0,
+    ) -> None:
         from scipy.linalg import eigh
+
+        self._fill_frames, self._fill_pull = fill_frames, fill_pull
+        self._fill_tolerance, self._hit_ratio = fill_tolerance, hit_ratio
 
         self._normal, self._smoothness = solver.normal, solver.smoothness
         self._pull = solver.smoothness @ solver.rest_cage
@@ -94,9 +116,8 @@ class TimeSmoother:
         self._vertex_count = len(solver.rest)
         self._data_scale = solver.data_scale
         self.scale = solver.data_scale * self._vertex_count / len(self._weights)
-        size = MAX_WINDOW_BYTES // self._normal.nbytes
-        self.window = int(np.clip(size, MIN_WINDOW, MAX_WINDOW))
-        self.overlap = self.window // OVERLAP_SHARE
+        self.window = int(np.clip((1 << 26) // self._normal.nbytes, MIN_WINDOW, MAX_WINDOW))
+        self.overlap = self.window // 4
 
     def convert_length(self, frames: float) -> float:
         """Return γ for a length in frames.
@@ -119,16 +140,18 @@ class TimeSmoother:
         if len(known) < 3 or known.sum() < 2 or (known.all() and not terms.lost):
             return cages
         if not terms.lost:
-            length = INTERPOLATION_FRAMES
+            length = 0.01  # in frames: between cages that stay as they are
             solved = self._solve_modes(self._normal @ cages, known, self._repeat(length, known))
             return np.where(known[:, None, None], cages, solved)
-        lost = {t: E + (1 - FILL_PULL) * self._smoothness for t, E in terms.lost.items()}
+        left_out = 1 - self._fill_pull
+        lost = {t: E + left_out * self._smoothness for t, E in terms.lost.items()}
         right = known[:, None, None] * (self._normal @ cages)
         for t, matrix in terms.lost.items():
-            right[t] -= matrix @ cages[t] + (1 - FILL_PULL) * (self._pull @ terms.rotations[t])
-        end = FILL_TOL**2 * self._data_scale * self._vertex_count * noise * len(known)
-        gammas = self._repeat(FILL_FRAMES, known)
-        found = self._solve_conjugate(_TimeSystem(self._normal, known, gammas, lost), right, end)
+            right[t] -= matrix @ cages[t] + left_out * (self._pull @ terms.rotations[t])
+        tolerance = self._fill_tolerance**2 * self._data_scale
+        end = tolerance * self._vertex_count * noise * len(known)
+        gammas = self._repeat(self._fill_frames, known)
+        found = self._solve_conjugate(right, known, gammas, lost, end)
         filled = np.where(known[:, None, None], cages, found)
         for t, matrix in lost.items():
             mended = self._modes.T @ (right[t] + matrix @ found[t])
@@ -191,24 +214,43 @@ class TimeSmoother:
         """Return weights of the accelerations, (F − 2,): 1, and less where one is a hit."""
         bends = np.diff(cages, 2, axis=0)
         sizes = np.sqrt(np.einsum("tix,tix->t", bends, self._normal @ bends))
-        middle = HIT_RATIO * np.median(sizes)
+        middle = self._hit_ratio * np.median(sizes)
         return np.asarray(1 / np.maximum(1, sizes / middle) ** 4) if middle > 0 else sizes + 1
 
     def _solve_modes(self, right: Floats, is_known: Mask, gammas: Floats) -> Floats:
         """Solve with the same matrix A in all known frames: (F, n, 3)."""
         return _ModeSolver(self._weights, self._modes, is_known, gammas).solve(right)
 
-    def _solve_conjugate(self, system: "_TimeSystem", right: Floats, end: float) -> Floats:
-        """Solve with the matrices of each frame; it ends when the error is below `end`."""
-        modes = _ModeSolver(self._weights, self._modes, system.is_known, system.gammas)
+    def _solve_conjugate(
+        self,
+        right: Floats,
+        is_known: Mask,
+        gammas: Floats,
+        lost: dict[int, Floats],
+        end: float,
+        max_steps: int = 200,
+    ) -> Floats:
+        """Solve with the matrix A − `lost` of each frame; it ends when the error is below `end`."""
+        modes = _ModeSolver(self._weights, self._modes, is_known, gammas)
+
+        def multiply(cages: Floats) -> Floats:
+            image = is_known[:, None, None] * (self._normal @ cages)
+            for t, matrix in lost.items():
+                image[t] -= matrix @ cages[t]
+            bends = gammas[:, None, None] * np.diff(cages, 2, axis=0)
+            image[:-2] += bends
+            image[1:-1] -= 2 * bends
+            image[2:] += bends
+            return np.asarray(image)
+
         found = modes.solve(right)
-        left = right - system.apply(found)
+        left = right - multiply(found)
         step = modes.solve(left)
         ways, size = step.copy(), (left * step).sum(axis=(0, 1))
-        for _ in range(MAX_STEPS):
+        for _ in range(max_steps):
             if (size <= end).all():
                 break
-            image = system.apply(ways)
+            image = multiply(ways)
             along = np.divide(size, (ways * image).sum(axis=(0, 1)), out=size * 0, where=size > 0)
             found += along * ways
             left -= along * image
@@ -216,27 +258,6 @@ class TimeSmoother:
             before, size = size, (left * step).sum(axis=(0, 1))
             ways = step + np.divide(size, before, out=size * 0, where=before > 0) * ways
         return found
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _TimeSystem:
-    """The matrix of all frames: A_t in each, and accelerations between them."""
-
-    normal: Floats
-    is_known: Mask
-    gammas: Floats
-    lost: dict[int, Floats]
-
-    def apply(self, cages: Floats) -> Floats:
-        """Return the matrix times cages (F, n, 3)."""
-        image = self.is_known[:, None, None] * (self.normal @ cages)
-        for t, matrix in self.lost.items():
-            image[t] -= matrix @ cages[t]
-        bends = self.gammas[:, None, None] * np.diff(cages, 2, axis=0)
-        image[:-2] += bends
-        image[1:-1] -= 2 * bends
-        image[2:] += bends
-        return np.asarray(image)
 
 
 class _ModeSolver:

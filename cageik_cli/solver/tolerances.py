@@ -7,24 +7,16 @@ import numpy as np
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.captured import CapturedFrames
 from cageik_cli.solver.robust import RobustSolver
-from cageik_cli.util.arrays import Floats, Integers, spread_evenly
-
-MAX_SAMPLED_FRAMES = 16
-"""Frames on which residuals are measured; they are spread evenly over the clip."""
-
-TOLERANCE_RATIO = 5.0
-"""Tolerance, in the sum of the median residuals of a vertex and of all vertices."""
-
-MIN_TOLERANCE = 1e-5
-"""Smallest tolerance, in diagonals: rounding of single precision is far below."""
+from cageik_cli.util.arrays import Floats
 
 
-def choose_tolerance_frames(count: int) -> Integers:
-    """Return the numbers of the frames of a clip on which residuals are measured."""
-    return spread_evenly(count, MAX_SAMPLED_FRAMES)
-
-
-def measure_tolerances(robust: RobustSolver, frames: Iterable[CapturedFrames]) -> Floats:
+def measure_tolerances(
+    robust: RobustSolver,
+    frames: Iterable[CapturedFrames],
+    *,
+    ratio: float = 5.0,
+    least: float = 1e-5,
+) -> Floats:
     """Measure the tolerances of all vertices on some frames.
 
     The residual of a vertex is the median over the frames, and then over its neighbours in the
@@ -36,6 +28,10 @@ def measure_tolerances(robust: RobustSolver, frames: Iterable[CapturedFrames]) -
         With the tolerances that are known so far, if any are.
     frames : iterable of CapturedFrames
         One frame each, so that the result does not depend on the size of blocks.
+    ratio : float
+        Tolerance, in the sum of the median residuals of a vertex and of all vertices.
+    least : float
+        Smallest tolerance, in diagonals: rounding of single precision is far below.
 
     Returns
     -------
@@ -53,7 +49,7 @@ def measure_tolerances(robust: RobustSolver, frames: Iterable[CapturedFrames]) -
         if one.weights is not None:
             is_data = is_data & (one.weights[0] > 0)
         rows.append(np.where(is_data, residuals, np.nan))
-    smallest = MIN_TOLERANCE * rest.diagonal
+    smallest = least * rest.diagonal
     # The rest pose is met exactly, and says nothing of the others.
     rows = [row for row in rows if np.nanmax(row, initial=0) > smallest] or rows
     if not rows:
@@ -61,7 +57,7 @@ def measure_tolerances(robust: RobustSolver, frames: Iterable[CapturedFrames]) -
     typical = take_ring_medians(rest, take_medians(np.stack(rows)))
     middle = float(np.median(typical[np.isfinite(typical)]))
     typical = np.where(np.isfinite(typical), typical, middle)
-    return np.asarray(np.maximum(TOLERANCE_RATIO * (typical + middle), smallest))
+    return np.asarray(np.maximum(ratio * (typical + middle), smallest))
 
 
 def take_medians(rows: Floats) -> Floats:

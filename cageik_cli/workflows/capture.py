@@ -8,7 +8,8 @@ from cageik_cli.solver.captured import CapturedFrames, FrameWeights
 from cageik_cli.solver.captured_blocks import CapturedBlockSolver
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.robust import RobustSolver
-from cageik_cli.solver.tolerances import choose_tolerance_frames, measure_tolerances
+from cageik_cli.solver.tolerances import measure_tolerances
+from cageik_cli.util.arrays import spread_evenly
 from cageik_cli.util.errors import FileAccessError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
@@ -52,7 +53,7 @@ def _read_frames(
 ) -> Iterator[CapturedFrames]:
     """Read the frames on which tolerances are measured, one by one."""
     is_any = False
-    for index in choose_tolerance_frames(len(sequence)).tolist():
+    for index in spread_evenly(len(sequence), 16).tolist():
         if index in sequence.missing:
             continue
         try:

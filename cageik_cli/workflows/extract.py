@@ -17,6 +17,7 @@ from cageik_cli.solver.blocks import BlockExecutor, BlockSolver, SolvedBlock, Th
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.solver.settings import CaptureSettings, SolveSettings
+from cageik_cli.solver.smooth import check_smoothing_period
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
@@ -166,7 +167,7 @@ class Extraction:
             settings.vertex_weights, self.rest, len(self.sequence)
         )
         self.sources |= self.vertex_weights.sources
-        settings.capture.check_period(self.scene.fps)
+        check_smoothing_period(settings.capture.smooth, self.scene.fps)
         if settings.resume:
             self.existing = find_existing(
                 settings,

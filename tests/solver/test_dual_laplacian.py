@@ -163,7 +163,7 @@ def test_refinement_recovers_digits(monkeypatch):
     frames = binding.weights @ cages
 
     def error(refined_above):
-        monkeypatch.setattr(dual_laplacian, "REFINE_ABOVE_CONDITION", refined_above)
+        monkeypatch.setattr(dual_laplacian, "MIN_REFINED_CONDITION", refined_above)
         solver = DualLaplacianSolver(binding, SolveSettings(alpha=0, align=False))
         assert 1e8 < solver.quality.condition_number < 1e12
         return np.abs(solver.solve(frames).cages - cages).max()

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from cageik_cli import bind
-from cageik_cli.solver import smooth as module
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.solver.smooth import STRENGTHS, FrameTerms, TimeSmoother
+from cageik_cli.solver.smooth import MIN_WINDOW, STRENGTHS, FrameTerms, TimeSmoother
 from tests.shapes import ball, box
 
 RNG = np.random.default_rng(11)
@@ -42,8 +41,8 @@ def dense_solution(matrices, right, gammas):
 
 
 @pytest.mark.parametrize("period", [0.3, 3.0])
-def test_smoothing_is_the_minimum_over_all_frames(solver, smoother, period, monkeypatch):
-    monkeypatch.setattr(module, "HIT_RATIO", 1e9)
+def test_smoothing_is_the_minimum_over_all_frames(solver, period):
+    smoother = TimeSmoother(solver, hit_ratio=1e9)
     _, cages = make_cages(solver)
     known = np.ones(FRAMES, bool)
     known[[4, 5, 17]] = False
@@ -56,8 +55,8 @@ def test_smoothing_is_the_minimum_over_all_frames(solver, smoother, period, monk
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
-def test_missing_parts_are_filled_by_the_minimum_over_all_frames(solver, smoother, monkeypatch):
-    monkeypatch.setattr(module, "FILL_TOL", 1e-9)
+def test_missing_parts_are_filled_by_the_minimum_over_all_frames(solver):
+    smoother = TimeSmoother(solver, fill_frames=0.4, fill_pull=1e-3, fill_tolerance=1e-9)
     clean, cages = make_cages(solver, noise=1e-3)
     known = np.ones(FRAMES, bool)
     known[9] = False
@@ -68,13 +67,13 @@ def test_missing_parts_are_filled_by_the_minimum_over_all_frames(solver, smoothe
     found = smoother.fill(terms, noise=1e-6)
     np.testing.assert_array_equal(found[20], cages[20])
     assert np.abs(found[9] - clean[9]).max() < 0.02
-    share = 1 - module.FILL_PULL
+    share = 1 - 1e-3
     matrices = [solver.normal * is_known for is_known in known]
     right = known[:, None, None] * (solver.normal @ cages)
     for t, matrix in lost.items():
         matrices[t] = solver.normal - matrix - share * solver.smoothness
         right[t] -= matrix @ cages[t] + share * solver.smoothness @ solver.rest_cage
-    gammas = np.full(FRAMES - 2, smoother.convert_length(module.FILL_FRAMES))
+    gammas = np.full(FRAMES - 2, smoother.convert_length(0.4))
     expected = dense_solution(matrices, right, gammas)
     for t, matrix in lost.items():
         pulled = matrix + share * solver.smoothness
@@ -111,10 +110,8 @@ def test_validation_finds_noise_and_spares_clean_motion(solver, smoother):
     assert vertices > 0
 
 
-def test_the_added_residual_and_the_freedom_are_those_of_the_smoothing(
-    solver, smoother, monkeypatch
-):
-    monkeypatch.setattr(module, "HIT_RATIO", 1e9)
+def test_the_added_residual_and_the_freedom_are_those_of_the_smoothing(solver):
+    smoother = TimeSmoother(solver, hit_ratio=1e9)
     _, cages = make_cages(solver)
     added, freedom = smoother.measure_validation(cages)
     place = 20
@@ -135,12 +132,12 @@ def test_a_hit_survives(solver, smoother):
     assert speed[0] > 0.95 * speed[1]
 
 
-def test_windows_give_what_the_whole_gives(solver, smoother, monkeypatch):
-    monkeypatch.setattr(module, "HIT_RATIO", 1e9)
+def test_windows_give_what_the_whole_gives(solver):
+    smoother = TimeSmoother(solver, hit_ratio=1e9)
     _, cages = make_cages(solver, count=400)
     known = np.ones(400, bool)
     gamma = smoother.convert_length(1.0)
     whole = smoother.smooth(cages, known, gamma)
     part = smoother.smooth(cages[100:300], known[100:300], gamma)
-    inner = slice(module.MIN_WINDOW // 4, -module.MIN_WINDOW // 4)
+    inner = slice(MIN_WINDOW // 4, -MIN_WINDOW // 4)
     assert np.abs(part[inner] - whole[100:300][inner]).max() < 1e-2 * np.abs(whole - cages).max()

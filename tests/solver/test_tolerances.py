@@ -9,9 +9,6 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.tolerances import (
-    MIN_TOLERANCE,
-    TOLERANCE_RATIO,
-    choose_tolerance_frames,
     measure_tolerances,
     take_medians,
     take_ring_medians,
@@ -42,7 +39,7 @@ def noisy(robust, count, size=0.01):
 def test_tolerances_are_multiples_of_the_noise(robust):
     found = measure_tolerances(robust, captured(noisy(robust, 9)))
     middle = 0.01 * 1.538  # of the length of a Gaussian vector in space
-    np.testing.assert_allclose(np.median(found), 2 * TOLERANCE_RATIO * middle, rtol=0.1)
+    np.testing.assert_allclose(np.median(found), 2 * 5.0 * middle, rtol=0.1)
     assert found.max() < 1.5 * np.median(found)
 
 
@@ -69,7 +66,7 @@ def test_the_rest_pose_and_missing_vertices_do_not_lower_tolerances(robust):
 def test_exact_frames_have_the_smallest_tolerance(robust):
     rest = robust.solver.binding.rest
     found = measure_tolerances(robust, captured(rest.vertices[None]))
-    np.testing.assert_allclose(found, MIN_TOLERANCE * rest.diagonal)
+    np.testing.assert_allclose(found, 1e-5 * rest.diagonal)
 
 
 def test_medians_leave_out_nan():
@@ -86,10 +83,3 @@ def test_ring_medians_are_of_a_vertex_and_its_neighbours(robust):
         ring = {vertex, *mesh.edges.ends[(mesh.edges.ends == vertex).any(axis=1)].ravel()}
         ordered = np.sort([values[k] for k in ring if np.isfinite(values[k])])
         assert found[vertex] == ordered[(len(ordered) - 1) // 2]
-
-
-def test_few_frames_are_all_taken_and_many_are_spread():
-    assert choose_tolerance_frames(3).tolist() == [0, 1, 2]
-    chosen = choose_tolerance_frames(1000)
-    assert len(chosen) == 16
-    assert chosen[[0, -1]].tolist() == [0, 999]

@@ -16,14 +16,8 @@ from cageik_cli.util.arrays import Floats, Integers
 FRAMES_PER_PART = 16
 """Frames per block; constant, because the last digits depend on it."""
 
-MAX_GRAM_ENTRIES = 1 << 20
-"""Most entries of the rows of D that are multiplied at once."""
-
 COMPRESSION_TOL = 2e-3
 """What a compression leaves out, relative to D, as root mean squares."""
-
-MIN_COMPRESSION = 0.8
-"""Displacements are compressed if at most this share of the columns is left."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,10 +94,15 @@ class Displacements:
         """Return `factor`, (b, m), times D, as (b, 3k)."""
         return np.hstack([factor @ block for block in self.blocks()])
 
-    def multiply_by_transpose(self, row_weights: Floats | None = None) -> Floats:
-        """Return DᵀΩD, (3k, 3k), with Ω the diagonal of `row_weights`, (m,), or the identity."""
+    def multiply_by_transpose(
+        self, row_weights: Floats | None = None, max_entries: int = 1 << 20
+    ) -> Floats:
+        """Return DᵀΩD, (3k, 3k), with Ω the diagonal of `row_weights`, (m,), or the identity.
+
+        So many entries of rows of D are multiplied at once.
+        """
         count = 3 * len(self)
-        rows = max(1, MAX_GRAM_ENTRIES // count)
+        rows = max(1, max_entries // count)
         product = np.zeros((count, count))
         for start in range(0, len(self.parts[0]), rows):
             block = self._read_rows(slice(start, start + rows))
@@ -125,7 +124,7 @@ class Displacements:
         values, vectors = np.linalg.eigh(self.multiply_by_transpose(row_weights))
         left_out = np.cumsum(np.maximum(values, 0)) <= COMPRESSION_TOL**2 * values.sum()
         count = -(-int(np.count_nonzero(~left_out)) // 3)
-        if not 0 < count <= MIN_COMPRESSION * len(self):
+        if not 0 < count <= 0.8 * len(self):  # else it would not be faster
             return self
         kept = vectors[:, ::-1][:, : 3 * count]
         width = 3 * FRAMES_PER_PART

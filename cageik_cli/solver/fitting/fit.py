@@ -7,10 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.solver.fitting.affine import AFFINE_FUNCTIONS, complement_basis, restore_affine
 from cageik_cli.solver.fitting.alternate import Alternator, CageSolve
 from cageik_cli.solver.fitting.displacements import Displacements
-from cageik_cli.solver.fitting.problem import WeightProblem, estimate_memory
+from cageik_cli.solver.fitting.problem import (
+    AFFINE_FUNCTIONS,
+    WeightProblem,
+    complement_basis,
+    estimate_memory,
+    restore_affine,
+)
 from cageik_cli.solver.fitting.record import (
     DEFAULT_REGULARIZATION,
     Comparison,

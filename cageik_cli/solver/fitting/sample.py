@@ -219,7 +219,7 @@ def _read_aligned(
                     f"frame {place[1]} of clip {place[0]} has shape {frame.shape}, the binding's "
                     f"rest pose {expected}; fit weights to clips of the model that is bound"
                 )
-            columns = solver.align(frame[None]).columns
+            columns = solver.align(frame[None])[0]
             if np.abs(columns).max() <= 1e-12 * np.abs(frame).max():
                 columns[:] = 0  # it does not move; weights would be fitted to rounding
             found.append(place)

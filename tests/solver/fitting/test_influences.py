@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from cageik_cli.geometry.shape import uniform_laplacian
-from cageik_cli.solver.fitting.affine import complement_basis
 from cageik_cli.solver.fitting.displacements import Displacements
 from cageik_cli.solver.fitting.influences import (
     Influences,
@@ -13,7 +12,7 @@ from cageik_cli.solver.fitting.influences import (
     project_to_simplex,
     refit_influences,
 )
-from cageik_cli.solver.fitting.problem import Motion, WeightProblem
+from cageik_cli.solver.fitting.problem import Motion, WeightProblem, complement_basis
 from cageik_cli.solver.fitting.systems import SurfaceLaplacian
 from tests.fitted import cage_motion, small_binding
 
