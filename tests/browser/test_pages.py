@@ -10,10 +10,11 @@ import pytest
 from cageik_cli.report.figures import format_change, format_percent
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.html.page import render_page
+from cageik_cli.report.html.pictures import render_pictures
 from cageik_cli.report.limits import Limit, Limits
 from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
-from cageik_cli.report.render.model_views import load_poses, render_pictures
+from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.settings import ExtractSettings
 from tests.report.clips import change, make_500_clips

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.report.html.page_mark import is_page_current
+from cageik_cli.report.html.page import is_page_current
 from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_result
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.html.page import render_page, render_result_page
+from cageik_cli.report.html.pictures import render_pictures
 from cageik_cli.report.overview import build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
 from cageik_cli.report.regions import CAUSES, REGIONS_UNKNOWN, describe_region
-from cageik_cli.report.render.model_views import load_poses, render_pictures
+from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.tables import format_json
 from cageik_cli.report.views.text import format_text
@@ -179,7 +180,7 @@ def test_all_poses_are_seen_from_the_side_of_the_worst_region(result):
     ]
     # The rest pose, a ball, looks the same from everywhere.
     for one, other in zip(turns[0].poses[1:], turns[1].poses[1:], strict=True):
-        assert one.original != other.original
+        assert one.files["original"] != other.files["original"]
     assert turns[0].poses == render_pictures(replace(poses, region=None), 40).poses
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.fit_figures import UnfittedRecord
+from cageik_cli.report.html.pictures import PosePictures
 from cageik_cli.report.html.templating import format_ticks, make_png_url
 from cageik_cli.report.record import Report
 from cageik_cli.report.render.model_views import (
@@ -72,33 +73,14 @@ class FitShapes:
 
 
 @dataclass(frozen=True, slots=True)
-class ComparedPictures:
-    """Pictures from one viewpoint, as PNG files.
-
-    Attributes
-    ----------
-    label, name : str
-        As in `Pose`; of a moved vertex, the viewpoint.
-    original : bytes, optional
-        The input, if there is one.
-    """
-
-    label: str
-    name: str
-    original: bytes | None
-    unfitted: bytes
-    fitted: bytes
-
-
-@dataclass(frozen=True, slots=True)
 class FitPictures:
     """All pictures of a fit, and their colour scales.
 
     Attributes
     ----------
-    poses : tuple of ComparedPictures
+    poses : tuple of PosePictures
         The worst and the median frame, coloured by deviation.
-    moved : tuple of ComparedPictures
+    moved : tuple of PosePictures
         The rest pose with a cage vertex moved, coloured by displacement along the move.
     vertex : int
         The vertex.
@@ -109,8 +91,8 @@ class FitPictures:
         The smallest and the largest displacement, percent of the diagonal.
     """
 
-    poses: tuple[ComparedPictures, ...]
-    moved: tuple[ComparedPictures, ...]
+    poses: tuple[PosePictures, ...]
+    moved: tuple[PosePictures, ...]
     vertex: int
     max_deviation_percent: float
     max_move_percent: float
@@ -177,7 +159,7 @@ def render_fit_pictures(poses: PoseSet, shapes: FitShapes, pixels: int = 360) ->
 
 def _render_compared(
     poses: PoseSet, unfitted: Pose, fitted: Pose, top: float, size: int
-) -> ComparedPictures:
+) -> PosePictures:
     known, original = np.isfinite(poses.vertex_rms), fitted.original
     shapes = np.stack([original, unfitted.reconstruction, fitted.reconstruction])
     points = shapes[:, poses.drawn].reshape(-1, 3)
@@ -189,13 +171,9 @@ def _render_compared(
         return encode_png(render(surface, colour_pixels(surface, shown, top)))
 
     surface = project_surface(camera, original, poses.faces)
-    return ComparedPictures(
-        label=fitted.label,
-        name=fitted.name,
-        original=encode_png(render(surface, parse_colour(MESH_COLOURS["input"]))),
-        unfitted=draw(unfitted),
-        fitted=draw(fitted),
-    )
+    drawn = encode_png(render(surface, parse_colour(MESH_COLOURS["input"])))
+    files = {"original": drawn, "unfitted": draw(unfitted), "fitted": draw(fitted)}
+    return PosePictures(fitted.label, fitted.name, files)
 
 
 def _choose_move_views(poses: PoseSet, moved: FitShapes, size: int) -> dict[str, ParallelCamera]:
@@ -222,7 +200,7 @@ def _choose_move_views(poses: PoseSet, moved: FitShapes, size: int) -> dict[str,
 
 def _render_moved(
     poses: PoseSet, moved: FitShapes, top: float, name: str, camera: ParallelCamera
-) -> ComparedPictures:
+) -> PosePictures:
     cage = poses.poses[0].cage.copy()
     ends = cage[moved.vertex] + np.array([[0.0], [1.0]]) * moved.move
     cage[moved.vertex] = ends[1]
@@ -235,7 +213,8 @@ def _render_moved(
         picture = overlay_cage(picture, camera, surface, cage, moved.cage_faces)
         return encode_png(_overlay_move(picture, camera, ends))
 
-    return ComparedPictures("moved", name, None, draw(moved.unfitted), draw(moved.fitted))
+    files = {"unfitted": draw(moved.unfitted), "fitted": draw(moved.fitted)}
+    return PosePictures("moved", name, files)
 
 
 def _overlay_move(picture: Picture, camera: ParallelCamera, ends: Floats) -> Picture:
@@ -272,7 +251,7 @@ def build_fit_values(
         ],
         "moved": [
             (f"{name} weights".capitalize(), _list_moved_views(pictures, name, side))
-            for side, name in enumerate(names)
+            for side, name in zip(("unfitted", "fitted"), names, strict=True)
         ],
         "colours": COLOUR_SCALE,
         "signed_colours": SIGNED_SCALE,
@@ -297,26 +276,25 @@ def _format_move(percent: float) -> str:
 
 
 def _list_pose_views(
-    one: ComparedPictures, title: str, names: tuple[str, str]
+    one: PosePictures, title: str, names: tuple[str, str]
 ) -> list[tuple[str, str, str]]:
     """List the caption, the picture and the description of each view of a frame."""
-    assert one.original is not None
-    views = [("Input", make_png_url(one.original), f"{title}: the input")]
-    for name, picture in zip(names, (one.unfitted, one.fitted), strict=True):
+    views = [("Input", make_png_url(one.files["original"]), f"{title}: the input")]
+    for name, side in zip(names, ("unfitted", "fitted"), strict=True):
         text = f"{title} with {name} weights, coloured by deviation"
-        views.append((name.capitalize(), make_png_url(picture), text))
+        views.append((name.capitalize(), make_png_url(one.files[side]), text))
     return views
 
 
-def _list_moved_views(pictures: FitPictures, name: str, side: int) -> list[tuple[str, str, str]]:
+def _list_moved_views(pictures: FitPictures, name: str, side: str) -> list[tuple[str, str, str]]:
     """List the caption, the picture and the description of each view of the moved vertex.
 
-    `side` is 0 for the weights before the fit and 1 for fitted ones.
+    `side` is "unfitted" for the weights before the fit, and "fitted".
     """
     return [
         (
             one.name.capitalize(),
-            make_png_url((one.unfitted, one.fitted)[side]),
+            make_png_url(one.files[side]),
             f"The rest pose with one cage vertex moved, {name} weights, {one.name}, coloured by "
             "displacement",
         )

@@ -1,5 +1,7 @@
 """The report as a page: one HTML file without other files, for a browser or a printer."""
 
+import hashlib
+from pathlib import Path
 from typing import Any
 
 from cageik_cli.report.figures import (
@@ -24,13 +26,11 @@ from cageik_cli.report.html.frames_table import (
     choose_columns,
     format_cells,
 )
-from cageik_cli.report.html.page_mark import compute_record_digest, make_record_mark
+from cageik_cli.report.html.pictures import Pictures, build_picture_values, render_pictures
 from cageik_cli.report.html.player_page import build_player_values
 from cageik_cli.report.html.templating import (
     PLAYER_SCRIPTS,
-    format_ticks,
     make_data_url,
-    make_png_url,
     render_template,
 )
 from cageik_cli.report.limits import (
@@ -51,17 +51,14 @@ from cageik_cli.report.regions import (
     list_remedies,
     name_cause,
 )
-from cageik_cli.report.render.model_views import (
-    Pictures,
-    PosePictures,
-    load_poses,
-    render_pictures,
-)
+from cageik_cli.report.render.model_views import load_poses
+from cageik_cli.report.views.tables import format_json
 from cageik_cli.report.vocabulary import (
     SETTING_MEANINGS,
     Vocabulary,
 )
 from cageik_cli.store.result import Result
+from cageik_cli.util.files import open_input
 from cageik_cli.util.text import format_count
 
 SECTIONS = (
@@ -113,7 +110,7 @@ def render_page(
     return render_template(
         "page.html.j2",
         player_scripts=PLAYER_SCRIPTS if player else (),
-        mark=make_record_mark(digest, pictures is not None, player is not None),
+        mark=_make_record_mark(digest, pictures is not None, player is not None),
         report=report,
         digest=digest,
         words=words,
@@ -124,7 +121,7 @@ def render_page(
         limit_rows=[_build_limit_row(check, words) for check in report.gates],
         plot=_build_plot_values(report),
         pictures=pictures,
-        **(_build_picture_values(pictures, words) if pictures else {}),
+        **(build_picture_values(pictures, words) if pictures else {}),
         regions=_build_region_values(report),
         histogram=_build_histogram_values(report.vertices),
         quality=build_quality_rows(report),
@@ -142,6 +139,31 @@ def render_page(
         kept=describe_kept(report.kept, report.clip.vertices),
         size=describe_size(report.clip, report.summary.fixed_floats, group="\u00a0"),
     )
+
+
+def compute_record_digest(report: Report) -> str:
+    """Compute the SHA-256 of a report as `format_json` writes it, in hexadecimal digits."""
+    return hashlib.sha256(format_json([report]).encode()).hexdigest()
+
+
+def is_page_current(
+    path: Path, report: Report, has_pictures: bool, has_player: bool = False
+) -> bool:
+    """Whether the page at `path` exists and shows this report, with or without these parts.
+
+    Only the first bytes of the file are read, which hold the tag that names its record.
+    """
+    if not path.is_file():
+        return False
+    with open_input(path) as file:
+        mark = _make_record_mark(compute_record_digest(report), has_pictures, has_player)
+        return f'<meta name="cageik-record" content="{mark}">'.encode() in file.read(512)
+
+
+def _make_record_mark(digest: str, has_pictures: bool, has_player: bool) -> str:
+    """Return the mark in the head of the page of a report with this digest: what it shows."""
+    parts = [" pictures"] * has_pictures + [" player"] * has_player
+    return digest + "".join(parts)
 
 
 def _list_sections(words: Vocabulary, absent: set[str]) -> list[tuple[str, str]]:
@@ -238,53 +260,6 @@ def _build_plot_values(report: Report) -> dict[str, Any]:
         f"{summary.worst_frame}, and {other}. The table of frames lists all values.",
         **places,
     }
-
-
-def _build_picture_values(pictures: Pictures, words: Vocabulary) -> dict[str, Any]:
-    titles = _pose_titles(words)
-    sides = zip(("From the front", "From behind"), pictures.rest_views, strict=True)
-    return {
-        "poses": [
-            {
-                "title": titles[pose.label],
-                "name": "" if pose.label == "rest" else pose.name,
-                "views": _list_pose_views(pose, titles[pose.label], words),
-            }
-            for pose in pictures.poses
-        ],
-        "close_up": []
-        if pictures.region is None
-        else _list_pose_views(pictures.region, "Worst region, close up", words),
-        "is_turned": pictures.region is not None,
-        "rest_views": [
-            (
-                side,
-                make_png_url(picture),
-                f"The rest pose {side.lower()}, coloured by the RMS of each vertex",
-            )
-            for side, picture in sides
-        ],
-        "pose_ticks": format_ticks(pictures.max_deviation_percent),
-        "rms_ticks": format_ticks(pictures.max_rms_percent),
-    }
-
-
-def _list_pose_views(
-    pose: PosePictures, title: str, words: Vocabulary
-) -> list[tuple[str, str, str]]:
-    """List the caption, the picture and the description of each view of a pose."""
-    original, reconstruction = words.original, words.reconstruction
-    coloured = f"{title}: the {reconstruction}, coloured by {words.distance}"
-    return [
-        (original.capitalize(), make_png_url(pose.original), f"{title}: the {original}"),
-        (reconstruction.capitalize(), make_png_url(pose.reconstruction), coloured),
-        ("Cage", make_png_url(pose.cage), f"{title}: the cage"),
-    ]
-
-
-def _pose_titles(words: Vocabulary) -> dict[str, str]:
-    frames = {"worst": words.worst, "median": "median", "best": words.best}
-    return {"rest": "Rest pose"} | {k: f"{text.capitalize()} frame" for k, text in frames.items()}
 
 
 def _build_histogram_values(vertices: VertexMetrics) -> dict[str, Any]:

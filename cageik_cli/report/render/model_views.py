@@ -1,7 +1,6 @@
 """Pictures of a model and its cage, seen from the front, slightly from the right and above."""
 
 import io
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +8,10 @@ from PIL import Image
 
 from cageik_cli.report.render.raster import ParallelCamera, rasterize, rasterize_lines
 from cageik_cli.report.render.shading import (
-    COLOUR_SCALE,
     MESH_COLOURS,
     SAMPLES_PER_PIXEL,
     Picture,
     VisibleSurface,
-    choose_scale_end,
-    colour_pixels,
     downsample,
     overlay,
     parse_colour,
@@ -33,7 +29,6 @@ from cageik_cli.report.render.viewpoints import (
 from cageik_cli.store.result import Result
 from cageik_cli.store.result_frames import KeyFrames, read_binding, read_key_frames
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.threads import count_processors
 
 DEPTH_TOL = 0.006
 """Share of the picture's size; lines at most this far behind a surface count as before it."""
@@ -214,120 +209,6 @@ def _find_region_view(result: Result, key_frames: KeyFrames) -> RegionView | Non
 
 def _deviation_percent(misses: Floats) -> Floats:
     return np.asarray(100 * np.linalg.norm(misses, axis=1))
-
-
-@dataclass(frozen=True, slots=True)
-class PosePictures:
-    """Three pictures of a pose from one viewpoint, as PNG files.
-
-    Attributes
-    ----------
-    label, name : str
-        As in `Pose`.
-    original, reconstruction, cage : bytes
-        The input; the reconstruction, coloured by deviation; the reconstruction in its cage.
-    """
-
-    label: str
-    name: str
-    original: bytes
-    reconstruction: bytes
-    cage: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Pictures:
-    """All pictures of a result, and their colour scales.
-
-    Attributes
-    ----------
-    rest_views : tuple of bytes
-        The rest pose from the front and from behind, coloured by the vertices' rms.
-    max_deviation_percent, max_rms_percent : float
-        Ends of the colour scales of the poses and of the rest views, percent of the diagonal;
-        larger values are clamped.
-    colours : tuple of str
-        Colours of both scales, from 0 to their ends in even steps, as #rrggbb. Missing data is
-        grey.
-    region : PosePictures, optional
-        The worst region, close up.
-    """
-
-    poses: tuple[PosePictures, ...]
-    rest_views: tuple[bytes, ...]
-    max_deviation_percent: float
-    max_rms_percent: float
-    colours: tuple[str, ...]
-    region: PosePictures | None = None
-
-
-def render_pictures(poses: PoseSet, pixels: int = 360) -> Pictures:
-    """Draw the poses and the error on the rest pose, in squares of `pixels`."""
-    known = np.isfinite(poses.vertex_rms)
-    max_deviation = choose_scale_end(
-        np.concatenate([pose.deviation[known] for pose in poses.poses])
-    )
-    samples = SAMPLES_PER_PIXEL * pixels
-    max_rms = choose_scale_end(poses.vertex_rms[known])
-
-    def render_pose(pose: Pose) -> PosePictures:
-        return _render_pose(poses, pose, max_deviation, _fit_pose(poses, pose, samples))
-
-    def render_rest(turn: float) -> bytes:
-        return _render_rest(poses, turn, max_rms, pixels)
-
-    with ThreadPoolExecutor(count_processors()) as pool:
-        drawn_poses = pool.map(render_pose, poses.poses)
-        rest_views = pool.map(render_rest, (VIEW_TURN, VIEW_TURN + 180))
-        region = pool.submit(_render_close_up, poses, max_deviation, samples)
-        return Pictures(
-            poses=tuple(drawn_poses),
-            rest_views=tuple(rest_views),
-            max_deviation_percent=max_deviation,
-            max_rms_percent=max_rms,
-            colours=COLOUR_SCALE,
-            region=region.result(),
-        )
-
-
-def _fit_pose(poses: PoseSet, pose: Pose, size: int) -> ParallelCamera:
-    """Fit a camera to a pose, on the side of the worst region."""
-    drawn = poses.drawn
-    points = np.concatenate([pose.original[drawn], pose.reconstruction[drawn], pose.cage])
-    return ParallelCamera.fit(view_axes(poses.up_axis, poses.turn), points, size)
-
-
-def _render_close_up(poses: PoseSet, top: float, size: int) -> PosePictures | None:
-    """Draw the worst region, from where it is seen."""
-    view = poses.region
-    if view is None:
-        return None
-    axes = view_axes(poses.up_axis, view.turn)
-    camera = ParallelCamera(axes, view.centre, view.extent, size)
-    return _render_pose(poses, view.pose, top, camera)
-
-
-def _render_pose(poses: PoseSet, pose: Pose, top: float, camera: ParallelCamera) -> PosePictures:
-    original = project_surface(camera, pose.original, poses.faces)
-    reconstruction = project_surface(camera, pose.reconstruction, poses.faces)
-    deviation = np.where(np.isfinite(poses.vertex_rms), pose.deviation, np.nan)
-    return PosePictures(
-        label=pose.label,
-        name=pose.name,
-        original=encode_png(render(original, parse_colour(MESH_COLOURS["input"]))),
-        reconstruction=encode_png(
-            render(reconstruction, colour_pixels(reconstruction, deviation, top))
-        ),
-        cage=encode_png(render_with_cage(reconstruction, camera, pose.cage, poses.cage_faces)),
-    )
-
-
-def _render_rest(poses: PoseSet, turn: float, top: float, pixels: int) -> bytes:
-    rest = poses.poses[0].reconstruction
-    axes, size = view_axes(poses.up_axis, turn), SAMPLES_PER_PIXEL * pixels
-    camera = ParallelCamera.fit(axes, rest[poses.drawn], size)
-    surface = project_surface(camera, rest, poses.faces)
-    return encode_png(render(surface, colour_pixels(surface, poses.vertex_rms, top)))
 
 
 def encode_png(picture: Picture) -> bytes:

@@ -165,8 +165,7 @@ def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
     report, place = build_report(result, job.limits, job.name), f"{CLIPS_FOLDER}/{job.name}"
     if not job.has_page:
         return Outcome(build_clip_entry(report, f"{place}.h5"), state)
-    from cageik_cli.report.html.page import render_result_page
-    from cageik_cli.report.html.page_mark import is_page_current
+    from cageik_cli.report.html.page import is_page_current, render_result_page
 
     page = result.path.with_suffix(".html")
     has_pictures = has_weights(result)

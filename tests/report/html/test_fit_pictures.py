@@ -65,12 +65,12 @@ def test_a_cage_vertex_is_moved_outward_by_a_twentieth_of_the_diagonal(fitted, s
 def test_the_pictures_and_their_scales(pictures, shapes):
     assert [one.label for one in pictures.poses] == ["worst", "median"]
     assert len(pictures.moved) == 3
-    assert all(one.original is not None for one in pictures.poses)
-    assert all(one.original is None for one in pictures.moved)
+    assert all("original" in one.files for one in pictures.poses)
+    assert all("original" not in one.files for one in pictures.moved)
     for one in (*pictures.poses, *pictures.moved):
-        for content in (one.unfitted, one.fitted):
+        for content in one.files.values():
             assert open_png(content).shape == (PIXELS, PIXELS, 4)
-        assert one.unfitted != one.fitted
+        assert one.files["unfitted"] != one.files["fitted"]
     for weights, held in (
         (shapes.unfitted, pictures.unfitted_range),
         (shapes.fitted, pictures.fitted_range),
@@ -89,8 +89,8 @@ def test_what_moves_against_the_vertex_is_blue(poses, shapes):
     pictures = render_fit_pictures(poses, opposite, PIXELS)
     assert pictures.fitted_range == (-2.0, -2.0)
     for one in pictures.moved:
-        assert np.median(tint(one.unfitted)) > 20
-        assert np.median(tint(one.fitted)) < -20
+        assert np.median(tint(one.files["unfitted"])) > 20
+        assert np.median(tint(one.files["fitted"])) < -20
 
 
 def test_weights_that_are_all_zero_are_drawn(poses, shapes):
@@ -103,7 +103,7 @@ def test_weights_that_are_all_zero_are_drawn(poses, shapes):
 def test_missing_data_is_grey(poses, shapes):
     missing = replace(poses, vertex_rms=np.full(len(poses.vertex_rms), np.nan))
     pictures = render_fit_pictures(missing, shapes, PIXELS)
-    assert abs(np.median(tint(pictures.poses[0].fitted))) < 12
+    assert abs(np.median(tint(pictures.poses[0].files["fitted"]))) < 12
 
 
 def test_other_results_have_nothing_to_compare(closed):

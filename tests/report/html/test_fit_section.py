@@ -5,19 +5,23 @@ from dataclasses import replace
 import pytest
 
 from cageik_cli.report.figures import format_percent
-from cageik_cli.report.html.fit_section import ComparedPictures, FitPictures
+from cageik_cli.report.html.fit_section import FitPictures
 from cageik_cli.report.html.page import render_page, render_result_page
+from cageik_cli.report.html.pictures import PosePictures
 from cageik_cli.report.record import build_report
 from tests.report.html.test_page import pictures_of_one_point, png
 from tests.report.markup import find_faults, parse_page
 
 DRAWN = FitPictures(
     poses=tuple(
-        ComparedPictures(label, f"{label}_<frame>", png(), png(), png())
+        PosePictures(
+            label, f"{label}_<frame>", dict.fromkeys(("original", "unfitted", "fitted"), png())
+        )
         for label in ("worst", "median")
     ),
     moved=tuple(
-        ComparedPictures("moved", name, None, png(), png()) for name in ("close up", "whole model")
+        PosePictures("moved", name, dict.fromkeys(("unfitted", "fitted"), png()))
+        for name in ("close up", "whole model")
     ),
     vertex=17,
     max_deviation_percent=4.0,

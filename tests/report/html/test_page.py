@@ -12,8 +12,8 @@ import pytest
 
 from cageik_cli.report.figures import format_change, format_length, format_metric, format_percent
 from cageik_cli.report.html.frames_table import build_quality_rows
-from cageik_cli.report.html.page import render_page
-from cageik_cli.report.html.page_mark import compute_record_digest, is_page_current
+from cageik_cli.report.html.page import compute_record_digest, is_page_current, render_page
+from cageik_cli.report.html.pictures import Pictures, PosePictures
 from cageik_cli.report.limits import (
     Limit,
     LimitCheck,
@@ -23,7 +23,6 @@ from cageik_cli.report.limits import (
     make_overall_verdict,
 )
 from cageik_cli.report.record import build_report
-from cageik_cli.report.render.model_views import Pictures, PosePictures
 from cageik_cli.report.views.tables import format_json
 from cageik_cli.report.views.text import format_text
 from tests.report.hostile import NAMES, with_hostile_names
@@ -60,8 +59,9 @@ def png(noise: int = 0) -> bytes:
 def pictures_of_one_point(noise: int = 0) -> Pictures:
     picture = png(noise)
     poses = [("rest", "rest pose"), ("worst", "frame_5"), ("median", "frame_3"), ("best", NAMES[0])]
+    files = dict.fromkeys(("original", "reconstruction", "cage"), picture)
     return Pictures(
-        poses=tuple(PosePictures(label, name, *[picture] * 3) for label, name in poses),
+        poses=tuple(PosePictures(label, name, files) for label, name in poses),
         rest_views=(picture, picture),
         max_deviation_percent=1.5,
         max_rms_percent=0.8,

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cageik_cli.report.html.pictures import render_pictures
 from cageik_cli.report.render.model_views import (
     Pose,
     PoseSet,
     load_poses,
-    render_pictures,
 )
 from cageik_cli.report.render.shading import COLOUR_SCALE, MESH_COLOURS
 from tests.report.odd_poses import FACTORS
@@ -33,11 +33,7 @@ def open_png(data):
 
 def all_pictures(pictures):
     return [
-        *(
-            data
-            for pose in pictures.poses
-            for data in (pose.original, pose.reconstruction, pose.cage)
-        ),
+        *(data for pose in pictures.poses for data in pose.files.values()),
         *pictures.rest_views,
     ]
 
@@ -78,7 +74,7 @@ def test_every_pose_has_its_three_pictures(poses):
 
 def test_original_and_reconstruction_have_one_camera():
     (pose,) = render_pictures(still(1.0, 1.0), PIXELS).poses
-    original, reconstruction, caged = map(open_png, (pose.original, pose.reconstruction, pose.cage))
+    original, reconstruction, caged = map(open_png, pose.files.values())
     np.testing.assert_array_equal(original[..., 3], reconstruction[..., 3])
     assert (caged[..., 3] >= original[..., 3]).all()
     assert (caged[..., 3] > original[..., 3]).sum() > 100
@@ -93,7 +89,7 @@ def test_colours_show_the_deviation(share, expected):
     deviation[rest.original[:, 1] < -0.5] = 2.0
     shown = replace(poses, poses=(replace(rest, deviation=deviation),))
     pictures = render_pictures(shown, PIXELS)
-    middle = open_png(pictures.poses[0].reconstruction)[PIXELS // 2 - 5, PIXELS // 2, :3]
+    middle = open_png(pictures.poses[0].files["reconstruction"])[PIXELS // 2 - 5, PIXELS // 2, :3]
     wanted = hue(COLOUR_SCALE[4 if share == 0.5 else expected])
     if share <= 1:
         assert pictures.max_deviation_percent == 2
@@ -111,7 +107,7 @@ def test_scales_end_at_round_numbers_above_nearly_all_values():
 def test_missing_data_is_grey():
     pictures = render_pictures(still(np.nan, 5.0), PIXELS)
     assert pictures.max_deviation_percent == 0.001
-    for data in (pictures.poses[0].reconstruction, *pictures.rest_views):
+    for data in (pictures.poses[0].files["reconstruction"], *pictures.rest_views):
         ratio = open_png(data)[PIXELS // 2, PIXELS // 2, :3] / hue(MESH_COLOURS["missing"])
         assert ratio == pytest.approx(np.full(3, ratio.mean()), rel=0.05)
 
