@@ -1,6 +1,7 @@
 """What several tests share: the fixtures, a little animation, and ways to run the command."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -20,6 +21,9 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver import memory_plan
 from cageik_cli.util import compiled
 from tests.shapes import ball, box
+
+EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
+BIND = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-q")
 
 # Imported before tests change the accuracies that its help states.
 assert options.BIND_OPTIONS
@@ -108,6 +112,10 @@ def core(request, monkeypatch) -> str:
 @pytest.fixture
 def coarse_panels(monkeypatch) -> None:
     """Linear densities on the cage's faces: quick, exact still on affine maps and on the cage."""
+    _use_coarse_panels(monkeypatch)
+
+
+def _use_coarse_panels(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cageik_cli.coordinates.harmonic.MIN_PANELS", 1)
     monkeypatch.setitem(harmonic.ACCURACIES, "standard", harmonic.Accuracy(10.0, 1, 0.0, 0))
 
@@ -119,26 +127,76 @@ def coarse_grids(monkeypatch) -> None:
     monkeypatch.setattr(job, "LADDER", (ShellRecipe(0.04, 0.08),))
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch, animation, write_obj, coarse_panels) -> Path:
-    """The current folder, with `frames/frame_1.obj` to `frame_5.obj` and `cage.obj`."""
+@pytest.fixture(scope="session")
+def tiny_clip(tmp_path_factory, animation, write_obj) -> Path:
+    """A folder, read only, with `frames/frame_1.obj` to `frame_5.obj` and `cage.obj`."""
+    folder = tmp_path_factory.mktemp("tiny")
     for k, vertices in enumerate(animation.frames, start=1):
-        write_obj(tmp_path / "frames" / f"frame_{k}.obj", vertices, animation.rest.faces)
-    write_obj(tmp_path / "cage.obj", animation.cage.vertices, animation.cage.faces)
+        write_obj(folder / "frames" / f"frame_{k}.obj", vertices, animation.rest.faces)
+    write_obj(folder / "cage.obj", animation.cage.vertices, animation.cage.faces)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def tiny_files(tmp_path_factory, tiny_clip) -> Path:
+    """A folder, read only, with the `cages.h5` and the `binding.h5` of the tiny clip."""
+    folder = tmp_path_factory.mktemp("tiny_files") / "run"
+    shutil.copytree(tiny_clip, folder)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        _use_coarse_panels(monkeypatch)
+        monkeypatch.setenv("CAGEIK_CACHE", str(folder / "cache"))
+        monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
+        monkeypatch.chdir(folder)
+        for words in (EXTRACT, BIND):
+            assert run_in_process(*words).code == 0
+    return folder
+
+
+@pytest.fixture(scope="session")
+def tiny_result(tiny_files) -> Path:
+    """The result of the tiny clip, read only."""
+    return tiny_files / "cages.h5"
+
+
+@pytest.fixture(scope="session")
+def tiny_binding(tiny_files) -> Path:
+    """The binding of the tiny clip, read only."""
+    return tiny_files / "binding.h5"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, tiny_clip, coarse_panels) -> Path:
+    """The current folder, with the files of the tiny clip."""
+    shutil.copytree(tiny_clip, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.fixture
+def extracted(folder, tiny_result) -> Path:
+    """The folder of the tiny clip, with the result `cages.h5`."""
+    shutil.copy(tiny_result, folder)
+    return folder
+
+
+@pytest.fixture
+def bound(extracted, tiny_binding) -> Path:
+    """The folder of the tiny clip, with the result and `binding.h5`."""
+    shutil.copy(tiny_binding, extracted)
+    return extracted
+
+
+def run_in_process(*arguments: object) -> Outcome:
+    """Run the command in this process."""
+    words = [str(argument) for argument in arguments]
+    result = CliRunner().invoke(main, words, catch_exceptions=False)
+    return Outcome(result.exit_code, result.stdout, result.stderr)
+
+
+@pytest.fixture
 def run() -> Callable[..., Outcome]:
     """Run the command in this process."""
-
-    def invoke(*arguments: object) -> Outcome:
-        words = [str(argument) for argument in arguments]
-        result = CliRunner().invoke(main, words, catch_exceptions=False)
-        return Outcome(result.exit_code, result.stdout, result.stderr)
-
-    return invoke
+    return run_in_process
 
 
 @pytest.fixture

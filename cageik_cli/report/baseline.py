@@ -97,7 +97,7 @@ def _check_units(held: dict[str, Any]) -> None:
         if bare and SUMMARY_FIELDS[metric] not in held:
             value = format_value(held[bare[0]])
             raise SettingError(
-                f"`{bare[0]}` is {value}, which has no unit; write {SUMMARY_FIELDS[metric]}, in "
+                f"{bare[0]!r} is {value}, which has no unit; write {SUMMARY_FIELDS[metric]}, in "
                 f"percent, or give --{spellings[0]} {value}% or --{spellings[0]} {value}units"
             )
 

@@ -1,26 +1,30 @@
 """The command as it is at a terminal."""
 
+import io
 import os
-import subprocess
-import sys
 import threading
+from contextlib import redirect_stderr, redirect_stdout
 
 import pytest
 
+from cageik_cli.cli import main
+
 
 def on_a_terminal(*words):
-    """Run the command with a terminal as its stderr, and give what it drew there."""
-    done, drawn = _run_on_terminal(words, has_stdout=False)
-    assert done.stdout == b""
-    return done.returncode, drawn
+    """Run the command with a terminal as its stderr; return its exit code and what it drew."""
+    with io.TextIOWrapper(io.BytesIO()) as printed:
+        code, drawn = _run_on_terminal(words, printed)
+        printed.flush()
+        assert printed.buffer.getvalue() == b""
+    return code, drawn
 
 
 def print_on_terminal(*words):
     """Run the command with a terminal as its stdout and stderr; return what it drew."""
-    return _run_on_terminal(words, has_stdout=True)[1]
+    return _run_on_terminal(words, None)[1]
 
 
-def _run_on_terminal(words, has_stdout):
+def _run_on_terminal(words, stdout):
     pty, termios = pytest.importorskip("pty"), pytest.importorskip("termios")
     reader, terminal = pty.openpty()
     termios.tcsetwinsize(terminal, (24, 100))
@@ -36,11 +40,14 @@ def _run_on_terminal(words, has_stdout):
     listener = threading.Thread(target=read)
     listener.start()
     try:
-        process = [sys.executable, "-m", "cageik_cli", *words]
-        stdout = terminal if has_stdout else subprocess.PIPE
-        done = subprocess.run(process, stdout=stdout, stderr=terminal, timeout=120)
+        with (
+            open(terminal, "w", buffering=1, errors="backslashreplace") as screen,
+            redirect_stdout(stdout or screen),
+            redirect_stderr(screen),
+            pytest.raises(SystemExit) as end,
+        ):
+            main(words)
     finally:
-        os.close(terminal)
         listener.join()
         os.close(reader)
-    return done, b"".join(drawn).decode()
+    return end.value.code, b"".join(drawn).decode()

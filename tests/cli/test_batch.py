@@ -9,46 +9,18 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
 
 import h5py
 import numpy as np
 import pytest
 
-import cageik_cli.cli.batch as command
 import cageik_cli.report
 from cageik_cli.store.checkpoint import MAGIC
 from cageik_cli.store.result import read_result
 from cageik_cli.workflows import cached_cage
-from cageik_cli.workflows.batch.jobs import run_clip
 from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER
 
 BATCH = ("batch", "anim", "-o", "out", "--no-pages")
-
-
-class Here:
-    """Does jobs in this process, one after the other, and remembers their names."""
-
-    done: ClassVar[list[str]] = []
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *error):
-        pass
-
-    def run_jobs(self, jobs):
-        for job in jobs:
-            self.done.append(job.name)
-            yield run_clip(job)
-
-
-@pytest.fixture
-def here(monkeypatch) -> list[str]:
-    """Jobs are done in this process; the names of those that were."""
-    monkeypatch.setattr(command, "_choose_scheduler", lambda *options: Here())
-    monkeypatch.setattr(Here, "done", [])
-    return Here.done
 
 
 @pytest.fixture
@@ -328,12 +300,6 @@ def test_clips_can_be_left_out(run, anim, here):
     assert not Path("none").exists()
 
 
-def test_folders_that_are_none_or_searched_twice_are_refused(run, anim):
-    assert "cage.obj: is a file" in run("batch", "anim/cage.obj", "-o", "x").err
-    assert "anim/walk: would be searched twice" in run("batch", "anim/walk", "anim", "-o", "x").err
-    assert "anim: would be searched twice" in run("batch", "anim", "anim", "-o", "x").err
-
-
 def test_a_folder_that_holds_no_file_is_not_in_use(run, anim, here):
     Path("out/clips/walk").mkdir(parents=True)
     assert run(*BATCH).code == 0
@@ -408,12 +374,6 @@ def test_a_dry_run_tells_what_is_there(run, anim, here):
     assert run(*BATCH, "--dry-run", "--resume").out.count("up to date") == 2
     assert "checkpoint" in run(*BATCH, "--dry-run", "--resume").out
     assert "would be replaced" in run(*BATCH, "--dry-run", "--resume", "--alpha", "2").out
-
-
-def test_jobs_are_not_of_a_cluster(run, anim):
-    outcome = run(*BATCH, "--scheduler", "tcp://127.0.0.1:1", "--jobs", "2")
-    assert outcome.code == 2
-    assert "--jobs" in outcome.err
 
 
 def test_files_of_options_are_told_what_a_batch_has(run, anim):
@@ -582,15 +542,6 @@ def hdf5_of(name):
     with h5py.File(buffer, "w") as file:
         file[name] = 1
     return buffer.getvalue()
-
-
-def test_a_report_that_is_compared_with_is_not_written_over(run, anim, here):
-    run(*BATCH)
-    before = Path("out/report.json").read_bytes()
-    outcome = run(*BATCH, "--resume", "--baseline", "out/report.json")
-    assert outcome.code == 1
-    assert "report.json: is read or written by this command already" in outcome.err
-    assert Path("out/report.json").read_bytes() == before
 
 
 @pytest.mark.parametrize("place", ["out", "out/clips/runs"])

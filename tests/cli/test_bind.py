@@ -5,7 +5,6 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import pytest
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.store.binding_file import StoredBinding
@@ -69,16 +68,6 @@ def test_info_takes_a_binding_beside_a_result(run, folder):
     assert [page.splitlines()[0] for page in pages] == ["binding.h5", "cages.h5"]
 
 
-@pytest.mark.parametrize("command", ["report", "extract"])
-def test_a_binding_is_no_result_and_no_clip(run, folder, command):
-    assert run(*TYPED).code == 0
-    words = {"report": ["binding.h5"], "extract": ["binding.h5", "--cage", "cage.obj"]}[command]
-    outcome = run(command, *words)
-    assert outcome.code == 1
-    assert outcome.err.startswith("Error: binding.h5: ")
-    assert len(outcome.err.splitlines()) == 1
-
-
 def test_options_reach_the_file(run, folder, animation, write_obj):
     write_obj(Path("cage.obj"), 0.4 * animation.cage.vertices, animation.cage.faces)
     assert run(*TYPED).code == 1
@@ -93,46 +82,6 @@ def test_options_reach_the_file(run, folder, animation, write_obj):
         assert json.loads(file.attrs["settings"])["outside"] == "project"
 
 
-def test_a_file_may_hold_every_option(run, folder):
-    Path("cageik.toml").write_text(
-        '[bind]\ncage = "cage.obj"\nrest = "frames/frame_1.obj"\noutput = "told.h5"\n'
-        'coordinates = "harmonic"\naccuracy = "fine"\noutside = "project"\ncache = "kept"\n'
-        'timings = "seconds.json"\njobs = 1\noverwrite = true\nquiet = true\n'
-    )
-    outcome = run("bind", "--config", "cageik.toml")
-    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
-    with h5py.File("told.h5") as file:
-        assert json.loads(file.attrs["settings"])["accuracy"] == "fine"
-    assert set(json.loads(Path("seconds.json").read_text())) == {"open", "bind", "write", "total"}
-    assert len(list(Path("kept").glob("*.weights"))) == 1
-
-
-def test_an_old_binding_stays_unless_it_may_be_replaced(run, folder):
-    Path("binding.h5").write_text("old")
-    outcome = run(*TYPED)
-    assert outcome.code == 1
-    assert "binding.h5: exists already" in outcome.err
-    assert Path("binding.h5").read_text() == "old"
-    assert run(*TYPED, "--overwrite").code == 0
-    assert run("info", "binding.h5").code == 0
-
-
-@pytest.mark.parametrize("name", ["cage.obj", "frames/frame_1.obj"])
-def test_no_input_is_written_over(run, folder, name):
-    before = Path(name).read_bytes()
-    outcome = run(*TYPED, "-o", name, "--overwrite")
-    assert outcome.code == 1
-    assert "is read or written by this command already" in outcome.err
-    assert Path(name).read_bytes() == before
-
-
-def test_a_binding_is_not_written_under_the_name_of_another_format(run, folder):
-    outcome = run(*TYPED, "-o", "binding.npz")
-    assert outcome.code == 1
-    assert "binding.npz: the output is an HDF5 file" in outcome.err
-    assert not Path("binding.npz").exists()
-
-
 def test_two_names_of_one_binding_hold_the_same_bytes_from_the_cache_or_not(run, folder):
     for name, words in (("one.h5", []), ("two.h5", []), ("three.h5", ["--no-cache"])):
         assert run(*TYPED, "-o", name, *words).code == 0
@@ -144,21 +93,3 @@ def test_verbose_says_where_the_cache_is(run, folder, cache):
     assert run(*TYPED, "-v").err.splitlines()[-1] == f"cache: {cache}"
     outcome = run(*TYPED, "-v", "--no-cache", "--overwrite")
     assert outcome.err.splitlines()[-1] == "cache: None"
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["bind", "--rest", "frames/frame_1.obj"], "Missing option '--cage'"),
-        (["bind", "--cage", "cage.obj"], "Missing option '--rest'"),
-        ([*TYPED, "--accuracy", "best"], "'best' is not one of 'preview', 'standard', 'fine'"),
-        ([*TYPED, "--outside", "drop"], "'drop' is not one of 'refuse', 'project'"),
-        ([*TYPED, "--coordinates", "green"], "'green' is not"),
-        ([*TYPED, "--cache", "a", "--no-cache"], "--cache and --no-cache exclude each other"),
-    ],
-)
-def test_wrong_usage_is_exit_code_2(run, folder, words, says):
-    outcome = run(*words)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert says in outcome.err
-    assert not Path("binding.h5").exists()

@@ -51,24 +51,6 @@ def test_json_in_a_file(run):
     assert json.loads(Path("record.json").read_text())["schema"] == 1
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("--vertices", "7"), "a cage of 7 vertices"),
-        (("--vertices", "many"), "'many' is not a valid integer"),
-        (("--clearance", "0"), "the clearance is 0 %"),
-        (("--clearance", "30%"), "the clearance is 30 %"),
-        (("--clearance", "wide"), "'wide' is not a share of the diagonal"),
-        (("--rest", "cage.obj", "--rest-frame", "1"), "--rest and --rest-frame"),
-    ],
-)
-def test_wrong_usage_is_exit_code_2(run, words, says):
-    outcome = run(*TYPED, *words)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert says in outcome.err
-    assert not Path("built.obj").exists()
-
-
 @pytest.mark.parametrize("spelt", ["2%", "2 %", "2", "2.0"])
 def test_a_clearance_is_in_percent(run, spelt):
     outcome = run(*TYPED, "--clearance", spelt, "--json", "-", "-q")
@@ -83,9 +65,3 @@ def test_what_exists_is_kept(run):
     outcome = run("cage", "frames/frame_1.obj", "-o", "frames/frame_1.obj", "--overwrite")
     assert outcome.code == 1
     assert Path("cage.obj").read_bytes() == before
-
-
-def test_a_missing_model_is_exit_code_1(run):
-    outcome = run("cage", "nowhere.obj", "-o", "built.obj")
-    assert outcome.code == 1
-    assert "nowhere.obj: no such file" in outcome.err

@@ -12,17 +12,11 @@ from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.workflows import deform as deforming
 from tests.assets import parse_asset
 from tests.clips import frames_of
+from tests.conftest import EXTRACT
 from tests.formats.gltf.decoded import Glb
 from tests.shapes import box, finer, quad_text
 
-EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
 OUT = ("-o", "m.npz")
-
-
-@pytest.fixture
-def result(run, folder):
-    assert run(*EXTRACT).code == 0
-    return folder
 
 
 def arrays(*names, path="cages.h5"):
@@ -34,7 +28,7 @@ def frames_in(path="m.npz"):
     return frames_of(open_sequence([str(path)]))
 
 
-def test_weights_times_cages(run, result):
+def test_weights_times_cages(run, extracted):
     outcome = run("deform", "cages.h5", *OUT)
     assert (outcome.code, outcome.out) == (0, "")
     size = Path("m.npz").stat().st_size
@@ -44,7 +38,7 @@ def test_weights_times_cages(run, result):
     np.testing.assert_array_equal(open_sequence(["m.npz"]).first.faces, faces)
 
 
-def test_frames_made_from_cages_come_back(run, result, write_obj, animation):
+def test_frames_made_from_cages_come_back(run, extracted, write_obj, animation):
     """They are extracted without loss, and so deform gives what was extracted from."""
     (weights,) = arrays("weights")
     random = np.random.default_rng(5)
@@ -59,7 +53,7 @@ def test_frames_made_from_cages_come_back(run, result, write_obj, animation):
     np.testing.assert_allclose(frames_in("back"), weights @ cages, rtol=0, atol=1e-12)
 
 
-def test_rigid_cages_move_the_mesh_rigidly(run, result, write_obj, animation):
+def test_rigid_cages_move_the_mesh_rigidly(run, extracted, write_obj, animation):
     angle = np.radians(40)
     turn = np.array(
         [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
@@ -74,7 +68,7 @@ def test_rigid_cages_move_the_mesh_rigidly(run, result, write_obj, animation):
 
 
 @pytest.mark.parametrize("name", ["e.npz", "e/e_%02d.ply", "e/e_####.obj"])
-def test_the_results_own_cages_change_nothing(run, result, name):
+def test_the_results_own_cages_change_nothing(run, extracted, name):
     assert run("deform", "cages.h5", *OUT).code == 0
     assert run("export", "cages.h5", name).code == 0
     place = name.split("/")[0]
@@ -84,7 +78,7 @@ def test_the_results_own_cages_change_nothing(run, result, name):
     np.testing.assert_allclose(frames_in("again.npz"), frames_in(), rtol=0, atol=tolerance)
 
 
-def test_frames_of_the_cages_are_chosen(run, result):
+def test_frames_of_the_cages_are_chosen(run, extracted):
     assert run("export", "cages.h5", "e.npz").code == 0
     assert run("deform", "cages.h5", *OUT).code == 0
     words = ["--cages", "e.npz", "--frames", "1::2", "--layout", "fvx", "--allow-gaps"]
@@ -92,10 +86,9 @@ def test_frames_of_the_cages_are_chosen(run, result):
     np.testing.assert_allclose(frames_in("some.npz"), frames_in()[1::2], rtol=0, atol=1e-14)
 
 
-# --- other meshes
-
-
-def test_what_a_finer_mesh_shares_with_the_model_moves_with_it(run, result, write_obj, animation):
+def test_what_a_finer_mesh_shares_with_the_model_moves_with_it(
+    run, extracted, write_obj, animation
+):
     """To the precision of weights, which are computed in other blocks."""
     fine = finer(animation.rest, 1)
     np.testing.assert_array_equal(fine.vertices[:18], animation.rest.vertices)
@@ -107,7 +100,7 @@ def test_what_a_finer_mesh_shares_with_the_model_moves_with_it(run, result, writ
     np.testing.assert_allclose(frames_in()[:, :18], frames_in("model.npz"), rtol=0, atol=1e-7)
 
 
-def test_any_mesh_follows_affine_cages(run, result, write_obj, animation):
+def test_any_mesh_follows_affine_cages(run, extracted, write_obj, animation):
     """Weights of any mesh in the cage are exact on affine maps."""
     random = np.random.default_rng(7)
     points = random.uniform(-1.5, 1.5, (6, 3))
@@ -118,7 +111,7 @@ def test_any_mesh_follows_affine_cages(run, result, write_obj, animation):
     np.testing.assert_allclose(frames_in()[0], points @ affine, rtol=0, atol=1e-12)
 
 
-def test_polygons_are_cut_and_said_so(run, result, write_obj):
+def test_polygons_are_cut_and_said_so(run, extracted, write_obj):
     square = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
     write_obj(Path("card.obj"), square, np.array([[0, 1, 2, 3]]))
     outcome = run("deform", "cages.h5", "--mesh", "card.obj", *OUT)
@@ -130,7 +123,7 @@ def test_polygons_are_cut_and_said_so(run, result, write_obj):
     assert len(open_sequence(["m.npz"]).first.faces) == 2
 
 
-def test_frames_keep_what_the_obj_file_of_the_mesh_says(run, result):
+def test_frames_keep_what_the_obj_file_of_the_mesh_says(run, extracted):
     Path("card.obj").write_text(quad_text(0.5))
     words = ("deform", "cages.h5", "--mesh", "card.obj")
     assert run(*words, "-o", "out/####.obj").code == 0
@@ -146,7 +139,7 @@ def test_frames_keep_what_the_obj_file_of_the_mesh_says(run, result):
 
 
 @pytest.mark.parametrize("mesh", [(), ("--mesh", "card.ply")], ids=["rest", "ply"])
-def test_frames_of_what_was_no_obj_file_are_triangles(run, result, mesh):
+def test_frames_of_what_was_no_obj_file_are_triangles(run, extracted, mesh):
     import trimesh
 
     trimesh.Trimesh(box(0.5).vertices, box(0.5).faces, process=False).export("card.ply")
@@ -158,7 +151,7 @@ def test_frames_of_what_was_no_obj_file_are_triangles(run, result, mesh):
     assert words == [{"v", "f"}] * 5
 
 
-def test_a_mesh_outside_is_refused_with_the_remedy(run, result, write_obj, animation):
+def test_a_mesh_outside_is_refused_with_the_remedy(run, extracted, write_obj, animation):
     vertices = animation.rest.vertices.copy()
     vertices[4] *= 2.5
     write_obj(Path("coat.obj"), vertices, animation.rest.faces)
@@ -172,10 +165,7 @@ def test_a_mesh_outside_is_refused_with_the_remedy(run, result, write_obj, anima
     assert "note           coat.obj: 1 of 18 vertices of the model are outside" in outcome.err
 
 
-# --- weights
-
-
-def test_a_result_without_weights_is_bound_again(run, result, cache):
+def test_a_result_without_weights_is_bound_again(run, extracted, cache):
     assert run("deform", "cages.h5", *OUT).code == 0
     assert run(*EXTRACT, "--no-weights", "-o", "small.h5").code == 0
     before = len(list(cache.glob("*.weights")))
@@ -186,7 +176,7 @@ def test_a_result_without_weights_is_bound_again(run, result, cache):
     assert Path("small.npz").read_bytes() == Path("m.npz").read_bytes()
 
 
-def test_the_results_own_settings_hold_unless_others_are_given(run, result, monkeypatch):
+def test_the_results_own_settings_hold_unless_others_are_given(run, extracted, monkeypatch):
     asked = []
     made = deforming.bind_cached
 
@@ -208,7 +198,7 @@ def test_the_results_own_settings_hold_unless_others_are_given(run, result, monk
 
 
 @pytest.mark.parametrize("frames", [5, 21])
-def test_neither_threads_nor_memory_change_the_bytes(run, result, write_obj, animation, frames):
+def test_neither_threads_nor_memory_change_the_bytes(run, extracted, write_obj, animation, frames):
     random = np.random.default_rng(3)
     cages = animation.cage.vertices + random.normal(0, 0.1, (frames, 8, 3))
     np.savez("e.npz", vertices=cages, faces=animation.cage.faces)
@@ -221,7 +211,7 @@ def test_neither_threads_nor_memory_change_the_bytes(run, result, write_obj, ani
         assert Path(f"{k}.npz").read_bytes() == Path("m.npz").read_bytes()
 
 
-def test_a_glb_has_normals_unless_it_is_flat(run, result):
+def test_a_glb_has_normals_unless_it_is_flat(run, extracted):
     outcome = run("deform", "cages.h5", "-o", "m.glb")
     assert outcome.code == 0, outcome.err
     file = Glb(Path("m.glb"))
@@ -237,13 +227,6 @@ def test_a_glb_has_normals_unless_it_is_flat(run, result):
     flat = Glb(Path("flat.glb"))
     assert set(flat.primitives[0]["attributes"]) == {"POSITION"}
     assert flat.json["meshes"][0]["extras"]["cageik"]["largest_percent"] <= 1
-
-
-def test_a_tolerance_that_is_not_reached_writes_nothing(run, result):
-    outcome = run("deform", "cages.h5", "-o", "m.glb", "--morphs", "2", "--tolerance", "1e-9%")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err.startswith("Error: m.glb: 2 morph targets leave a largest error of ")
-    assert not Path("m.glb").exists()
 
 
 def test_skipped_frames_of_a_glb_are_interpolated(run, folder):
@@ -271,9 +254,6 @@ def test_blocks_are_bounded_and_of_whole_groups(memory, vertices, expected):
     assert deforming.choose_block_size(memory, vertices) == expected
 
 
-# --- the scene
-
-
 def scene_of(path):
     with np.load(path) as file:
         return [file[name].item() for name in ("fps", "start", "up_axis", "metres_per_unit")]
@@ -288,7 +268,7 @@ def test_the_scene_is_the_results_unless_options_say_more(run, folder):
     assert scene_of("n.npz") == [25, 2, "Y", 0.01]
 
 
-def test_what_the_clip_of_cages_says_of_the_scene_comes_first(run, result):
+def test_what_the_clip_of_cages_says_of_the_scene_comes_first(run, extracted):
     assert run("export", "cages.h5", "e.npz", "--start", "4", "--fps", "60").code == 0
     assert run("deform", "cages.h5", "--cages", "e.npz", *OUT).code == 0
     assert scene_of("m.npz") == [60, 4, "Y", 1]
@@ -296,14 +276,11 @@ def test_what_the_clip_of_cages_says_of_the_scene_comes_first(run, result):
     assert scene_of("n.npz")[0] == 12
 
 
-# --- refusals
-
-
 def edited(write_obj, vertices, faces):
     write_obj(Path("edit") / "c_1.obj", vertices, faces)
 
 
-def test_cages_in_another_order_are_refused(run, result, write_obj, animation):
+def test_cages_in_another_order_are_refused(run, extracted, write_obj, animation):
     cage = animation.cage
     order = np.array([3, 0, 7, 1, 2, 6, 5, 4])
     edited(write_obj, cage.vertices[order], np.argsort(order)[cage.faces])
@@ -314,7 +291,7 @@ def test_cages_in_another_order_are_refused(run, result, write_obj, animation):
     )
 
 
-def test_cages_may_come_back_as_quads(run, result, write_obj, animation):
+def test_cages_may_come_back_as_quads(run, extracted, write_obj, animation):
     """Programs that edit quads write quads, from whatever corner."""
     quads = np.array([(3, 2, 0, 1), (4, 6, 7, 5), (0, 4, 5, 1), (7, 6, 2, 3), (0, 2, 6, 4),
                       (1, 5, 7, 3)])  # fmt: skip
@@ -328,14 +305,7 @@ def test_cages_may_come_back_as_quads(run, result, write_obj, animation):
     np.testing.assert_allclose(frames_in()[0], 2 * animation.rest.vertices, rtol=0, atol=1e-13)
 
 
-def test_another_cage_is_refused(run, result, write_obj, animation):
-    edited(write_obj, animation.rest.vertices, animation.rest.faces)
-    outcome = run("deform", "cages.h5", "--cages", "edit", *OUT)
-    assert outcome.code == 1
-    assert "edit: 18 vertices, the result's cage has 8; all must share one" in outcome.err
-
-
-def test_a_damaged_frame_of_cages_is_named(run, result, write_obj, animation):
+def test_a_damaged_frame_of_cages_is_named(run, extracted, write_obj, animation):
     edited(write_obj, animation.cage.vertices, animation.cage.faces)
     Path("edit/c_2.obj").write_text("v 0 0 nan\n")
     outcome = run("deform", "cages.h5", "--cages", "edit", *OUT)
@@ -344,78 +314,12 @@ def test_a_damaged_frame_of_cages_is_named(run, result, write_obj, animation):
     assert not Path("m.npz").exists()
 
 
-def test_a_result_whose_settings_are_damaged_is_refused(run, result):
+def test_a_result_whose_settings_are_damaged_is_refused(run, extracted):
     with h5py.File("cages.h5", "r+") as file:
         file.attrs["settings"] = '{"coordinates": []}'
     outcome = run("deform", "cages.h5", *OUT)
     assert outcome.code == 1
     assert outcome.err.startswith("Error: cages.h5: coordinates is '[]', expected one of harmonic")
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["nothing.h5", *OUT], "nothing.h5: no such result"),
-        (["cages.h5", "-o", "m.gif"], "m.gif: `.gif`"),
-        (["cages.h5", "-o", "m.npz", "--format", "obj"], "m.npz: has another suffix"),
-        (["cages.h5", "--mesh", "none.obj", *OUT], "none.obj: cannot be read: No such file"),
-        (["cages.h5", "--cages", "none", *OUT], "none: no such file or folder"),
-        (["cages.h5", "-o", "frames/frame_#.obj"], "frames: exists already"),
-        (["cages.h5", "--cages", "frames", "-o", "frames/frame_#.obj", "--overwrite"],
-         "frames: is a folder with files that this command reads or writes"),
-        (["cages.h5", "--mesh", "frames/frame_1.obj", "-o", "frames/frame_#.obj", "--overwrite"],
-         "frames: is a folder with files that this command reads or writes"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_fails_with_a_sentence(run, result, words, says):
-    before = sorted(result.rglob("*"))
-    outcome = run("deform", *words)
-    assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err.startswith(f"Error: {says}")
-    assert sorted(result.rglob("*")) == before
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["cages.h5"], "Missing option '-o' / '--output'"),
-        ([*OUT], "Missing argument 'RESULT'"),
-        (["cages.h5", *OUT, "--frames", ":2"], "--cages"),
-        (["cages.h5", *OUT, "--layout", "fvx"], "--cages"),
-        (["cages.h5", *OUT, "--allow-gaps"], "--cages"),
-        (["cages.h5", *OUT, "--accuracy", "best"], "'best' is not one of"),
-        (["cages.h5", *OUT, "--memory", "0"], "is not a size such as 512MiB or 1GiB"),
-        (["cages.h5", *OUT, "--cache", "a", "--no-cache"], "--cache and --no-cache exclude each"),
-        (["cages.h5", *OUT, "--fps", "nan"], "nan frames per second"),
-        (
-            ["cages.h5", *OUT, "--morphs", "9"],
-            "--flat apply to .glb files, and the output is m.npz",
-        ),
-        (["cages.h5", *OUT, "--flat"], "--flat apply to .glb files, and the output is m.npz"),
-        (["cages.h5", "-o", "m", "--tolerance", "1%"], "--flat apply to .glb files"),
-    ],
-)
-def test_wrong_usage_is_exit_code_2(run, result, words, says):
-    outcome = run("deform", *words)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert says in outcome.err
-    assert not Path("m.npz").exists()
-
-
-def test_a_file_may_hold_every_option(run, result):
-    assert run("export", "cages.h5", "edit.npz").code == 0
-    Path("cageik.toml").write_text(
-        '[deform]\nmesh = "frames/frame_1.obj"\ncages = "edit.npz"\noutput = "told"\n'
-        'frames = ":1"\n'
-        'layout = "fvx"\nallow-gaps = true\nfps = 25\nstart = 3\nup-axis = "Z"\n'
-        'metres-per-unit = 0.5\ncoordinates = "mean-value"\naccuracy = "fine"\n'
-        'outside = "project"\ncache = "kept"\nno-cache = false\nformat = "ply"\n'
-        'overwrite = true\nmemory = "1MiB"\njobs = 1\nquiet = true\n'
-    )
-    outcome = run("deform", "cages.h5", "--config", "cageik.toml")
-    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
-    assert [path.name for path in Path("told").iterdir()] == ["told_0003.ply"]
-    assert len(list(Path("kept").glob("*.weights"))) == 1
 
 
 @pytest.mark.parametrize(
@@ -426,7 +330,7 @@ def test_objects_are_called_what_all_formats_take(name, expected):
     assert deforming._make_object_name(Path(name) if name else None) == expected
 
 
-def test_a_mesh_of_any_kind_is_driven(run, result, animation):
+def test_a_mesh_of_any_kind_is_driven(run, extracted, animation):
     import trimesh
 
     for suffix in (".ply", ".off"):
@@ -438,16 +342,14 @@ def test_a_mesh_of_any_kind_is_driven(run, result, animation):
 
 
 @pytest.fixture
-def bound(run, result, animation, write_obj):
-    """`binding.h5` of the same model and cage, and `edit`: two cages from 1001 on."""
-    words = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-o", "binding.h5")
-    assert run(*words).code == 0
+def edited_cages(bound, animation, write_obj):
+    """`edit`: two cages from 1001 on, beside the result and the binding."""
     for k, cage in enumerate(arrays("verts")[0][2:4]):
-        write_obj(result / f"edit/c_{1001 + k}.obj", cage, animation.cage.faces)
-    return result
+        write_obj(bound / f"edit/c_{1001 + k}.obj", cage, animation.cage.faces)
+    return bound
 
 
-def test_a_binding_is_moved_by_cages(run, bound):
+def test_a_binding_is_moved_by_cages(run, edited_cages):
     """As the result of the same binding is."""
     words = ("--cages", "edit", "-o")
     assert run("deform", "cages.h5", *words, "a.npz").code == 0
@@ -457,48 +359,18 @@ def test_a_binding_is_moved_by_cages(run, bound):
     assert {path.name for path in Path("m").iterdir()} == {"m_1001.obj", "m_1002.obj"}
 
 
-def test_another_mesh_is_moved_by_a_binding_and_cages(run, bound, write_obj):
+def test_another_mesh_is_moved_by_a_binding_and_cages(run, edited_cages, write_obj):
     inner = box(0.5)
-    write_obj(bound / "inner.obj", inner.vertices, inner.faces)
+    write_obj(edited_cages / "inner.obj", inner.vertices, inner.faces)
     words = ("--cages", "edit", "--mesh", "inner.obj", "-o")
     assert run("deform", "cages.h5", *words, "a.npz").code == 0
     assert run("deform", "binding.h5", *words, "b.npz").code == 0
     assert Path("a.npz").read_bytes() == Path("b.npz").read_bytes()
 
 
-def test_a_binding_alone_has_no_cages(run, bound):
-    outcome = run("deform", "binding.h5", *OUT)
-    assert outcome.code == 1
-    assert "binding.h5: is a binding, which has no cages; give them by --cages" in outcome.err
-    assert not Path("m.npz").exists()
-
-
-def test_cages_of_another_binding_are_refused(run, bound):
-    outcome = run("deform", "binding.h5", "--cages", "frames", *OUT)
-    assert outcome.code == 1
-    assert "18 vertices, the binding's cage has 8" in outcome.err
-
-
-def test_a_binding_of_few_influences_needs_a_result(run, bound):
+def test_a_binding_of_few_influences_needs_a_result(run, edited_cages):
     words = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "--fit", "frames")
     assert run(*words, "--influences", "3", "-o", "few.h5").code == 0
     outcome = run("deform", "few.h5", "--cages", "edit", *OUT)
     assert outcome.code == 1
     assert "few.h5: is a binding, with weights of few influences" in outcome.err
-
-
-def test_few_influences_of_a_binding_need_a_result(run, bound):
-    outcome = run("deform", "binding.h5", "--cages", "edit", "--influences", "3", *OUT)
-    assert outcome.code == 1
-    assert "binding.h5: is a binding, but --influences needs" in outcome.err
-
-
-def test_what_is_neither_a_result_nor_a_binding_is_refused(run, bound):
-    np.savez("a.npz", verts=np.zeros((1, 3, 3)))
-    with h5py.File("other.h5", "w") as file:
-        file["verts"] = np.zeros((1, 3, 3))
-    for name in ("cage.obj", "other.h5", "a.npz", "nowhere.h5"):
-        outcome = run("deform", name, "--cages", "edit", *OUT)
-        assert outcome.code == 1
-        assert outcome.err.startswith(f"Error: {name}: ")
-        assert len(outcome.err.splitlines()) == 1

@@ -13,7 +13,6 @@ from cageik_cli import load_mesh
 from cageik_cli.formats.ply_points import parse_points
 from tests.splats import covariances, encode_rows, make_splat_rows
 
-EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
 HANDLES = {
     "handles": [
         {"name": "a", "vertex": 3, "offset": [0.1, 0.2, 0]},
@@ -23,14 +22,8 @@ HANDLES = {
 
 
 @pytest.fixture
-def result(run, folder):
-    assert run(*EXTRACT).code == 0
+def splats(extracted, animation):
     Path("h.json").write_text(json.dumps(HANDLES))
-    return folder
-
-
-@pytest.fixture
-def splats(result, animation):
     rows = make_splat_rows(animation.rest, 60)
     Path("splats.ply").write_bytes(encode_rows(rows))
     return rows
@@ -207,17 +200,7 @@ def test_points_are_moved_to_the_origin(run, cloud):
         np.testing.assert_allclose(places(other) + offset, places(one), rtol=0, atol=1e-6)
 
 
-def test_a_folder_of_points_is_replaced_only_if_asked(run, cloud):
-    words = ("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "out", "-q")
-    assert run(*words).code == 0
-    refused = run(*words)
-    assert refused.code == 1
-    assert "out: " in refused.err
-    assert run(*words, "--overwrite").code == 0
-    assert run("deform", "cages.h5", "-o", "out", "--overwrite").code == 1, "they are no .obj"
-
-
-def test_points_of_a_mesh_move_as_its_vertices(run, result, animation):
+def test_points_of_a_mesh_move_as_its_vertices(run, extracted, animation):
     rest = animation.rest
     Path("points.ply").write_bytes(trimesh.PointCloud(rest.vertices).export(file_type="ply"))
     assert run("deform", "cages.h5", "--mesh", "points.ply", "-o", "points.npz", "-q").code == 0
@@ -304,7 +287,7 @@ def test_splats_too_far_for_their_type_are_refused(run, splats, write_obj, anima
 
 
 @pytest.mark.parametrize("content", [b"", b"ply\nformat ascii 1.0\nelement vertex many\n"])
-def test_a_file_that_is_no_model_is_named_once(run, result, content):
+def test_a_file_that_is_no_model_is_named_once(run, extracted, content):
     Path("bad.ply").write_bytes(content)
     outcome = run("deform", "cages.h5", "--mesh", "bad.ply", "-o", "out")
     assert outcome.code == 1

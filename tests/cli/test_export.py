@@ -1,21 +1,18 @@
 """`cageik export`: the cages of a result, in the formats of others."""
 
-import re
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-import trimesh
 
 from cageik_cli.formats import write as opening
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.workflows import export as exporting
 from tests.clips import frames_of
+from tests.conftest import EXTRACT
 from tests.formats.clips import faults_of
 from tests.formats.gltf.decoded import Glb
-
-EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
 
 
 @pytest.fixture
@@ -137,93 +134,6 @@ def test_blocks_of_cages_change_nothing(run, result, monkeypatch):
         assert path.read_bytes() == Path("b", path.name.replace("a", "b")).read_bytes()
 
 
-def test_what_is_there_stays_unless_it_may_be_replaced(run, result):
-    for name in ("c.npz", "c/c_##.obj"):
-        assert run("export", "cages.h5", name).code == 0
-        outcome = run("export", "cages.h5", name)
-        assert outcome.code == 1
-        assert "exists already; choose another name, or replace it with --overwrite" in outcome.err
-        assert run("export", "cages.h5", name, "--overwrite").code == 0
-    Path("c/notes.txt").write_text("mine")
-    outcome = run("export", "cages.h5", "c/c_##.obj", "--overwrite")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err.startswith("Error: c: holds notes.txt, which is none of the files")
-    assert Path("c/notes.txt").read_text() == "mine"
-
-
-def test_no_format_here_replaces_a_result(run, result):
-    """A result is HDF5, which is none of them; even under another name it stays."""
-    Path("cages.h5").rename("cages.npz")
-    before = Path("cages.npz").read_bytes()
-    outcome = run("export", "cages.npz", "cages.npz", "--overwrite")
-    assert outcome.code == 1
-    assert "cages.npz: is read or written by this command already" in outcome.err
-    Path("r").mkdir()
-    Path("cages.npz").rename("r/r_1.obj")
-    outcome = run("export", "r/r_1.obj", "r/r_#.obj", "--overwrite")
-    assert outcome.code == 1
-    assert "r: is a folder with files that this command reads or writes" in outcome.err
-    assert Path("r/r_1.obj").read_bytes() == before
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["nothing.h5", "c.npz"], "nothing.h5: no such result"),
-        (["cage.obj", "c.npz"], "cage.obj: is not an HDF5 file"),
-        (["cages.h5", "c.gif"], "c.gif: `.gif`"),
-        (["cages.h5", "c.obj"], "c.obj: a `.obj` file holds one frame"),
-        (["cages.h5", "no/c.npz"], "no/c.npz: the folder no does not exist"),
-        (
-            ["cages.h5", "c/c_#.obj", "--start", "-1"],
-            "c/c_#.obj: the number of the first frame is -1",
-        ),
-        (["cages.h5", "c.pc2", "--skeleton"], "c.pc2: --skeleton"),
-        (["cages.h5", "c.glb", "--skeleton", "--influences", "9"], "c.glb: --influences is 9"),
-        (["cages.h5", "c.glb", "--tolerance", "1e-9%"], "c.glb: 4 morph targets leave a largest"),
-        (["cages.h5", "c.usd", "--skeleton", "--influences", "9"], "cages.h5: --influences is 9"),
-        (["cages.h5", "c.npz", "--format", "ply"], "c.npz: has another suffix"),
-    ],
-)
-def test_what_cannot_be_fails_with_a_sentence(run, result, words, says):
-    before = sorted(result.iterdir())
-    outcome = run("export", *words)
-    assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err.startswith(f"Error: {says}")
-    assert len(outcome.err.splitlines()) == 1
-    assert sorted(result.iterdir()) == before
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["cages.h5"], "Missing argument 'OUT'"),
-        ([], "Missing argument 'RESULT'"),
-        (["cages.h5", "c", "--format", "stl"], "'stl' is not one of 'obj', 'ply'"),
-        (["cages.h5", "c.npz", "--fps", "0"], "0 frames per second"),
-        (["cages.h5", "c.npz", "--up-axis", "X"], "'X' is not one of 'Y', 'Z'"),
-        (["cages.h5", "c.usd", "--influences", "4"], "--influences needs --skeleton"),
-        (["cages.h5", "c.usd", "--skeleton", "--influences", "0"], "0 is not in the range"),
-        (["cages.h5", "c.usd", "--morphs", "9"], "--morphs and --tolerance apply to .glb"),
-        (["cages.h5", "c", "--tolerance", "1%"], "--morphs and --tolerance apply to .glb"),
-        (["cages.h5", "c.glb", "--morphs", "1"], "1 is not in the range 2<=x<=256"),
-        (["cages.h5", "c.glb", "--morphs", "257"], "257 is not in the range 2<=x<=256"),
-        (["cages.h5", "c.glb", "--tolerance", "0%"], "--tolerance is 0, expected a percentage"),
-        (["cages.h5", "c.glb", "--tolerance", "-1%"], "'-1%' is not a tolerance; expected"),
-        (["cages.h5", "c.glb", "--tolerance", "nan"], "'nan' is not a tolerance; expected"),
-        (["cages.h5", "c.glb", "--tolerance", "1units"], "'1units' is not a tolerance; expected"),
-        (
-            ["cages.h5", "c.glb", "--skeleton", "--morphs", "9"],
-            "--morphs and --tolerance do not go with --skeleton",
-        ),
-    ],
-)
-def test_wrong_usage_is_exit_code_2(run, result, words, says):
-    outcome = run("export", *words)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert says in outcome.err
-
-
 def test_a_skeleton_says_what_it_costs(run, result):
     outcome = run("export", "cages.h5", "c.usda", "--skeleton")
     assert outcome.code == 0, outcome.err
@@ -246,30 +156,9 @@ def test_more_numbers_of_influences_are_compared_when_asked(run, result):
     assert "16: " not in line  # the cage has 8 vertices
 
 
-def test_a_skeleton_needs_weights(run, folder):
-    assert run(*EXTRACT, "--no-weights").code == 0
-    outcome = run("export", "cages.h5", "c.usda", "--skeleton")
-    assert outcome.code == 1
-    assert "--no-weights" in outcome.err
-
-
-def test_a_file_may_hold_every_option(run, result):
-    Path("cageik.toml").write_text(
-        '[export]\nfps = 25\nstart = 3\nup-axis = "Y"\nmetres_per_unit = 1\nformat = "ply"\n'
-        "skeleton = false\noverwrite = true\nquiet = true\n"
-    )
-    for _ in range(2):
-        outcome = run("export", "cages.h5", "c", "--config", "cageik.toml")
-        assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
-    assert sorted(p.name for p in Path("c").iterdir()) == [f"c_{k:04d}.ply" for k in range(3, 8)]
-
-
 def test_kinds_of_frames_are_the_writers_own():
     assert set(opening.frame_formats()) == {"obj", "ply"}
     assert opening.DEFAULT_FORMAT in opening.frame_formats()
-
-
-# --- extract --export
 
 
 def test_extract_exports_too(run, folder):
@@ -300,42 +189,6 @@ def test_other_values_of_export_are_wrong_usage(run, folder, value):
     outcome = run(*EXTRACT, "--config", "cageik.toml")
     assert outcome.code == 2
     assert "is not a value of --export" in outcome.err
-
-
-@pytest.mark.parametrize(
-    ("out", "says"),
-    [
-        ("c.gif", "c.gif: `.gif`"),
-        ("there.npz", "there.npz: exists already"),
-        (
-            "frames/frame_#.obj",
-            "frames: is a folder with files that this command reads or writes; choose another",
-        ),
-        ("no/c.npz", "no/c.npz: the folder no does not exist"),
-        ("cages.h5/c_#.obj", "cages.h5: is read or written by this command already"),
-    ],
-)
-def test_an_export_that_cannot_be_is_refused_before_any_work(run, folder, out, says):
-    Path("there.npz").write_text("old")
-    outcome = run(*EXTRACT, "--export", "fine.npz", "--export", out)
-    assert outcome.code == 1
-    assert outcome.err.startswith(f"Error: {says}")
-    assert sorted(p.name for p in folder.iterdir()) == ["cage.obj", "frames", "there.npz"]
-    assert len(list(Path("frames").iterdir())) == 5
-
-
-def test_one_export_twice_is_refused(run, folder):
-    outcome = run(*EXTRACT, "--export", "c/c_#.obj", "--export", "c/d_#.ply")
-    assert outcome.code == 1
-    assert "c: is read or written by this command already" in outcome.err
-
-
-def test_frames_of_others_are_never_replaced_by_an_export(run, folder):
-    before = {path: path.read_bytes() for path in Path("frames").iterdir()}
-    assert run(*EXTRACT, "--export", "frames/frame_#.obj", "--overwrite").code == 1
-    assert {path: path.read_bytes() for path in Path("frames").iterdir()} == before
-    mesh = trimesh.load("frames/frame_1.obj", process=False)
-    assert len(mesh.vertices) == 18
 
 
 def read_stage(path):
@@ -378,24 +231,3 @@ def test_a_skinned_model_beside_its_cage(run, result):
     # The joints are where the vertices of this cage are.
     assert run(*words[:2], "alone.usda", *words[3:]).code == 0
     assert set(read_stage("alone.usda")) == {"mesh"}
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "says"),
-    [
-        (("c.abc", "--with-model"), 1, r"c\.abc: --with-model works with USD only, expected \.usd"),
-        (("c.usda", "--guide"), 2, "--guide needs --with-model"),
-    ],
-)
-def test_options_of_the_model_that_do_not_fit(run, result, words, code, says):
-    outcome = run("export", "cages.h5", *words)
-    assert outcome.code == code
-    assert re.search(says, outcome.err)
-    assert not Path(words[0]).exists()
-
-
-def test_a_model_needs_weights(run, folder):
-    assert run(*EXTRACT, "--no-weights").code == 0
-    outcome = run("export", "cages.h5", "c.usda", "--with-model")
-    assert outcome.code == 1
-    assert "has no weights, which the model needs; extract it again" in outcome.err

@@ -47,19 +47,6 @@ def test_the_summary_goes_to_stderr_and_ends_with_what_to_do_next(run, folder):
     assert lines[-1] == "wrote other.h5; next: cageik report other.h5"
 
 
-@pytest.mark.parametrize("frames", ["frames", "frames/*.obj", "frames/../frames/"])
-@pytest.mark.parametrize("option", ["-o", "--timings"])
-def test_a_frame_is_never_replaced_however_it_was_named(run, folder, frames, option):
-    path = folder / "frames" / "frame_2.obj"
-    before = path.read_bytes()
-    outcome = run(
-        "extract", frames, "--cage", "cage.obj", option, "frames/frame_2.obj", "--overwrite"
-    )
-    assert outcome.code == 1
-    assert "frames/frame_2.obj: is read or written by this command already" in outcome.err
-    assert path.read_bytes() == before
-
-
 def test_options_reach_the_result(run, folder, animation, write_obj):
     Path("weights.txt").write_text("1 " * 17 + "0")
     write_obj(Path("rest.obj"), animation.frames[0], animation.rest.faces)
@@ -90,44 +77,6 @@ def test_gaps_are_taken_when_allowed(run, folder):
     assert run("report").out.startswith("cages.h5: 4 frames")
 
 
-def test_an_old_result_stays_unless_it_may_be_replaced(run, folder):
-    Path("cages.h5").write_text("old")
-    outcome = run(*TYPED)
-    assert outcome.code == 1
-    assert "cages.h5: exists already" in outcome.err
-    assert "--overwrite" in outcome.err
-    assert Path("cages.h5").read_text() == "old"
-    assert run(*TYPED, "--overwrite").code == 0
-    assert run("report").code == 0
-
-
-@pytest.mark.parametrize(
-    ("output", "says"),
-    [
-        ("nowhere/cages.h5", "the folder nowhere does not exist; create it first"),
-        ("cage.obj/cages.h5", "the folder cage.obj does not exist"),
-        ("frames", "frames: is a folder"),
-        pytest.param(
-            "/proc/cages.h5",
-            "/proc/cages.h5: cannot be written (",
-            marks=pytest.mark.skipif(not Path("/proc/self").exists(), reason="no such folder"),
-        ),
-    ],
-)
-def test_an_output_that_cannot_be_written_is_refused_at_once(run, folder, output, says):
-    outcome = run("extract", "frames", "--cage", "nothing", "-o", output)
-    assert (outcome.code, outcome.out) == (1, "")
-    assert says in outcome.err
-    assert sorted(item.name for item in folder.iterdir()) == ["cage.obj", "frames"]
-
-
-def test_a_result_is_not_written_under_the_name_of_another_format(run, folder):
-    outcome = run(*TYPED, "-o", "cages.npz")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert "cages.npz: the output is an HDF5 file" in outcome.err
-    assert not Path("cages.npz").exists()
-
-
 def test_two_names_of_one_run_hold_the_same_bytes(run, folder):
     for name in ("one.h5", "other.h5"):
         assert run(*TYPED, "-o", name).code == 0
@@ -141,21 +90,6 @@ def test_timings_are_seconds_by_stage(run, folder):
     assert set(seconds) == stages | {"total"}
     assert all(value >= 0 for value in seconds.values())
     assert sum(seconds[stage] for stage in stages) <= seconds["total"]
-
-
-def test_timings_that_cannot_be_written_are_refused_before_the_run(run, folder):
-    outcome = run(*TYPED, "--timings", "nowhere/seconds.json")
-    assert outcome.code == 1
-    assert "nowhere/seconds.json: the folder nowhere does not exist" in outcome.err
-    assert not Path("cages.h5").exists()
-
-
-def test_quiet_says_nothing(run, folder):
-    outcome = run(*TYPED, "-q")
-    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
-    outcome = run(*TYPED, "-q")
-    assert outcome.code == 1
-    assert len(outcome.err.splitlines()) == 1
 
 
 def test_verbose_says_what_was_read_and_asked(run, folder):
@@ -221,11 +155,6 @@ def test_a_damaged_entry_is_said_and_made_again(run, folder, cache):
     assert f"  cache          {kept}: is damaged; it is deleted" in outcome.err
     assert "cache hit" in run(*TYPED, "-o", "third.h5").err
     assert Path("cages.h5").read_bytes() == Path("other.h5").read_bytes()
-
-
-def test_quiet_says_nothing_of_the_cache(run, folder):
-    for words in ([], ["--overwrite"], ["--overwrite", "--cache", "cage.obj"]):
-        assert run(*TYPED, "-q", *words).err == ""
 
 
 def test_a_cache_that_cannot_be_used_fails_nothing(run, folder):
@@ -308,44 +237,12 @@ def test_a_binding_made_for_others_is_refused(run, folder, animation, write_obj,
     assert not Path("cages.h5").exists()
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["--accuracy", "fine"], "--accuracy fine: binding.h5 was made with standard"),
-        (["--outside", "project"], "--outside project: binding.h5 was made with refuse"),
-    ],
-)
-def test_options_that_contradict_the_binding_are_wrong_usage(run, folder, words, says):
-    assert run(*BIND).code == 0
-    outcome = run("extract", "frames", "--binding", "binding.h5", *words)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert says in outcome.err
-    assert not Path("cages.h5").exists()
-    table = "".join(f'{name[2:]} = "{value}"\n' for name, value in [words])
-    Path("cageik.toml").write_text(f"[extract]\n{table}")
-    outcome = run("extract", "frames", "--binding", "binding.h5", "--config", "cageik.toml")
-    assert outcome.code == 0
-
-
-@pytest.mark.parametrize("words", [[], ["--accuracy", "fine"]])
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [("nowhere.h5", "nowhere.h5: "), ("cages.h5", "cages.h5: is not a binding of cageik bind")],
-)
-def test_what_is_no_binding_is_refused(run, folder, name, says, words):
-    assert run(*TYPED).code == 0
-    outcome = run("extract", "frames", "--binding", name, "-o", "other.h5", *words)
-    assert outcome.code == 1
-    assert outcome.err.startswith(f"Error: {says}")
-
-
-def test_no_binding_is_written_over(run, folder):
-    assert run(*BIND).code == 0
-    before = Path("binding.h5").read_bytes()
-    words = ("--binding", "binding.h5", "-o", "binding.h5", "--overwrite")
-    outcome = run("extract", "frames", *words)
-    assert outcome.code == 1
-    assert Path("binding.h5").read_bytes() == before
+@pytest.mark.parametrize("table", ['accuracy = "fine"', 'outside = "project"'])
+def test_a_file_of_options_may_contradict_the_binding(run, bound, table):
+    """Unlike the command line: the file is for many runs."""
+    Path("cageik.toml").write_text(f"[extract]\n{table}\n")
+    words = ("--binding", "binding.h5", "-o", "other.h5", "--config", "cageik.toml")
+    assert run("extract", "frames", *words).code == 0
 
 
 @pytest.mark.slow

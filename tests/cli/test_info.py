@@ -155,7 +155,6 @@ def test_polygons_are_noted(run, fixtures_folder):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["nowhere"], "nowhere: no such file or folder"),
         (["notes.txt"], "notes.txt: `.txt`"),
         (["empty.obj"], "empty.obj: the file is empty"),
         (["bad.h5"], "bad.h5: is not an HDF5 file"),
@@ -168,9 +167,3 @@ def test_what_cannot_be_described_is_refused(run, folder, words, says):
     assert (outcome.code, outcome.out) == (1, "")
     assert says in outcome.err
     assert len(outcome.err.splitlines()) == 1
-
-
-def test_quiet_only_checks(run, folder):
-    outcome = run("info", "cage.obj", "-q")
-    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
-    assert run("info", "nowhere", "-q").code == 1

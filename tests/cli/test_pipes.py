@@ -34,19 +34,13 @@ COMMANDS = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def result(run, folder):
-    assert run(*BASE, "-q").code == 0
-    return folder
-
-
 def make_device(path):
     path.symlink_to("/dev/zero")
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, make_device])
 @pytest.mark.parametrize("words", COMMANDS.values(), ids=COMMANDS)
-def test_a_pipe_or_a_device_is_refused(run, result, words, make):
+def test_a_pipe_or_a_device_is_refused(run, extracted, words, make):
     (name,) = (word for word in words if word.startswith("odd."))
     make(Path(name))
     outcome = run(*words, *(["--overwrite"] if words[0] == "extract" else []))

@@ -58,28 +58,3 @@ def test_what_cannot_be_repaired_is_refused_and_nothing_is_written(run):
     assert outcome.code == 1
     assert outcome.err.startswith("Error: mine.obj: ")
     assert not Path("mended.obj").exists()
-
-
-@pytest.mark.usefixtures("turned")
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("cage", "--repair", "mine.obj", "-o", "mended.obj"), "--rest"),
-        ((*TYPED, "frames/frame_1.obj"), "--rest"),
-        ((*TYPED, "--vertices", "50"), "--vertices"),
-        ((*TYPED, "--for", "frames"), "--for"),
-        (("cage", "-o", "mended.obj"), "MODEL"),
-    ],
-)
-def test_wrong_usage_is_exit_code_2(run, words, says):
-    outcome = run(*words)
-    assert outcome.code == 2
-    assert says in outcome.err
-
-
-@pytest.mark.usefixtures("turned")
-def test_an_output_that_exists_stays(run):
-    Path("mended.obj").write_text("mine")
-    assert run(*TYPED).code == 1
-    assert Path("mended.obj").read_text() == "mine"
-    assert run(*TYPED, "--overwrite").code == 0

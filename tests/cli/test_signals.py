@@ -23,12 +23,6 @@ main()
 """
 
 
-@pytest.fixture
-def result(run, folder):
-    assert run("extract", "frames", "--cage", "cage.obj", "-q").code == 0
-    return folder
-
-
 def end_while_writing(number, prepare=None):
     """Start an export, and send it a signal while it writes; return its exit code and stderr."""
     words = [sys.executable, "-c", SLOW, "export", "cages.h5", "a.npz"]
@@ -46,13 +40,13 @@ def end_while_writing(number, prepare=None):
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal_ends_a_run_as_ctrl_c_does(result, name):
+def test_a_signal_ends_a_run_as_ctrl_c_does(extracted, name):
     assert end_while_writing(getattr(signal, name)) == (1, "Error: interrupted\n")
     assert not [path for path in Path().iterdir() if "partial" in path.name]
     assert not Path("a.npz").exists()
 
 
-def test_a_run_under_nohup_goes_on(result):
+def test_a_run_under_nohup_goes_on(extracted):
     def ignore():
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
 
@@ -60,7 +54,7 @@ def test_a_run_under_nohup_goes_on(result):
 
 
 @pytest.mark.parametrize("quiet", [[], ["-q"]])
-def test_what_a_killed_run_left_is_removed_by_the_next(run, result, quiet):
+def test_what_a_killed_run_left_is_removed_by_the_next(run, extracted, quiet):
     assert end_while_writing(signal.SIGKILL)[0] == -9
     (left,) = (path for path in Path().iterdir() if "partial" in path.name)
     outcome = run("export", "cages.h5", "a.npz", *quiet)
@@ -70,7 +64,7 @@ def test_what_a_killed_run_left_is_removed_by_the_next(run, result, quiet):
 
 
 @pytest.mark.parametrize("out", ["nowhere/../x/c_####.obj", "nowhere/../c.npz", "nowhere/../x"])
-def test_a_folder_on_the_way_that_is_missing_is_refused_before_any_work(run, result, out):
+def test_a_folder_on_the_way_that_is_missing_is_refused_before_any_work(run, extracted, out):
     before = sorted(Path().rglob("*"))
     outcome = run("export", "cages.h5", out)
     assert outcome.code == 1
@@ -87,14 +81,14 @@ def test_a_folder_on_the_way_that_is_missing_is_refused_before_any_work(run, res
         (["export", "cages.h5", "b.npz"], "b.npz"),
     ],
 )
-def test_messages_that_cannot_be_written_change_no_exit_code(result, words, written):
+def test_messages_that_cannot_be_written_change_no_exit_code(extracted, words, written):
     with open("/dev/full", "w") as full:
         done = subprocess.run([sys.executable, "-m", "cageik_cli", *words], stderr=full)
     assert done.returncode == 0
     assert Path(written).exists()
 
 
-def test_a_library_that_cannot_be_loaded_is_no_internal_error(run, result, monkeypatch):
+def test_a_library_that_cannot_be_loaded_is_no_internal_error(run, extracted, monkeypatch):
     def fail(*words):
         raise ImportError("libx.so: cannot open shared object file: Error 24")
 

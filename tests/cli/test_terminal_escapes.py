@@ -91,7 +91,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_no_control_character_reaches_the_terminal(folder, case):
+def test_no_control_character_reaches_the_terminal(folder, here, case):
     drawn = print_on_terminal(*case())
     assert "owned" in drawn
     assert find_controls(drawn) == []

@@ -23,13 +23,6 @@ DOCUMENT = {
 
 
 @pytest.fixture
-def clip(folder, run):
-    assert run("extract", "frames", "--cage", "cage.obj", "-o", "cages.h5", "-q").code == 0
-    bind = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-o", "b.h5", "-q")
-    assert run(*bind).code == 0
-
-
-@pytest.fixture
 def viewed(monkeypatch):
     """The settings and the port of views, which end at once."""
     seen = []
@@ -56,12 +49,12 @@ def opened(monkeypatch):
     [
         ("cages.h5",),
         ("cages.h5", "-o", "e.h5", "--handles-out", "h.json"),
-        ("b.h5", "-o", "p.obj", "--cage-out", "c.obj"),
+        ("binding.h5", "-o", "p.obj", "--cage-out", "c.obj"),
         ("frames/frame_1.obj", "--cage", "cage.obj", "-o", "p.ply"),
-        ("frames/frame_1.obj", "--binding", "b.h5"),
+        ("frames/frame_1.obj", "--binding", "binding.h5"),
     ],
 )
-def test_the_address_is_printed_and_opened(run, clip, viewed, opened, words):
+def test_the_address_is_printed_and_opened(run, bound, viewed, opened, words):
     outcome = run("view", *words)
     assert outcome.code == 0, outcome.err
     assert outcome.out == "http://127.0.0.1:1/secret/\n"
@@ -69,64 +62,20 @@ def test_the_address_is_printed_and_opened(run, clip, viewed, opened, words):
     assert outcome.err.endswith("stop with Ctrl-C\nstopped\n")
 
 
-def test_no_browser_is_opened_if_not_wanted(run, clip, viewed, opened):
+def test_no_browser_is_opened_if_not_wanted(run, bound, viewed, opened):
     outcome = run("view", "cages.h5", "--no-browser", "--port", "8123", "-q")
     assert (outcome.code, outcome.out) == (0, "http://127.0.0.1:1/secret/\n")
     assert (opened, outcome.err) == ([], "stopped\n")
     assert viewed[0][1] == 8123
 
 
-def test_a_cage_is_built_if_none_is_given(run, clip, viewed, coarse_grids):
+def test_a_cage_is_built_if_none_is_given(run, bound, viewed, coarse_grids):
     outcome = run("view", "frames/frame_1.obj", "--cage-vertices", "30", "--no-browser")
     assert outcome.code == 0, outcome.err
     assert re.search(r"cage +built, \d+ vertices", outcome.err)
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        ((), "Missing argument 'TARGET'"),
-        (("cages.h5", "--cage", "cage.obj"), "--cage: a result has its cage and weights"),
-        (("cages.h5", "--binding", "b.h5"), "--binding: a result has its cage and weights"),
-        (("cages.h5", "-o", "e.h5", "--cage-out", "c.obj"), "--cage-out: a result has its cage"),
-        (("b.h5", "--accuracy", "fine"), "--accuracy: a binding has its cage and weights"),
-        (
-            ("frames/frame_1.obj", "--binding", "b.h5", "--cage-vertices", "30"),
-            "--cage-vertices: a binding has its cage and weights",
-        ),
-        (
-            ("frames/frame_1.obj", "--cage", "cage.obj", "--cage-vertices", "30"),
-            "--cage-vertices: it is for a cage that is built",
-        ),
-        (("cages.h5", "--handles-out", "h.json"), "--handles-out: it is written with the output"),
-        (("b.h5", "--cage-out", "c.obj"), "--cage-out: it is written with the output"),
-        (("cages.h5", "--port", "65536"), "'--port'"),
-        (("frames/frame_1.obj", "--cage-vertices", "3"), "cage"),
-    ],
-)
-def test_wrong_usage(run, clip, viewed, words, told):
-    outcome = run("view", *words)
-    assert outcome.code == 2
-    assert told in outcome.err
-    assert viewed == []
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("none.h5",), "Error: none.h5: no such file"),
-        (("cages.h5", "-o", "b.h5"), "Error: b.h5: exists already"),
-        (("cages.h5", "--handles", "none.json"), "Error: none.json: cannot be read"),
-        (("cages.h5", "--handles", "cage.obj"), "Error: cage.obj: is not JSON"),
-    ],
-)
-def test_refusals(run, clip, words, told):
-    outcome = run("view", *words, "--no-browser")
-    assert outcome.code == 1
-    assert told in outcome.err
-
-
-def test_the_outcome_of_an_edit_is_shown(run, clip, monkeypatch):
+def test_the_outcome_of_an_edit_is_shown(run, bound, monkeypatch):
     def use(session, port, listener):
         with listener.show_edit() as progress:
             result = session.parse(json.dumps(DOCUMENT).encode(), 3)(progress)
@@ -143,7 +92,7 @@ def test_the_outcome_of_an_edit_is_shown(run, clip, monkeypatch):
     assert run(*words, "-q").err == "Error: handles: are wrong\nstopped\n"
 
 
-def test_an_edit_that_is_dropped_is_told(run, clip, monkeypatch):
+def test_an_edit_that_is_dropped_is_told(run, bound, monkeypatch):
     def use(session, port, listener):
         with listener.show_edit():
             raise KeyboardInterrupt
@@ -155,7 +104,7 @@ def test_an_edit_that_is_dropped_is_told(run, clip, monkeypatch):
     )
 
 
-def test_without_a_browser_the_address_is_enough(run, clip, viewed, monkeypatch):
+def test_without_a_browser_the_address_is_enough(run, bound, viewed, monkeypatch):
     import webbrowser
 
     def fail(address):

@@ -106,13 +106,6 @@ def test_a_result_is_a_clip_of_its_cages(run, clips):
     assert sequence.scene == SceneHints(25.0, 0.0, "Y", 1.0, 1.0)
 
 
-def test_a_binding_is_no_clip(run, clips):
-    assert run("bind", "--cage", "cage.obj", *REST).code == 0
-    outcome = run("extract", "binding.h5", "--cage", "cage.obj")
-    assert outcome.code == 1
-    assert "binding.h5: is a binding of cageik bind" in outcome.err
-
-
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [

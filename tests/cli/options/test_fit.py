@@ -80,10 +80,6 @@ def test_a_binding_is_fitted_with_the_solve_that_is_asked_for(folder, run):
     assert "\n  fit cages      alpha 0.001, beta 1\n" in run("info", "default.h5").out
 
 
-def test_impossible_solves_are_wrong_usage(folder, run):
-    assert "alpha is -1" in refused(run, *BIND, "--fit", "frames", "--alpha", "-1")
-
-
 def test_a_missing_clip_is_named(folder, run):
     outcome = run(*BIND, "--fit", "nowhere")
     assert outcome.code == 1

@@ -7,9 +7,11 @@ from decimal import Decimal
 from pathlib import Path
 from xml.etree import ElementTree
 
+import click
 import numpy as np
 import pytest
 
+from cageik_cli.cli import main
 from cageik_cli.report.figures import format_length, format_percent
 
 TYPED = ("extract", "frames", "--cage", "cage.obj")
@@ -28,9 +30,8 @@ FIELDS = {
 
 
 @pytest.fixture
-def result(run, folder) -> dict:
-    """The record of `cages.h5`, of the little animation, in the current folder."""
-    assert run(*TYPED, "-q").code == 0
+def result(run, extracted) -> dict:
+    """The record of `cages.h5`, of the tiny clip, in the current folder."""
     return json.loads(run("report", "--json", "-", "-q").out)
 
 
@@ -49,15 +50,14 @@ def printed_figure(record, option, sign) -> Decimal:
 
 @pytest.mark.parametrize(("option", "sign"), FIELDS)
 def test_a_limit_holds_for_what_is_printed(run, result, option, sign):
-    """At the printed figure and just over it a result keeps the limit, just under it does not."""
+    """At the printed figure a result keeps the limit, just under it does not."""
     figure = printed_figure(result, option, sign)
     assert figure > 0
     step = Decimal(1).scaleb(figure.as_tuple().exponent)
-    for most, code in ((figure, 0), (figure + step, 0), (figure - step, 3)):
+    for most, code, label in ((figure, 0, "within limit"), (figure - step, 3, "over limit")):
         outcome = run("report", f"--{option}", f"{most}{sign}")
         assert outcome.code == code
-        (line,) = [row for row in outcome.out.splitlines() if row[2:16].strip().endswith(" limit")]
-        assert line.startswith("  within limit   " if code == 0 else "  over limit     ")
+        (line,) = [row for row in outcome.out.splitlines() if row.startswith(f"  {label} ")]
         assert f"{figure}" in line
         assert f"limit {float(most):.10g} " in line
         assert "frame_" in line
@@ -122,54 +122,52 @@ def test_each_of_several_results_is_judged(run, result, animation):
 LENGTHS = ["max-rms", "max-frame-rms", "max-deviation"]
 PERCENTS = ["max-volume-change", "max-regression"]
 
-WRONG = ["", "%", "units", "-1", "-0.5%", "-1units", "nan", "inf%", "1e400", "0.5 percent", "1_0",
-         "1,5%", "0x1%", "%5", "1%%", "1unit", "1%units", "٣%", "1e", "1e9999%"]  # fmt: skip
 
-
-@pytest.mark.parametrize("value", WRONG)
-@pytest.mark.parametrize("option", LENGTHS + PERCENTS)
-def test_anything_else_is_wrong_usage(run, folder, option, value):
-    """Said before any work."""
-    outcome = run(*TYPED, f"--{option}", value)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "is not a limit; expected a finite number, zero or above, such as" in " ".join(
-        outcome.err.split()
-    )
-    assert not Path("cages.h5").exists()
-
-
-BARE = ["0", "0.4", "1000", "1e3", "1000.", "+.5"]
-
-
-@pytest.mark.parametrize("value", BARE)
-@pytest.mark.parametrize("option", LENGTHS)
-def test_a_length_without_a_unit_is_wrong_usage(run, folder, option, value):
-    outcome = run(*TYPED, f"--{option}", value)
-    assert (outcome.code, outcome.out) == (2, "")
-    said, number = " ".join(outcome.err.split()), value.removeprefix("+")
-    assert f"'{value}' has no unit; give {number}% (of the diagonal) or {number}units" in said
-    assert not Path("cages.h5").exists()
-
-
-@pytest.mark.parametrize("value", BARE)
-def test_a_change_of_volume_is_always_in_percent(run, result, value):
-    code = 0 if float(value) >= 100 else 3
-    assert run("report", "--max-volume-change", value).code == code
-    assert run("report", "--max-volume-change", f"{value}%").code == code
-    assert run("report", "--max-volume-change", f"{value}units").code == 2
+def parse(option, value):
+    """The limit that a word is for `extract`, of which nothing runs."""
+    words = ["frames", f"--{option}", value, "--baseline", "old.json"]
+    context = main.commands["extract"].make_context("extract", words)
+    limit = context.params[option.replace("-", "_")]
+    return limit.value, "%" if limit.is_percent else "units"
 
 
 @pytest.mark.parametrize(
-    ("value", "code"),
+    "value",
+    ["", "%", "units", "-1", "-0.5%", "-1units", "nan", "inf%", "1e400", "0.5 percent", "1_0",
+     "1,5%", "0x1%", "%5", "1%%", "1unit", "1%units", "٣%", "1e", "1e9999%"],
+)  # fmt: skip
+def test_anything_else_is_no_limit(value):
+    for option in LENGTHS + PERCENTS:
+        with pytest.raises(click.BadParameter, match="is not a limit; expected a finite number"):
+            parse(option, value)
+
+
+@pytest.mark.parametrize("value", ["0", "0.4", "1000", "1e3", "1000.", "+.5"])
+def test_a_length_has_a_unit_and_a_change_of_volume_is_in_percent(value):
+    number = value.removeprefix("+")
+    for option in LENGTHS:
+        with pytest.raises(click.BadParameter) as refused:
+            parse(option, value)
+        assert f"'{value}' has no unit; give {number}% " in refused.value.message
+    for option in PERCENTS:
+        assert parse(option, value) == parse(option, f"{value}%") == (Decimal(number), "%")
+        with pytest.raises(click.BadParameter, match="is not a limit"):
+            parse(option, f"{value}units")
+
+
+@pytest.mark.parametrize(
+    ("value", "number", "unit"),
     [
-        ("1000%", 0), (" 1000% ", 0), ("1000 %", 0), ("+1000%", 0), ("1e3%", 0), (".5e4%", 0),
-        ("0%", 3), ("0.0001%", 3), ("1000units", 0), ("1000 units", 0), ("1e3Units", 0),
-        ("0units", 3), ("1e-9 UNITS", 3),
+        ("1000%", "1000", "%"), (" 1000% ", "1000", "%"), ("1000 %", "1000", "%"),
+        ("+1000%", "1000", "%"), ("1e3%", "1e3", "%"), (".5e4%", "5000", "%"), ("0%", "0", "%"),
+        ("0.0001%", "0.0001", "%"), ("1000units", "1000", "units"),
+        ("1000 units", "1000", "units"), ("1e3Units", "1000", "units"), ("0units", "0", "units"),
+        ("1e-9 UNITS", "1e-9", "units"),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("option", LENGTHS)
-def test_lengths_are_spelt_in_two_ways(run, result, option, value, code):
-    assert run("report", f"--{option}", value).code == code
+def test_lengths_are_spelt_in_two_ways(value, number, unit):
+    for option in LENGTHS:
+        assert parse(option, value) == (Decimal(number), unit)
 
 
 def test_a_large_limit_in_units_is_noted(run, result):
@@ -185,12 +183,6 @@ def test_a_large_limit_in_units_is_noted(run, result):
         assert "more than 5 %" not in in_percent.err
     assert f"if percent is meant, give {float(typed):.10g}%" in notes[0]
     assert "max deviation is 5.1 %" in notes[0]
-
-
-def test_a_regression_is_of_a_baseline(run, result):
-    outcome = run("report", "--max-regression", "5%")
-    assert (outcome.code, outcome.out) == (2, "")
-    assert "--baseline" in outcome.err
 
 
 @pytest.mark.parametrize(
@@ -263,16 +255,6 @@ def test_the_default_regression_is_ten_percent(run, result):
         assert run("report", "--baseline", "old.json").code == code
 
 
-@pytest.mark.parametrize("words", [TYPED, ("report", "cages.h5")])
-def test_a_bad_baseline_is_refused_before_any_work(run, folder, words):
-    Path("old.json").write_text("{}")
-    outcome = run(*words, "--baseline", "old.json")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err.startswith("Error: old.json: schema is null, expected 1; ")
-    assert len(outcome.err.splitlines()) == 1
-    assert not Path("cages.h5").exists()
-
-
 @pytest.mark.parametrize("words", [EXTRACT, ("report",)])
 @pytest.mark.parametrize(
     ("metric", "key", "option"),
@@ -297,20 +279,10 @@ def test_a_length_without_a_unit_in_a_baseline_is_wrong_usage(
         outcome = run(*words, "--baseline", "old.json")
         assert (outcome.code, outcome.out) == (2, "")
         said = " ".join(outcome.err.split())
-        assert f"`{named}` is 0.4, which has no unit; write {metric}, in percent, or give" in said
-        assert f"--{option} 0.4% or --{option} 0.4units" in said
+        assert f"'{named}' is 0.4, " in said
         assert "old.json: " in said
+        assert all(remedy in said for remedy in (metric, f"--{option} 0.4%", "0.4units"))
     assert Path("cages.h5").read_bytes() == before
-
-
-def test_a_baseline_is_not_replaced(run, result):
-    assert run("report", "--json", "old.json", "-q").code == 0
-    before = Path("old.json").read_text()
-    outcome = run("report", "--baseline", "old.json", "--json", "old.json", "--overwrite")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert "old.json: is read or written by this command already" in outcome.err
-    assert run(*EXTRACT, "--baseline", "old.json", "--timings", "old.json").code == 1
-    assert Path("old.json").read_text() == before
 
 
 def test_results_of_one_file_name_are_called_by_their_paths(run, result):
@@ -344,15 +316,6 @@ def test_reports_are_written_although_a_limit_is_passed(run, result):
     assert json.loads(Path("r.json").read_text())["gates"][0]["passed"] is False
     for name, option in (("f.csv", "--csv"), ("j.xml", "--junit"), ("m.md", "--markdown")):
         assert Path(name).read_text() == run("report", "--max-rms", "0%", option, "-").out
-
-
-@pytest.mark.parametrize(
-    ("first", "second"), [("--json", "--junit"), ("--csv", "--markdown"), ("--junit", "--markdown")]
-)
-def test_two_on_stdout_are_wrong_usage(run, result, first, second):
-    outcome = run("report", second, "-", first, "-")
-    assert (outcome.code, outcome.out) == (2, "")
-    assert f"{first} and {second} both go to stdout" in outcome.err
 
 
 @pytest.mark.slow

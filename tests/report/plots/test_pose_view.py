@@ -62,9 +62,8 @@ def test_the_view_of_an_edit_is_the_most_moved_frame(handles):
 
 
 @pytest.fixture
-def viewed(folder, run):
+def viewed(extracted):
     """A function that builds the view of sets applied to the small animation of five frames."""
-    assert run("extract", "frames", "--cage", "cage.obj", "-o", "cages.h5", "-q").code == 0
 
     def make(*sets):
         Path("handles.json").write_text(json.dumps({"sets": sets}))

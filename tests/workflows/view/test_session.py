@@ -38,8 +38,7 @@ MODEL = ViewSettings(
 
 
 @pytest.fixture
-def clip(folder, run):
-    assert run("extract", "frames", "--cage", "cage.obj", "-o", "cages.h5", "-q").code == 0
+def clip(extracted):
     Path("handles.json").write_bytes(DATA)
 
 

@@ -10,8 +10,7 @@ from cageik_cli.util.errors import SettingError
 
 
 @pytest.fixture
-def result(folder, run):
-    assert run("extract", "frames", "--cage", "cage.obj", "-o", "cages.h5", "-q").code == 0
+def result(extracted):
     return cageik_cli.read_result("cages.h5")
 
 
