@@ -282,7 +282,13 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
             f"{sequence.location(index)}: {missing} of {len(positions)} vertices of the rest pose "
             "are missing; take a complete frame by --rest-frame K, or a mesh by --rest"
         )
-    return LoadedMesh(sequence.first.move(positions), {"name": sequence.names[index]})
+    path = Path(sequence.location(index))
+    is_mesh_file = file_suffix(path) in mesh_suffixes() and path.is_file()
+    return LoadedMesh(
+        sequence.first.move(positions),
+        {"name": sequence.names[index]},
+        path=path if is_mesh_file else None,
+    )
 
 
 def mesh_suffixes() -> tuple[str, ...]:
@@ -311,7 +317,7 @@ def load_mesh(path: Path) -> LoadedMesh:
         reader = readers[suffix]
         mesh = reader.read_attributes(content, parse_mesh(reader, content))
         mesh = reader.read_library(path, mesh)
-        return LoadedMesh(mesh.make_mesh(), describe_source(path, data), mesh.notes)
+        return LoadedMesh(mesh.make_mesh(), describe_source(path, data), mesh.notes, path)
 
 
 def _find_mesh_readers() -> dict[str, type[FrameFileReader]]:

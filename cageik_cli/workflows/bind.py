@@ -25,7 +25,7 @@ from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener, mark_warning
 from cageik_cli.workflows.fit import fit_to_clips
-from cageik_cli.workflows.repair_hint import suggest_repair
+from cageik_cli.workflows.run_cage import suggest_repair
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 from cageik_cli.workflows.vertex_weights import load_vertex_weights
 
@@ -40,14 +40,11 @@ class WeightSettings:
         The folder of the weight cache; none is used if absent.
     jobs : int
         Threads.
-    is_own_cage : bool
-        Whether the cage is for this model, and is judged as such; not for other meshes in it.
     """
 
     bind: BindSettings = field(default_factory=BindSettings)
     cache: Path | None = None
     jobs: int = 1
-    is_own_cage: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,11 +96,7 @@ def bind_files(
         rest, cage = load_mesh(settings.rest), load_mesh(settings.cage)
         for note in rest.notes:
             progress.note("note", f"{rest.source['name']}: {note}")
-    with (
-        progress.stage("bind"),
-        error_context(settings.cage),
-        suggest_repair(settings.cage, settings.rest),
-    ):
+    with progress.stage("bind"), suggest_repair(cage, rest):
         stored = bind_cached(rest, cage, settings.weights, progress)
     if settings.clips:
         with progress.stage("fit"):
@@ -140,11 +133,17 @@ def _fit_to_files(
 
 
 def bind_cached(
-    rest: LoadedMesh, cage: LoadedMesh, settings: WeightSettings, progress: ProgressListener
+    rest: LoadedMesh,
+    cage: LoadedMesh,
+    settings: WeightSettings,
+    progress: ProgressListener,
+    *,
+    is_own_cage: bool = True,
 ) -> StoredBinding:
     """Bind a rest pose to a cage, or take their weights from the cache of weights.
 
-    The notes of the binding include what was changed when the cage mesh was read.
+    The notes of the binding include what was changed when the cage mesh was read; and, if the cage
+    is for this model, not for another one, how it is judged.
     """
     compute = partial(bind, rest.mesh, cage.mesh, settings.bind, settings.jobs, progress.update)
     if settings.cache is None:
@@ -155,7 +154,7 @@ def bind_cached(
         progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
     sources = {"cage": cage.source, "rest": rest.source}
     notes = cage.notes + binding.notes
-    if settings.is_own_cage:
+    if is_own_cage:
         notes += tuple(map(mark_warning, binding.cage_warnings))
     return StoredBinding(replace(binding, notes=notes), sources)
 

@@ -27,8 +27,8 @@ from cageik_cli.util.errors import CageikError, error_context
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.cached_cage import check_cage_output
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
+from cageik_cli.workflows.run_cage import check_cage_output
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
 MAX_MEASURED_FRAMES = 32

@@ -27,9 +27,8 @@ from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import OrderedMap
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
-from cageik_cli.workflows.cached_cage import build_cached
 from cageik_cli.workflows.model_file import LoadedModel, load_model, note_on
-from cageik_cli.workflows.repair_hint import suggest_repair
+from cageik_cli.workflows.run_cage import build_cached, suggest_repair
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,8 +41,6 @@ class CagedModel:
         The result, the binding file or the model.
     cage : LoadedMesh, optional
         None for a model in no cage yet.
-    cage_path : Path, optional
-        The file of the cage, if it has one of its own.
     result : Result, optional
         With the cages of a clip.
     stored : StoredBinding, optional
@@ -53,7 +50,6 @@ class CagedModel:
     path: Path
     model: LoadedModel
     cage: LoadedMesh | None
-    cage_path: Path | None = None
     result: Result | None = None
     stored: StoredBinding | None = None
 
@@ -81,9 +77,9 @@ class CagedModel:
         model = load(path)
         loaded = None if cage is None else load_mesh(cage)
         if binding is None:
-            return CagedModel(path, model, loaded, cage)
+            return CagedModel(path, model, loaded)
         stored = load_matching_binding(binding, model.mesh, loaded)
-        return CagedModel(path, model, loaded, cage, stored=stored)
+        return CagedModel(path, model, loaded, stored=stored)
 
     @staticmethod
     def read(path: Path) -> "CagedModel":
@@ -187,11 +183,7 @@ class CagedModel:
             return self.stored.binding
         rest, cage = self.model.mesh, self.cage
         assert cage is not None
-        with (
-            progress.stage("bind"),
-            error_context(self.cage_path or cage.source["name"]),
-            suggest_repair(self.cage_path, self.path),
-        ):
+        with progress.stage("bind"), suggest_repair(cage, rest):
             binding = bind_cached(rest, cage, weights, progress).binding
         note_on(progress, self.model.name, *rest.notes)
         note_on(progress, cage.source["name"], *binding.notes)
@@ -209,7 +201,7 @@ def _hold_meshes(
     """Return what a file holds, whose meshes have no files of their own."""
     model = LoadedModel(LoadedMesh(rest, {"name": f"the rest pose of {path.name}"}))
     loaded = LoadedMesh(cage, {"name": f"the cage of {path.name}"})
-    return CagedModel(path, model, loaded, None, result, stored)
+    return CagedModel(path, model, loaded, result, stored)
 
 
 def make_weights_error(path: Path, user: str) -> SettingError:

@@ -7,8 +7,8 @@ from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import ClipSettings, RestFrame
 from cageik_cli.report.views.cage_check import CheckResult
-from cageik_cli.workflows.repair_hint import find_rest_file, format_repair_command
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
+from cageik_cli.workflows.run_cage import format_repair_command
 from cageik_cli.workflows.settings import READ, READ_CLIP, CommandSettings
 
 
@@ -46,17 +46,15 @@ def check_cage(settings: CheckSettings) -> CheckResult:
     InputError
         Naming the file that cannot be read.
     """
-    cage, rest, rest_file = load_mesh(settings.cage), None, settings.rest
+    cage, rest = load_mesh(settings.cage), None
     if settings.frames:
-        clip, rest, index = open_clip_and_choose_rest(
+        _, rest, _ = open_clip_and_choose_rest(
             settings.frames, settings.clip, settings.rest, settings.rest_frame
         )
-        if index is not None:
-            rest_file = find_rest_file(clip, index)
     elif settings.rest is not None:
         rest = load_mesh(settings.rest)
     diagnosis = diagnose(cage.mesh, rest.mesh if rest is not None else None, settings.jobs)
     command = None
     if diagnosis.is_repairable:
-        command = format_repair_command(settings.cage, rest_file)
+        command = format_repair_command(settings.cage, None if rest is None else rest.path)
     return CheckResult(cage, rest, diagnosis, command)

@@ -180,15 +180,15 @@ class _Deformation:
         if found is not None:
             return found
         assert source.cage is not None
-        weights = WeightSettings(
-            bind, settings.cache, settings.jobs, is_own_cage=settings.mesh is None
-        )
+        weights = WeightSettings(bind, settings.cache, settings.jobs)
         with (
             self._progress.stage("bind"),
             error_context(settings.mesh or settings.source),
             _suggest_moving(),
         ):
-            binding = bind_cached(mesh, source.cage, weights, self._progress).binding
+            binding = bind_cached(
+                mesh, source.cage, weights, self._progress, is_own_cage=settings.mesh is None
+            ).binding
         note_on(self._progress, self._model.name, *mesh.notes, *binding.notes)
         return binding if source.fit is None else self._apply_fit(binding, is_own)
 

@@ -30,13 +30,12 @@ from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
-from cageik_cli.workflows.cached_cage import build_cached
 from cageik_cli.workflows.capture import make_capture_solver
 from cageik_cli.workflows.compose import collect_notes, compose_result
 from cageik_cli.workflows.fit import fit_to_clips
-from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 from cageik_cli.workflows.resume import check_output, find_existing, open_checkpoint, recover_blocks
+from cageik_cli.workflows.run_cage import build_cached, suggest_repair
 from cageik_cli.workflows.settings import ExtractSettings
 from cageik_cli.workflows.smooth import run_time_pass
 from cageik_cli.workflows.vertex_weights import VertexWeights, load_vertex_weights
@@ -217,11 +216,7 @@ class Extraction:
             with progress.stage("cage"), error_context(rest.source["name"]):
                 self.cage = build_cached(rest.mesh, settings.build, settings.cache, progress)
             self.sources["cage"] = self.cage.source
-        with (
-            progress.stage("bind"),
-            error_context(settings.cage or self.cage.source["name"]),
-            suggest_repair(settings.cage, self._find_rest_file()),
-        ):
+        with progress.stage("bind"), suggest_repair(self.cage, rest):
             weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
             self.stored = bind_cached(rest, self.cage, weight_settings, progress)
         if settings.fit is not None:
@@ -251,11 +246,6 @@ class Extraction:
         with error_context(settings.binding):
             unfitted = bind_cached(self.rest, cage, weight_settings, self.progress).binding
         return replace(stored, binding=replace(binding, unfitted=unfitted))
-
-    def _find_rest_file(self) -> Path | None:
-        """Return the mesh file of the rest pose; None if it is in a file of many frames."""
-        index = self.settings.rest_index
-        return self.settings.rest if index is None else find_rest_file(self.sequence, index)
 
     def _write_cage(self, cage: TriMesh) -> None:
         """Write the cage that was built, if that is asked for.

@@ -179,7 +179,7 @@ def load_model(path: Path) -> LoadedModel:
     with error_context(path):
         splats = read_splats(points) if holds_splats(points) else None
         cloud = PointCloud.from_points(points.positions)
-        mesh = LoadedMesh(cloud, describe_source(path, data), points.notes)
+        mesh = LoadedMesh(cloud, describe_source(path, data), points.notes, path)
         return LoadedModel(mesh, points, splats)
 
 

@@ -10,7 +10,7 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.util.errors import CageError, error_context
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.cached_cage import check_cage_output
+from cageik_cli.workflows.run_cage import check_cage_output
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 

@@ -20,7 +20,7 @@ from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_r
 from cageik_cli.util.errors import CheckpointError, InputError
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.cached_cage import check_cage_output
+from cageik_cli.workflows.run_cage import check_cage_output
 from cageik_cli.workflows.settings import ExtractSettings
 
 

@@ -17,7 +17,7 @@ import pytest
 import cageik_cli.report
 from cageik_cli.store.checkpoint import MAGIC
 from cageik_cli.store.result import read_result
-from cageik_cli.workflows import cached_cage
+from cageik_cli.workflows import run_cage
 from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER
 
 BATCH = ("batch", "anim", "-o", "out", "--no-pages")
@@ -96,8 +96,8 @@ def test_clips_without_a_cage_get_one_that_is_built_once(
         built.append(given)
         return build(*given)
 
-    build = cached_cage._build
-    monkeypatch.setattr(cached_cage, "_build", count)
+    build = run_cage._build
+    monkeypatch.setattr(run_cage, "_build", count)
     Path("anim/cageik.toml").write_text("[extract]\ncage-vertices = 20\n")
     planned = run(*BATCH, "--dry-run")
     assert planned.out.count("  cage           would be built, of 20 vertices") == 3

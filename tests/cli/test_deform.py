@@ -180,9 +180,9 @@ def test_the_results_own_settings_hold_unless_others_are_given(run, extracted, m
     asked = []
     made = deforming.bind_cached
 
-    def listen(mesh, cage, how, watch):
+    def listen(mesh, cage, how, watch, **more):
         asked.append((how.bind.coordinates, how.bind.accuracy, how.bind.outside, how.cache))
-        return made(mesh, cage, how, watch)
+        return made(mesh, cage, how, watch, **more)
 
     monkeypatch.setattr(deforming, "bind_cached", listen)
     words = ["--coordinates", "mean-value", "--accuracy", "preview", "--outside", "project"]

@@ -172,5 +172,5 @@ def test_warnings_about_a_cage_are_the_same_from_the_cache(tmp_path):
     cold, warm = (bind_cached(*meshes, settings, Listener()).binding.notes for _ in range(2))
     assert cold == warm
     assert cold[0].startswith("warning: the cage is loose")
-    of_other_mesh = replace(settings, is_own_cage=False)
-    assert bind_cached(*meshes, of_other_mesh, Listener()).binding.notes == ()
+    other = bind_cached(*meshes, settings, Listener(), is_own_cage=False)
+    assert other.binding.notes == ()

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 
@@ -134,11 +135,14 @@ class LoadedMesh:
         `name` and `sha256` of the file; the name alone of a frame of the clip.
     notes : tuple of str
         What was changed, one sentence each.
+    path : Path, optional
+        The mesh file; None of a mesh that is in no file, or in one of many frames.
     """
 
     mesh: TriMesh
     source: dict[str, str]
     notes: tuple[str, ...] = ()
+    path: Path | None = None
 
 
 FOLD_TOL = 1e-9

@@ -1,8 +1,11 @@
-"""The cage of a run that is given none: built around the rest pose, or taken from the cache.
+"""The cage of a run: built or taken from the cache if none is given, or refused with a remedy.
 
 The builder is imported when a cage is built: it takes as long to import as the rest of a run.
 """
 
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -13,9 +16,12 @@ from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_entries import CachedCage, find_cage
-from cageik_cli.util.errors import OutputError
+from cageik_cli.util.errors import CageError, OutputError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
+
+UNNAMED_REST = "MODEL.obj"
+"""Stands for a rest pose that is in no mesh file."""
 
 BUILT_CAGE_NAME = "built cage"
 """Name, in the sources of a result, of a cage that was built for it."""
@@ -73,3 +79,27 @@ def _build(model: TriMesh, settings: BuildSettings, progress: ProgressListener) 
         description=describe_built_cage(built),
         notes=built.notes,
     )
+
+
+def format_repair_command(cage: Path, rest: Path | None) -> str:
+    """Return the command that repairs a cage for a rest pose."""
+    words = ["cageik", "cage", "--repair", str(cage), "--rest", str(rest or UNNAMED_REST)]
+    words += ["-o", f"{cage.name.split('.')[0]}_repaired.obj"]
+    command = shlex.join(words)
+    if rest is None:
+        command += f" ({UNNAMED_REST}: the rest pose, as a mesh file)"
+    return command
+
+
+@contextmanager
+def suggest_repair(cage: LoadedMesh, rest: LoadedMesh) -> Iterator[None]:
+    """Name the cage in errors raised inside, and the command that may repair its file."""
+    with error_context(cage.path or cage.source["name"]):
+        try:
+            yield
+        except CageError as error:
+            if cage.path is None or not error.is_repairable:
+                raise
+            raise CageError(
+                f"{error}; to repair the cage: {format_repair_command(cage.path, rest.path)}"
+            ) from error
