@@ -174,9 +174,8 @@ def _write_views(
     overview: "Overview",
 ) -> None:
     """Write every view that is asked for; `result` is that of the first report."""
-    from cageik_cli.report.views.junit import format_junit
+    from cageik_cli.report.views.data import format_csv, format_json, format_junit
     from cageik_cli.report.views.markdown import format_markdown
-    from cageik_cli.report.views.tables import format_csv, format_json
 
     views: dict[str, Callable[[], str | bytes]] = {
         "html": partial(_render_page, result, reports[0], targets.player),

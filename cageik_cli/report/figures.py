@@ -14,6 +14,7 @@ Error definitions, for F frames of m vertices, D the rest bounding box's diagona
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 from cageik_cli.util.text import format_count
 
@@ -135,16 +136,6 @@ class ReportSummary:
 
 
 @dataclass(frozen=True, slots=True)
-class WorstVertex:
-    """A vertex of the model, its rms over the frames, and its position in the rest pose."""
-
-    vertex: int
-    rms: float
-    rms_percent: float
-    position: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
 class VertexMetrics:
     """The distribution of the error over the model.
 
@@ -154,13 +145,14 @@ class VertexMetrics:
         The k + 1 edges of the histogram's k bins, in percent of the diagonal.
     counts : tuple of int
         Number of vertices whose rms is in each bin; missing data is in none.
-    worst : tuple of WorstVertex
-        The worst first.
+    worst : tuple of dict
+        The worst ones, the worst first: the number of the `vertex`, its `rms` over the frames in
+        file units and in percent, and its `position` in the rest pose.
     """
 
     edges_percent: tuple[float, ...]
     counts: tuple[int, ...]
-    worst: tuple[WorstVertex, ...]
+    worst: tuple[dict[str, Any], ...]
 
 
 def format_percent(value: float) -> str:

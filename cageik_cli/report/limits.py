@@ -19,9 +19,6 @@ PERCENT, UNITS = "%", "units"
 MAX_USUAL_PERCENT = 5
 """A limit in units that is more percent of the diagonal was probably meant in percent."""
 
-DECIMAL_DIGITS = 1000
-"""Enough digits for the exact product of any two floats, before it is rounded."""
-
 
 @dataclass(frozen=True, slots=True)
 class Limit:
@@ -87,6 +84,20 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
+class Verdict:
+    """The outcome of one limit or of several, for readers.
+
+    Attributes
+    ----------
+    state : str
+        "good", "bad" or "none"; decides the colour.
+    """
+
+    state: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class LimitCheck:
     """A limit and the value that was compared with it.
 
@@ -111,6 +122,32 @@ class LimitCheck:
     frame: str | None
     passed: bool | None
     baseline: float | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict on the limit."""
+        return {
+            True: Verdict("good", "within limit"),
+            False: Verdict("bad", "over limit"),
+            None: Verdict("none", "not checked"),
+        }[self.passed]
+
+    def format_found(self) -> str:
+        """Format the value as in all views."""
+        if self.found is None:
+            return "not defined"
+        return format_percent(self.found) if self.unit == PERCENT else format_length(self.found)
+
+    def format_limit(self) -> str:
+        """Format the limit as it was typed, or as metrics are printed if it has a baseline."""
+        return f"{self.limit:.10g}" if self.baseline is None else format_percent(self.limit)
+
+    def format_limit_with_baseline(self, unit: str = "") -> str:
+        """Format the limit and its baseline, if it has one; `unit` is put behind numbers."""
+        limit = f"{self.format_limit()}{unit}"
+        if self.baseline is None:
+            return limit
+        return f"{limit} (baseline {format_percent(self.baseline)}{unit})"
 
 
 def check_limits(name: str, summary: ReportSummary, limits: Limits) -> tuple[LimitCheck, ...]:
@@ -164,7 +201,8 @@ def list_limit_notes(limits: Limits, diagonal: float) -> tuple[str, ...]:
 
 def _allow_regression(baseline_value: Decimal, max_regression: Decimal) -> Decimal:
     """Return the limit for an earlier value, no larger than the largest float."""
-    with localcontext(prec=DECIMAL_DIGITS):
+    # Enough digits for the exact product of any two floats, before it is rounded.
+    with localcontext(prec=1000):
         max_value = (baseline_value + baseline_value * max_regression / 100).quantize(
             Decimal(format_percent(0)), ROUND_FLOOR
         )
@@ -172,16 +210,17 @@ def _allow_regression(baseline_value: Decimal, max_regression: Decimal) -> Decim
 
 
 def _check_limit(limit: Limit, summary: ReportSummary) -> LimitCheck:
-    found, frame = (
-        _round_as_printed(summary, limit.metric, limit.unit),
-        _worst_frame_name(summary, limit.metric),
-    )
+    found = _round_as_printed(summary, limit.metric, limit.unit)
+    frames = {
+        "max_deviation": summary.max_deviation_frame,
+        "volume_change": summary.volume_change_frame,
+    }
     return LimitCheck(
         metric=limit.metric,
         unit=limit.unit,
         limit=float(limit.value),
         found=None if found is None else float(found),
-        frame=frame,
+        frame=frames.get(limit.metric, summary.worst_frame),
         passed=None if found is None else found <= limit.value,
     )
 
@@ -203,36 +242,6 @@ def _round_as_printed(summary: ReportSummary, metric: str, unit: str) -> Decimal
     return Decimal(format_percent(value) if unit == PERCENT else format_length(value))
 
 
-def _worst_frame_name(summary: ReportSummary, metric: str) -> str | None:
-    return {
-        "max_deviation": summary.max_deviation_frame,
-        "volume_change": summary.volume_change_frame,
-    }.get(metric, summary.worst_frame)
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """The outcome of one limit or of several, for readers.
-
-    Attributes
-    ----------
-    state : str
-        "good", "bad" or "none"; decides the colour.
-    """
-
-    state: str
-    text: str
-
-
-def make_verdict(check: LimitCheck) -> Verdict:
-    """Return the verdict on one limit."""
-    return {
-        True: Verdict("good", "within limit"),
-        False: Verdict("bad", "over limit"),
-        None: Verdict("none", "not checked"),
-    }[check.passed]
-
-
 def make_overall_verdict(checks: Sequence[LimitCheck]) -> Verdict:
     """Return the verdict on all limits of a result."""
     if not checks:
@@ -248,23 +257,3 @@ def make_overall_verdict(checks: Sequence[LimitCheck]) -> Verdict:
         share = "the limit" if len(checks) == 1 else f"{within} of {len(checks)} limits"
         return Verdict("good", f"Within {share}{unchecked}")
     return Verdict("none", "No limit could be checked")
-
-
-def format_limit(check: LimitCheck) -> str:
-    """Format a limit as it was typed, or as metrics are printed if it comes from a baseline."""
-    return f"{check.limit:.10g}" if check.baseline is None else format_percent(check.limit)
-
-
-def format_limit_with_baseline(check: LimitCheck, unit: str = "") -> str:
-    """Format a limit and its baseline, if it has one; `unit` is put behind numbers."""
-    limit = f"{format_limit(check)}{unit}"
-    if check.baseline is None:
-        return limit
-    return f"{limit} (baseline {format_percent(check.baseline)}{unit})"
-
-
-def format_measured(check: LimitCheck) -> str:
-    """Format the value of a check as in all views."""
-    if check.found is None:
-        return "not defined"
-    return format_percent(check.found) if check.unit == PERCENT else format_length(check.found)

@@ -13,7 +13,6 @@ from cageik_cli.report.figures import (
     KeptSummary,
     ReportSummary,
     VertexMetrics,
-    WorstVertex,
 )
 from cageik_cli.report.fit_figures import (
     UnfittedRecord,
@@ -33,13 +32,6 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import to_unicode
 
 SCHEMA_VERSION = 1
-E_RMS_FACTOR = 2000 / np.sqrt(3)
-
-HISTOGRAM_BINS = 40
-"""Bins of the histogram over vertices."""
-
-MAX_WORST_VERTICES = 10
-"""Vertices in the list of the worst ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +207,7 @@ def _build_summary(result: Result, frames: tuple[FrameRecord, ...], radius: floa
         volume_change_frame=changed.name if changed else None,
         volume_drift_percent_max=max(drifts, key=abs, default=None),
         radius_rms_percent=100 * rms / radius,
-        e_rms=float(E_RMS_FACTOR * rms / diagonal),
+        e_rms=float(2000 / np.sqrt(3) * rms / diagonal),
         kg_error=_compute_kg_error(result),
         frames_skipped=len(result.skipped),
         # Offsets turn with each frame: its rotation has three numbers.
@@ -266,20 +258,21 @@ def _compute_kg_error(result: Result) -> float | None:
     return 100 * rms / spread if spread > 0 else None
 
 
-def _build_vertex_metrics(result: Result) -> VertexMetrics:
+def _build_vertex_metrics(result: Result, bins: int = 40, max_worst: int = 10) -> VertexMetrics:
     rms, percent = result.vertex_rms, 100 / result.rest.diagonal
     known = np.flatnonzero(np.isfinite(rms))
-    counts, edges = np.histogram(
-        percent * rms[known], HISTOGRAM_BINS, (0.0, _positive_max(percent * rms))
-    )
-    worst = known[np.argsort(-rms[known], kind="stable")[:MAX_WORST_VERTICES]]
+    counts, edges = np.histogram(percent * rms[known], bins, (0.0, _positive_max(percent * rms)))
+    worst = known[np.argsort(-rms[known], kind="stable")[:max_worst]]
     return VertexMetrics(
         edges_percent=tuple(edges.tolist()),
         counts=tuple(counts.tolist()),
         worst=tuple(
-            WorstVertex(
-                int(k), float(rms[k]), float(percent * rms[k]), tuple(result.rest.vertices[k])
-            )
+            {
+                "vertex": int(k),
+                "rms": float(rms[k]),
+                "rms_percent": float(percent * rms[k]),
+                "position": tuple(result.rest.vertices[k]),
+            }
             for k in worst
         ),
     )

@@ -11,7 +11,7 @@ from cageik_cli.report import baseline
 from cageik_cli.report.baseline import read_baseline
 from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
-from cageik_cli.report.views.tables import format_json, format_overview_json
+from cageik_cli.report.views.data import format_json, format_overview_json
 from cageik_cli.util.errors import FileAccessError, FormatError
 from tests.report.clips import summary
 

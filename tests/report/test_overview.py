@@ -10,7 +10,7 @@ import pytest
 from cageik_cli.report.figures import ClipRecord, ReportSummary
 from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
-from cageik_cli.report.views.tables import format_overview_csv, format_overview_json
+from cageik_cli.report.views.data import format_overview_csv, format_overview_json
 from tests.report.clips import clip, gate
 
 WELL, OVER, FAILED = clip("a", gate(True)), clip("b", gate(False)), ClipEntry("c", fault="broken")

@@ -13,8 +13,8 @@ from cageik_cli.report.overview import build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
 from cageik_cli.report.regions import CAUSES, REGIONS_UNKNOWN, describe_region
 from cageik_cli.report.render.model_views import load_poses
+from cageik_cli.report.views.data import format_json
 from cageik_cli.report.views.markdown import format_markdown
-from cageik_cli.report.views.tables import format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.regions import Cause
 from tests.report.html.test_page import pictures_of_one_point

@@ -13,9 +13,8 @@ from cageik_cli.report.html.page import render_page
 from cageik_cli.report.limits import Limit, Limits
 from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
-from cageik_cli.report.views.junit import format_junit
+from cageik_cli.report.views.data import format_json, format_junit, format_overview_json
 from cageik_cli.report.views.markdown import format_markdown
-from cageik_cli.report.views.tables import format_json, format_overview_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.report.vocabulary import (
     EDIT_VOCABULARY,

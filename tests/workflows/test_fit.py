@@ -13,8 +13,8 @@ from cageik_cli.report.fit_figures import list_fit_notes
 from cageik_cli.report.html.frames_table import build_quality_rows
 from cageik_cli.report.overview import build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
+from cageik_cli.report.views.data import format_overview_csv
 from cageik_cli.report.views.markdown import format_markdown
-from cageik_cli.report.views.tables import format_overview_csv
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.fitting.fit import Fitter
 from cageik_cli.solver.fitting.record import FitSettings

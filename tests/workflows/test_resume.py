@@ -13,7 +13,7 @@ import pytest
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.report.record import build_report
-from cageik_cli.report.views.tables import format_csv, format_json
+from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver import memory_plan
 from cageik_cli.solver.settings import SolveSettings

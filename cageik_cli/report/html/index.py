@@ -9,8 +9,6 @@ from cageik_cli.report.figures import ReportSummary, format_change, format_perce
 from cageik_cli.report.html.templating import render_template
 from cageik_cli.report.limits import (
     Verdict,
-    format_limit_with_baseline,
-    format_measured,
     make_overall_verdict,
 )
 from cageik_cli.report.overview import ClipEntry, Curve, Overview
@@ -82,8 +80,8 @@ def _build_clip_row(entry: ClipEntry, report: Report, curve: Curve) -> dict[str,
         "verdict": verdict,
         "rank": {"bad": 0, "none": 1, "good": 2}[verdict.state],
         "exceeded": [
-            f"{words.describe_metric(check.metric)} {format_measured(check)} > "
-            f"{format_limit_with_baseline(check, f' {check.unit}')}"
+            f"{words.describe_metric(check.metric)} {check.format_found()} > "
+            f"{check.format_limit_with_baseline(f' {check.unit}')}"
             for check in entry.gates
             if check.passed is False
         ],

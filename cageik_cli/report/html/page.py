@@ -36,10 +36,7 @@ from cageik_cli.report.html.templating import (
 from cageik_cli.report.limits import (
     PERCENT,
     LimitCheck,
-    format_limit_with_baseline,
-    format_measured,
     make_overall_verdict,
-    make_verdict,
 )
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip
 from cageik_cli.report.plots.error_plot import render_page_plot
@@ -52,7 +49,7 @@ from cageik_cli.report.regions import (
     name_cause,
 )
 from cageik_cli.report.render.model_views import load_poses
-from cageik_cli.report.views.tables import format_json
+from cageik_cli.report.views.data import format_json
 from cageik_cli.report.vocabulary import (
     SETTING_MEANINGS,
     Vocabulary,
@@ -230,11 +227,11 @@ def _build_limit_row(check: LimitCheck, words: Vocabulary) -> dict[str, Any]:
     return {
         "metric": words.describe_metric(check.metric),
         "baseline": "" if check.baseline is None else f"baseline {format_percent(check.baseline)}",
-        "limit": format_limit_with_baseline(check),
-        "value": format_measured(check),
+        "limit": check.format_limit_with_baseline(),
+        "value": check.format_found(),
         "unit": f"% of the {whole}" if check.unit == PERCENT else "file units",
         "frame": check.frame or "",
-        "verdict": make_verdict(check),
+        "verdict": check.verdict,
     }
 
 

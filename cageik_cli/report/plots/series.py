@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.report.limits import PERCENT, LimitCheck, format_limit, make_verdict
+from cageik_cli.report.limits import PERCENT, LimitCheck
 from cageik_cli.report.plots.style import CURVE_STYLES
 from cageik_cli.report.record import Report
 from cageik_cli.report.render.shading import MIN_SCALE_PERCENT
@@ -130,5 +130,5 @@ def _split_limits(
 
 def label_limit(check: LimitCheck, words: Vocabulary) -> str:
     """Format a limit and its verdict for a label."""
-    verdict = make_verdict(check).text
-    return f"{words.limits[check.metric]} ≤ {format_limit(check)} {check.unit}, {verdict}"
+    verdict = check.verdict.text
+    return f"{words.limits[check.metric]} ≤ {check.format_limit()} {check.unit}, {verdict}"

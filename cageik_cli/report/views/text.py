@@ -14,9 +14,6 @@ from cageik_cli.report.figures import (
 from cageik_cli.report.fit_figures import format_fit_rows
 from cageik_cli.report.limits import (
     LimitCheck,
-    format_limit_with_baseline,
-    format_measured,
-    make_verdict,
 )
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import describe_region, explain_regions, list_remedies
@@ -129,11 +126,9 @@ def format_accuracy_row(quality: WeightQuality, accuracy: object) -> tuple[str, 
 
 def format_check_row(check: LimitCheck, words: Vocabulary) -> tuple[str, str]:
     """Return the verdict of a check, and its metric, value, limit and frame as a line."""
-    metric, verdict = words.limits[check.metric], make_verdict(check).text
-    found, limit = (
-        format_measured(check),
-        f"limit {format_limit_with_baseline(check, f' {check.unit}')}",
-    )
+    metric, verdict = words.limits[check.metric], check.verdict.text
+    found = check.format_found()
+    limit = f"limit {check.format_limit_with_baseline(f' {check.unit}')}"
     if check.found is None:
         return verdict, f"{metric} {found}, {limit}"
     place = words.worst_frame if check.metric == "rms" else "at"

@@ -9,9 +9,8 @@ from pathlib import Path
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.overview import ClipEntry, Overview, build_overview
-from cageik_cli.report.views.junit import format_junit
+from cageik_cli.report.views.data import format_junit, format_overview_csv, format_overview_json
 from cageik_cli.report.views.markdown import format_markdown
-from cageik_cli.report.views.tables import format_overview_csv, format_overview_json
 from cageik_cli.store.result import checkpoint_path, is_result
 from cageik_cli.util.errors import CageikError, OutputError
 from cageik_cli.util.files import open_locked, remove_locked

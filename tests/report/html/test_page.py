@@ -23,7 +23,7 @@ from cageik_cli.report.limits import (
     make_overall_verdict,
 )
 from cageik_cli.report.record import build_report
-from cageik_cli.report.views.tables import format_json
+from cageik_cli.report.views.data import format_json
 from cageik_cli.report.views.text import format_text
 from tests.report.hostile import NAMES, with_hostile_names
 from tests.report.markup import find_faults, parse_page
@@ -192,11 +192,11 @@ def test_every_number_of_the_record_is_on_the_page(page, report):
     ]
     for vertex in vertices.worst:
         printed += [
-            str(vertex.vertex),
-            format_percent(vertex.rms_percent),
-            format_length(vertex.rms),
+            str(vertex["vertex"]),
+            format_percent(vertex["rms_percent"]),
+            format_length(vertex["rms"]),
         ]
-        printed += map(format_length, vertex.position)
+        printed += map(format_length, vertex["position"])
     missing = [text for text in printed if not re.search(rf"(?<!\w){re.escape(text)}(?!\w)", words)]
     assert missing == []
 

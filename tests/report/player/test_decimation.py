@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.report.player.decimation import decimate
+from cageik_cli.report.player.payload import decimate
 from tests.shapes import ball
 
 

@@ -81,11 +81,11 @@ def test_the_metrics_of_vertices(closed, missing):
     for k, count in enumerate(vertices.counts[:-1]):
         assert count == ((percent[known] >= edges[k]) & (percent[known] < edges[k + 1])).sum()
     worst = known[np.argsort(-case_rms[known])][:10]
-    assert [entry.vertex for entry in vertices.worst] == worst.tolist()
+    assert [entry["vertex"] for entry in vertices.worst] == worst.tolist()
     for entry in vertices.worst:
-        assert entry.rms == pytest.approx(case_rms[entry.vertex])
-        assert entry.rms_percent == pytest.approx(percent[entry.vertex])
-        assert entry.position == tuple(closed.frames[0][entry.vertex])
+        assert entry["rms"] == pytest.approx(case_rms[entry["vertex"]])
+        assert entry["rms_percent"] == pytest.approx(percent[entry["vertex"]])
+        assert entry["position"] == tuple(closed.frames[0][entry["vertex"]])
 
 
 def test_vertices_without_error_are_in_the_first_bin(closed):

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import pytest
 
 from cageik_cli.report.overview import ClipEntry, build_overview
-from cageik_cli.report.views.junit import format_junit
+from cageik_cli.report.views.data import format_junit
 from tests.report.clips import HOSTILE, clip, gate
 
 SUITE = {

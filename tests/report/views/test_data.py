@@ -8,7 +8,7 @@ from dataclasses import asdict, fields
 import pytest
 
 from cageik_cli.report.record import FrameRecord, build_report
-from cageik_cli.report.views.tables import format_csv, format_json
+from cageik_cli.report.views.data import format_csv, format_json
 
 KEYS = {
     "schema", "tool", "result", "edited_from", "sources", "settings", "notes", "clip", "binding",

@@ -1,0 +1,135 @@
+"""The report for programs: JSON of the whole record, CSV of frames or clips, and JUnit XML."""
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from cageik_cli.report.figures import ClipRecord, FrameRecord, ReportSummary
+from cageik_cli.report.limits import LimitCheck
+from cageik_cli.report.overview import ClipEntry, Overview
+from cageik_cli.report.record import Report
+from cageik_cli.report.views.text import format_check_row
+from cageik_cli.report.vocabulary import Vocabulary
+from cageik_cli.util.text import single_line
+
+
+def format_json(reports: Sequence[Report]) -> str:
+    """Format the record as JSON, several records as a list; metrics not defined are null."""
+    records = [asdict(report) for report in reports]
+    return (
+        json.dumps(records[0] if len(records) == 1 else records, indent=1, allow_nan=False) + "\n"
+    )
+
+
+def format_csv(reports: Sequence[Report]) -> str:
+    """Write one line per frame, starting with its result's name; metrics not defined are empty."""
+    stream = io.StringIO()
+    columns = [field.name for field in fields(FrameRecord)]
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["result", *columns])
+    for report in reports:
+        for frame in report.frames:
+            writer.writerow([report.result, *(getattr(frame, column) for column in columns)])
+    return stream.getvalue()
+
+
+def format_overview_json(overview: Overview) -> str:
+    """Format the record of a batch as JSON; metrics not defined are null."""
+    record = {
+        "schema": overview.schema,
+        "tool": overview.tool,
+        "clips": [_collect_entry(entry) for entry in overview.clips],
+    }
+    return json.dumps(record, indent=1, allow_nan=False) + "\n"
+
+
+def _collect_entry(entry: ClipEntry) -> dict[str, Any]:
+    """Collect what the record of a batch has of a clip: parts of its report beside its files."""
+    report = {} if entry.report is None else asdict(entry.report)
+    own = {name: getattr(entry, name) for name in ("name", "fault", "result", "page")}
+    own |= {name: report.get(name) for name in ("clip", "binding", "summary")}
+    own["curve"] = None if entry.curve is None else asdict(entry.curve)
+    own |= {name: report.get(name, ()) for name in ("gates", "notes")}
+    return own | {name: report.get(name) for name in ("edited_from", "regions", "fit")}
+
+
+def format_overview_csv(overview: Overview) -> str:
+    """Write one line per clip: its fault, the limits it exceeds, its counts and summary."""
+    stream = io.StringIO()
+    parts = (("clip", ClipRecord), ("summary", ReportSummary))
+    columns = [(part, field.name) for part, record in parts for field in fields(record)]
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["name", "fault", "over_limit", *(name for _, name in columns)])
+    for entry in overview.clips:
+        over = dict.fromkeys(check.metric for check in entry.gates if check.passed is False)
+        values = (getattr(getattr(entry.report, part, None), name, None) for part, name in columns)
+        writer.writerow([entry.name, entry.fault, " ".join(over), *values])
+    return stream.getvalue()
+
+
+def format_junit(overview: Overview) -> str:
+    """Write JUnit XML: per clip a suite, with a case `extracted` or `edited` and one per limit.
+
+    A failed clip is an error, an exceeded limit is a failure, and the limit of a metric that is not
+    defined is skipped. Notes are the suite's output. The elements and attributes are those that the
+    schema of Ant's JUnit task requires.
+    """
+    root = Element("testsuites")
+    for k, entry in enumerate(overview.clips):
+        _add_suite(root, k, entry)
+    ElementTree.indent(root, " ")
+    head = '<?xml version="1.0" encoding="UTF-8"?>'
+    return f"{head}\n{ElementTree.tostring(root, encoding='unicode')}\n"
+
+
+def _add_suite(root: Element, number: int, entry: ClipEntry) -> None:
+    words = entry.vocabulary
+    name = " ".join(single_line(entry.name).split()) or "unnamed"
+    verdicts = [check.passed for check in entry.gates]
+    counts = {
+        "tests": 1 + len(verdicts),
+        "failures": verdicts.count(False),
+        "errors": int(entry.has_failed),
+        "skipped": verdicts.count(None),
+    }
+    attributes = {"name": name, "package": "", "id": str(number)}
+    attributes |= {key: str(count) for key, count in counts.items()}
+    # The schema requires a time and a host; the same input must give the same bytes.
+    fixed = {"timestamp": "1970-01-01T00:00:00", "hostname": "localhost", "time": "0"}
+    suite = SubElement(root, "testsuite", attributes | fixed)
+    SubElement(suite, "properties")
+    done = SubElement(suite, "testcase", classname=name, name=words.done, time="0")
+    if entry.fault is not None:
+        _add_fault(done, "error", single_line(entry.fault))
+    for check in entry.gates:
+        _add_case(suite, name, check, words)
+    SubElement(suite, "system-out").text = "\n".join(map(single_line, entry.notes))
+    SubElement(suite, "system-err")
+
+
+def _add_case(suite: Element, clip: str, check: LimitCheck, words: Vocabulary) -> None:
+    case = SubElement(
+        suite, "testcase", classname=clip, name=_format_case_name(check, words), time="0"
+    )
+    verdict, line = format_check_row(check, words)
+    if check.passed is None:
+        SubElement(case, "skipped", message=line)
+    elif not check.passed:
+        _add_fault(case, "failure", f"{verdict}: {line}")
+
+
+def _format_case_name(check: LimitCheck, words: Vocabulary) -> str:
+    """Name a limit without the value that was found, so that names are the same in all runs."""
+    metric = words.limits[check.metric]
+    if check.baseline is not None:
+        return f"{metric} against the baseline"
+    return f"{metric} at most {check.limit:.10g} {check.unit}"
+
+
+def _add_fault(case: Element, kind: str, sentence: str) -> None:
+    SubElement(case, kind, message=sentence, type=kind).text = sentence
