@@ -3,16 +3,13 @@
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import (
-    ArrayLayout,
     BinaryFile,
+    ChunkedFrames,
     StoredFrames,
     check_file_size,
 )
-from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile, single_path
+from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.util.errors import FormatError
-
-_INT32, _FLOAT32 = np.dtype("<i4"), np.dtype("<f4")
 
 
 class Reader(ArrayClipFile):
@@ -23,33 +20,32 @@ class Reader(ArrayClipFile):
     @classmethod
     def open_clip(cls, request: ClipRequest) -> ArrayClip:
         """Read the faces and frame 0, and find the offsets of the others."""
-        file = BinaryFile.open(single_path(request.paths))
-        if file.size < 12:
-            raise FormatError(f"{file.size} bytes, an .anime file has at least 12; copy it again")
-        frames, vertices, triangles = map(int, file.read_array(0, _INT32, (3,)))
+        file = BinaryFile.open(request.path)
+        frames, vertices, triangles = file.read_header("<3i", "an .anime file")
         check_file_size(
             file,
             12 + 12 * frames * vertices + 12 * triangles,
             {"frames": frames, "vertices": vertices, "triangles": triangles},
         )
-        first = file.read_array(12, _FLOAT32, (vertices, 3))
-        faces = file.read_array(12 + 12 * vertices, _INT32, (triangles, 3))
-        offset = 12 + 12 * (vertices + triangles)
-        offsets = StoredFrames(file, ArrayLayout(offset, _FLOAT32, frames - 1, vertices))
+        float32 = np.dtype("<f4")
+        first = file.read_array(12, float32, (vertices, 3))
+        faces = file.read_array(12 + 12 * vertices, np.dtype("<i4"), (triangles, 3))
+        place = 12 + 12 * (vertices + triangles)
+        offsets = StoredFrames(file, place, float32, frame_count=frames - 1, vertex_count=vertices)
         return ArrayClip(_OffsetFrames(first, offsets), faces)
 
 
-class _OffsetFrames:
+class _OffsetFrames(ChunkedFrames):
     """Frames that are stored as offsets from frame 0."""
 
     def __init__(self, first: np.ndarray, offsets: StoredFrames) -> None:
         with np.errstate(invalid="ignore"):  # checked when the frame is read
             self._first, self._offsets = first.astype(np.float64), offsets
-        self.frame_count, self.vertex_count = offsets.frame_count + 1, offsets.vertex_count
+        super().__init__(offsets.frame_count + 1, offsets.vertex_count, chunk_frames=1, itemsize=8)
 
-    def read_frame(self, index: int) -> np.ndarray:
-        """Read the positions of one frame, (m, 3)."""
-        if index == 0:
-            return self._first
+    def read_chunk(self, start: int, stop: int) -> np.ndarray:
+        """Read frame `start`, (1, m, 3)."""
+        if start == 0:
+            return self._first[None]
         with np.errstate(invalid="ignore"):
-            return np.asarray(self._first + self._offsets.read_frame(index - 1))
+            return np.asarray(self._first + self._offsets.read_frame(start - 1))[None]

@@ -1,7 +1,6 @@
 """Clips in HDF5 files, in the layouts of SPLOCS and of D-FAUST."""
 
 from contextlib import ExitStack
-from dataclasses import dataclass
 from difflib import get_close_matches
 from math import prod
 from pathlib import Path
@@ -22,7 +21,7 @@ from cageik_cli.formats.base.hdf5 import (
     scalar_attributes,
     wrap_hdf5_errors,
 )
-from cageik_cli.formats.base.readers import ClipFile, check_zero_based, single_path
+from cageik_cli.formats.base.readers import ClipFile, check_zero_based
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import SceneHints, parse_scene_metadata
 from cageik_cli.geometry.mesh import TriMesh
@@ -30,35 +29,15 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, join_truncated
 from cageik_cli.util.text import to_unicode
 
-
-@dataclass(frozen=True, slots=True)
-class Hdf5Layout:
-    """Where a file has its faces, and which axis of its positions is the frames.
-
-    Attributes
-    ----------
-    faces : str
-        The dataset's name.
-    frame_axis : int
-        0 for (F, m, 3), 2 for (m, 3, F).
-    is_scaled : bool
-        Whether positions must be multiplied by an attribute `scale`, and `mean` added.
-    """
-
-    faces: str
-    frame_axis: int
-    is_scaled: bool
-
-
 MAX_HDF5_CHUNK_BYTES = 1 << 28
 """Bytes of a chunk; HDF5 unpacks a whole chunk even if a part is read."""
 
-SPLOCS = Hdf5Layout("tris", 0, True)
-DFAUST = Hdf5Layout("faces", 2, False)
 
+def find_clips(file: Any) -> tuple[bool, list[str]]:
+    """Find whether a file is as of D-FAUST, and the names of the datasets of its clips.
 
-def find_clips(file: Any) -> tuple[Hdf5Layout, list[str]]:
-    """Find the layout of a file, and the names of the datasets of its clips.
+    D-FAUST has clips of (m, 3, F) and one dataset `faces`. SPLOCS has `tris`, and one clip `verts`
+    of (F, m, 3), which may be scaled.
 
     Raises
     ------
@@ -71,7 +50,7 @@ def find_clips(file: Any) -> tuple[Hdf5Layout, list[str]]:
     if is_result and not np.all(read_attribute(file, "complete")):
         raise FormatError("is not complete: its run was interrupted; run cageik extract again")
     if "verts" in file:
-        return SPLOCS, ["verts"]
+        return False, ["verts"]
     if "default" in file:
         raise FormatError(
             "holds components of a deformation model, not a clip; give the clip itself"
@@ -83,7 +62,7 @@ def find_clips(file: Any) -> tuple[Hdf5Layout, list[str]]:
             "holds no clip; expected datasets `verts` and `tris`, or clips of (vertices, 3, "
             "frames) and `faces`"
         )
-    return DFAUST, found
+    return True, found
 
 
 def choose_clip(names: list[str], member: str | None) -> str:
@@ -116,26 +95,23 @@ class Hdf5Frames(ChunkedFrames):
     Frames that share chunks are read together, so that each chunk is decompressed once.
     """
 
-    def __init__(self, file: Any, name: str, layout: Hdf5Layout) -> None:
-        self._is_frame_axis_last = layout.frame_axis == 2
-        shape = (None, 3, None) if self._is_frame_axis_last else (None, None, 3)
+    def __init__(self, file: Any, name: str, is_dfaust: bool) -> None:
+        self._is_dfaust, frame_axis = is_dfaust, 2 if is_dfaust else 0
+        shape = (None, 3, None) if is_dfaust else (None, None, 3)
         self._stored = stored = get_dataset(file, name, "f", shape)
         self._scale, self._mean = np.ones(1), np.zeros(1)
-        if layout.is_scaled:
+        if not is_dfaust:
             self._scale = _read_attribute(file, name, "scale", 1.0)
             self._mean = _read_attribute(file, name, "mean", 0.0)
-        count, vertices = (
-            stored.shape[layout.frame_axis],
-            stored.shape[0 if self._is_frame_axis_last else 1],
-        )
-        unchunked = count if self._is_frame_axis_last else 1
+        count, vertices = stored.shape[frame_axis], stored.shape[0 if is_dfaust else 1]
+        unchunked = count if is_dfaust else 1
         chunk = prod(stored.chunks or (1,)) * stored.dtype.itemsize
         if chunk > MAX_HDF5_CHUNK_BYTES:
             raise FormatError(
                 f"`{to_unicode(name)}` has chunks of {chunk} bytes, expected at most "
                 f"{MAX_HDF5_CHUNK_BYTES}; write smaller ones, such as a frame each (h5repack -l)"
             )
-        chunk_frames = stored.chunks[layout.frame_axis] if stored.chunks else unchunked
+        chunk_frames = stored.chunks[frame_axis] if stored.chunks else unchunked
         super().__init__(count, vertices, chunk_frames, stored.dtype.itemsize)
 
     def read_frame(self, index: int) -> Floats:
@@ -148,7 +124,7 @@ class Hdf5Frames(ChunkedFrames):
 
     def read_chunk(self, start: int, stop: int) -> np.ndarray:
         """Read frames `start` up to `stop`, exclusive: (k, m, 3)."""
-        if self._is_frame_axis_last:
+        if self._is_dfaust:
             return np.moveaxis(self._stored[:, :, start:stop], 2, 0)
         return np.asarray(self._stored[start:stop])
 
@@ -173,12 +149,12 @@ class Reader(ClipFile):
     has_members = True
 
     def __init__(self, request: ClipRequest) -> None:
-        path = single_path(request.paths)
+        path = request.path
         with wrap_hdf5_errors(path), ExitStack() as stack:
             file = stack.enter_context(open_file(path))
-            layout, names = find_clips(file)
-            self._frames = Hdf5Frames(file, choose_clip(names, request.member), layout)
-            faces = read_array(file, layout.faces, "iu", (None, 3))
+            is_dfaust, names = find_clips(file)
+            self._frames = Hdf5Frames(file, choose_clip(names, request.member), is_dfaust)
+            faces = read_array(file, "faces" if is_dfaust else "tris", "iu", (None, 3))
             hints, notes = parse_scene_metadata(scalar_attributes(file, SceneHints.__slots__))
             self.set_frames(request, self._frames.frame_count, hints)
             self.notes = tuple(f"{to_unicode(path.name)}: {note}" for note in notes)
@@ -200,12 +176,12 @@ class Reader(ClipFile):
     @classmethod
     def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
         """List the clips in a file that holds several, if none of them is requested."""
-        path = single_path(request.paths)
+        path = request.path
         with open_checked(path) as file:
-            layout, names = find_clips(file)
+            is_dfaust, names = find_clips(file)
             if len(names) == 1 or request.member is not None:
                 return []
-            clips = [(name, Hdf5Frames(file, name, layout)) for name in names]
+            clips = [(name, Hdf5Frames(file, name, is_dfaust)) for name in names]
             return [
                 ("holds", f"{len(names)} clips; choose one as FILE::CLIP"),
                 *(

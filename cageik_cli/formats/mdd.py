@@ -1,23 +1,19 @@
 """MDD point caches: int32 F and m, the time of each frame in seconds, float32 positions."""
 
 import struct
-from pathlib import Path
 
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import (
-    ArrayLayout,
     BinaryFile,
     StoredFrames,
     check_file_size,
 )
-from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile, single_path
+from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.base.writers import Animation, PointCacheWriter, make_blender_notes
+from cageik_cli.formats.base.writers import Animation, PointCacheWriter
 from cageik_cli.formats.settings import SceneHints, find_frame_step
 from cageik_cli.util.errors import FormatError
-
-_INT32, _FLOAT32 = np.dtype(">i4"), np.dtype(">f4")
 
 
 class Reader(ArrayClipFile):
@@ -28,19 +24,16 @@ class Reader(ArrayClipFile):
     @classmethod
     def open_clip(cls, request: ClipRequest) -> ArrayClip:
         """Find the frames and their times."""
-        file = BinaryFile.open(single_path(request.paths))
-        if file.size < 8:
-            raise FormatError(f"{file.size} bytes, an MDD file has at least 8; export it again")
-        frames, vertices = map(int, file.read_array(0, _INT32, (2,)))
-        check_file_size(
-            file,
-            8 + 4 * frames + 12 * frames * vertices,
-            {"frames": frames, "vertices": vertices},
+        file = BinaryFile.open(request.path)
+        frames, vertices = file.read_header(">2i", "an MDD file")
+        size = 8 + 4 * frames + 12 * frames * vertices
+        check_file_size(file, size, {"frames": frames, "vertices": vertices})
+        float32 = np.dtype(">f4")
+        scene, notes = _infer_timing(file.read_array(8, float32, (frames,)))
+        stored = StoredFrames(
+            file, 8 + 4 * frames, float32, frame_count=frames, vertex_count=vertices
         )
-        times = file.read_array(8, _FLOAT32, (frames,))
-        scene, notes = _infer_timing(times)
-        layout = ArrayLayout(8 + 4 * frames, _FLOAT32, frames, vertices)
-        return ArrayClip(StoredFrames(file, layout), None, scene, notes)
+        return ArrayClip(stored, None, scene, notes)
 
 
 def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
@@ -85,10 +78,6 @@ class Writer(PointCacheWriter):
 
     suffixes = (".mdd",)
     dtype = ">f4"
-
-    def __init__(self, target: Path, animation: Animation) -> None:
-        super().__init__(target, animation)
-        self.notes = make_blender_notes(animation.scene)
 
     def make_header(self, animation: Animation) -> bytes:
         """Return both counts, and the times."""

@@ -2,18 +2,16 @@
 
 import zipfile
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 
-from cageik_cli.formats.base.binary_frames import ArrayLayout, StoredFrames
+from cageik_cli.formats.base.binary_frames import StoredFrames
 from cageik_cli.formats.base.readers import (
     ArrayClip,
     ArrayClipFile,
     check_zero_based,
-    single_path,
 )
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.base.writers import Animation, AnimationWriter
@@ -23,45 +21,25 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError
 
 
-@dataclass(frozen=True, slots=True)
-class AxisOrder:
-    """A possible order of the axes of an array of positions.
-
-    Attributes
-    ----------
-    layout : str
-        One of `LAYOUTS`.
-    """
-
-    layout: str
-    frame_count: int
-    vertex_count: int
-
-    def __str__(self) -> str:
-        return f"{self.layout} ({self.frame_count} frames of {self.vertex_count} vertices)"
-
-
-def candidate_orders(shape: tuple[int, ...], layout: str | None) -> list[AxisOrder]:
-    """Return the possible orders of an array of this shape; only `layout` if it is given.
+def list_layouts(shape: tuple[int, ...], layout: str | None) -> list[str]:
+    """List the orders that the axes of an array may have; only `layout` if it is given.
 
     Raises
     ------
-    InputError
+    FormatError
         When no order is possible.
     """
-    found = [
-        AxisOrder(order, shape[order.index("f")], shape[order.index("v")])
-        for order in LAYOUTS
-        if len(shape) == 3 and shape[order.index("x")] == 3 and layout in (None, order)
-    ]
+    asked = LAYOUTS if layout is None else (layout,)
+    found = [order for order in asked if len(shape) == 3 and shape[order.index("x")] == 3]
     if not found or min(shape) < 1:
-        expected = " or ".join(map(_format_layout, LAYOUTS if layout is None else (layout,)))
+        axes = {"f": "frames", "v": "vertices", "x": "3"}
+        expected = " or ".join(f"({', '.join(axes[axis] for axis in order)})" for order in asked)
         raise FormatError(f"positions have shape {shape}, expected {expected}")
     return found
 
 
-def choose_order(candidates: list[AxisOrder], expected_vertices: int | None) -> AxisOrder:
-    """Return the only possible or the only likely order.
+def choose_layout(layouts: list[str], shape: tuple[int, ...], expected_vertices: int | None) -> str:
+    """Return the only possible or the only likely order of the axes of an array.
 
     Parameters
     ----------
@@ -71,29 +49,23 @@ def choose_order(candidates: list[AxisOrder], expected_vertices: int | None) -> 
 
     Raises
     ------
-    InputError
+    SettingError
         When several orders are equally likely, naming them.
     """
-    if len(candidates) == 1:
-        return candidates[0]
-    exact = [order for order in candidates if order.vertex_count == expected_vertices]
-    larger = [
-        order
-        for order in candidates
-        if expected_vertices is None or order.vertex_count > expected_vertices
-    ]
-    best = exact or larger or candidates
+    if len(layouts) == 1:
+        return layouts[0]
+    counts = {order: shape[order.index("v")] for order in layouts}
+    least = expected_vertices or 0
+    exact = [order for order, count in counts.items() if count == expected_vertices]
+    larger = [order for order, count in counts.items() if count > least]
+    best = exact or larger or layouts
     if len(best) > 1:
-        raise SettingError(
-            f"positions can be read as {' or '.join(map(str, best))}; choose with --layout"
+        texts = (
+            f"{order} ({shape[order.index('f')]} frames of {counts[order]} vertices)"
+            for order in best
         )
+        raise SettingError(f"positions can be read as {' or '.join(texts)}; choose with --layout")
     return best[0]
-
-
-def _format_layout(layout: str) -> str:
-    return (
-        "(" + ", ".join({"f": "frames", "v": "vertices", "x": "3"}[axis] for axis in layout) + ")"
-    )
 
 
 VERTEX_NAMES = ("vertices", "verts", "V", "v")
@@ -109,7 +81,7 @@ class Reader(ArrayClipFile):
     @classmethod
     def open_clip(cls, request: ClipRequest) -> ArrayClip:
         """Find the arrays, and which axis is which."""
-        path = single_path(request.paths)
+        path = request.path
         if path.suffix.lower() == ".npy":
             return ArrayClip(_open_frames(open_npy(path), None, request))
         archive = _open_clip_archive(path)
@@ -157,25 +129,28 @@ def _open_frames(array: FileArray, faces: np.ndarray | None, request: ClipReques
         raise FormatError(
             f"positions are {array.dtype} of shape {array.shape}, expected floating-point numbers"
         )
-    candidates, expected_vertices = candidate_orders(array.shape, request.settings.layout), None
+    layouts = list_layouts(array.shape, request.settings.layout)
+    expected_vertices = None
     if faces is not None:
-        for candidate in candidates:
-            check_zero_based(faces, candidate.vertex_count)
+        for layout in layouts:
+            check_zero_based(faces, array.shape[layout.index("v")])
         expected_vertices = int(faces.max()) + 1
     elif request.rest is not None:
         expected_vertices = len(request.rest.mesh.vertices)
-    found = choose_order(candidates, expected_vertices)
-    order = found.layout[::-1] if array.is_fortran_order else found.layout
-    layout = ArrayLayout(array.offset, array.dtype, found.frame_count, found.vertex_count, order)
-    return StoredFrames(array.file, layout)
-
-
-_FIXED_DATE = (1980, 1, 1, 0, 0, 0)
+    layout = choose_layout(layouts, array.shape, expected_vertices)
+    return StoredFrames(
+        array.file,
+        array.offset,
+        array.dtype,
+        frame_count=array.shape[layout.index("f")],
+        vertex_count=array.shape[layout.index("v")],
+        axis_order=layout[::-1] if array.is_fortran_order else layout,
+    )
 
 
 def fixed_date_zipinfo(name: str) -> zipfile.ZipInfo:
     """Return a member with the first date of zip: the same bytes at any time."""
-    return zipfile.ZipInfo(name, _FIXED_DATE)
+    return zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
 
 
 class Writer(AnimationWriter):

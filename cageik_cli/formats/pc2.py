@@ -2,24 +2,26 @@
 
 import struct
 from math import isfinite
-from pathlib import Path
 
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import (
-    ArrayLayout,
     BinaryFile,
     StoredFrames,
     check_file_size,
 )
-from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile, single_path
+from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.base.writers import Animation, PointCacheWriter, make_blender_notes
+from cageik_cli.formats.base.writers import Animation, PointCacheWriter
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.util.errors import FormatError
 
-_HEADER = struct.Struct("<12siiffi")
-_MAGIC = b"POINTCACHE2\0"
+HEADER = "<12siiffi"
+"""The name of the format, its version, the number of vertices, the number of the first frame, the
+step from a sample to the next in frames, and the number of samples; 32 bytes."""
+
+MAGIC = b"POINTCACHE2\0"
+"""What a file begins with."""
 
 
 class Reader(ArrayClipFile):
@@ -30,14 +32,11 @@ class Reader(ArrayClipFile):
     @classmethod
     def open_clip(cls, request: ClipRequest) -> ArrayClip:
         """Find the frames, and their numbers."""
-        file = BinaryFile.open(single_path(request.paths))
-        if file.size < _HEADER.size:
-            raise FormatError(f"{file.size} bytes, a PC2 file has at least 32; export it again")
-        header = file.read_array(0, np.dtype(np.uint8), (_HEADER.size,)).tobytes()
-        magic, version, vertices, start, rate, frames = _HEADER.unpack(header)
-        if magic != _MAGIC or version != 1:
+        file = BinaryFile.open(request.path)
+        magic, version, vertices, start, rate, frames = file.read_header(HEADER, "a PC2 file")
+        if magic != MAGIC or version != 1:
             raise FormatError(
-                f"begins with {magic!r} and version {version}, expected {_MAGIC!r} and version 1; "
+                f"begins with {magic!r} and version {version}, expected {MAGIC!r} and version 1; "
                 "it is not a PC2 file that can be read, export it again"
             )
         check_file_size(file, 32 + 12 * frames * vertices, {"frames": frames, "vertices": vertices})
@@ -46,10 +45,9 @@ class Reader(ArrayClipFile):
                 f"starts at frame {start} with a sample every {rate} frames, expected a finite "
                 "start and a step above zero; export it again"
             )
-        layout = ArrayLayout(32, np.dtype("<f4"), frames, vertices)
-        step = None if rate == 1 else rate
-        scene = SceneHints(start=start, frame_step=step)
-        return ArrayClip(StoredFrames(file, layout), None, scene)
+        stored = StoredFrames(file, 32, np.dtype("<f4"), frame_count=frames, vertex_count=vertices)
+        scene = SceneHints(start=start, frame_step=None if rate == 1 else rate)
+        return ArrayClip(stored, None, scene)
 
 
 class Writer(PointCacheWriter):
@@ -58,11 +56,9 @@ class Writer(PointCacheWriter):
     suffixes = (".pc2",)
     dtype = "<f4"
 
-    def __init__(self, target: Path, animation: Animation) -> None:
-        super().__init__(target, animation)
-        self.notes = make_blender_notes(animation.scene)
-
     def make_header(self, animation: Animation) -> bytes:
         """Return the 32 bytes before the first sample."""
         count, scene = len(animation.rest.vertices), animation.scene
-        return _HEADER.pack(_MAGIC, 1, count, scene.start, scene.frame_step, animation.frame_count)
+        return struct.pack(
+            HEADER, MAGIC, 1, count, scene.start, scene.frame_step, animation.frame_count
+        )

@@ -13,7 +13,7 @@ from cageik_cli.formats.base.hdf5 import (
     read_attribute,
     read_texts,
 )
-from cageik_cli.formats.base.sequence import GapFiller
+from cageik_cli.formats.base.sequence import fill_gaps
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import (
@@ -124,12 +124,12 @@ def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
     InputError
         When a block cannot be read, or is not finite.
     """
-    filler = GapFiller(len(result.frames), result.gaps)
+    known = np.setdiff1d(np.arange(len(result.frames)), result.gaps)
     with open_checked(result.path) as file:
         cages = get_dataset(file, "verts", "f", (len(result.frames), len(result.cage.vertices), 3))
         for start in range(first, len(cages), size):
             block = np.asarray(cages[start : start + size], np.float64)
-            filler.fill(block, start, cages.__getitem__)
+            fill_gaps(block, start, known, cages.__getitem__)
             wrong = np.flatnonzero(~np.isfinite(block).all(axis=(1, 2)))
             if len(wrong):
                 raise FormatError(f"the cage of frame {start + wrong[0]} is not finite")

@@ -13,7 +13,7 @@ from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.base.sequence import GapFiller, MeshSequence
+from cageik_cli.formats.base.sequence import MeshSequence, fill_gaps
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
@@ -246,16 +246,15 @@ class CageFrames:
     @staticmethod
     def from_clip(clip: MeshSequence, jobs: int) -> "CageFrames":
         """Return the frames of a clip of cages, which threads read in advance; gaps are filled."""
-        filler = GapFiller(len(clip), clip.missing)
+        known = np.setdiff1d(np.arange(len(clip)), list(clip.missing))
 
         def blocks(size: int) -> Iterator[Floats]:
             with closing(clip.blocks(size, jobs)) as read:
                 for block in read:
                     block.raise_read_errors(ignore_missing=True)
-                    filler.fill(block.positions, block.start, clip.read_frame)
+                    fill_gaps(block.positions, block.start, known, clip.read_frame)
                     yield block.positions
 
-        known = np.setdiff1d(np.arange(len(clip)), list(clip.missing))
         return CageFrames(len(clip), known, clip.read_frame, blocks)
 
 

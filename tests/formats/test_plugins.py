@@ -61,7 +61,7 @@ import json
 
 import numpy as np
 
-from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile, single_path
+from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile
 from cageik_cli.formats.base.writers import AnimationWriter
 
 
@@ -79,7 +79,7 @@ class Reader(ArrayClipFile):
 
     @classmethod
     def open_clip(cls, request):
-        frames, faces = json.loads(single_path(request.paths).read_text())
+        frames, faces = json.loads(request.path.read_text())
         return ArrayClip(Frames(frames), np.array(faces))
 
 

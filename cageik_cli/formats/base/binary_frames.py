@@ -1,14 +1,15 @@
 """Frames at known offsets of a binary file, read on demand."""
 
 import os
+import struct
 import weakref
 from abc import ABC, abstractmethod
 from collections import deque
-from dataclasses import dataclass
 from io import BufferedIOBase, RawIOBase
 from math import prod
 from pathlib import Path
 from threading import Lock
+from typing import Any
 
 import numpy as np
 
@@ -93,6 +94,19 @@ class BinaryFile:
         """
         return BinaryFile(open_input(path))
 
+    def read_header(self, layout: str, noun: str) -> tuple[Any, ...]:
+        """Unpack what is at the beginning, as `struct` does; `noun` is what the file should be.
+
+        Raises
+        ------
+        FormatError
+            When the file is shorter.
+        """
+        size = struct.calcsize(layout)
+        if self.size < size:
+            raise FormatError(f"{self.size} bytes, {noun} has at least {size}; export it again")
+        return struct.unpack(layout, self.read_array(0, np.dtype(np.uint8), (size,)).tobytes())
+
     def read_array(self, offset: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
         """Read an array at `offset`, its last axis fastest.
 
@@ -132,64 +146,51 @@ class BinaryFile:
                 raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
 
 
-@dataclass(frozen=True, slots=True)
-class ArrayLayout:
-    """Where and how an array of positions is stored in a file.
+class StoredFrames(ChunkedFrames):
+    """Frames of an array in a file, read one by one unless the frame axis is the fastest.
 
-    Attributes
+    Parameters
     ----------
     offset : int
-        First byte.
-    frame_count, vertex_count : int
-        F and m.
+        First byte of the array.
     axis_order : str
         Axes, the slowest first: f frames, v vertices, x coordinates.
     """
 
-    offset: int
-    dtype: np.dtype
-    frame_count: int
-    vertex_count: int
-    axis_order: str = "fvx"
-
-
-class StoredFrames(ChunkedFrames):
-    """Frames of an array in a file, read one by one unless the frame axis is the fastest."""
-
-    def __init__(self, file: BinaryFile, layout: ArrayLayout) -> None:
-        self._file, self._layout = file, layout
-        self._is_frame_axis_last = layout.axis_order[2] == "f"
-        chunk_frames = layout.frame_count if self._is_frame_axis_last else 1
-        super().__init__(
-            layout.frame_count, layout.vertex_count, chunk_frames, layout.dtype.itemsize
-        )
+    def __init__(
+        self,
+        file: BinaryFile,
+        offset: int,
+        dtype: np.dtype,
+        *,
+        frame_count: int,
+        vertex_count: int,
+        axis_order: str = "fvx",
+    ) -> None:
+        self._file, self._offset, self._dtype, self._order = file, offset, dtype, axis_order
+        self._is_frame_axis_last = axis_order[2] == "f"
+        chunk_frames = frame_count if self._is_frame_axis_last else 1
+        super().__init__(frame_count, vertex_count, chunk_frames, dtype.itemsize)
 
     def read_chunk(self, start: int, stop: int) -> np.ndarray:
         """Read frames `start` up to `stop`, exclusive: (k, m, 3)."""
-        order = self._layout.axis_order
         lengths = {"f": stop - start, "v": self.vertex_count, "x": 3}
-        stored = (
-            self._read_strided(start, stop)
-            if self._is_frame_axis_last
-            else self._read_contiguous(start, stop)
-        )
-        stored = stored.reshape([lengths[axis] for axis in order])
-        return stored.transpose([order.index(axis) for axis in "fvx"])
-
-    def _read_contiguous(self, start: int, stop: int) -> np.ndarray:
-        layout, numbers = self._layout, 3 * self.vertex_count
-        offset = layout.offset + start * numbers * layout.dtype.itemsize
-        return self._file.read_array(offset, layout.dtype, ((stop - start) * numbers,))
+        is_whole = stop - start == self.frame_count
+        if self._is_frame_axis_last and not is_whole:
+            stored = self._read_strided(start, stop)
+        else:
+            stride = 3 * self.vertex_count * self._dtype.itemsize
+            shape = (3 * self.vertex_count * (stop - start),)
+            stored = self._file.read_array(self._offset + start * stride, self._dtype, shape)
+        stored = stored.reshape([lengths[axis] for axis in self._order])
+        return stored.transpose([self._order.index(axis) for axis in "fvx"])
 
     def _read_strided(self, start: int, stop: int) -> np.ndarray:
         """Read a part of the row of each coordinate."""
-        if stop - start == self.frame_count:
-            return self._read_contiguous(start, stop)
-        layout = self._layout
-        stretches = np.empty((3 * self.vertex_count, stop - start), layout.dtype)
+        stretches = np.empty((3 * self.vertex_count, stop - start), self._dtype)
         for row, stretch in enumerate(stretches):
-            offset = layout.offset + (row * self.frame_count + start) * layout.dtype.itemsize
-            self._file.read_into(stretch, offset)
+            place = (row * self.frame_count + start) * self._dtype.itemsize
+            self._file.read_into(stretch, self._offset + place)
         return stretches
 
 

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from cageik_cli.formats.base.binary_frames import ChunkedFrames
 from cageik_cli.formats.base.file_numbers import number_files
 from cageik_cli.formats.base.files import decompress, file_suffix, hash_file
 from cageik_cli.formats.base.mesh_data import FileMesh, check_connectivity, check_not_points
@@ -23,7 +24,6 @@ from cageik_cli.util.errors import (
     MissingFrameError,
     SettingError,
     error_context,
-    join_truncated,
 )
 from cageik_cli.util.files import read_input
 from cageik_cli.util.text import to_unicode
@@ -171,7 +171,7 @@ class ClipFile(MeshSequence):
 
         `scene` has the settings that the file gives for all of them.
         """
-        self.path = single_path(request.paths)
+        self.path = request.path
         self.frame_indices = request.select_frames(count)
         self._reading = (request.member, request.settings.layout)
         self.scene = (scene or SceneHints()).restrict_to_frames(self.frame_indices)
@@ -238,26 +238,6 @@ def check_zero_based(faces: np.ndarray, vertex_count: int) -> None:
         )
 
 
-def single_path(paths: tuple[Path, ...]) -> Path:
-    """Return the only path, for a format that holds a clip in one file."""
-    if len(paths) > 1:
-        raise SettingError(
-            f"{paths[0]}: {len(paths)} files that each hold a clip, expected one: "
-            f"{join_truncated(path.name for path in paths)}"
-        )
-    return paths[0]
-
-
-class FrameSource(Protocol):
-    """Frames in a file: `frame_count` of them, with `vertex_count` vertices each."""
-
-    frame_count: int
-    vertex_count: int
-
-    def read_frame(self, index: int) -> np.ndarray:
-        """Read the positions of one frame, (m, 3)."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ArrayClip:
     """The content of a file that holds a clip.
@@ -272,7 +252,7 @@ class ArrayClip:
         What is unusual in it, one sentence each.
     """
 
-    frames: FrameSource
+    frames: ChunkedFrames
     faces: np.ndarray | None = None
     scene: SceneHints = field(default_factory=SceneHints)
     notes: tuple[str, ...] = ()
@@ -282,7 +262,7 @@ class ArrayClipFile(ClipFile):
     """Frames of such a file; formats implement `open_clip`."""
 
     def __init__(self, request: ClipRequest) -> None:
-        self.path = single_path(request.paths)
+        self.path = request.path
         with error_context(self.path):
             clip = self.open_clip(request)
             self.set_frames(request, clip.frames.frame_count, clip.scene)
@@ -310,7 +290,7 @@ class ArrayClipFile(ClipFile):
     @classmethod
     def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
         """Describe a file that has no faces."""
-        path = single_path(request.paths)
+        path = request.path
         with error_context(path):
             clip = cls.open_clip(request)
         if clip.faces is not None:

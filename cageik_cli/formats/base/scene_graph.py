@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.mesh_data import FileMesh
-from cageik_cli.formats.base.readers import ClipFile, single_path
+from cageik_cli.formats.base.readers import ClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
@@ -104,7 +104,7 @@ class SceneReader(ClipFile):
         """Return what reads the parts of the surface, for `FileMesh.read_parts`."""
 
     def __init__(self, request: ClipRequest) -> None:
-        path = single_path(request.paths)
+        path = request.path
         with error_context(path):
             self.check_file(path)
             with self.guard() as warnings:

@@ -2,7 +2,7 @@
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.geometry.mesh import TriMesh, validate_known_positions, validate_positions
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,
     FormatError,
@@ -22,6 +22,7 @@ from cageik_cli.util.errors import (
     MissingFrameError,
     SettingError,
     error_context,
+    join_truncated,
 )
 from cageik_cli.util.threads import OrderedMap
 
@@ -44,6 +45,22 @@ class ClipRequest:
     member: str | None = None
     rest: LoadedMesh | None = None
     settings: ClipSettings = field(default_factory=ClipSettings)
+
+    @property
+    def path(self) -> Path:
+        """The only path, for a format that holds a clip in one file.
+
+        Raises
+        ------
+        SettingError
+            When there are several.
+        """
+        if len(self.paths) > 1:
+            raise SettingError(
+                f"{self.paths[0]}: {len(self.paths)} files that each hold a clip, expected one: "
+                f"{join_truncated(path.name for path in self.paths)}"
+            )
+        return self.paths[0]
 
     def complete_first(self, positions: np.ndarray) -> np.ndarray:
         """Return the vertices of the first frame, (m, 3), for the mesh of all frames' faces.
@@ -332,32 +349,23 @@ class FramePrefetcher:
         return Block(start, positions, errors)
 
 
-class GapFiller:
-    """Interpolates frames that are not known; at either end it takes the nearest that is.
+def fill_gaps(block: Floats, start: int, known: Integers, read: Callable[[int], Floats]) -> None:
+    """Fill the frames that are not known, in place: linearly between those before and after.
+
+    At either end of the clip, they are as the nearest that is known.
 
     Parameters
     ----------
-    count : int
-        Number of frames.
-    gaps : collection of int
-        Frames that are not known; at least one is.
+    block : (k, n, 3)
+        Frames from `start` on.
+    known : (f,)
+        Numbers of frames, ascending; at least one.
+    read : callable
+        Returns a known frame, (n, 3).
     """
-
-    def __init__(self, count: int, gaps: Collection[int]) -> None:
-        self._gaps = gaps
-        self._known = np.setdiff1d(np.arange(count), list(gaps))
-
-    def fill(self, block: Floats, start: int, read: Callable[[int], Floats]) -> None:
-        """Fill the gaps in a block of frames (k, n, 3) from `start` on, in place.
-
-        `read` returns a known frame, (n, 3).
-        """
-        for frame in range(start, start + len(block)):
-            if frame in self._gaps:
-                block[frame - start] = self._interpolate(frame, read)
-
-    def _interpolate(self, frame: int, read: Callable[[int], Floats]) -> Floats:
-        known, place = self._known, int(np.searchsorted(self._known, frame))
+    for frame in range(start, start + len(block)):
+        place = int(np.searchsorted(known, frame))
         before, after = (int(known[np.clip(k, 0, len(known) - 1)]) for k in (place - 1, place))
-        share = (frame - before) / (after - before) if after > before else 0.0
-        return np.asarray((1 - share) * read(before) + share * read(after))
+        if after != frame:
+            share = (frame - before) / (after - before) if after > before else 0.0
+            block[frame - start] = (1 - share) * read(before) + share * read(after)

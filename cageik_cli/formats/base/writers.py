@@ -191,6 +191,7 @@ class PointCacheWriter(AnimationWriter):
     dtype: str
 
     def __init__(self, target: Path, animation: Animation) -> None:
+        self.notes = _list_blender_notes(animation.scene)
         with ExitStack() as stack:
             self._file = stack.enter_context(target.open("wb"))
             self._file.write(self.make_header(animation))
@@ -214,7 +215,7 @@ class PointCacheWriter(AnimationWriter):
         self._file.close()
 
 
-def make_blender_notes(scene: Scene) -> tuple[str, ...]:
+def _list_blender_notes(scene: Scene) -> tuple[str, ...]:
     """Return a note on the frames at which Blender's Mesh Cache plays, unless they are right."""
     notes = []
     if scene.start != 0:

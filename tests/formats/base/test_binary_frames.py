@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.binary_frames import (
-    ArrayLayout,
     BinaryFile,
     StoredFrames,
     check_file_size,
@@ -14,6 +13,10 @@ from cageik_cli.formats.base.binary_frames import (
 from cageik_cli.util.errors import FileAccessError, FormatError
 
 VALUES = np.arange(24, dtype=">f8")
+
+
+def open_stored(file, order):
+    return StoredFrames(file, 4, VALUES.dtype, frame_count=2, vertex_count=4, axis_order=order)
 
 
 @pytest.fixture
@@ -31,7 +34,7 @@ def test_every_order_of_axes(path, monkeypatch, order, whole):
     sizes = {"f": 2, "v": 4, "x": 3}
     array = VALUES.reshape([sizes[axis] for axis in order])
     expected = np.einsum(f"{order}->fvx", array)
-    stored = StoredFrames(BinaryFile.open(path), ArrayLayout(4, VALUES.dtype, 2, 4, order))
+    stored = open_stored(BinaryFile.open(path), order)
     assert (stored.frame_count, stored.vertex_count) == (2, 4)
     for k in (1, 0):
         np.testing.assert_array_equal(stored.read_frame(k), expected[k])
@@ -66,7 +69,7 @@ def test_what_cannot_be_opened_or_read_is_refused(tmp_path):
 
 def test_the_file_is_closed_with_its_last_user(path):
     stream = path.open("rb")
-    frames = StoredFrames(BinaryFile(stream), ArrayLayout(4, VALUES.dtype, 2, 4, "vxf"))
+    frames = open_stored(BinaryFile(stream), "vxf")
     assert not stream.closed
     del frames
     assert stream.closed
