@@ -23,9 +23,6 @@ from cageik_cli.util.files import open_input
 FPS_KEY = "cageik_fps"
 """Where a mesh states the frame rate. The archive could only state it together with the time."""
 
-ARCHIVE_BYTES = 1 << 16
-"""Bytes of an archive besides its arrays, at most."""
-
 
 class Reader(SceneReader):
     """Frames of one polygon mesh in the space of its archive; times are seconds."""
@@ -277,6 +274,6 @@ def _check_disk_space(target: Path, animation: Animation) -> None:
     rest = animation.rest
     corners = 0 if rest.attributes is None else len(rest.attributes.corners)
     size = 12 * animation.frame_count * (len(rest.vertices) + corners) + 16 * len(rest.faces)
-    size += ARCHIVE_BYTES
+    size += 1 << 16  # at most, besides the arrays
     if size > shutil.disk_usage(target.parent).free:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

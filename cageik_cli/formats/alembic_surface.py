@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.formats.base.mesh_data import share_normals
 from cageik_cli.formats.base.writers import to_float32
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_corner_normals
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import NONE, FaceLabels, UvMap
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import single_line
-
-NORMAL_DECIMALS = 4
-"""Normals of a vertex that are equal to so many decimals are one."""
 
 
 def list_parts(schema: Any) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
@@ -69,10 +67,8 @@ def _read_normals(schema: Any, attributes: SurfaceAttributes) -> SurfaceAttribut
     values = np.array(read_sample(parameter.getValueProperty(), 0), np.float64).reshape(-1, 3)
     if not np.isfinite(values).all():
         raise FormatError("they are not finite")
-    # Many programs write the same normal for each corner anew.
-    same = np.unique(values.round(NORMAL_DECIMALS), axis=0, return_inverse=True)[1].ravel()
     places = _locate(parameter, attributes, len(values))
-    return replace(attributes, normal_fans=number_normal_fans(attributes.corners, same[places]))
+    return share_normals(attributes, values, places)
 
 
 def _read_face_sets(schema: Any, attributes: SurfaceAttributes) -> SurfaceAttributes:

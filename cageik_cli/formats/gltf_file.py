@@ -183,7 +183,7 @@ def describe_excess(size: int) -> str:
     )
 
 
-BLOCK_BYTES = 1 << 25
+MAX_SPOOL_BYTES = 1 << 25
 """Bytes of the vectors of all frames that are read together; the last digits depend on it."""
 
 
@@ -209,7 +209,7 @@ class VectorSpool:
 
     def read_blocks(self, start: int, stop: int) -> Iterator[tuple[int, Floats]]:
         """Yield the first vertex of each block of vertices, and vectors (F, 3 b) of all frames."""
-        size = max(1, BLOCK_BYTES // (24 * max(1, self.frame_count)))
+        size = max(1, MAX_SPOOL_BYTES // (24 * max(1, self.frame_count)))
         for first in range(start, stop, size):
             yield first, self._read(first, min(first + size, stop))
 

@@ -19,9 +19,6 @@ from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import PLAIN_COLOUR
 from cageik_cli.util.arrays import Floats, Integers
 
-WHITE = [1.0, 1.0, 1.0, 1.0]
-"""The colour of materials where vertices have colours, which are multiplied by it."""
-
 PLAIN = "plain"
 """The material of triangles without: glTF's own is a metal, black where nothing is mirrored."""
 
@@ -85,7 +82,8 @@ class Surface:
 
         colours = self._colours
         is_clear = colours is not None and colours.shape[1] == 4 and bool((colours[:, 3] < 1).any())
-        factors = [WHITE] * len(self.materials)
+        # White where vertices have colours, which are multiplied by it.
+        factors = [[1.0, 1.0, 1.0, 1.0]] * len(self.materials)
         if colours is None:
             factors = self.base_colours.clip(0, 1).tolist()
         return [

@@ -21,7 +21,7 @@ from cageik_cli.formats.base.files import check_unpacked_array, check_unpacked_s
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 from cageik_cli.util.files import open_input
 
-MAX_HEADER_BYTES = 1 << 14
+MAX_NPY_HEADER_BYTES = 1 << 14
 """Bytes that are read for a header; numpy itself accepts 10 000 characters."""
 
 _COPY_BYTES = 1 << 20
@@ -180,7 +180,7 @@ def _copy_at_most(source: IO[bytes], target: IO[bytes], limit: int) -> int:
 
 def _open_array(file: BinaryFile, offset: int, size: int) -> FileArray:
     """Open the array whose `.npy` is at `offset` and has `size` bytes."""
-    head = file.read_array(offset, np.dtype(np.uint8), (min(size, MAX_HEADER_BYTES),)).tobytes()
+    head = file.read_array(offset, np.dtype(np.uint8), (min(size, MAX_NPY_HEADER_BYTES),)).tobytes()
     stream = io.BytesIO(head)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of Python 2's long numbers, and odd ones

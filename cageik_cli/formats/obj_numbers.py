@@ -11,11 +11,6 @@ from cageik_cli.util.arrays import Floats
 MAX_PLAIN_LENGTH = 18
 """Characters of words that are converted all at once; their digits fit in 64 bits."""
 
-MAX_EXACT_INTEGER = 2**53
-"""All integers up to this are doubles."""
-
-_POWERS = np.array([float(f"1e{power}") for power in range(MAX_PLAIN_LENGTH + 1)])
-
 
 def convert_words(
     text: bytes, bounds: NDArray[Any], dtype: type[np.float64] | type[np.int64]
@@ -53,8 +48,9 @@ def _convert_decimals(
         points += is_point
         places += is_digit & (points > 0)
         counts += is_digit
-    is_plain &= (points <= 1) & (counts > 0) & (digits <= MAX_EXACT_INTEGER)
-    numbers = np.asarray(digits / _POWERS[places] * np.where(codes[begins] == ord("-"), -1.0, 1.0))
+    is_plain &= (points <= 1) & (counts > 0) & (digits <= 2**53)
+    powers = np.array([float(f"1e{power}") for power in range(MAX_PLAIN_LENGTH + 1)])
+    numbers = np.asarray(digits / powers[places] * np.where(codes[begins] == ord("-"), -1.0, 1.0))
     others = _convert_one_by_one(text, bounds[~is_plain], dtype)
     if others is None:
         return None

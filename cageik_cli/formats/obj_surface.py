@@ -17,18 +17,8 @@ from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.files import read_input
 from cageik_cli.util.text import single_line
 
-_SLASH = ord("/")
-
-_BARE = b"0123456789+-.eEvf \t\r\n"
-"""The characters of a text of positions and faces alone."""
-
-MAX_DIGITS = 18
-"""Digits of an index, which fit 64 bits."""
-
 COLOURED_WORDS = 7
 """Words of a line of a vertex with a colour; a fourth number alone is a weight."""
-
-_NO_SMOOTHING = ("off", "0")
 
 
 def read_obj_attributes(data: bytes, mesh: FileMesh) -> FileMesh:
@@ -52,7 +42,7 @@ def read_obj_attributes(data: bytes, mesh: FileMesh) -> FileMesh:
 
 def _is_bare(data: bytes) -> bool:
     """Return whether a text is nothing but positions and vertices of faces, by its characters."""
-    if data.translate(None, _BARE):
+    if data.translate(None, b"0123456789+-.eEvf \t\r\n"):
         return False
     first = data.find(b"v")
     return len(data[first : data.find(b"\n", first)].split()) < COLOURED_WORDS
@@ -108,7 +98,7 @@ def _label_faces(tokens: Tokens, keyword: bytes, faces: Integers) -> FaceLabels 
         return None
     texts = ["", *(_join_words(tokens, line) for line in lines.tolist())]
     if keyword == b"s":
-        texts = ["" if text in _NO_SMOOTHING else text for text in texts]
+        texts = ["" if text in ("off", "0") else text for text in texts]
     names = tuple(dict.fromkeys(text for text in texts if text))
     numbers = {name: k for k, name in enumerate(names)} | {"": NONE}
     labels = np.array([numbers[text] for text in texts])[np.searchsorted(lines, faces)]
@@ -180,18 +170,20 @@ def _read_corner_indices(tokens: Tokens, is_value: NDArray[np.bool_], place: int
     return indices
 
 
-def _to_integers(codes: NDArray[np.uint8], begins: Integers, ends: Integers) -> Integers:
+def _to_integers(
+    codes: NDArray[np.uint8], begins: Integers, ends: Integers, max_digits: int = 18
+) -> Integers:
     """Convert whole numbers between places, digit by digit.
 
     Raises
     ------
     ValueError
-        When one is none, or has more than `MAX_DIGITS` digits.
+        When one is none, or has more digits than fit 64 bits.
     """
     is_negative = codes[begins] == ord("-")
     begins = begins + is_negative
     lengths = ends - begins
-    if len(lengths) and not 0 < lengths.min() <= lengths.max() <= MAX_DIGITS:
+    if len(lengths) and not 0 < lengths.min() <= lengths.max() <= max_digits:
         raise ValueError("an index is no number")
     values = np.zeros(len(begins), np.int64)
     for k in range(int(lengths.max(initial=0))):
@@ -207,7 +199,7 @@ def _find_part(
     tokens: Tokens, bounds: NDArray[np.integer], place: int
 ) -> tuple[Integers, Integers]:
     """Return where part `place` of each word begins and ends, the parts being cut at slashes."""
-    slashes = np.append(np.flatnonzero(tokens.codes == _SLASH), len(tokens.text))
+    slashes = np.append(np.flatnonzero(tokens.codes == ord("/")), len(tokens.text))
     first = np.searchsorted(slashes, bounds[:, 0])
     ends = bounds[:, 1].astype(np.int64)
     last = len(slashes) - 1

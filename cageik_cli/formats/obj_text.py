@@ -19,18 +19,9 @@ from cageik_cli.util.errors import FormatError, InputError
 
 Offsets = NDArray[np.int32] | NDArray[np.int64]
 VERTEX, FACE = ord("v"), ord("f")
-_NEWLINE, _RETURN, _SLASH = b"\n\r/"
-_BLANKS = b" \t\n\r\v\f"
-_IS_BLANK = np.isin(np.arange(256), list(_BLANKS))
-
-_CONTINUATION = re.compile(rb"\\(?:\r\n?|\n|\Z)")
-"""The end of a line that continues in the next."""
+_IS_BLANK = np.isin(np.arange(256), list(b" \t\n\r\v\f"))
 
 _BARE_RETURN = re.compile(rb"\r(?!\n)")
-
-_CONTROLS = bytes(set(range(ord(" "))) - set(_BLANKS))
-_CONTROLS_TO_MARKS = bytes.maketrans(_CONTROLS, b"?" * len(_CONTROLS))
-"""Control bytes are parts of words, unlike the blanks."""
 
 MAX_SHORT_TEXT = 2**31 - 1
 """Bytes of a text whose places 32 bits can count."""
@@ -83,7 +74,7 @@ class Tokens:
 
     def line_bounds(self, lines: NDArray[Any]) -> Integers:
         """Return where lines begin, and where they end behind their newline, (k, 2)."""
-        ends = np.flatnonzero(self.codes == _NEWLINE) + 1
+        ends = np.flatnonzero(self.codes == ord("\n")) + 1
         line = np.searchsorted(ends, self.bounds[self.first_tokens[lines], 0], side="right")
         return np.stack([np.concatenate([[0], ends])[line], ends[line]], axis=1)
 
@@ -96,7 +87,7 @@ def blank_out(data: bytes) -> bytes:
     if b"#" in data:
         data = _blank_out_comments(data)
     if b"\\" in data:
-        data = _CONTINUATION.sub(lambda found: b" " * len(found[0]), data)
+        data = re.sub(rb"\\(?:\r\n?|\n|\Z)", lambda found: b" " * len(found[0]), data)
     return data
 
 
@@ -127,15 +118,17 @@ def tokenize(text: bytes) -> Tokens:
     codes = np.frombuffer(text, np.uint8)
     ends = np.flatnonzero(codes <= ord(" "))
     gaps = codes[ends]
-    if (codes[ends[gaps == _RETURN] + 1] != _NEWLINE).any():
+    if (codes[ends[gaps == ord("\r")] + 1] != ord("\n")).any():
         return tokenize(_BARE_RETURN.sub(b"\n", text))
     # 9 to 13, and the blank itself; below 9 unsigned numbers wrap.
     if ((gaps - ord("\t") > 4) & (gaps != ord(" "))).any():
-        return tokenize(text.translate(_CONTROLS_TO_MARKS))
+        # Control bytes are parts of words, unlike the blanks.
+        controls = np.flatnonzero(~_IS_BLANK[: ord(" ")]).astype(np.uint8).tobytes()
+        return tokenize(text.translate(bytes.maketrans(controls, b"?" * len(controls))))
     bounds = np.empty((len(ends), 2), np.int32 if len(text) <= MAX_SHORT_TEXT else np.int64)
     bounds[0, 0], bounds[1:, 0], bounds[:, 1] = 0, ends[:-1] + 1, ends
     is_head = np.empty(len(ends), bool)
-    is_head[0], is_head[1:] = True, gaps[:-1] == _NEWLINE
+    is_head[0], is_head[1:] = True, gaps[:-1] == ord("\n")
     is_word = bounds[:, 1] > bounds[:, 0]
     if not is_word.all():
         lines = np.cumsum(is_head)[is_word]
@@ -191,7 +184,7 @@ def parse_polygons(tokens: Tokens) -> tuple[Integers, Integers] | None:
 
 def _cut_at_slashes(codes: NDArray[np.uint8], bounds: Offsets) -> Offsets:
     """Return the bounds of what each word has before its first slash."""
-    slashes = np.append(np.flatnonzero(codes == _SLASH), len(codes))
+    slashes = np.append(np.flatnonzero(codes == ord("/")), len(codes))
     if len(slashes) == 1:
         return bounds
     first = slashes[np.searchsorted(slashes, bounds[:, 0])]

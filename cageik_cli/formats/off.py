@@ -11,8 +11,6 @@ from cageik_cli.formats.base.readers import FrameFileReader
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 
-_KEYWORD = re.compile(r"\A(?:ST)?C?N?OFF\b")  # with texture coordinates, colours or normals
-
 
 class Reader(FrameFileReader):
     """Frames from OFF files."""
@@ -35,9 +33,11 @@ def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
     """
     try:
         text = re.sub("#.*", "", data.decode()).strip()
-        if not _KEYWORD.match(text):
+        # The letters before are of texture coordinates, colours and normals.
+        keyword = re.match(r"(?:ST)?C?N?OFF\b", text)
+        if not keyword:
             raise ValueError("it does not begin with OFF")
-        lines = filter(None, map(str.split, _KEYWORD.sub("", text).splitlines()))
+        lines = filter(None, map(str.split, text[keyword.end() :].splitlines()))
         counts = next(lines, [])
         count, faces = map(int, counts[:2])
         vertices = np.array([words[:3] for words in islice(lines, count)], np.float64)

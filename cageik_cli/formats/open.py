@@ -27,23 +27,15 @@ from cageik_cli.util.errors import (
 from cageik_cli.util.files import read_input
 from cageik_cli.util.text import to_unicode
 
-_SKELETON_REASON = (
-    "holds the motion of a skeleton, not a mesh; export the mesh that it moves, as OBJ frames"
-)
-_SCENE_REASON = (
-    "is a scene of another program; export the mesh from it as USD, Alembic or OBJ frames"
-)
-_GLTF_REASON = (
-    "is glTF, which cageik writes but does not read; export USD, Alembic or OBJ frames instead"
-)
-
 _UNSUPPORTED_REASONS = {
-    **dict.fromkeys((".bvh", ".c3d", ".asf", ".amc"), _SKELETON_REASON),
-    **dict.fromkeys((".blend", ".fbx", ".ma", ".max", ".mb"), _SCENE_REASON),
-    **dict.fromkeys((".glb", ".gltf"), _GLTF_REASON),
-    **dict.fromkeys((".hip", ".hipnc", ".hiplc", ".bgeo"), _SCENE_REASON),
+    ".bvh .c3d .asf .amc": "holds the motion of a skeleton, not a mesh; export the mesh that it "
+    "moves, as OBJ frames",
+    ".blend .fbx .ma .max .mb .hip .hipnc .hiplc .bgeo": "is a scene of another program; export "
+    "the mesh from it as USD, Alembic or OBJ frames",
+    ".glb .gltf": "is glTF, which cageik writes but does not read; export USD, Alembic or OBJ "
+    "frames instead",
 }
-"""Why files that look like clips cannot be read."""
+"""Why files that look like clips cannot be read, by their suffixes."""
 
 _natural_key = natsort_keygen(key=str, alg=ns.PATH)
 
@@ -131,10 +123,11 @@ def _resolve_request(
 
 
 def _explain_unsupported(suffix: str) -> str:
+    for suffixes, reason in _UNSUPPORTED_REASONS.items():
+        if suffix in suffixes.split():
+            return reason
     expected = ", ".join(_find_readers())
-    return _UNSUPPORTED_REASONS.get(
-        suffix, f"`{suffix}` is not a clip format that can be read, expected {expected}"
-    )
+    return f"`{suffix}` is not a clip format that can be read, expected {expected}"
 
 
 def list_input_files(arguments: list[str]) -> list[Path]:

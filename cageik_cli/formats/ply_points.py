@@ -220,7 +220,6 @@ class PointWriter(FrameFileWriter):
 SCALES = tuple(f"scale_{k}" for k in range(3))
 TURNS = tuple(f"rot_{k}" for k in range(4))
 COLOURS = tuple(f"f_dc_{k}" for k in range(3))
-OPACITY = "opacity"
 
 MAX_LOG_SCALE = 80.0
 """Largest size of the logarithm of a standard deviation."""
@@ -249,7 +248,7 @@ def read_splats(points: PointFile) -> Splats:
         Naming the property and the first splat at fault.
     """
     rest = rest_names(points)
-    for name in (*SCALES, *TURNS, *COLOURS, OPACITY, *rest):
+    for name in (*SCALES, *TURNS, *COLOURS, "opacity", *rest):
         if name not in points.names:
             raise FormatError(
                 f"is a file of Gaussian splats without `{name}`; export all properties"
@@ -264,7 +263,7 @@ def read_splats(points: PointFile) -> Splats:
     logs = _stack(points, SCALES, MAX_LOG_SCALE)
     colours = _stack(points, rest, MAX_COLOUR).astype(np.float32)
     _stack(points, COLOURS, MAX_COLOUR)  # what is kept is checked, too
-    _stack(points, (OPACITY,))
+    _stack(points, ("opacity",))
     colours = colours.reshape(3, len(rest) // 3, len(points.rows))
     return Splats(Ellipsoids(np.exp(logs), _read_quaternions(points)), colours)
 

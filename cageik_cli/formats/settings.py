@@ -103,11 +103,7 @@ class SceneHints:
         return ", ".join(words for words in given if words)
 
 
-MAX_FRAME_STEP = 10
-"""Largest step of frame numbers that is found from times alone."""
-
-
-def find_frame_step(start: float, tolerance: float) -> float | None:
+def find_frame_step(start: float, tolerance: float, max_step: int = 10) -> float | None:
     """Find the smallest step for which the number of the first frame is whole; None for 1.
 
     Formats that state times leave open whether a sample per 1/12 s is every second frame at 24
@@ -120,7 +116,7 @@ def find_frame_step(start: float, tolerance: float) -> float | None:
     tolerance : float
         Of the start.
     """
-    for step in range(1, MAX_FRAME_STEP + 1):
+    for step in range(1, max_step + 1):
         if abs(step * start - round(step * start)) <= step * tolerance:
             return float(step) if step > 1 else None
     return None

@@ -20,9 +20,6 @@ from cageik_cli.util.files import open_input
 MAX_CHUNK_BYTES = 1 << 25
 """Bytes of a chunk, unless a single frame has more."""
 
-MAX_CACHED_CHUNKS = 2
-"""Chunks that are kept: threads that read ahead need both sides of a border."""
-
 
 class ChunkedFrames(ABC):
     """Frames read in chunks, by any thread.
@@ -62,7 +59,8 @@ class ChunkedFrames(ABC):
         with self._lock:
             chunk = next((found for first, found in self._cached_chunks if first == start), None)
             if chunk is None:
-                if len(self._cached_chunks) == MAX_CACHED_CHUNKS:
+                # Threads that read ahead need both sides of a border.
+                if len(self._cached_chunks) == 2:
                     self._cached_chunks.popleft()  # before there is a third
                 chunk = self.read_chunk(start, min(start + self._chunk_size, self.frame_count))
                 self._cached_chunks.append((start, chunk))

@@ -2,10 +2,11 @@
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from math import gcd
 from pathlib import Path
+from typing import NoReturn
 
 from cageik_cli.formats.base.files import file_stem
 from cageik_cli.formats.settings import Gaps, SceneHints
@@ -18,13 +19,19 @@ MAX_FRAME_NUMBER = 1 << 24
 MAX_MISSING_FRAMES = 10_000
 """Numbers that may be missing in a series whose gaps are kept."""
 
-_NEGATIVE = re.compile(r"(?:.*[._ ])?-\d+\D*")
-_SUBFRAME = re.compile(r"((?:.*[._ -])?\d+)\.(\d+)")
 
-
-@dataclass(frozen=True, slots=True)
 class FileSeries:
     """The files of a clip, one per frame, and where they are on the timeline.
+
+    Files that are not numbered in one way, or are in several folders, have no frame numbers.
+
+    Parameters
+    ----------
+    paths : tuple of Path
+        In natural order.
+    gaps : {"refuse", "keep", "close"}
+        What is done with missing numbers: refused; kept as frames without files; or closed, so
+        that files follow one another in the usual step.
 
     Attributes
     ----------
@@ -36,19 +43,45 @@ class FileSeries:
         By number of the frame, from 0, why it has no file.
     notes : tuple of str
         What differs from the numbers of the files, one sentence each.
+
+    Raises
+    ------
+    InputError
+        When a number is missing and gaps are refused, or two files have the same number; when
+        numbers are negative or those of subframes, unless gaps are closed.
     """
 
-    paths: tuple[Path, ...]
-    scene: SceneHints = field(default_factory=SceneHints)
-    missing: dict[int, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    def __init__(self, paths: tuple[Path, ...], gaps: Gaps) -> None:
+        self.paths, self.scene = paths, SceneHints()
+        self.missing: dict[int, str] = {}
+        self.notes: tuple[str, ...] = ()
+        if gaps != "close":
+            _check_whole_numbers(paths)
+        if not self._find_numbers():
+            return
+        steps = [b - a for a, b in pairwise(self._numbers)]
+        if gaps != "close" and 0 in steps:
+            second = steps.index(0) + 1
+            raise FileAccessError(
+                f"{paths[second]}: has the frame number of {paths[second - 1].name}, "
+                f"{self._numbers[second]}; remove one of them"
+            )
+        usual = _find_usual_step(steps)
+        odd = [k for k, step in enumerate(steps) if step != usual]
+        if odd and gaps == "refuse":
+            self._refuse(odd, steps, usual)
+        if odd and gaps == "keep":
+            self._keep_gaps(gcd(*steps))
+        elif self._numbers[-1] <= MAX_FRAME_NUMBER:
+            self.scene = SceneHints(start=float(self._numbers[0]), frame_step=float(usual))
+            self.notes = (self._describe_closed(odd, usual),) if odd else ()
 
     def trim(self, chosen: range) -> range:
         """Return the chosen frames without missing ones at either end.
 
         Raises
         ------
-        InputError
+        FileAccessError
             When all of them are missing.
         """
         held = [k for k, frame in enumerate(chosen) if frame not in self.missing]
@@ -59,70 +92,91 @@ class FileSeries:
             )
         return chosen[held[0] : held[-1] + 1]
 
+    def _find_numbers(self) -> bool:
+        """Find the number that differs from name to name; of a single file, the last in it."""
+        parts = [re.split(r"(\d+)", file_stem(path)) for path in self.paths]
+        texts = {tuple(part[::2]) for part in parts}
+        folders = {path.parent for path in self.paths}
+        if len(texts) != 1 or len(parts[0]) < 3 or len(folders) != 1:
+            return False
+        columns = range(1, len(parts[0]), 2)
+        varying = [k for k in columns if len({part[k] for part in parts}) > 1] or [columns[-1]]
+        if len(varying) > 1:
+            return False
+        place = varying[0]
+        self._before, self._after = "".join(parts[0][:place]), "".join(parts[0][place + 1 :])
+        self._words = [part[place] for part in parts]
+        self._numbers = [int(word) for word in self._words]
+        return True
 
-@dataclass(frozen=True, slots=True)
-class _Numbering:
-    """The numbers of files, and the text around them."""
+    def _make_path(self, place: int, number: int) -> Path:
+        """Return the path of a frame that follows that of the file `place`."""
+        path = self.paths[place]
+        digits, suffix = len(self._words[place]), path.name[len(file_stem(path)) :]
+        return path.with_name(f"{self._before}{number:0{digits}d}{self._after}{suffix}")
 
-    before: str
-    numbers: tuple[int, ...]
-    digits: tuple[int, ...]
-    after: str
+    def _refuse(self, odd: list[int], steps: list[int], usual: int) -> NoReturn:
+        """Refuse gaps, or numbers between those of the usual step."""
+        paths, wide = self.paths, [k for k in odd if steps[k] > usual]
+        first = (wide or odd)[0]
+        expected = f"where frames are numbered in steps of {usual}"
+        if wide:
+            lost = self._make_path(first, self._numbers[first] + usual)
+            fault = f"{lost}: missing between {paths[first].name} and {paths[first + 1].name}, "
+            fault += f"{expected} ({format_count(len(wide), 'such gap')}); restore it"
+        else:
+            fault = f"{paths[first + 1]}: {steps[first]} after {paths[first].name}, {expected}"
+            fault += f" ({format_count(len(odd), 'such place')}); remove it"
+        raise FileAccessError(
+            f"{fault}, keep gaps in time with --allow-gaps, or number the frames one after another "
+            "with --close-gaps"
+        )
 
-    def make_path(self, place: int, number: int, path: Path) -> Path:
-        """Return the path of a frame that follows that of `place`, whose file is `path`."""
-        suffix = path.name[len(file_stem(path)) :]
-        return path.with_name(f"{self.before}{number:0{self.digits[place]}d}{self.after}{suffix}")
+    def _describe_closed(self, odd: list[int], usual: int) -> str:
+        names = join_truncated((self.paths[k + 1].name for k in odd), 5)
+        return (
+            f"gaps in frame numbers are closed at {names}; frames are numbered from "
+            f"{self._numbers[0]} in steps of {usual}, other than their files"
+        )
+
+    def _keep_gaps(self, step: int) -> None:
+        """Make even steps, in which some frames have no file."""
+        paths, first, last = self.paths, self._numbers[0], self._numbers[-1]
+        lost = (last - first) // step + 1 - len(paths)
+        if lost > MAX_MISSING_FRAMES or last > MAX_FRAME_NUMBER:
+            raise FileAccessError(
+                f"{paths[0]}: {lost} frames are missing in steps of {step} up to {paths[-1].name}, "
+                f"expected at most {MAX_MISSING_FRAMES} and numbers up to {MAX_FRAME_NUMBER}; "
+                "number the frames one after another with --close-gaps"
+            )
+        series = [paths[0]]
+        for k, (a, b) in enumerate(pairwise(self._numbers)):
+            why = f"missing between {paths[k].name} and {paths[k + 1].name}"
+            for number in range(a + step, b, step):
+                self.missing[len(series)] = why
+                series.append(self._make_path(k, number))
+            series.append(paths[k + 1])
+        self.paths = tuple(series)
+        self.scene = SceneHints(start=float(first), frame_step=float(step))
 
 
-def number_files(paths: tuple[Path, ...], gaps: Gaps) -> FileSeries:
-    """Find the frame numbers of files that are in natural order.
-
-    Files that are not numbered in one way, or are in several folders, have none.
-
-    Parameters
-    ----------
-    gaps : {"refuse", "keep", "close"}
-        What is done with missing numbers: refused; kept as frames without files; or closed, so
-        that files follow one another in the usual step.
-
-    Raises
-    ------
-    InputError
-        When a number is missing and gaps are refused, or two files have the same number; when
-        numbers are negative or those of subframes, unless gaps are closed.
-    """
-    if gaps != "close":
-        _check_whole_numbers(paths)
-    found = _find_numbering(paths)
-    if found is None:
-        return FileSeries(paths)
-    if gaps != "close":
-        _check_numbers_differ(paths, found)
-    steps = [b - a for a, b in pairwise(found.numbers)]
-    usual = _find_usual_step(steps)
-    is_even = all(step == usual for step in steps)
-    if not is_even and gaps == "refuse":
-        _refuse_gaps(paths, found, usual)
-    if found.numbers[-1] > MAX_FRAME_NUMBER and (is_even or gaps == "close"):
-        return FileSeries(paths)
-    if is_even or gaps == "close":
-        notes = () if is_even else (_describe_closed(paths, found, usual),)
-        scene = SceneHints(start=float(found.numbers[0]), frame_step=float(usual))
-        return FileSeries(paths, scene, notes=notes)
-    return _keep_gaps(paths, found, gcd(*steps))
+def _find_usual_step(steps: list[int]) -> int:
+    """Return the most frequent step above zero; of equally frequent ones, the smallest."""
+    counts = Counter(step for step in steps if step > 0)
+    return min(counts, key=lambda step: (-counts[step], step), default=1)
 
 
 def _check_whole_numbers(paths: tuple[Path, ...]) -> None:
     """Refuse negative numbers and subframes, whose order in time is not that of their names."""
     stems = [file_stem(path) for path in paths]
     for path, stem in zip(paths, stems, strict=True):
-        if _NEGATIVE.fullmatch(stem):
+        if re.fullmatch(r"(?:.*[._ ])?-\d+\D*", stem):
             raise SettingError(
                 f"{path}: has a negative frame number, expected 0 or more; number the files from "
                 "0 on, or take them in the order of their names with --close-gaps"
             )
-    matches = {stem: match for stem in stems if (match := _SUBFRAME.fullmatch(stem))}
+    number_and_part = r"((?:.*[._ -])?\d+)\.(\d+)"
+    matches = {stem: match for stem in stems if (match := re.fullmatch(number_and_part, stem))}
     frames = Counter(match[1] for match in matches.values())
     for path, stem in zip(paths, stems, strict=True):
         match = matches.get(stem)
@@ -134,92 +188,11 @@ def _check_whole_numbers(paths: tuple[Path, ...]) -> None:
             )
 
 
-def _find_numbering(paths: tuple[Path, ...]) -> _Numbering | None:
-    """Find the number that differs from name to name; of a single file, the last in its name."""
-    parts = [re.split(r"(\d+)", file_stem(path)) for path in paths]
-    texts = {tuple(part[::2]) for part in parts}
-    if len(texts) != 1 or len(parts[0]) < 3 or len({path.parent for path in paths}) != 1:
-        return None
-    columns = range(1, len(parts[0]), 2)
-    varying = [k for k in columns if len({part[k] for part in parts}) > 1] or [columns[-1]]
-    if len(varying) > 1:
-        return None
-    place = varying[0]
-    words = [part[place] for part in parts]
-    before, after = "".join(parts[0][:place]), "".join(parts[0][place + 1 :])
-    return _Numbering(before, tuple(map(int, words)), tuple(map(len, words)), after)
-
-
-def _check_numbers_differ(paths: tuple[Path, ...], found: _Numbering) -> None:
-    for k, (a, b) in enumerate(pairwise(found.numbers)):
-        if a == b:
-            raise FileAccessError(
-                f"{paths[k + 1]}: has the frame number of {paths[k].name}, {a}; remove one of them"
-            )
-
-
-def _find_usual_step(steps: list[int]) -> int:
-    """Return the most frequent step above zero; of equally frequent ones, the smallest."""
-    counts = Counter(step for step in steps if step > 0)
-    return min(counts, key=lambda step: (-counts[step], step), default=1)
-
-
-def _refuse_gaps(paths: tuple[Path, ...], found: _Numbering, usual: int) -> None:
-    steps = [b - a for a, b in pairwise(found.numbers)]
-    odd = [k for k, step in enumerate(steps) if step != usual]
-    wide = [k for k in odd if steps[k] > usual]
-    first = (wide or odd)[0]
-    where = f"{paths[first].name} and {paths[first + 1].name}"
-    expected = f"where frames are numbered in steps of {usual}"
-    if wide:
-        lost = found.make_path(first, found.numbers[first] + usual, paths[first])
-        fault = f"{lost}: missing between {where}, {expected} ("
-        fault += f"{format_count(len(wide), 'such gap')}); restore it"
-    else:
-        fault = f"{paths[first + 1]}: {steps[first]} after {paths[first].name}, {expected}"
-        fault += f" ({format_count(len(odd), 'such place')}); remove it"
-    raise FileAccessError(
-        f"{fault}, keep gaps in time with --allow-gaps, or number the frames one after another "
-        "with --close-gaps"
-    )
-
-
-def _describe_closed(paths: tuple[Path, ...], found: _Numbering, usual: int) -> str:
-    odd = [k for k, (a, b) in enumerate(pairwise(found.numbers)) if b - a != usual]
-    return (
-        f"gaps in frame numbers are closed at {join_truncated((paths[k + 1].name for k in odd), 5)}"
-        f"; frames are numbered from {found.numbers[0]} in steps of {usual}, other than their files"
-    )
-
-
-def _keep_gaps(paths: tuple[Path, ...], found: _Numbering, step: int) -> FileSeries:
-    """Make a series in even steps, in which some frames have no file."""
-    first, last = found.numbers[0], found.numbers[-1]
-    lost = (last - first) // step + 1 - len(paths)
-    if lost > MAX_MISSING_FRAMES or last > MAX_FRAME_NUMBER:
-        raise FileAccessError(
-            f"{paths[0]}: {lost} frames are missing in steps of {step} up to {paths[-1].name}, "
-            f"expected at most {MAX_MISSING_FRAMES} and numbers up to {MAX_FRAME_NUMBER}; number "
-            "the frames one after another with --close-gaps"
-        )
-    series, missing = [paths[0]], {}
-    for k, (a, b) in enumerate(pairwise(found.numbers)):
-        for number in range(a + step, b, step):
-            missing[len(series)] = f"missing between {paths[k].name} and {paths[k + 1].name}"
-            series.append(found.make_path(k, number, paths[k]))
-        series.append(paths[k + 1])
-    scene = SceneHints(start=float(first), frame_step=float(step))
-    return FileSeries(tuple(series), scene, missing)
-
-
-_NUMBERED = re.compile(r"(.*?)(\d+)(\D*)")
-
-
 def group_numbered_files(paths: list[Path]) -> dict[str, list[Path]]:
     """Group files of one suffix by the text around the last number in their names."""
     found: dict[tuple[str, str], list[Path]] = {}
     for path in paths:
-        match = _NUMBERED.fullmatch(file_stem(path))
+        match = re.fullmatch(r"(.*?)(\d+)(\D*)", file_stem(path))
         if match:
             kind = path.name[len(file_stem(path)) :].lower()
             found.setdefault((f"{match[1]}#{match[3]}", kind), []).append(path)
@@ -227,9 +200,6 @@ def group_numbered_files(paths: list[Path]) -> dict[str, list[Path]]:
     return {
         stem + (kind if stems[stem] > 1 else ""): files for (stem, kind), files in found.items()
     }
-
-
-_FRAME_NUMBER = re.compile(r"(?P<hashes>#+)|%0?(?P<printf>\d?)d|\$F(?P<houdini>\d?)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +225,8 @@ class FrameNames:
         InputError
             When it has several numbers.
         """
-        found = list(_FRAME_NUMBER.finditer(pattern))
+        places = r"(?P<hashes>#+)|%0?(?P<printf>\d?)d|\$F(?P<houdini>\d?)"
+        found = list(re.finditer(places, pattern))
         if len(found) > 1:
             raise SettingError(
                 f"{pattern} has {len(found)} places for the frame number, expected one; remove one"

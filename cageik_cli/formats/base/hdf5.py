@@ -29,7 +29,6 @@ MAX_TOP_ENTRIES = 10_000
 """Datasets and groups at the top of a file of clips; a link to one takes 30 bytes."""
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
-_KIND_NAMES = {"f": "floating-point numbers", "iu": "integers", "O": "text"}
 
 
 def check_hdf5_suffix(path: Path) -> None:
@@ -121,7 +120,8 @@ def get_dataset(
     if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
         raise FormatError(f"`{name}` is not a dataset in this file")
     if found.dtype.kind not in kinds:
-        raise FormatError(f"`{name}` holds {found.dtype} values, expected {_KIND_NAMES[kinds]}")
+        nouns = {"f": "floating-point numbers", "iu": "integers", "O": "text"}
+        raise FormatError(f"`{name}` holds {found.dtype} values, expected {nouns[kinds]}")
     fits = found.shape is not None and len(found.shape) == len(shape)
     if not fits or any(
         n == 0 or e not in (None, n) for n, e in zip(found.shape, shape, strict=True)
@@ -222,8 +222,13 @@ def scalar_attributes(file: h5py.File, names: tuple[str, ...]) -> dict[str, Any]
     return {name: file.attrs[name] for name in held if file.attrs.get_id(name).shape == ()}
 
 
-_CREASES = ("crease_vertices", "crease_lengths", "crease_sharpness")
-_SHARP_VERTICES = ("corner_vertices", "corner_sharpness")
+_SUBDIVISION_PARTS = (
+    "crease_vertices",
+    "crease_lengths",
+    "crease_sharpness",
+    "corner_vertices",
+    "corner_sharpness",
+)
 
 
 def write_surface(file: h5py.File, group: str, mesh: TriMesh) -> None:
@@ -299,7 +304,7 @@ def _list_arrays(attributes: SurfaceAttributes) -> list[tuple[str, np.ndarray]]:
     for name in LABEL_NAMES:
         labels = getattr(attributes, name)
         integers[f"{name}/index"] = None if labels is None else labels.indices
-    for name in (*_CREASES, *_SHARP_VERTICES):
+    for name in _SUBDIVISION_PARTS:
         (floats if name.endswith("sharpness") else integers)[name] = getattr(subdivision, name)
     return [
         (name, values.astype(dtype))
@@ -329,8 +334,10 @@ def _read_parts(file: h5py.File, group: str, mesh: TriMesh) -> SurfaceAttributes
     if "colours" in place:
         width = get_dataset(file, f"{group}/colours", "f", (vertices, None)).shape[1]
         colours = read("colours", "f", (vertices, width))
-    names = (*_CREASES, *_SHARP_VERTICES)
-    found = {name: read(name, "f" if "sharpness" in name else "iu", (None,)) for name in names}
+    found = {
+        name: read(name, "f" if "sharpness" in name else "iu", (None,))
+        for name in _SUBDIVISION_PARTS
+    }
     scheme = _read_text(place, "subdivision")
     return SurfaceAttributes(
         corner_counts=counts,

@@ -8,7 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes, fan_triangulate
+from cageik_cli.geometry.surface_attributes import (
+    SurfaceAttributes,
+    fan_triangulate,
+    number_normal_fans,
+)
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import ConnectivityError, FormatError
 from cageik_cli.util.text import format_count
@@ -108,6 +112,24 @@ class FileMesh:
             return self.left_out
         cut = f"{format_count(self.polygon_count, 'polygon')} cut into triangles to compute with"
         return (cut, *self.left_out)
+
+
+def share_normals(
+    attributes: SurfaceAttributes, values: Floats, indices: Integers, decimals: int = 4
+) -> SurfaceAttributes:
+    """Return attributes whose corners share the normals that are equal to so many decimals.
+
+    Many programs write the same normal for each corner anew.
+
+    Parameters
+    ----------
+    values : (k, 3)
+    indices : (c,)
+        Which of them each corner has.
+    """
+    same = np.unique(values.round(decimals), axis=0, return_inverse=True)[1].ravel()
+    fans = number_normal_fans(attributes.corners, same[indices])
+    return replace(attributes, normal_fans=fans)
 
 
 def check_not_points(vertex_count: int, face_count: int) -> None:

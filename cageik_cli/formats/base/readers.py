@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import ChunkedFrames
-from cageik_cli.formats.base.file_numbers import number_files
+from cageik_cli.formats.base.file_numbers import FileSeries
 from cageik_cli.formats.base.files import decompress, file_suffix, hash_file
 from cageik_cli.formats.base.mesh_data import FileMesh, check_connectivity, check_not_points
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
@@ -73,7 +73,7 @@ class FrameFileReader(MeshSequence):
         return mesh
 
     def __init__(self, request: ClipRequest) -> None:
-        series = number_files(request.paths, request.settings.gaps)
+        series = FileSeries(request.paths, request.settings.gaps)
         chosen = series.trim(request.select_frames(len(series.paths)))
         self._missing = {k: series.missing[n] for k, n in enumerate(chosen) if n in series.missing}
         self.missing = frozenset(self._missing)

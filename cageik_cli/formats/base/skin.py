@@ -12,8 +12,6 @@ from cageik_cli.util.errors import CageError
 MIN_WEIGHT = 1e-7
 """Smaller weights are dropped: beside a weight of 1, single precision loses them."""
 
-_BLOCK_ROWS = 1 << 14
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinWeights:
@@ -37,7 +35,7 @@ class SkinWeights:
         return matrix
 
 
-def compute_skin_weights(weights: Floats) -> SkinWeights:
+def compute_skin_weights(weights: Floats, block_rows: int = 1 << 14) -> SkinWeights:
     """Compute skin weights from cage weights: negative ones are cut off, the sum scaled to 1.
 
     Parameters
@@ -50,7 +48,7 @@ def compute_skin_weights(weights: Floats) -> SkinWeights:
     InputError
         When a row has no weight above zero.
     """
-    blocks = [slice(row, row + _BLOCK_ROWS) for row in range(0, len(weights), _BLOCK_ROWS)]
+    blocks = [slice(row, row + block_rows) for row in range(0, len(weights), block_rows)]
     k = max(int((weights[rows] >= MIN_WEIGHT).sum(axis=1).max()) for rows in blocks)
     joints = np.empty((len(weights), k), np.int64)
     values = np.empty((len(weights), k))

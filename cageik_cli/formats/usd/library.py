@@ -10,7 +10,6 @@ from typing import Any
 from cageik_cli.util.errors import FormatError, error_context, require_optional
 from cageik_cli.util.files import check_input, open_input
 
-_NOT_TEXT = "its text is not UTF-8"
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
@@ -35,7 +34,7 @@ def capture_diagnostics(make_error: Callable[[str], Exception]) -> Iterator[list
         except Tf.ErrorException as error:
             raise make_error(_format_diagnostic(error.args[0])) from error
         except UnicodeDecodeError as error:
-            raise make_error(_NOT_TEXT) from error
+            raise make_error("its text is not UTF-8") from error
         finally:
             warnings += (f"USD warns: {_format_diagnostic(each)}" for each in trap.GetWarnings())
             trap.Clear()
@@ -46,7 +45,7 @@ def _format_diagnostic(diagnostic: Any) -> str:
     try:
         text = " ".join(diagnostic.commentary.split())
     except UnicodeDecodeError:
-        return _NOT_TEXT
+        return "its text is not UTF-8"
     text = re.sub(r" matching pxrInternal.*? at ", " at ", text)
     text = re.sub(r" \(\w+ stage on stage .*\)$", "", text)
     return re.sub(r"@([^@]*)@", lambda layer: Path(layer[1]).name, text)
@@ -63,17 +62,6 @@ MAX_NESTING = 500
 
 USD crashes at tens of thousands of braces, and does not end for as many others.
 """
-
-_TEXT_MARK = b"#usda"
-_BRACES = re.compile(
-    rb"""\"""(?:[^\\]|\\.)*?\"""|\'\'\'(?:[^\\]|\\.)*?\'\'\'|"(?:[^"\\\n]|\\.)*"|"""
-    rb"""\'(?:[^\'\\\n]|\\.)*\'|@@@.*?@@@|@[^@\n]*@|\#[^\n\r]*|\{|\}""",
-    re.DOTALL,
-)
-"""Texts, names of files and comments, which may hold braces; and braces."""
-
-_OPEN_BRACKETS = re.compile(rb"(?:[(\[][^()\[\]]*+){%d}" % (MAX_NESTING + 1))
-"""Brackets that are opened one after another."""
 
 
 def check_layers(path: Path) -> list[Any]:
@@ -122,7 +110,7 @@ def check_layers(path: Path) -> list[Any]:
 def _check_nesting(path: Path) -> None:
     """Refuse a text whose brackets are nested more than `MAX_NESTING` levels deep."""
     with open_input(path) as file:
-        if file.read(len(_TEXT_MARK)) != _TEXT_MARK:
+        if file.read(5) != b"#usda":
             return
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
             if _is_nested_deeply(text):
@@ -133,12 +121,18 @@ def _check_nesting(path: Path) -> None:
 
 def _is_nested_deeply(text: mmap.mmap) -> bool:
     """Tell whether the brackets of a text are nested more than `MAX_NESTING` levels deep."""
+    # Texts, names of files and comments, which may hold braces; and braces.
+    words = (
+        rb"""\"""(?:[^\\]|\\.)*?\"""|\'\'\'(?:[^\\]|\\.)*?\'\'\'|"(?:[^"\\\n]|\\.)*"|"""
+        rb"""\'(?:[^\'\\\n]|\\.)*\'|@@@.*?@@@|@[^@\n]*@|\#[^\n\r]*|\{|\}"""
+    )
     depth = 0
-    for brace in _BRACES.finditer(text):
+    for brace in re.finditer(words, text, re.DOTALL):
         depth += (brace[0] == b"{") - (brace[0] == b"}")
         if depth > MAX_NESTING:
             return True
-    return _OPEN_BRACKETS.search(text) is not None
+    open_brackets = rb"(?:[(\[][^()\[\]]*+){%d}" % (MAX_NESTING + 1)  # one after another
+    return re.search(open_brackets, text) is not None
 
 
 class _PrimCounter:

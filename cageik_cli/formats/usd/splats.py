@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.ply_points import (
     COLOURS,
-    OPACITY,
     SCALES,
     TURNS,
     PointFile,
@@ -22,9 +21,6 @@ from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
 from cageik_cli.util.errors import MissingLibraryError, OutputError
 
 SCHEMA = "ParticleField3DGaussianSplat"
-
-EXTENT_SIGMAS = 3.0
-"""The extent holds every splat to so many of its largest standard deviation."""
 
 
 class UsdSplatWriter(UsdWriter):
@@ -115,10 +111,10 @@ def _stack(rows: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.float32]:
 def _compute_opacities(rows: NDArray[Any]) -> NDArray[np.float32]:
     """Return the opacities, (m,), whose logits the rows have."""
     with np.errstate(over="ignore"):
-        return (1 / (1 + np.exp(-rows[OPACITY].astype(np.float64)))).astype(np.float32)
+        return (1 / (1 + np.exp(-rows["opacity"].astype(np.float64)))).astype(np.float32)
 
 
 def _compute_splat_extent(positions: NDArray[np.float32], scales: NDArray[np.float32]) -> Any:
-    """Return the bounding box of splats."""
-    radii = EXTENT_SIGMAS * scales.max(axis=1, keepdims=True)
+    """Return the bounding box of splats, each to three of its largest standard deviation."""
+    radii = 3.0 * scales.max(axis=1, keepdims=True)
     return compute_extent(np.concatenate([positions - radii, positions + radii]))

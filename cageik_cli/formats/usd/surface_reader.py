@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.formats.base.mesh_data import share_normals
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import NONE, PLAIN_COLOUR, FaceLabels, Subdivision, UvMap
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
@@ -17,9 +18,6 @@ LIBRARY_KEY = "materialLibrary"
 """Where the custom data of a mesh names the file of its materials, as an OBJ file does."""
 
 UV_NAME = "st"
-
-NORMAL_DECIMALS = 4
-"""Normals of a vertex that are equal to so many decimals are one."""
 
 _PER_VERTEX, _PER_CORNER, _PER_FACE = ("vertex", "varying"), ("faceVarying",), ("uniform",)
 
@@ -71,10 +69,7 @@ class SurfaceReader:
             values = _to_array(found, 3)
             numbers, interpolation = np.arange(len(values)), self._mesh.GetNormalsInterpolation()
         places = _locate(interpolation, attributes, len(numbers))
-        # Many programs write the same normal for each corner anew.
-        same = np.unique(values.round(NORMAL_DECIMALS), axis=0, return_inverse=True)[1].ravel()
-        fans = number_normal_fans(attributes.corners, same[numbers][places])
-        return replace(attributes, normal_fans=fans)
+        return share_normals(attributes, values, numbers[places])
 
     def read_colours(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
         """Read the colours of vertices."""

@@ -17,12 +17,6 @@ from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import NONE, FaceLabels
 from cageik_cli.util.arrays import Floats, Integers
 
-PREVIEW_SURFACE = "UsdPreviewSurface"
-"""The shader that all programs show."""
-
-MATERIAL_SCOPE = "materials"
-"""Where materials are, beside the mesh."""
-
 
 class UsdMesh:
     """A mesh prim with the faces and the attributes of a mesh, and no points yet."""
@@ -161,7 +155,7 @@ def _write_materials(prim: Any, attributes: SurfaceAttributes) -> None:
     if labels is None:
         return
     stage, parent = prim.GetPrim().GetStage(), prim.GetPath().GetParentPath()
-    scope = MATERIAL_SCOPE + "_" * (prim.GetPrim().GetName() == MATERIAL_SCOPE)
+    scope = "materials_" if prim.GetPrim().GetName() == "materials" else "materials"
     root = UsdGeom.Scope.Define(stage, parent.AppendChild(scope))
     bound = dict(labels.list_members())
     materials = {}
@@ -183,7 +177,7 @@ def _write_colour(material: Any, colour: Floats) -> None:
 
     path = material.GetPath().AppendChild("surface")
     shader = UsdShade.Shader.Define(material.GetPrim().GetStage(), path)
-    shader.CreateIdAttr(PREVIEW_SURFACE)
+    shader.CreateIdAttr("UsdPreviewSurface")  # all programs show it
     red, green, blue, opacity = colour.clip(0, 1).tolist()
     shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(red, green, blue))
     shader.CreateInput("opacity", Sdf.ValueTypeNames.Float).Set(opacity)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.formats.base import file_numbers
-from cageik_cli.formats.base.file_numbers import number_files
+from cageik_cli.formats.base.file_numbers import FileSeries
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import FileAccessError, InputError, MissingFrameError, SettingError
@@ -13,7 +13,7 @@ from tests.clips import frames_of
 
 
 def number(names, gaps="refuse"):
-    return number_files(tuple(Path("clip") / f"{name}.obj" for name in names.split()), gaps)
+    return FileSeries(tuple(Path("clip") / f"{name}.obj" for name in names.split()), gaps)
 
 
 def name_all(series):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base import skin as skinning
 from cageik_cli.formats.base.skin import MIN_WEIGHT, compute_skin_weights
 from cageik_cli.util.errors import CageError
 
@@ -11,12 +10,6 @@ RANDOM = np.random.default_rng(7)
 CONVEX = RANDOM.dirichlet(np.ones(9), 40) * 0.99 + 0.01 / 9
 SIGNED = CONVEX + RANDOM.normal(0, 0.1, CONVEX.shape)
 SIGNED /= SIGNED.sum(axis=1, keepdims=True)
-
-
-@pytest.fixture(autouse=True, params=[7, 1 << 14])
-def rows(monkeypatch, request):
-    """However many rows are taken at once."""
-    monkeypatch.setattr(skinning, "_BLOCK_ROWS", request.param)
 
 
 def test_convex_weights_are_unchanged():
@@ -52,3 +45,9 @@ def test_weights_that_single_precision_does_not_tell_are_dropped():
 def test_a_row_without_a_weight_above_zero_is_refused():
     with pytest.raises(CageError, match="vertex 1 has no weight above zero"):
         compute_skin_weights(np.array([[1.0, 0], [0, 0]]))
+
+
+def test_blocks_of_rows_give_the_same():
+    whole, parts = (compute_skin_weights(SIGNED, block_rows=rows) for rows in (1 << 14, 7))
+    np.testing.assert_array_equal(parts.joints, whole.joints)
+    np.testing.assert_array_equal(parts.values, whole.values)

@@ -190,7 +190,7 @@ def test_the_bytes_do_not_depend_on_blocks_of_frames(tmp_path, animation, restle
 
 def test_blocks_of_vertices_change_rounding_only(tmp_path, monkeypatch, animation, restless):
     before, _ = save(tmp_path / "a.glb", animation.rest, restless, count=9, has_normals=True)
-    monkeypatch.setattr("cageik_cli.formats.gltf_file.BLOCK_BYTES", 24 * 40 * 5)
+    monkeypatch.setattr("cageik_cli.formats.gltf_file.MAX_SPOOL_BYTES", 24 * 40 * 5)
     after, _ = save(tmp_path / "b.glb", animation.rest, restless, count=9, has_normals=True)
     for name in ("POSITION", "NORMAL"):
         np.testing.assert_allclose(after.morph(name), before.morph(name), rtol=0, atol=1e-5)
