@@ -13,8 +13,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import settings
 
-from cageik_cli.cages.building import job
-from cageik_cli.cages.building.shell import ShellRecipe
+from cageik_cli.cages import build
 from cageik_cli.cli import main, options
 from cageik_cli.coordinates import harmonic
 from cageik_cli.geometry.mesh import TriMesh
@@ -123,8 +122,8 @@ def _use_coarse_panels(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def coarse_grids(monkeypatch) -> None:
     """Build cages on coarse grids, from loose shells, in a second."""
-    monkeypatch.setattr(job, "COARSE_CELL", 0.03)
-    monkeypatch.setattr(job, "LADDER", (ShellRecipe(0.04, 0.08),))
+    monkeypatch.setattr(build, "COARSE_GRID", (0.03, 0.13))
+    monkeypatch.setattr(build, "LADDER", ((0.04, 0.08),))
 
 
 @pytest.fixture(scope="session")

@@ -1,30 +1,141 @@
 """Build a cage around any model: candidates from tight to loose, each judged by exact tests."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
-from cageik_cli.cages.building.job import Job
-from cageik_cli.cages.building.records import BuildSettings, BuiltCage, Candidate, Clip
+import numpy as np
+
+from cageik_cli.cages.building.collapse import euler_characteristic
+from cageik_cli.cages.building.judge import Demand, Verdict, judge
+from cageik_cli.cages.building.motion import Motion
+from cageik_cli.cages.building.refine import refine_shell, replace_weak_vertices, wrap_ellipsoid
+from cageik_cli.cages.building.shell import DistanceGrid, Shell, make_shell, measure_grid
+from cageik_cli.cages.building.shift import shift_vertices
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import NumericalError
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import NumericalError, join_truncated
 from cageik_cli.util.progress import ignore_progress
+from cageik_cli.util.text import format_count
 from cageik_cli.util.threads import limit_blas_threads
 
-__all__ = ["BuildSettings", "BuiltCage", "Candidate", "Clip", "build_cage"]
+LADDER = (
+    (0.006, 0.010),
+    (0.008, 0.014),
+    (0.010, 0.020),
+    (0.012, 0.015),
+    (0.016, 0.020),
+    (0.016, 0.035),
+    (0.025, 0.050),
+    (0.040, 0.080),
+)
+"""Offset and closing of the shells that are tried, in diagonals, tight to loose."""
 
-GOOD_ANGLE = 10.0
+FINE_GRID, COARSE_GRID = (0.007, 0.04), (0.014, 0.13)
+"""Cells of the grids, and how far their distances are exact, in diagonals: as far as the offset and
+the closing of the shells that are made on them, and some cells."""
+
+MAX_POSED_RUNGS = 3
+"""Rungs of the ladder that are tried for an animation; the others only if all of them fail."""
+
+MAX_SHIFTED = 3
+"""The best candidates whose vertices are shifted to where they miss an animation."""
+
+MIN_FLAWLESS_ANGLE = 10.0
 """A smallest angle below this, degrees, makes a candidate rank lower."""
 
 MIN_GOOD_ANGLE = 5.0
 """Smaller angles of a cage that is built, degrees, are noted."""
 
-HANDLE_COST = 0.1
-"""The cost of a handle: a candidate without it may have a shell looser by this share."""
 
-SHIFTED = 3
-"""The best candidates whose vertices are shifted to where they miss an animation."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Clip:
+    """The animation that a cage is built for.
 
-ENOUGH = 2
-"""Valid candidates after which the ladder ends, when none is measured or flawless."""
+    Attributes
+    ----------
+    frames : (k, m, 3) float64
+        Poses of the model's vertices, file units; rigid motions between them do not matter.
+    measure : callable
+        Of a cage in file units: its error on the animation, the less the better, in any unit.
+    """
+
+    frames: Floats
+    measure: Callable[[TriMesh], float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A cage that was tried.
+
+    Attributes
+    ----------
+    recipe : str
+        The shell it was made from, and the changes since.
+    cage : TriMesh
+        File units; usable only if the verdict is valid.
+    verdict : Verdict
+        Lengths in diagonals of the model.
+    offset : float
+        Of the shell it was made from, diagonals of the model; infinite without a shell.
+    error : float, optional
+        On the animation; None where nothing was measured.
+    notes : tuple of str
+        Changes to the surface of the model, a sentence each.
+    """
+
+    recipe: str
+    cage: TriMesh
+    verdict: Verdict
+    offset: float
+    error: float | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def cost(self) -> float:
+        """What speaks against it: the best candidate has the lowest.
+
+        It is the error, or else the offset; a handle costs as much as a tenth of that.
+        """
+        if self.error is not None:
+            return self.error
+        poor = max(0.0, MIN_FLAWLESS_ANGLE - self.verdict.smallest_angle) / MIN_FLAWLESS_ANGLE
+        return self.offset * (1 + poor + 0.1 * self.verdict.genus)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BuiltCage:
+    """A cage that was built around a model.
+
+    Attributes
+    ----------
+    cage : TriMesh
+        Closed, manifold, outward, of one component, around the whole surface; file units.
+    chosen : Candidate
+        The candidate that was taken.
+    candidates : tuple of Candidate
+        All candidates, in the order in which they were tried.
+    notes : tuple of str
+        Warnings, a sentence each, with places in file units.
+
+    Examples
+    --------
+    >>> from cageik_cli import build_cage, load_mesh
+    >>> build_cage(load_mesh("data_fixtures/walker/frames/walker_1.obj"), vertices=40)
+    <BuiltCage: 40 vertices, 76 triangles, best of 1 candidate, 0 notes>
+    """
+
+    cage: TriMesh
+    chosen: Candidate
+    candidates: tuple[Candidate, ...]
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        tried = format_count(len(self.candidates), "candidate")
+        return (
+            f"<BuiltCage: {len(self.cage.vertices)} vertices, {len(self.cage.faces)} triangles, "
+            f"best of {tried}, {format_count(len(self.notes), 'note')}>"
+        )
 
 
 def build_cage(
@@ -56,76 +167,162 @@ def build_cage(
     """
     # Sums of several threads are rounded otherwise, and a choice may hang on that.
     with limit_blas_threads(1):
-        job = Job.start(model, settings or BuildSettings(), clip)
-        shifts = 0 if clip is None else SHIFTED
-        rungs, total = len(job.ladder), len(job.ladder) + shifts
-        tried = _try_shells(job, lambda done: progress(done, total))
-        if not _list_valid(tried):
-            tried += [job.measure(loose) for loose in job.try_ellipsoids()]
-        for step, candidate in enumerate(sorted(_list_valid(tried), key=rank)[:shifts]):
-            tried.append(job.measure(job.try_shift(candidate)))
-            progress(rungs + step + 1, total)
-    progress(total, total)
-    return choose_best(tried)
+        return _Builder(model, settings or BuildSettings(), clip).run(progress)
 
 
-def _try_shells(job: Job, progress: Callable[[int], None]) -> list[Candidate]:
-    """Return the candidates of the ladder, and of the reserve while none of them is valid."""
-    tried: list[Candidate] = []
-    for step, (recipe, poses) in enumerate((*job.ladder, *job.reserve)):
-        if step >= len(job.ladder) and _list_valid(tried):
-            break
-        candidate = job.try_shell(recipe, poses)
-        if candidate is not None:
-            tried.append(job.measure(candidate))
-        progress(min(step + 1, len(job.ladder)))
-        if job.clip is None and _is_enough(tried):
-            break
-    return tried
+class _Builder:
+    """The candidates for one model, and what they share."""
 
+    def __init__(self, model: TriMesh, settings: BuildSettings, clip: Clip | None) -> None:
+        self._demand, self._clip = Demand.start(model, settings), clip
+        self._motion: Motion | None = None
+        if clip is not None:
+            used = model.used_vertices
+            rest = self._demand.to_units(model.vertices[used])
+            self._motion = Motion(rest, self._demand.to_units(clip.frames[:, used]))
+        self._grids: dict[float, DistanceGrid] = {}  # by their cells, measured as they are needed
+        self._tried: list[Candidate] = []
 
-def _list_valid(tried: list[Candidate]) -> list[Candidate]:
-    """Return the candidates that may be handed out."""
-    return [candidate for candidate in tried if candidate.verdict.is_valid]
+    @property
+    def _valid(self) -> list[Candidate]:
+        """The candidates that may be handed out."""
+        return [candidate for candidate in self._tried if candidate.verdict.is_valid]
 
+    @property
+    def _is_enough(self) -> bool:
+        """Whether the ladder can end without a clip, as the rungs that follow are looser."""
+        valid = [candidate.verdict for candidate in self._valid]
+        flawless = any(v.smallest_angle >= MIN_FLAWLESS_ANGLE and v.genus == 0 for v in valid)
+        return flawless or len(valid) >= 2
 
-def _is_enough(tried: list[Candidate]) -> bool:
-    """Return whether the ladder can end, as the rungs that follow are looser."""
-    valid = [candidate.verdict for candidate in _list_valid(tried)]
-    flawless = any(v.smallest_angle >= GOOD_ANGLE and v.genus == 0 for v in valid)
-    return flawless or len(valid) >= ENOUGH
+    def run(self, progress: Callable[[int, int], None]) -> BuiltCage:
+        """Try the shells, ellipsoids if no shell passes, and shifts for a clip; take the best."""
+        if self._clip is None:
+            rungs, shifts = len(LADDER), 0
+            self._try_shells(lambda done: progress(done, rungs))
+        else:
+            rungs, shifts = 2 * len(LADDER[:MAX_POSED_RUNGS]), MAX_SHIFTED
+            self._try_shells_for_clip(lambda done: progress(min(done, rungs), rungs + shifts))
+        if not self._valid:
+            self._try_ellipsoids()
+        best = sorted(self._valid, key=lambda candidate: candidate.cost)[:shifts]
+        for step, candidate in enumerate(best):
+            self._try_shift(candidate)
+            progress(rungs + step + 1, rungs + shifts)
+        progress(rungs + shifts, rungs + shifts)
+        return self._choose_best()
 
+    def _try_shells(self, progress: Callable[[int], None]) -> None:
+        """Try the ladder until it is enough."""
+        for step, (offset, closing) in enumerate(LADDER):
+            self._try_shell(offset, closing)
+            progress(step + 1)
+            if self._is_enough:
+                break
 
-def choose_best(tried: list[Candidate]) -> BuiltCage:
-    """Take the valid candidate of the least error, or else from the tightest shell.
+    def _try_shells_for_clip(self, progress: Callable[[int], None]) -> None:
+        """Try the first rungs with the poses and without, and others while none is valid."""
+        done = 0
+        for offset, closing in LADDER[:MAX_POSED_RUNGS]:
+            for motion in (self._motion, None):
+                self._try_shell(offset, closing, motion)
+                done += 1
+                progress(done)
+        for offset, closing in LADDER[MAX_POSED_RUNGS:]:
+            if self._valid:
+                break
+            self._try_shell(offset, closing)
+            done += 1
+            progress(done)
 
-    Raises
-    ------
-    NumericalError
-        When none is valid.
-    """
-    valid = _list_valid(tried)
-    if not valid:
-        reason = tried[-1].verdict.faults[0] if tried else "nothing could be made of the model"
-        raise NumericalError(f"no cage passes the tests, the last one {reason}; please report it")
-    best = min(valid, key=rank)
-    return BuiltCage(best.cage, best, tuple(tried), (*best.notes, *_note_angle(best)))
+    def _try_shell(self, offset: float, closing: float, motion: Motion | None = None) -> None:
+        """Try a cage made of a shell, if the grid carries it; a motion keeps vertices it needs."""
+        shell = make_shell(self._find_grid(offset), offset, closing)
+        if shell is None:
+            return
+        cage = refine_shell(shell.surface, self._demand, motion)
+        name = f"shell {100 * offset:.2g} % closed by {100 * closing:.2g} %"
+        if motion is not None and len(motion.poses):
+            name += f", {len(motion.poses)} poses"
+        notes = self._describe_shell(shell)
+        candidate = self._make_candidate(name, cage, offset, notes)
+        if candidate.verdict.is_valid:
+            stronger = replace_weak_vertices(cage, self._demand)
+            if stronger is not cage:
+                replaced = self._make_candidate(name, stronger, offset, notes)
+                candidate = replaced if replaced.verdict.is_valid else candidate
+        self._add(candidate)
 
-
-def _note_angle(candidate: Candidate) -> Iterator[str]:
-    """Yield a sentence on the smallest angle, if it is small."""
-    angle = candidate.verdict.smallest_angle
-    if angle < MIN_GOOD_ANGLE:
-        yield (
-            f"the smallest angle is {angle:.2g} degrees, expected {MIN_GOOD_ANGLE:g} or more; "
-            "weights nearby are less accurate"
+    def _try_ellipsoids(self) -> None:
+        """Try loose cages: an ellipsoid drawn in, and where that fails, as it is."""
+        note = (
+            "no cage that follows the model passed the tests; this is an ellipsoid drawn in, which "
+            "expresses less: more vertices or another clearance may help"
         )
+        for name, draws in (("ellipsoid drawn in", 12), ("ellipsoid", 0)):
+            cage = wrap_ellipsoid(self._demand, draws)
+            self._add(self._make_candidate(name, cage, np.inf, (note,)))
+            if self._valid:
+                break
 
+    def _try_shift(self, candidate: Candidate) -> None:
+        """Try a candidate with some of its vertices moved to where it misses the clip."""
+        assert self._motion is not None
+        cage = TriMesh(self._demand.to_units(candidate.cage.vertices), candidate.cage.faces)
+        cage, moved = shift_vertices(cage, self._demand, self._motion)
+        recipe = f"{candidate.recipe}, {moved} vertices shifted"
+        self._add(self._make_candidate(recipe, cage, candidate.offset, candidate.notes))
 
-def rank(candidate: Candidate) -> float:
-    """Return the cost of a candidate: the best one has the lowest."""
-    if candidate.error is not None:
-        return candidate.error
-    verdict = candidate.verdict
-    poor = max(0.0, GOOD_ANGLE - verdict.smallest_angle) / GOOD_ANGLE
-    return candidate.offset * (1 + poor + HANDLE_COST * verdict.genus)
+    def _make_candidate(
+        self, recipe: str, cage: TriMesh, offset: float, notes: tuple[str, ...]
+    ) -> Candidate:
+        """Judge a cage as it is after rounding to file units."""
+        placed = TriMesh(self._demand.to_file_units(cage.vertices), cage.faces)
+        back = TriMesh(self._demand.to_units(placed.vertices), cage.faces)
+        return Candidate(recipe, placed, judge(back, self._demand), offset, notes=notes)
+
+    def _add(self, candidate: Candidate) -> None:
+        """Add a candidate, with its error if it is valid and there is a clip."""
+        if self._clip is not None and candidate.verdict.is_valid:
+            candidate = replace(candidate, error=self._clip.measure(candidate.cage))
+        self._tried.append(candidate)
+
+    def _find_grid(self, offset: float) -> DistanceGrid:
+        """Return the grid on which a shell is made, measured when it is first needed."""
+        # The offset is to be more than the half of a cell.
+        cell, reach = FINE_GRID if offset < 0.016 else COARSE_GRID
+        if cell not in self._grids:
+            self._grids[cell] = measure_grid(self._demand.surface, cell, reach)
+        return self._grids[cell]
+
+    def _describe_shell(self, shell: Shell) -> tuple[str, ...]:
+        """Return notes on what the shell closed, and where."""
+        notes = []
+        handles = 1 - euler_characteristic(shell.surface) // 2
+        for count, what, places in (
+            (len(shell.bridges), "parts of the model that lie apart were joined", shell.bridges),
+            (len(shell.hollows), "hollows with a narrow opening were filled", shell.hollows),
+            (handles, "handles are left where parts touch: they move together", shell.webs),
+        ):
+            if count:
+                points = self._demand.to_file_units(places)
+                texts = (f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in points)
+                notes.append(f"{what} ({count}), at {join_truncated(texts, limit=3)}")
+        return tuple(notes)
+
+    def _choose_best(self) -> BuiltCage:
+        """Take the valid candidate of the least error, or else from the tightest shell."""
+        if not self._valid:
+            faults = self._tried[-1].verdict.faults
+            raise NumericalError(
+                f"no cage passes the tests, the last one {faults[0]}; please report it"
+            )
+        best = min(self._valid, key=lambda candidate: candidate.cost)
+        notes, angle = best.notes, best.verdict.smallest_angle
+        if angle < MIN_GOOD_ANGLE:
+            notes = (
+                *notes,
+                f"the smallest angle is {angle:.2g} degrees, expected {MIN_GOOD_ANGLE:g} or more; "
+                "weights nearby are less accurate",
+            )
+        return BuiltCage(best.cage, best, tuple(self._tried), notes)

@@ -29,10 +29,12 @@ def sample_surface(surface: TriMesh, spacing: float = 0.015, max_points: int = 6
     return np.concatenate(list(sample_in_blocks(surface, spacing * surface.diagonal, max_points)))
 
 
-def sample_in_blocks(surface: TriMesh, spacing: float, max_points: int) -> Iterator[Floats]:
+def sample_in_blocks(
+    surface: TriMesh, spacing: float = 0.01, max_points: int = 150_000
+) -> Iterator[Floats]:
     """Yield the points of `sample_surface` in blocks (k, 3), for meshes with many needles.
 
-    The spacing is in file units.
+    The spacing is in file units: the default is for models whose diagonal is one.
     """
     corners = surface.vertices[surface.faces]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from cageik_cli.cages import build as cage_builder
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.build import BuildSettings, BuiltCage, Clip
+from cageik_cli.cages.build import BuiltCage, Clip
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.files import describe_source, file_suffix

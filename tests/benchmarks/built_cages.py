@@ -16,8 +16,9 @@ import h5py
 import numpy as np
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.build import BuildSettings, build_cage
+from cageik_cli.cages.build import build_cage
 from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh

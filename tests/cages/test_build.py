@@ -3,10 +3,9 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from cageik_cli.cages import build as build_module
-from cageik_cli.cages.build import BuildSettings, Clip, build_cage
-from cageik_cli.cages.building import job as job_module
-from cageik_cli.cages.building.shell import ShellRecipe
+from cageik_cli.cages.build import Clip, build_cage
 from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FormatError
 from tests.cages.independent import examine
@@ -102,14 +101,14 @@ def test_the_candidate_of_the_least_error_is_taken_for_a_clip():
 
 @pytest.mark.usefixtures("coarse_grids")
 def test_looser_shells_are_tried_for_a_clip_when_the_tight_ones_fail(monkeypatch):
-    tight, make_shell = ShellRecipe(0.03, 0.04), job_module.make_shell
-    monkeypatch.setattr(job_module, "LADDER", (tight, *job_module.LADDER))
-    monkeypatch.setattr(job_module, "POSED_RUNGS", 1)
-    monkeypatch.setattr(build_module, "SHIFTED", 0)
+    make_shell = build_module.make_shell
+    monkeypatch.setattr(build_module, "LADDER", ((0.03, 0.04), *build_module.LADDER))
+    monkeypatch.setattr(build_module, "MAX_POSED_RUNGS", 1)
+    monkeypatch.setattr(build_module, "MAX_SHIFTED", 0)
     monkeypatch.setattr(
-        job_module,
+        build_module,
         "make_shell",
-        lambda grid, recipe: None if recipe is tight else make_shell(grid, recipe),
+        lambda grid, offset, closing: None if offset == 0.03 else make_shell(grid, offset, closing),
     )
     clip = Clip(ball(3).vertices[None], lambda cage: 1.0)
     built = build_cage(ball(3), BuildSettings(vertices=30), clip)
@@ -119,7 +118,7 @@ def test_looser_shells_are_tried_for_a_clip_when_the_tight_ones_fail(monkeypatch
 @pytest.mark.usefixtures("coarse_grids")
 def test_the_number_of_threads_does_not_change_sums(monkeypatch):
     """Products of several threads are rounded otherwise: every choice is made with one."""
-    monkeypatch.setattr(build_module, "SHIFTED", 0)
+    monkeypatch.setattr(build_module, "MAX_SHIFTED", 0)
     found = []
 
     def measure(cage):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.build import BuildSettings, build_cage
+from cageik_cli.cages.build import build_cage
 from cageik_cli.cages.enclosure import locate_vertices
 from cageik_cli.cages.misfit import MAX_SIZE_RATIO
 from cageik_cli.cages.quality import (
@@ -19,6 +19,7 @@ from cageik_cli.cages.quality import (
     find_weak_vertices,
     has_too_much_room,
 )
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from tests.cages.test_sections import trousers

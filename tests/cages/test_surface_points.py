@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages import surface_points as module
-from cageik_cli.cages.building.unit import SPACING, normalize_model
+from cageik_cli.cages.building.judge import Demand
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.cages.surface_points import sample_in_blocks, sample_surface
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points
@@ -51,8 +52,8 @@ def test_needles_are_never_sampled_all_at_once(monkeypatch):
 
 
 def test_the_points_of_a_model_are_those_of_one_block(monkeypatch):
-    expected = normalize_model(needles(50)).samples
+    expected = Demand.start(needles(50), BuildSettings()).samples
     monkeypatch.setattr(module, "MAX_BLOCK_POINTS", 1000)
-    found = normalize_model(needles(50)).samples
+    found = Demand.start(needles(50), BuildSettings()).samples
     np.testing.assert_array_equal(found, expected)
-    assert len(np.unique(np.floor(found / SPACING), axis=0)) == len(found)
+    assert len(np.unique(np.floor(found / 0.01), axis=0)) == len(found)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.cages.build import SHIFTED
+from cageik_cli.cages.build import MAX_SHIFTED
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
@@ -74,7 +74,7 @@ def test_the_cage_for_an_animation_has_the_least_error():
     errors = [known.error for known in candidates if known.error is not None]
     recipes = [known.recipe for known in candidates]
     assert [", 4 poses" in recipe for recipe in recipes[:2]] == [True, False]
-    assert len([recipe for recipe in recipes if "shifted" in recipe]) == min(SHIFTED, 2)
+    assert len([recipe for recipe in recipes if "shifted" in recipe]) == min(MAX_SHIFTED, 2)
     assert result.built.chosen.error == min(errors)
     assert f"error          {min(errors):.4f} %" in format_cage_text(result)
 
@@ -107,7 +107,7 @@ def test_the_record_has_all_candidates():
 
 
 def test_a_loose_cage_has_a_warning(monkeypatch):
-    monkeypatch.setattr("cageik_cli.cages.building.job.make_shell", lambda *_: None)
+    monkeypatch.setattr("cageik_cli.cages.build.make_shell", lambda *_: None)
     result = build_cage_file(CageSettings(FRAME, OUT, SMALL))
     assert "ellipsoid" in result.built.chosen.recipe
     (warning,) = result.built.notes

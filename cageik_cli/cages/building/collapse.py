@@ -5,23 +5,38 @@ differ, the two are one.
 """
 
 import heapq
-from dataclasses import dataclass
 
+import igl
 import numpy as np
 
-from cageik_cli.cages.building.carry import Poses
-from cageik_cli.cages.building.decimate import UNTESTED, thin_shell
-from cageik_cli.cages.building.quadrics import collapse_costs, vertex_quadrics
+from cageik_cli.cages.building.motion import Motion
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles, cross
 from cageik_cli.util.arrays import Floats, Integers
 
 
-@dataclass(frozen=True, slots=True)
-class ShapeLimits:
-    """Limits on the faces that a collapse leaves.
+def collapse_edges(cage: TriMesh, count: int, motion: Motion | None) -> TriMesh:
+    """Collapse edges until there are `count` vertices, or none is left that may be collapsed.
 
-    Attributes
+    The cost of a collapse is the sum over the rest pose and those of the motion, each with its own
+    best place, so that vertices stay where any pose bends.
+    """
+    # A fine shell hardly tangles: down to so many vertices collapses need no test.
+    untested = max(1200, 2 * count)
+    if len(cage.vertices) > 1.5 * untested:
+        cage = thin_shell(cage, untested)
+    # Each row of limits is for what those before leave no way to do.
+    for angle, valence, cosine in ((6.0, 10, 0.2), (3.0, 11, 0.0), (0.5, 14, -0.3)):
+        if len(cage.vertices) > count:
+            collapser = _Collapser(cage, motion, angle=angle, valence=valence, cosine=cosine)
+            cage = collapser.run(count)
+    return cage
+
+
+class _Collapser:
+    """A mesh in all poses, its quadrics, and a queue of the collapses that are possible.
+
+    Parameters
     ----------
     angle : float
         Degrees that faces keep, unless they had less.
@@ -31,35 +46,12 @@ class ShapeLimits:
         Between the normals of a face before and after, at least.
     """
 
-    angle: float
-    valence: int
-    cosine: float
-
-
-LIMITS = (ShapeLimits(6.0, 10, 0.2), ShapeLimits(3.0, 11, 0.0), ShapeLimits(0.5, 14, -0.3))
-"""The later ones are for what the first leave no way to do."""
-
-
-def collapse_edges(cage: TriMesh, count: int, poses: Poses) -> TriMesh:
-    """Collapse edges until there are `count` vertices, or none is left that may be collapsed.
-
-    The cost of a collapse is the sum over the poses, each with its own best place, so that
-    vertices stay where any pose bends.
-    """
-    if len(cage.vertices) > 1.5 * max(UNTESTED, 2 * count):
-        cage = thin_shell(cage, max(UNTESTED, 2 * count))
-    for limits in LIMITS:
-        if len(cage.vertices) > count:
-            cage = _Collapser(cage, poses, limits).run(count)
-    return cage
-
-
-class _Collapser:
-    """A mesh in all poses, its quadrics, and a queue of the collapses that are possible."""
-
-    def __init__(self, cage: TriMesh, poses: Poses, limits: ShapeLimits) -> None:
-        self._limits = limits
-        self._places = np.concatenate([cage.vertices[None], poses.carry(cage.vertices)])
+    def __init__(
+        self, cage: TriMesh, motion: Motion | None, *, angle: float, valence: int, cosine: float
+    ) -> None:
+        self._min_angle, self._max_valence, self._min_cosine = angle, valence, cosine
+        carried = [] if motion is None else [motion.carry(cage.vertices)]
+        self._places = np.concatenate([cage.vertices[None], *carried])
         self._quadrics = np.array([vertex_quadrics(TriMesh(p, cage.faces)) for p in self._places])
         self._around: list[set[int]] = [set() for _ in cage.vertices]
         self._faces = [tuple(face) for face in cage.faces.tolist()]
@@ -99,7 +91,7 @@ class _Collapser:
         valence = len(self._around[a]) + len(self._around[b]) - 4
         if len(common) != 2 or min(len(self._around[c]) for c in common) <= 3:
             return False
-        if valence > self._limits.valence:
+        if valence > self._max_valence:
             return False
         ends = np.array([[a, b]])
         places = np.array(
@@ -124,11 +116,11 @@ class _Collapser:
         normals = [cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (old, moved)]
         lengths = [np.linalg.norm(normal, axis=1) for normal in normals]
         cosine = (normals[0] * normals[1]).sum(axis=1)
-        if (cosine < self._limits.cosine * lengths[0] * lengths[1]).any() or lengths[1].min() == 0:
+        if (cosine < self._min_cosine * lengths[0] * lengths[1]).any() or lengths[1].min() == 0:
             return False
         flat = np.arange(3 * len(left)).reshape(-1, 3)
         angles = [corner_angles(TriMesh(t.reshape(-1, 3), flat)).min() for t in (old, moved)]
-        return bool(angles[1] >= min(self._limits.angle, angles[0]))
+        return bool(angles[1] >= min(self._min_angle, angles[0]))
 
     def _merge(self, a: int, b: int, places: Floats) -> None:
         self._places[:, a] = places
@@ -149,3 +141,60 @@ class _Collapser:
         self._age[[a, b]] += 1
         ring = sorted(self._around[a])
         self._push(np.array([[min(a, other), max(a, other)] for other in ring]))
+
+
+def vertex_quadrics(mesh: TriMesh) -> Floats:
+    """Sum area times p pᵀ over the faces at each vertex, p the plane of the face, (n, 4, 4)."""
+    corners = mesh.vertices[mesh.faces]
+    normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    double = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= np.maximum(double, 1e-300)
+    plane = np.concatenate([normal, -(normal * corners[:, 0]).sum(axis=1, keepdims=True)], axis=1)
+    quadric = double[:, :, None] / 2 * plane[:, :, None] * plane[:, None]
+    quadrics = np.zeros((len(mesh.vertices), 4, 4))
+    for k in range(3):
+        np.add.at(quadrics, mesh.faces[:, k], quadric)
+    return quadrics
+
+
+def collapse_costs(quadrics: Floats, vertices: Floats, ends: Integers) -> tuple[Floats, Floats]:
+    """Return cost and best place of every collapse, (e,) and (e, 3)."""
+    total = quadrics[ends[:, 0]] + quadrics[ends[:, 1]]
+    middle = vertices[ends].mean(axis=1)
+    length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+    # Where the planes leave a direction open, the middle decides it.
+    size = np.trace(total[:, :3, :3], axis1=1, axis2=2)[:, None, None]
+    matrix = total[:, :3, :3] + (1e-3 * size + 1e-30) * np.eye(3)
+    side = total[:, :3, 3] + (total[:, :3, :3] @ middle[:, :, None])[:, :, 0]
+    step = -np.linalg.solve(matrix, side[:, :, None])[:, :, 0]
+    reach = np.linalg.norm(step, axis=1)
+    step *= np.minimum(1, length / np.maximum(reach, 1e-300))[:, None]
+    places = np.concatenate([middle + step, np.ones((len(ends), 1))], axis=1)
+    cost = np.einsum("ei,eij,ej->e", places, total, places)
+    return cost + 1e-4 * size.ravel() * length**2, places[:, :3]
+
+
+def euler_characteristic(mesh: TriMesh) -> int:
+    """Return V − E + F: 2 − 2 genus of a closed surface of one component."""
+    return len(mesh.vertices) - len(mesh.edges.ends) + len(mesh.faces)
+
+
+def list_stages(count: int) -> list[int]:
+    """Return vertex counts of the stages from a fine shell down to `count`.
+
+    Each leaves 0.6 of the vertices; the first has four times `count`, at least.
+    """
+    counts = [float(count)]
+    while counts[-1] < 4 * count:
+        counts.append(counts[-1] / 0.6)
+    return [int(np.ceil(stage)) for stage in counts[::-1]]
+
+
+def thin_shell(shell: TriMesh, count: int) -> TriMesh:
+    """Thin a fine shell to `count` vertices by libigl's quick collapses, which are not tested."""
+    faces = 2 * (count - euler_characteristic(shell))
+    vertices, corners, _, _ = igl.qslim(
+        np.asfortranarray(shell.vertices), np.asfortranarray(shell.faces.astype(np.int32)), faces
+    )
+    used, corners = np.unique(corners, return_inverse=True)
+    return TriMesh(vertices[used], corners.reshape(-1, 3))

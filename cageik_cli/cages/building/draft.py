@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 
 import igl
+import igl.predicates
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cageik_cli.cages.building.apart import keep_apart
+from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import closest_points, winding_numbers
@@ -74,6 +75,15 @@ class Draft:
         """Return numbers of the faces at a vertex."""
         return np.flatnonzero((self.faces == vertex).any(axis=1))
 
+    def faces_beside(self, start: int, stop: int) -> Integers:
+        """Return numbers of the faces at an edge, or at a pair of vertices."""
+        at = self.faces_at(start)
+        return np.asarray(at[(self.faces[at] == stop).any(axis=1)])
+
+    def count_faces(self) -> Integers:
+        """Return how many faces each vertex has, (n,), which are as many as its edges."""
+        return np.bincount(self.faces.ravel(), minlength=len(self.vertices))
+
     def neighbours(self, vertex: int) -> Integers:
         """Return the vertices that share an edge with one."""
         around = np.unique(self.faces[self.faces_at(vertex)])
@@ -106,8 +116,7 @@ class Draft:
         self.vertices = np.concatenate(
             [self.vertices, (self.vertices[[start]] + self.vertices[[stop]]) / 2]
         )
-        at = self.faces_at(start)
-        beside = at[(self.faces[at] == stop).any(axis=1)]
+        beside = self.faces_beside(start, stop)
         one, other = self.faces[beside].copy(), self.faces[beside].copy()
         one[one == stop] = middle
         other[other == start] = middle
@@ -116,7 +125,8 @@ class Draft:
 
     def near_samples(self, edit: Edit) -> Floats:
         """Return the samples that an edit may come near to, or leave outside, (k, 3)."""
-        corners = self._corners(edit)
+        around = np.unique(np.concatenate([edit.added, self.faces[edit.removed]]))
+        corners = np.concatenate([self.vertices[around], edit.position[None]])
         low, high = corners.min(axis=0), corners.max(axis=0)
         middle, radius = (low + high) / 2, np.linalg.norm(high - low) / 2
         near = self.samples[self._tree.query_ball_point(middle, radius + self.clearance)]
@@ -168,14 +178,78 @@ class Draft:
         vertices[used == edit.vertex] = edit.position
         return TriMesh(vertices, faces.reshape(-1, 3))
 
-    def _corners(self, edit: Edit) -> Floats:
-        """Return all places where the edit changes something, (k, 3)."""
-        around = np.unique(np.concatenate([edit.added, self.faces[edit.removed]]))
-        return np.concatenate([self.vertices[around], edit.position[None]])
-
     def _stays_apart(self, edit: Edit) -> bool:
         """Return whether new faces meet no face but at the vertices and edges that they share."""
         vertices = self.vertices.copy()
         vertices[edit.vertex] = edit.position
         rest = np.delete(self.faces, edit.removed, axis=0)
-        return keep_apart(vertices, edit.added, rest)
+        return _keep_apart(vertices, edit.added, rest)
+
+
+def _keep_apart(vertices: Floats, added: Integers, others: Integers) -> bool:
+    """Return whether `added` faces meet each other and `others` at shared vertices alone.
+
+    It is exact, and quick for a handful of faces. What is left to `geometry/intersections.py`,
+    which has the full answer, is faces that share a plane.
+    """
+    faces = np.concatenate([added, others])
+    corners = vertices[faces]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    count = len(added)
+    near = (low[:count, None] <= high).all(axis=2) & (low <= high[:count, None]).all(axis=2)
+    near &= np.arange(count)[:, None] < np.arange(len(faces))
+    first, second = np.nonzero(near)
+    shared = (faces[first][:, :, None] == faces[second][:, None]).any(axis=2).sum(axis=1)
+    return not (
+        (shared == 3).any()
+        or _fold_flat(vertices, faces, first[shared == 2], second[shared == 2])
+        or _pierce(vertices, faces, first[shared < 2], second[shared < 2])
+    )
+
+
+def _fold_flat(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
+    """Return whether faces that share a side lie in a plane, on one side of it."""
+    a, b = vertices[faces[first]], faces[second]
+    alone = ~(b[:, :, None] == faces[first][:, None]).any(axis=2)
+    tip = vertices[b[alone]]
+    flat = _orient(a[:, 0], a[:, 1], a[:, 2], tip) == 0
+    if not flat.any():
+        return False
+    normal = [np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (a[flat], vertices[b[flat]])]
+    return bool(((normal[0] * normal[1]).sum(axis=1) <= 0).any())
+
+
+def _pierce(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
+    """Return whether a side of one face meets the other, away from vertices that both have."""
+    sides, triangles = [], []
+    for one, other in ((faces[first], faces[second]), (faces[second], faces[first])):
+        for k in range(3):
+            side = one[:, [k, k - 1]]
+            free = ~(side[:, :, None] == other[:, None]).any(axis=(1, 2))
+            sides.append(side[free])
+            triangles.append(other[free])
+    p, q = (vertices[np.concatenate(sides)[:, k]] for k in range(2))
+    a, b, c = (vertices[np.concatenate(triangles)[:, k]] for k in range(3))
+    before, behind = _orient(a, b, c, p), _orient(a, b, c, q)
+    doubtful = before * behind <= 0
+    if not doubtful.any():
+        return False
+    if ((before == 0) & (behind == 0)).any():
+        return _meet_exactly(vertices, np.concatenate([faces[first], faces[second]]))
+    p, q, a, b, c = (points[doubtful] for points in (p, q, a, b, c))
+    turns = np.stack([_orient(p, q, *pair) for pair in ((a, b), (b, c), (c, a))])
+    return bool(((turns.min(axis=0) >= 0) | (turns.max(axis=0) <= 0)).any())
+
+
+def _meet_exactly(vertices: Floats, faces: Integers) -> bool:
+    """Return whether any two faces meet improperly; for faces that share a plane, too."""
+    used, local = np.unique(np.unique(faces, axis=0), return_inverse=True)
+    return len(self_intersections(TriMesh(vertices[used], local.reshape(-1, 3)))) > 0
+
+
+def _orient(a: Floats, b: Floats, c: Floats, d: Floats) -> Integers:
+    """Return the sign of the volume of tetrahedra, (k,); exact (Shewchuk 1997)."""
+    if len(a) == 0:
+        return np.empty(0, np.int64)
+    rows = (np.ascontiguousarray(points) for points in (a, b, c, d))
+    return np.asarray(igl.predicates.orient3d(*rows), np.int64)

@@ -1,37 +1,43 @@
-"""Whether a cage may be handed out, by exact tests, and how good it is."""
+"""What a cage must hold, and whether it may be handed out: by exact tests, and how good it is."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.cages.building.clearance import find_near_points
-from cageik_cli.cages.building.decimate import euler_characteristic
+from cageik_cli.cages.building.collapse import euler_characteristic
 from cageik_cli.cages.quality import MIN_ANGLE, find_thin_parts
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.cages.soundness import find_cage_faults
+from cageik_cli.cages.surface_points import sample_in_blocks
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import corner_angles
+from cageik_cli.geometry.shape import corner_angles, degenerate_face_mask
 from cageik_cli.geometry.surface import closest_points, winding_numbers
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
 
-LOOK = 2.0
-"""How far the clearance is looked for, in those asked for."""
+MIN_WIDTH = 1e-7
+"""How wide faces without area are made, in diagonals: a distance to a face needs its plane."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Demand:
-    """The requirements on a cage.
+    """The requirements on a cage, for a model that was moved to the origin, of a diagonal of one.
 
     Attributes
     ----------
     surface : TriMesh
-        What it must hold: every face, and every vertex.
+        What it must hold: the faces of the model, those without area made a little wide.
     samples : (s, 3) float64
-        Points of the surface.
+        Points all over the surface, about 0.01 apart.
     clearance : float
         How far it must keep off; units of the surface.
     fewest, most : int
         Cage vertices.
+    centre : (3,) float64
+        Where the origin was, file units.
+    scale : float
+        The diagonal, file units.
     """
 
     surface: TriMesh
@@ -39,6 +45,81 @@ class Demand:
     clearance: float
     fewest: int
     most: int
+    centre: Floats
+    scale: float
+
+    @staticmethod
+    def start(model: TriMesh, settings: BuildSettings) -> "Demand":
+        """Move and scale the model, and put points on its surface.
+
+        Vertices that are in no face are left out: they may be anywhere.
+
+        Raises
+        ------
+        FormatError
+            When all its vertices are at one place.
+        """
+        if not model.diagonal > 0:
+            raise FormatError("the model is one point, expected a surface; give another mesh")
+        model = model.drop_unused_vertices()
+        low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
+        centre = low + (high - low) / 2
+        surface = TriMesh((model.vertices - centre) / model.diagonal, model.faces)
+        surface = _widen_slivers(surface)
+        samples = np.empty((0, 3))
+        for block in sample_in_blocks(surface):
+            samples = thin_points(np.concatenate([samples, block]), 0.01)
+        return Demand(
+            surface=surface,
+            samples=samples,
+            clearance=settings.clearance,
+            fewest=int(np.ceil(0.9 * settings.vertices)),
+            most=settings.vertices,
+            centre=centre,
+            scale=model.diagonal,
+        )
+
+    def to_units(self, points: Floats) -> Floats:
+        """Return places in file units, (..., 3), in units of the surface."""
+        return np.asarray((points - self.centre) / self.scale)
+
+    def to_file_units(self, points: Floats) -> Floats:
+        """Undo the move and the scale of (k, 3) points."""
+        return np.asarray(points * self.scale + self.centre)
+
+
+def thin_points(points: Floats, cell: float) -> Floats:
+    """Return the first of the points in each cell of a grid, in their order."""
+    cells = np.floor(points / cell).astype(np.int64)
+    first = np.unique(cells, axis=0, return_index=True)[1]
+    return np.asarray(points[np.sort(first)])
+
+
+def _widen_slivers(mesh: TriMesh) -> TriMesh:
+    """Put a little triangle, `MIN_WIDTH` wide, in the place of every face without area."""
+    flat = np.flatnonzero(degenerate_face_mask(mesh))
+    if len(flat) == 0:
+        return mesh
+    ends = mesh.vertices[_find_longest_sides(mesh, flat)]
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    is_long = length > MIN_WIDTH
+    along = np.where(is_long, along / np.where(length > 0, length, 1), [[1.0, 0, 0]])
+    across = np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    far = np.where(is_long, ends[:, 1], ends[:, 0] + MIN_WIDTH * along)
+    points = np.stack([ends[:, 0], far, ends[:, 0] + MIN_WIDTH * across], axis=1).reshape(-1, 3)
+    added = len(mesh.vertices) + np.arange(len(points)).reshape(-1, 3)
+    faces = np.concatenate([np.delete(mesh.faces, flat, axis=0), added])
+    return TriMesh(np.concatenate([mesh.vertices, points]), faces)
+
+
+def _find_longest_sides(mesh: TriMesh, faces: Integers) -> Integers:
+    """Return the ends of the longest side of each of these faces, (k, 2)."""
+    corners = mesh.faces[faces]
+    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
+    lengths = np.linalg.norm(mesh.vertices[ends[:, :, 0]] - mesh.vertices[ends[:, :, 1]], axis=2)
+    return np.asarray(ends[np.arange(len(faces)), lengths.argmax(axis=1)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +154,14 @@ class Verdict:
 
 def judge(cage: TriMesh, demand: Demand) -> Verdict:
     """Test a cage against what it must do."""
-    faults = list(_own_faults(cage, demand))
+    faults = _list_own_faults(cage, demand)
     clearance = 0.0
     if not faults:
-        clearance = find_near_points(demand.surface, cage, LOOK * demand.clearance).clearance
-        faults += _holding_faults(cage, demand, clearance)
+        distances, _ = find_near_points(demand.surface, cage, 2 * demand.clearance)
+        clearance = float(distances.min(initial=np.inf))
+        faults = _list_holding_faults(cage, demand, clearance)
     return Verdict(
-        faults=tuple(faults),
+        faults=faults,
         genus=1 - euler_characteristic(cage) // 2,
         clearance=clearance,
         smallest_angle=float(corner_angles(cage).min()),
@@ -88,21 +170,21 @@ def judge(cage: TriMesh, demand: Demand) -> Verdict:
     )
 
 
-def _own_faults(cage: TriMesh, demand: Demand) -> tuple[str, ...]:
+def _list_own_faults(cage: TriMesh, demand: Demand) -> tuple[str, ...]:
     """Return the faults of the cage itself."""
     count = len(cage.vertices)
     if not demand.fewest <= count <= demand.most:
         return (f"has {count} vertices, expected {demand.fewest} to {demand.most}",)
     findings = find_cage_faults(cage)
-    if findings:
-        return tuple(finding.message.removeprefix("the cage ") for finding in findings)
-    angle = corner_angles(cage).min()
-    if angle < MIN_ANGLE:
-        return (f"has an angle of {angle:.2g} degrees, expected {MIN_ANGLE:g} or more",)
-    return tuple(finding.message.removeprefix("the cage ") for finding in find_thin_parts(cage))
+    if not findings:
+        angle = corner_angles(cage).min()
+        if angle < MIN_ANGLE:
+            return (f"has an angle of {angle:.2g} degrees, expected {MIN_ANGLE:g} or more",)
+        findings = tuple(find_thin_parts(cage))
+    return tuple(finding.message.removeprefix("the cage ") for finding in findings)
 
 
-def _holding_faults(cage: TriMesh, demand: Demand, clearance: float) -> tuple[str, ...]:
+def _list_holding_faults(cage: TriMesh, demand: Demand, clearance: float) -> tuple[str, ...]:
     """Return the faults of the cage around the model."""
     outside = np.count_nonzero(winding_numbers(cage, demand.samples) < 0.5)
     if outside:
@@ -113,3 +195,73 @@ def _holding_faults(cage: TriMesh, demand: Demand, clearance: float) -> tuple[st
         share = clearance / demand.clearance
         return (f"is nearer to the model than asked for, {share:.2g} of the clearance",)
     return ()
+
+
+def find_near_points(surface: TriMesh, cage: TriMesh, limit: float) -> tuple[Floats, Floats]:
+    """Find where a surface is nearer to the cage than `limit`, anywhere on its faces.
+
+    Two surfaces that do not cross are nearest to each other at a vertex of one of them, or at an
+    edge of each: looking at those is enough.
+
+    Returns
+    -------
+    (k,) float64
+        Distances, ascending.
+    (k, 3) float64
+        Points of the surface: its vertices, and the places on its edges and faces that are nearest
+        to the cage's.
+    """
+    of_vertex = closest_points(cage, surface.vertices).distance
+    back = closest_points(surface, cage.vertices)
+    between, places = _find_near_edges(surface, cage, of_vertex, limit)
+    distance = np.concatenate([of_vertex, back.distance, between])
+    points = np.concatenate([surface.vertices, back.position, places])
+    order = np.argsort(distance, kind="stable")
+    order = order[distance[order] < limit]
+    return distance[order], points[order]
+
+
+def _find_near_edges(
+    surface: TriMesh, cage: TriMesh, of_vertex: Floats, limit: float
+) -> tuple[Floats, Floats]:
+    """Return distances of edges below the limit, (k,), and their places on the surface, (k, 3).
+
+    Parameters
+    ----------
+    of_vertex : (m,)
+        Distances of the surface's vertices from the cage.
+    """
+    ends = surface.edges.ends
+    start, stop = surface.vertices[ends[:, 0]], surface.vertices[ends[:, 1]]
+    length = np.linalg.norm(stop - start, axis=1)
+    # On the way from one end to the other, a distance falls no faster than the way goes on.
+    near = (of_vertex[ends].sum(axis=1) - length) / 2 < limit
+    start, stop = start[near], stop[near]
+    low, high = np.minimum(start, stop) - limit, np.maximum(start, stop) + limit
+    found, places = [np.empty(0)], [np.empty((0, 3))]
+    for a, b in cage.vertices[cage.edges.ends]:
+        meets = ((low <= np.maximum(a, b)) & (high >= np.minimum(a, b))).all(axis=1)
+        if meets.any():
+            distance, place = measure_segments(start[meets], stop[meets], a, b)
+            found.append(distance[distance < limit])
+            places.append(place[distance < limit])
+    return np.concatenate(found), np.concatenate(places)
+
+
+def measure_segments(start: Floats, stop: Floats, a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Return distance of segments (k, 3) from the segment a b, and where on them it is.
+
+    Ericson, Real-Time Collision Detection (2005), section 5.1.9.
+    """
+    along, other, between = stop - start, b - a, start - a
+    square = np.maximum((along * along).sum(axis=1), 1e-300)
+    other_square = max(float(other @ other), 1e-300)
+    mixed, c, f = along @ other, (along * between).sum(axis=1), between @ other
+    denominator = square * other_square - mixed**2
+    parallel = denominator <= 1e-14 * square * other_square
+    safe = np.where(parallel, 1.0, denominator)
+    s = np.where(parallel, 0.0, np.clip((mixed * f - c * other_square) / safe, 0, 1))
+    t = np.clip((mixed * s + f) / other_square, 0, 1)
+    s = np.clip((mixed * t - c) / square, 0, 1)
+    place = start + s[:, None] * along
+    return np.linalg.norm(place - (a + t[:, None] * other), axis=1), place

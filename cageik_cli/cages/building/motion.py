@@ -3,52 +3,86 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates.harmonic import MAX_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.points import choose_farthest
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 
-MAX_POINTS = 1200
-"""Points at which a motion is looked at."""
 
-MAX_RANK = 40
-"""Directions that a motion is reduced to."""
-
-ALPHA = 1e-3
-"""Weight of the smoothness of the cage, as in an extraction."""
-
-SPLIT_SHARE = 0.4
-"""Edges for which splits are measured together, over the number of vertices, at most."""
-
-TINY = 1e-12
-"""What a gain or a loss is divided by, at least: an edit that changes nothing gains nothing."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Displacements of points of a model from its rest pose, reduced to their main directions.
+    """A model in its rest pose and in others, each moved rigidly onto the rest pose.
+
+    Parameters
+    ----------
+    rest : (m, 3) float64
+    frames : (k, m, 3) float64
+        In any place.
 
     Attributes
     ----------
+    poses : (p, m, 3) float64
+        The frames that differ most from the rest pose and from each other.
     points : (s, 3) float64
-        In the rest pose, units of the model.
+        Some of the vertices, in the rest pose.
     displacements : (s, r) float64
-        Left singular vectors of the displacements, times their singular values.
+        Displacements of these in all frames, reduced to their main directions: left singular
+        vectors times their singular values.
     """
 
-    points: Floats
-    displacements: Floats
+    def __init__(self, rest: Floats, frames: Floats) -> None:
+        self._rest = rest
+        aligned = _align(rest, frames)
 
-    @staticmethod
-    def reduce(rest: Floats, posed: Floats) -> "Motion":
-        """Return the motion of poses (k, m, 3) that are rigidly aligned to the rest pose (m, 3)."""
-        step = max(1, -(-len(rest) // MAX_POINTS))
-        points = rest[::step]
-        moves = (posed[:, ::step] - points).transpose(1, 0, 2).reshape(len(points), -1)
+        def measure(pose: Floats) -> Floats:
+            return np.asarray(((aligned - pose) ** 2).sum(axis=(1, 2)))
+
+        chosen = choose_farthest(min(8, len(frames)), measure(rest), lambda k: measure(aligned[k]))
+        self.poses = aligned[chosen]
+        step = max(1, -(-len(rest) // 1200))
+        self.points = rest[::step]
+        moves = (aligned[:, ::step] - self.points).transpose(1, 0, 2).reshape(len(self.points), -1)
         left, size, _ = np.linalg.svd(moves, full_matrices=False)
-        return Motion(points, left[:, :MAX_RANK] * size[:MAX_RANK])
+        self.displacements = left[:, :40] * size[:40]
+
+    def carry(self, points: Floats) -> Floats:
+        """Return where points beside the rest pose go in the poses, (p, n, 3).
+
+        Each follows the best rigid motion of the model's vertices near it (Müller et al. 2005).
+        """
+        distance, near = cKDTree(self._rest).query(points, min(24, len(self._rest)))
+        near = near.reshape(len(points), -1)
+        # Vertices around that are no further than this, in diagonals, count about equally.
+        weight = 1 / (distance.reshape(len(points), -1) + 0.01) ** 2
+        weight /= weight.sum(axis=1, keepdims=True)
+        source = self._rest[near]
+        centre = np.einsum("pn,pnx->px", weight, source)
+        spread = source - centre[:, None]
+        carried = np.empty((len(self.poses), len(points), 3))
+        for k, pose in enumerate(self.poses):
+            target = pose[near]
+            middle = np.einsum("pn,pnx->px", weight, target)
+            turn = _find_turns(np.einsum("pn,pnx,pny->pxy", weight, spread, target))
+            carried[k] = middle + np.einsum("px,pxy->py", points - centre, turn)
+        return carried
+
+
+def _align(rest: Floats, frames: Floats) -> Floats:
+    """Return frames (k, m, 3), each moved rigidly onto the rest pose (m, 3)."""
+    centre = rest.mean(axis=0)
+    centred = frames - frames.mean(axis=1, keepdims=True)
+    turns = _find_turns(np.einsum("kmx,my->kxy", centred, rest - centre))
+    return np.asarray(np.einsum("kmx,kxy->kmy", centred, turns) + centre)
+
+
+def _find_turns(products: Floats) -> Floats:
+    """Return the rotations R with rows x R nearest to y, from Σ xᵀy, (p, 3, 3) (Kabsch 1976)."""
+    left, _, right = np.linalg.svd(products)
+    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    return np.asarray(left @ right)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +113,13 @@ class EditGains:
     losses: Floats
 
 
-def measure_edits(cage: TriMesh, motion: Motion, squares: Floats | None = None) -> EditGains:
+def measure_edits(
+    cage: TriMesh,
+    motion: Motion,
+    squares: Floats | None = None,
+    alpha: float = 1e-3,
+    split_share: float = 0.4,
+) -> EditGains:
     """Measure what splits and collapses of edges change, in closed form.
 
     The cages of a motion D minimise |D − H c|² + a |L c|². A split adds a column g to H, which has
@@ -94,15 +134,23 @@ def measure_edits(cage: TriMesh, motion: Motion, squares: Floats | None = None) 
     squares : (s,) float64, optional
         The residuals of a cage before this one, which tell where splits are worth looking at; no
         splits are measured without them.
+    alpha : float
+        Weight of the smoothness of the cage, as in an extraction: a is alpha s / n.
+    split_share : float
+        Edges for which splits are measured, over the number of vertices, at most.
     """
     count, edges = len(cage.vertices), cage.edges.ends
-    chosen = edges[:0] if squares is None else _choose_splits(cage, motion.points, squares)
+    chosen = edges[:0]
+    if squares is not None:
+        chosen = _choose_splits(cage, motion.points, squares, split_share)
     divided = split_edges(cage, chosen)
     weights = harmonic_weights(divided, motion.points, "preview").values
     hats, own = weights[:, count:], weights[:, :count].copy()
     for side in range(2):
         np.add.at(own.T, chosen[:, side], 0.5 * hats.T)
-    inverse = np.linalg.inv(_normal_matrix(own, uniform_laplacian(cage)))
+    laplacian = uniform_laplacian(cage)
+    smoothness = alpha * len(own) / count * laplacian.T @ laplacian
+    inverse = np.linalg.inv(own.T @ own + smoothness)
     cages = inverse @ (own.T @ motion.displacements)
     residual = motion.displacements - own @ cages
     product = own.T @ hats
@@ -110,13 +158,14 @@ def measure_edits(cage: TriMesh, motion: Motion, squares: Floats | None = None) 
     first, second = edges.T
     apart = ((cages[first] - cages[second]) ** 2).sum(axis=1)
     slack = inverse.diagonal()[edges].sum(axis=1) - 2 * inverse[first, second]
+    tiny = 1e-12  # an edit that changes nothing gains nothing
     return EditGains(
         error=float((residual**2).sum()),
         squares=(residual**2).sum(axis=1),
         splits=chosen,
-        gains=((hats.T @ residual) ** 2).sum(axis=1) / np.maximum(new, TINY),
+        gains=((hats.T @ residual) ** 2).sum(axis=1) / np.maximum(new, tiny),
         edges=edges,
-        losses=apart / np.maximum(slack, TINY),
+        losses=apart / np.maximum(slack, tiny),
     )
 
 
@@ -138,7 +187,7 @@ def split_edges(cage: TriMesh, chosen: Integers) -> TriMesh:
     return TriMesh(vertices, np.array(divided, np.int64))
 
 
-def _choose_splits(cage: TriMesh, points: Floats, squares: Floats) -> Integers:
+def _choose_splits(cage: TriMesh, points: Floats, squares: Floats, split_share: float) -> Integers:
     """Choose edges whose faces have large parts of the error, no two of one face."""
     face = closest_points(cage, points).face
     part = np.bincount(face, weights=squares, minlength=len(cage.faces))
@@ -154,15 +203,9 @@ def _choose_splits(cage: TriMesh, points: Floats, squares: Floats) -> Integers:
         for edge in sides:
             beside[edge].append(number)
     # Each split adds two faces, and weights are computed of no more than so many.
-    most = min(int(SPLIT_SHARE * len(cage.vertices)), (MAX_FACES - len(cage.faces)) // 2)
+    most = min(int(split_share * len(cage.vertices)), (MAX_FACES - len(cage.faces)) // 2)
     for edge in np.argsort(-score, kind="stable").tolist():
         if len(chosen) < most and is_free[beside[edge]].all():
             is_free[beside[edge]] = False
             chosen.append(edge)
     return np.asarray(edges.ends[chosen])
-
-
-def _normal_matrix(weights: Floats, laplacian: Floats) -> Floats:
-    """Return Hᵀ H + a Lᵀ L, scaled as in an extraction."""
-    points, count = weights.shape
-    return np.asarray(weights.T @ weights + ALPHA * points / count * laplacian.T @ laplacian)

@@ -1,40 +1,28 @@
-"""Better angles, fewer edges at a vertex, and a tighter fit, by edits that are tested."""
+"""Better angles, fewer edges at a vertex, and a tighter fit, by edits that are tested.
+
+An edit moves a vertex, flips an edge or collapses one.
+"""
 
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
 import numpy as np
+from scipy.optimize import nnls
 
 from cageik_cli.cages.building.draft import Draft, Edit
-from cageik_cli.cages.building.edits import collapse_edge, flip_edge, move_vertex, settle
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles, cross
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 
-LARGEST_VALENCE = 10
+MAX_VALENCE = 10
 """Edges at a vertex, at most."""
 
-GOAL = 14.0
+MIN_WANTED_ANGLE = 14.0
 """Degrees at which an angle is left alone."""
 
-KEPT_ANGLE = 10.0
+MIN_KEPT_ANGLE = 10.0
 """Degrees that new faces keep where vertices are taken away, unless the old ones had less."""
-
-GAIN = 0.3
-"""Degrees that an edit for the angles must win."""
-
-TRIED = 6
-"""Edits tried for one face, the best first."""
-
-STEPS = (0.1, 0.25, 0.5)
-"""How far vertices move for better angles, over the mean length of their edges."""
-
-TURNS = 8
-"""Directions in the tangent plane that are tried."""
-
-PULL = 0.7
-"""Share of the best step that a vertex takes towards the samples."""
 
 
 def mend_angles(draft: Draft, fewest: int) -> int:
@@ -42,7 +30,7 @@ def mend_angles(draft: Draft, fewest: int) -> int:
     angles = corner_angles(TriMesh(draft.vertices, draft.faces)).min(axis=1)
     worst = np.argsort(angles, kind="stable")
     made = 0
-    for face in draft.faces[worst[angles[worst] < GOAL]]:
+    for face in draft.faces[worst[angles[worst] < MIN_WANTED_ANGLE]]:
         if (draft.faces == face).all(axis=1).any():
             made += _take_best(draft, list(_angle_edits(draft, face, fewest)))
     return made
@@ -51,9 +39,9 @@ def mend_angles(draft: Draft, fewest: int) -> int:
 def lower_valences(draft: Draft) -> int:
     """Flip edges at vertices that have too many; return how many were flipped."""
     made = 0
-    for vertex in np.flatnonzero(_valences(draft) > LARGEST_VALENCE):
+    for vertex in np.flatnonzero(draft.count_faces() > MAX_VALENCE):
         for _ in range(6):
-            if _valences(draft)[vertex] <= LARGEST_VALENCE or not _flip_off(draft, int(vertex)):
+            if draft.count_faces()[vertex] <= MAX_VALENCE or not _flip_off(draft, int(vertex)):
                 break
             made += 1
     return made
@@ -88,9 +76,9 @@ def refill(draft: Draft, count: int) -> None:
     while draft.count < count:
         ends = TriMesh(draft.vertices, draft.faces).edges.ends
         length = np.linalg.norm(draft.vertices[ends[:, 0]] - draft.vertices[ends[:, 1]], axis=1)
-        valence = _valences(draft)
+        valence = draft.count_faces()
         for start, stop in ends[np.argsort(-length, kind="stable")]:
-            if splits_well(draft, int(start), int(stop), valence, GOAL):
+            if splits_well(draft, int(start), int(stop), valence, MIN_WANTED_ANGLE):
                 draft.split(int(start), int(stop))
                 break
         else:
@@ -104,19 +92,18 @@ def collapse_in_shape(draft: Draft, start: int, stop: int, share: float) -> bool
     """
     place = (1 - share) * draft.vertices[start] + share * draft.vertices[stop]
     edit = collapse_edge(draft, start, stop, place)
-    if edit is None or len(edit.added) > LARGEST_VALENCE:
+    if edit is None or len(edit.added) > MAX_VALENCE:
         return False
-    needed = min(KEPT_ANGLE, float(draft.angles_before(edit).min()))
+    needed = min(MIN_KEPT_ANGLE, float(draft.angles_before(edit).min()))
     edit = settle(draft, edit)
     return bool(draft.angles(edit).min() >= needed) and draft.take(edit)
 
 
 def splits_well(draft: Draft, start: int, stop: int, valence: Integers, angle: float) -> bool:
     """Return whether halves of the faces at an edge have the angle, and vertices across room."""
-    at = draft.faces_at(start)
-    corners = draft.faces[at[(draft.faces[at] == stop).any(axis=1)]]
+    corners = draft.faces[draft.faces_beside(start, stop)]
     across = corners[(corners != start) & (corners != stop)]
-    if valence[across].max() >= LARGEST_VALENCE:
+    if valence[across].max() >= MAX_VALENCE:
         return False
     middle = draft.vertices[[start, stop]].mean(axis=0)
     points = np.concatenate([draft.vertices, middle[None]])
@@ -125,14 +112,17 @@ def splits_well(draft: Draft, start: int, stop: int, valence: Integers, angle: f
 
 
 def _pull(draft: Draft, vertex: int, beside: Floats) -> bool:
-    """Move a vertex so that the faces at it fit the samples beside them better."""
+    """Move a vertex so that the faces at it fit the samples beside them better.
+
+    It takes most of the best step, or if that is not sound or no better, less.
+    """
     if len(beside) == 0:
         return False
     still = move_vertex(draft, vertex, draft.vertices[vertex])
     directions, lack = draft.offsets(still, beside)
     normal = directions.T @ directions + 0.02 * len(lack) * np.eye(3)
-    step = PULL * np.linalg.solve(normal, directions.T @ lack)
-    needed = min(GOAL, float(draft.angles_before(still).min()))
+    step = 0.7 * np.linalg.solve(normal, directions.T @ lack)
+    needed = min(MIN_WANTED_ANGLE, float(draft.angles_before(still).min()))
     before = _misfit(draft, still, beside)
     for share in (1.0, 0.4):
         edit = move_vertex(draft, vertex, draft.vertices[vertex] + share * step)
@@ -148,33 +138,36 @@ def _misfit(draft: Draft, edit: Edit, beside: Floats) -> float:
     return float(np.mean(closest_points(draft.patch(edit), beside).distance ** 2))
 
 
-def _take_best(draft: Draft, edits: list[Edit]) -> bool:
-    """Make the edit after which the smallest angle is largest, of those that are sound."""
+def _take_best(draft: Draft, edits: list[Edit], min_gain: float = 0.3, tried: int = 6) -> bool:
+    """Make the edit after which the smallest angle is largest, of those that are sound.
+
+    It must win `min_gain` degrees; the `tried` best ones are looked at.
+    """
     gains = [_gain(draft, edit) for edit in edits]
-    for k in np.argsort(gains, kind="stable")[::-1][:TRIED]:
-        if gains[k] < GAIN:
+    for k in np.argsort(gains, kind="stable")[::-1][:tried]:
+        if gains[k] < min_gain:
             return False
         edit = settle(draft, edits[k]) if len(edits[k].added) != 2 else edits[k]
-        if _gain(draft, edit) >= GAIN and draft.take(edit):
+        if _gain(draft, edit) >= min_gain and draft.take(edit):
             return True
     return False
 
 
 def _gain(draft: Draft, edit: Edit) -> float:
     """Return how much an edit raises the smallest angle where it is, up to the goal, degrees."""
-    after = min(GOAL, float(draft.angles(edit).min()))
+    after = min(MIN_WANTED_ANGLE, float(draft.angles(edit).min()))
     return after - float(draft.angles_before(edit).min())
 
 
 def _angle_edits(draft: Draft, face: Integers, fewest: int) -> Iterator[Edit]:
     """Return edits that may improve a face."""
-    valence = _valences(draft)
+    valence = draft.count_faces()
     corners = draft.vertices[face]
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     for k in range(3):
         start, stop = int(face[k]), int(face[k - 2])
         flip = flip_edge(draft, start, stop)
-        if flip is not None and valence[flip.added[:, [0, 2]]].max() < LARGEST_VALENCE:
+        if flip is not None and valence[flip.added[:, [0, 2]]].max() < MAX_VALENCE:
             yield flip
         yield from _moves(draft, start)
     short = int(lengths.argmin())
@@ -182,12 +175,15 @@ def _angle_edits(draft: Draft, face: Integers, fewest: int) -> Iterator[Edit]:
     if draft.count > fewest:
         for position in (draft.vertices[[start, stop]].mean(axis=0), draft.vertices[start]):
             merged = collapse_edge(draft, start, stop, position)
-            if merged is not None and len(merged.added) <= LARGEST_VALENCE:
+            if merged is not None and len(merged.added) <= MAX_VALENCE:
                 yield merged
 
 
 def _moves(draft: Draft, vertex: int) -> Iterator[Edit]:
-    """Return moves of a vertex in its tangent plane, and outward."""
+    """Return moves of a vertex in eight directions of its tangent plane, and outward.
+
+    They go up to half the mean length of its edges.
+    """
     around = draft.faces_at(vertex)
     corners = draft.vertices[draft.faces[around]]
     normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
@@ -197,27 +193,93 @@ def _moves(draft: Draft, vertex: int) -> Iterator[Edit]:
     along = cross(normal, across)
     here = draft.vertices[vertex]
     length = np.linalg.norm(draft.vertices[draft.neighbours(vertex)] - here, axis=1).mean()
-    for step in STEPS:
-        for turn in 2 * np.pi * np.arange(TURNS) / TURNS:
+    for step in (0.1, 0.25, 0.5):
+        for turn in 2 * np.pi * np.arange(8) / 8:
             way = np.cos(turn) * across + np.sin(turn) * along
             yield move_vertex(draft, vertex, here + step * length * way)
         yield move_vertex(draft, vertex, here + step * length * normal)
 
 
-def _valences(draft: Draft) -> Integers:
-    """Return faces at each vertex, which are as many as its edges."""
-    return np.bincount(draft.faces.ravel(), minlength=len(draft.vertices))
-
-
 def _flip_off(draft: Draft, vertex: int) -> bool:
     """Flip an edge away from a vertex, the one that leaves the best angles."""
     flips = [flip_edge(draft, vertex, int(other)) for other in draft.neighbours(vertex)]
-    valence = _valences(draft)
+    valence = draft.count_faces()
     kept = [
         flip
         for flip in flips
-        if flip is not None and valence[flip.added[:, [0, 2]]].max() < LARGEST_VALENCE
+        if flip is not None and valence[flip.added[:, [0, 2]]].max() < MAX_VALENCE
     ]
     kept.sort(key=lambda flip: -float(draft.angles(flip).min()))
-    needed = 0.5 * GOAL
+    needed = 0.5 * MIN_WANTED_ANGLE
     return any(draft.angles(f).min() >= needed and draft.take(f) for f in kept)
+
+
+def move_vertex(draft: Draft, vertex: int, position: Floats) -> Edit:
+    """Move a vertex."""
+    around = draft.faces_at(vertex)
+    return Edit(around, draft.faces[around], vertex, position)
+
+
+def flip_edge(draft: Draft, start: int, stop: int) -> Edit | None:
+    """Put the other diagonal in the place of an edge; None if that is an edge already."""
+    beside = draft.faces_beside(start, stop)
+    if len(beside) != 2:
+        return None
+    across = [_opposite(draft.faces[face], start, stop) for face in beside]
+    if across[0] == across[1] or across[1] in draft.neighbours(across[0]):
+        return None
+    # The first face has the edge forward or backward; its orientation is handed on.
+    face = draft.faces[beside[0]].tolist()
+    forward = face[(face.index(start) + 1) % 3] == stop
+    a, b = (start, stop) if forward else (stop, start)
+    added = np.array([[across[0], a, across[1]], [across[1], b, across[0]]])
+    return Edit(beside, added, start, draft.vertices[start])
+
+
+def collapse_edge(draft: Draft, start: int, stop: int, position: Floats) -> Edit | None:
+    """Merge the end of an edge into its start; None if the surface would not stay manifold."""
+    common = np.intersect1d(draft.neighbours(start), draft.neighbours(stop))
+    if len(common) != 2 or len(draft.faces) <= 4:
+        return None
+    if min(len(draft.faces_at(vertex)) for vertex in common) <= 3:
+        return None
+    removed = np.union1d(draft.faces_at(start), draft.faces_at(stop))
+    added = np.where(draft.faces[removed] == stop, start, draft.faces[removed])
+    added = added[(added == start).sum(axis=1) == 1]
+    return Edit(removed, added, start, position)
+
+
+def settle(draft: Draft, edit: Edit, steps: int = 5) -> Edit:
+    """Move the edit's vertex as little as gives the samples near it their clearance, if it can.
+
+    Every step solves the problem for the planes of the nearest faces. It goes a hundredth of the
+    clearance further than needed: planes change as the vertex moves.
+    """
+    samples = draft.near_samples(edit)
+    for _ in range(steps):
+        directions, lack = draft.offsets(edit, samples)
+        short = lack > 0
+        if not short.any():
+            break
+        step = least_move(directions[short], lack[short] + 0.01 * draft.clearance)
+        edit = Edit(edit.removed, edit.added, edit.vertex, edit.position + step)
+    return edit
+
+
+def least_move(directions: Floats, lack: Floats) -> Floats:
+    """Return the shortest x, (3,), with directions @ x ≥ lack; zero if there is none.
+
+    Lawson and Hanson 1974, chapter 23: least distance programming, by its dual.
+    """
+    matrix = np.concatenate([directions.T, lack[None]])
+    target = np.array([0.0, 0, 0, 1])
+    dual, _ = nnls(matrix, target)
+    residual = matrix @ dual - target
+    if not abs(residual[3]) > 1e-9:
+        return np.zeros(3)
+    return np.asarray(-residual[:3] / residual[3])
+
+
+def _opposite(face: Floats, start: int, stop: int) -> int:
+    """Return the corner of a face that is not on an edge of it."""
+    return int(face[(face != start) & (face != stop)][0])

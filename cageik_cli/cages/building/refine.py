@@ -7,12 +7,10 @@ import igl
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from cageik_cli.cages.building.carry import Poses
-from cageik_cli.cages.building.clearance import find_near_points
-from cageik_cli.cages.building.collapse import collapse_edges
-from cageik_cli.cages.building.decimate import stages
+from cageik_cli.cages.building.collapse import collapse_edges, list_stages
 from cageik_cli.cages.building.draft import Draft
-from cageik_cli.cages.building.judge import Demand
+from cageik_cli.cages.building.judge import Demand, find_near_points, thin_points
+from cageik_cli.cages.building.motion import Motion
 from cageik_cli.cages.building.polish import (
     collapse_in_shape,
     lower_valences,
@@ -20,7 +18,6 @@ from cageik_cli.cages.building.polish import (
     refill,
     tighten,
 )
-from cageik_cli.cages.building.unit import thin_points
 from cageik_cli.cages.push import Contacts, move_to_neighbours, push
 from cageik_cli.cages.surface_points import thin_out
 from cageik_cli.coordinates.harmonic import harmonic_weights
@@ -30,12 +27,12 @@ from cageik_cli.geometry.surface import winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 
 
-def refine_shell(shell: TriMesh, demand: Demand, poses: Poses) -> TriMesh:
+def refine_shell(shell: TriMesh, demand: Demand, motion: Motion | None) -> TriMesh:
     """Make a cage of a shell; the judge decides whether it is valid."""
     cage = shell
-    for count in stages(demand.most):
+    for count in list_stages(demand.most):
         if count < len(cage.vertices):
-            cage = collapse_edges(cage, count, poses)
+            cage = collapse_edges(cage, count, motion)
         cage = _push_and_relax(cage, demand)
     if len(cage.vertices) > demand.most:
         return cage
@@ -68,7 +65,7 @@ def complete_clearance(
         The samples, with those points.
     """
     for _ in range(rounds):
-        near = find_near_points(demand.surface, cage, 1.01 * demand.clearance).points
+        _, near = find_near_points(demand.surface, cage, 1.01 * demand.clearance)
         if len(near) == 0:
             break
         near = thin_points(near, 0.5 * demand.clearance)

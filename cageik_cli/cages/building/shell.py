@@ -1,4 +1,7 @@
-"""A closed shell around any surface: offset, flooded from outside, narrow gaps closed."""
+"""A closed shell around any surface: offset, flooded from outside, narrow gaps closed.
+
+It is made on a grid of the distances from the surface.
+"""
 
 from dataclasses import dataclass
 
@@ -6,37 +9,68 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
-from cageik_cli.cages.building.bridges import find_bridges, measure_segment_distance
-from cageik_cli.cages.building.distance_grid import DistanceGrid
+from cageik_cli.cages.surface_points import sample_in_blocks
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
-from cageik_cli.util.arrays import Floats
-
-BRIDGE_RADIUS = 1.5
-"""Radius of what joins parts that lie apart, over the shell's offset,"""
-
-BRIDGE_CELLS = 1.5
-"""and in cells of the grid, at least."""
-
-FEWEST_NODES = 8
-"""Nodes of a place that is worth naming."""
+from cageik_cli.geometry.surface import closest_points
+from cageik_cli.util.arrays import Floats, Integers
 
 
-@dataclass(frozen=True, slots=True)
-class ShellRecipe:
-    """The distances of a shell, in diagonals.
+@dataclass(frozen=True, slots=True, eq=False)
+class DistanceGrid:
+    """Unsigned distances at the nodes of a regular grid.
 
     Attributes
     ----------
-    offset : float
-        Distance of the shell from the model.
-    closing : float
-        Gaps that are narrower than twice the sum of both are closed.
+    distance : (nx, ny, nz) float64
+        To the surface; exact up to `reach`, beyond it at least `reach`.
+    origin : (3,) float64
+        Place of the first node.
+    cell : float
+        Side of a cell.
     """
 
-    offset: float
-    closing: float
+    distance: Floats
+    origin: Floats
+    cell: float
+    reach: float
+
+    def positions(self, nodes: Integers) -> Floats:
+        """Return places of nodes (k, 3)."""
+        return np.asarray(self.origin + self.cell * nodes)
+
+
+def measure_grid(
+    surface: TriMesh, cell: float, reach: float, max_nodes: int = 1_500_000
+) -> DistanceGrid:
+    """Measure the distance to a surface on a grid that leaves `reach` and two cells around it.
+
+    Cells are made larger to keep to `max_nodes`.
+    """
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    size = high - low + 2 * reach
+    cell = max(cell, float(np.cbrt(size.prod() / max_nodes)))
+    shape = np.ceil(size / cell).astype(np.int64) + 5
+    origin = low - reach - 2 * cell
+    coarse = _measure_coarsely(surface, origin, cell, shape)
+    # A point of the surface is in a cell, a node of it at most this far.
+    slack = np.sqrt(3) * cell
+    near = np.argwhere(coarse < reach + 2 * slack)
+    distance = np.maximum(coarse - 2 * slack, reach)
+    exact = closest_points(surface, origin + cell * near).distance
+    distance[tuple(near.T)] = exact
+    return DistanceGrid(distance, origin, cell, reach)
+
+
+def _measure_coarsely(surface: TriMesh, origin: Floats, cell: float, shape: Integers) -> Floats:
+    """Return distance from every node to the nearest node beside a point of the surface."""
+    free = np.ones(tuple(shape), bool)
+    for samples in sample_in_blocks(surface):
+        node = np.rint((samples - origin) / cell).astype(np.int64)
+        free[tuple(node.T)] = False
+    return np.asarray(cell * ndimage.distance_transform_edt(free))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,36 +95,46 @@ class Shell:
     webs: Floats
 
 
-def make_shell(grid: DistanceGrid, recipe: ShellRecipe) -> Shell | None:
-    """Return the shell by a recipe, None if the grid cannot carry it as a closed manifold."""
-    field = shell_field(grid, recipe)
+def make_shell(grid: DistanceGrid, offset: float, closing: float) -> Shell | None:
+    """Make a shell, if the grid can carry it as a closed manifold.
+
+    Parameters
+    ----------
+    offset : float
+        Distance of the shell from the model.
+    closing : float
+        Gaps that are narrower than twice the sum of both are closed.
+    """
+    field = _compute_field(grid, offset, closing)
     bridges = find_bridges(grid, field < 0)
     if bridges is None:
         return None
-    radius = max(BRIDGE_RADIUS * recipe.offset, BRIDGE_CELLS * grid.cell)
+    radius = 1.5 * max(offset, grid.cell)
     # Marching cubes look at nodes up to the diagonal of a cell beyond the surface.
     apart = measure_segment_distance(grid, bridges, radius + 2 * grid.cell)
     field = np.minimum(field, apart - radius)
     surface = _march(grid, field)
     if surface is None:
         return None
-    hollows, webs = _closed_places(grid, field, recipe)
-    return Shell(_outermost(surface), bridges.mean(axis=1), hollows, webs)
+    added = (field < 0) & _reach(grid.distance > offset)
+    is_wide = grid.distance > offset + closing
+    hollows, webs = _find_centres(grid, added & is_wide), _find_centres(grid, added & ~is_wide)
+    return Shell(_take_outermost(surface), bridges.mean(axis=1), hollows, webs)
 
 
-def shell_field(grid: DistanceGrid, recipe: ShellRecipe) -> Floats:
+def _compute_field(grid: DistanceGrid, offset: float, closing: float) -> Floats:
     """Return a continuous function of the nodes, negative inside the shell.
 
     What cannot be reached from outside, at a distance of offset + closing, is filled; the filled
     body loses a layer of the closing again, wherever the offset does not need it.
     """
-    apart = grid.distance - (recipe.offset + recipe.closing)
+    apart = grid.distance - (offset + closing)
     outside = _reach(apart > 0)
     depth, nearest = ndimage.distance_transform_edt(~outside, return_indices=True)
     # The body begins between its last node and the first outside: by less than a cell.
     beyond = np.minimum(apart[tuple(nearest)], grid.cell)
     depth = np.where(outside, -apart, grid.cell * depth - beyond)
-    return np.asarray(np.minimum(grid.distance - recipe.offset, recipe.closing - depth))
+    return np.asarray(np.minimum(grid.distance - offset, closing - depth))
 
 
 def _reach(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -99,24 +143,14 @@ def _reach(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(parts == parts[0, 0, 0])
 
 
-def _closed_places(grid: DistanceGrid, field: Floats, recipe: ShellRecipe) -> tuple[Floats, Floats]:
-    """Return where hollows were filled and parts were joined, (h, 3) and (w, 3)."""
-    added = (field < 0) & _reach(grid.distance > recipe.offset)
-    wide = recipe.offset + recipe.closing
-    return (
-        _centres(grid, added & (grid.distance > wide)),
-        _centres(grid, added & (grid.distance <= wide)),
-    )
-
-
-def _centres(grid: DistanceGrid, chosen: NDArray[np.bool_]) -> Floats:
-    """Return centres of the connected parts of more than a few nodes, the largest first, (k, 3)."""
+def _find_centres(grid: DistanceGrid, chosen: NDArray[np.bool_], min_nodes: int = 8) -> Floats:
+    """Return centres of connected parts of so many nodes, the largest first, (k, 3)."""
     parts, count = ndimage.label(chosen)
     if count == 0:
         return np.empty((0, 3))
     sizes = np.bincount(parts.ravel())[1:]
     order = np.argsort(-sizes, kind="stable")
-    order = order[sizes[order] >= FEWEST_NODES]
+    order = order[sizes[order] >= min_nodes]
     centres = ndimage.center_of_mass(chosen, parts, order + 1)
     return grid.positions(np.array(centres).reshape(-1, 3))
 
@@ -136,7 +170,7 @@ def _march(grid: DistanceGrid, field: Floats) -> TriMesh | None:
     return surface
 
 
-def _outermost(surface: TriMesh) -> TriMesh:
+def _take_outermost(surface: TriMesh) -> TriMesh:
     """Return the component with the largest box, faces turned outward."""
     part = surface.components
     size = np.zeros(part.max() + 1)
@@ -147,3 +181,58 @@ def _outermost(surface: TriMesh) -> TriMesh:
     faces = number[surface.faces[kept[surface.faces[:, 0]]]]
     shell = TriMesh(surface.vertices[kept], faces)
     return shell if shell.volume > 0 else shell.flip()
+
+
+def find_bridges(
+    grid: DistanceGrid, body: NDArray[np.bool_], max_parts: int = 400
+) -> Floats | None:
+    """Return segments (b, 2, 3) that make one part of a body's parts, of the least total length.
+
+    None when there is nothing to join, or more than `max_parts`: the time is their square.
+    """
+    parts, count = ndimage.label(body)
+    if not 1 <= count <= max_parts:
+        return None
+    surface = body & ~ndimage.binary_erosion(body)
+    nodes = np.argwhere(surface)
+    of_node = parts[tuple(nodes.T)]
+    return _span_tree([grid.positions(nodes[of_node == part]) for part in range(1, count + 1)])
+
+
+def _span_tree(parts: list[Floats]) -> Floats:
+    """Return the tree of shortest segments between sets of points (Prim 1957)."""
+    nearest = np.full(len(parts), np.inf)
+    segments = np.zeros((len(parts), 2, 3))
+    left = np.arange(len(parts)) > 0
+    last, found = 0, []
+    while left.any():
+        tree = cKDTree(parts[last])
+        for k in np.flatnonzero(left):
+            distance, at = tree.query(parts[k], distance_upper_bound=nearest[k])
+            best = int(distance.argmin())
+            if distance[best] < nearest[k]:
+                nearest[k] = distance[best]
+                segments[k] = parts[last][at[best]], parts[k][best]
+        last = int(np.where(left, nearest, np.inf).argmin())
+        left[last] = False
+        found.append(segments[last])
+    return np.array(found).reshape(-1, 2, 3)
+
+
+def measure_segment_distance(grid: DistanceGrid, segments: Floats, reach: float) -> Floats:
+    """Return the distance of every node from the nearest segment.
+
+    It is exact up to `reach`; nodes further from all segments may have infinity.
+    """
+    nearest = np.full(grid.distance.shape, np.inf)
+    for start, stop in segments:
+        low, high = np.minimum(start, stop) - reach, np.maximum(start, stop) + reach
+        first = np.maximum(np.ceil((low - grid.origin) / grid.cell), 0).astype(np.int64)
+        last = np.floor((high - grid.origin) / grid.cell).astype(np.int64)
+        box = nearest[tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))]
+        nodes = grid.positions(np.indices(box.shape).reshape(3, -1).T + first)
+        along = stop - start
+        share = np.clip((nodes - start) @ along / max(float(along @ along), 1e-300), 0, 1)
+        apart = np.linalg.norm(nodes - start - share[:, None] * along, axis=1)
+        np.minimum(box, apart.reshape(box.shape), out=box)
+    return nearest

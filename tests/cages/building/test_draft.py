@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.building.draft import Draft, Edit
-from cageik_cli.cages.building.edits import (
+from cageik_cli.cages.building.polish import (
     collapse_edge,
     flip_edge,
     least_move,

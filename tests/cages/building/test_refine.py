@@ -1,10 +1,13 @@
 """Vertices without influence give way to others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cageik_cli.cages.building.judge import Demand, judge
 from cageik_cli.cages.building.refine import find_weak, replace_weak_vertices
+from cageik_cli.cages.settings import BuildSettings
 from tests.shapes import ball, changed
 
 
@@ -12,7 +15,8 @@ from tests.shapes import ball, changed
 def demand():
     """A small ball that is to be held, in cages of up to 18 vertices."""
     model = ball(3, 0.5)
-    return Demand(model, model.vertices, 0.01, fewest=16, most=18)
+    whole = Demand.start(model, BuildSettings(18, 0.01))
+    return replace(whole, surface=model, samples=model.vertices, fewest=16)
 
 
 def test_a_vertex_far_from_the_model_gives_way(demand):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.building.clearance import find_near_points, segment_distances
+from cageik_cli.cages.building.judge import find_near_points, measure_segments
 from tests.cages.torture import moved
 from tests.shapes import ball, box, changed, octahedron, rotation
 
@@ -9,29 +9,29 @@ from tests.shapes import ball, box, changed, octahedron, rotation
 def test_the_distance_of_a_corner_from_a_face_is_found_from_either_side():
     inner, outer = octahedron(0.7), box(1.0)
     for surface, cage in ((inner, outer), (outer, inner)):
-        near = find_near_points(surface, cage, 0.5)
-        assert near.clearance == pytest.approx(0.3)
+        distances, _ = find_near_points(surface, cage, 0.5)
+        assert distances[0] == distances.min() == pytest.approx(0.3)
 
 
 def test_the_distance_of_two_edges_is_found():
     first = changed(box(0.5), vertices=box(0.5).vertices @ turned_about(2).T)
     second = changed(box(0.5), vertices=box(0.5).vertices @ turned_about(1).T)
     second = moved(second, (np.sqrt(2) + 0.1, 0, 0))
-    near = find_near_points(first, second, 1.0)
-    assert near.clearance == pytest.approx(0.1)
-    np.testing.assert_allclose(near.points[0][0], 0.5 * np.sqrt(2), rtol=1e-9)
+    distances, points = find_near_points(first, second, 1.0)
+    assert distances[0] == pytest.approx(0.1)
+    np.testing.assert_allclose(points[0][0], 0.5 * np.sqrt(2), rtol=1e-9)
 
 
 def test_nothing_is_found_beyond_the_limit():
-    near = find_near_points(ball(2, 0.2), box(1.0), 0.1)
-    assert (near.clearance, len(near.points)) == (np.inf, 0)
+    distances, points = find_near_points(ball(2, 0.2), box(1.0), 0.1)
+    assert len(distances) == len(points) == 0
 
 
 def test_segments_are_as_far_apart_as_the_nearest_of_many_points_on_them():
     generator = np.random.default_rng(1)
     start, stop = generator.normal(size=(2, 50, 3))
     a, b = generator.normal(size=(2, 3))
-    distance, place = segment_distances(start, stop, a, b)
+    distance, place = measure_segments(start, stop, a, b)
     share = np.linspace(0, 1, 401)[:, None]
     for k in range(50):
         mine, other = start[k] + share * (stop[k] - start[k]), a + share * (b - a)
@@ -52,4 +52,4 @@ def test_a_turn_of_both_changes_nothing():
     turn = rotation(4)
     surface, cage = octahedron(0.7), box(1.0)
     both = [changed(mesh, vertices=mesh.vertices @ turn.T) for mesh in (surface, cage)]
-    assert find_near_points(*both, 0.5).clearance == pytest.approx(0.3)
+    assert find_near_points(*both, 0.5)[0].min() == pytest.approx(0.3)
