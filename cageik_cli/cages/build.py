@@ -174,7 +174,7 @@ class _Builder:
     """The candidates for one model, and what they share."""
 
     def __init__(self, model: TriMesh, settings: BuildSettings, clip: Clip | None) -> None:
-        self._demand, self._clip = Demand.start(model, settings), clip
+        self._demand, self._clip = Demand(model, settings), clip
         self._motion: Motion | None = None
         if clip is not None:
             used = model.used_vertices

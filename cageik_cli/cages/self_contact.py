@@ -10,24 +10,6 @@ from scipy.spatial import cKDTree
 from cageik_cli.geometry.mesh import Edges, TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
-NEAR = 0.03
-"""Parts touch when they are nearer to each other than this, in diagonals,"""
-
-FAR = 0.12
-"""and further apart than this along the surface."""
-
-MAX_SAMPLES = 3000
-"""Points of the surface that stand for it, at most: about 0.02 apart on a body."""
-
-MAX_EDGE = 0.03
-"""Faces with longer edges are divided, in diagonals,"""
-
-MAX_FACES = 60_000
-"""as long as there are no more faces than this."""
-
-BLOCK = 500
-"""Points whose distances along the surface are held at once."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactMeter:
@@ -72,10 +54,18 @@ class ContactMeter:
         return float(self.shares @ (1 - nearest / self.reach))
 
 
-def make_contact_meter(model: TriMesh) -> ContactMeter | None:
+def make_contact_meter(
+    model: TriMesh, near: float = 0.03, far: float = 0.12
+) -> ContactMeter | None:
     """Sample the surface of a model, and find which samples are near along it.
 
     Vertices at one place count as joined, so that seams do not part the surface.
+
+    Parameters
+    ----------
+    near, far : float
+        Parts touch when they are nearer to each other than `near`, and further apart than `far`
+        along the surface, in diagonals.
 
     Returns
     -------
@@ -90,8 +80,8 @@ def make_contact_meter(model: TriMesh) -> ContactMeter | None:
     if len(samples) == 0:
         return None
     links = _link_samples(surface, samples)
-    joined = _find_near_pairs(links, FAR * model.diagonal)
-    return ContactMeter(weights[samples], shares, joined, NEAR * model.diagonal)
+    joined = _find_near_pairs(links, far * model.diagonal)
+    return ContactMeter(weights[samples], shares, joined, near * model.diagonal)
 
 
 def _join_seams(model: TriMesh) -> tuple[sparse.csr_array, Integers]:
@@ -111,15 +101,22 @@ def _join_seams(model: TriMesh) -> tuple[sparse.csr_array, Integers]:
 
 
 def _divide_edges(
-    model: TriMesh, weights: sparse.csr_array, faces: Integers
+    model: TriMesh,
+    weights: sparse.csr_array,
+    faces: Integers,
+    max_length: float = 0.03,
+    max_faces: int = 60_000,
 ) -> tuple[sparse.csr_array, Integers]:
-    """Divide each face in four until edges are short; return what `_join_seams` does."""
-    while 4 * len(faces) <= MAX_FACES:
+    """Divide each face in four until edges are short; return what `_join_seams` does.
+
+    Short is up to `max_length`, in diagonals.
+    """
+    while 4 * len(faces) <= max_faces:
         edges = Edges.from_faces(faces)
         ends, sides = edges.ends, edges.side_edges
         vertices = weights @ model.vertices
         lengths = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
-        if lengths.max() <= MAX_EDGE * model.diagonal:
+        if lengths.max() <= max_length * model.diagonal:
             break
         middles = sides + weights.shape[0]
         weights = sparse.vstack([weights, 0.5 * (weights[ends[:, 0]] + weights[ends[:, 1]])])
@@ -130,17 +127,22 @@ def _divide_edges(
     return weights, faces
 
 
-def _sample_vertices(surface: TriMesh) -> tuple[Integers, Floats]:
-    """Choose vertices evenly by area; return their numbers, and the share each stands for."""
+def _sample_vertices(surface: TriMesh, count: int = 3000) -> tuple[Integers, Floats]:
+    """Choose up to `count` vertices evenly by area; on a body they are about 0.02 apart.
+
+    Returns
+    -------
+    (s,), their numbers, and (s,), the share of the surface that each stands for.
+    """
     corners = surface.vertices[surface.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.cumsum(np.linalg.norm(normals, axis=1))
     if not areas[-1] > 0:
         return np.zeros(0, np.int64), np.zeros(0)
-    steps = (np.arange(MAX_SAMPLES) + 0.5) / MAX_SAMPLES
+    steps = (np.arange(count) + 0.5) / count
     chosen = np.searchsorted(areas, steps * areas[-1])
     samples, counts = np.unique(surface.faces[chosen, 0], return_counts=True)
-    return samples, counts / MAX_SAMPLES
+    return samples, counts / count
 
 
 def _link_samples(surface: TriMesh, samples: Integers) -> sparse.csr_array:
@@ -165,11 +167,11 @@ def _link_samples(surface: TriMesh, samples: Integers) -> sparse.csr_array:
     return _make_graph(linked[apart], lengths[first[apart]], len(samples))
 
 
-def _find_near_pairs(links: sparse.csr_array, limit: float) -> Integers:
+def _find_near_pairs(links: sparse.csr_array, limit: float, block_size: int = 500) -> Integers:
     """Return the pairs of samples at most `limit` apart, as `ContactMeter.joined` has them."""
     count, found = links.shape[0], []
-    for start in range(0, count, BLOCK):
-        sources = np.arange(start, min(start + BLOCK, count))
+    for start in range(0, count, block_size):
+        sources = np.arange(start, min(start + block_size, count))
         distances = csgraph.dijkstra(links, False, sources, limit=limit)
         first, second = np.nonzero(np.isfinite(distances))
         first += start

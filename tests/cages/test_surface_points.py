@@ -52,8 +52,8 @@ def test_needles_are_never_sampled_all_at_once(monkeypatch):
 
 
 def test_the_points_of_a_model_are_those_of_one_block(monkeypatch):
-    expected = Demand.start(needles(50), BuildSettings()).samples
+    expected = Demand(needles(50), BuildSettings()).samples
     monkeypatch.setattr(module, "MAX_BLOCK_POINTS", 1000)
-    found = Demand.start(needles(50), BuildSettings()).samples
+    found = Demand(needles(50), BuildSettings()).samples
     np.testing.assert_array_equal(found, expected)
     assert len(np.unique(np.floor(found / 0.01), axis=0)) == len(found)

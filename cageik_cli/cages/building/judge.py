@@ -20,9 +20,10 @@ MIN_WIDTH = 1e-7
 """How wide faces without area are made, in diagonals: a distance to a face needs its plane."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Demand:
-    """The requirements on a cage, for a model that was moved to the origin, of a diagonal of one.
+    """The requirements on a cage, for a model that is moved to the origin, of a diagonal of one.
+
+    Vertices of the model that are in no face are left out: they may be anywhere.
 
     Attributes
     ----------
@@ -34,58 +35,33 @@ class Demand:
         How far it must keep off; units of the surface.
     fewest, most : int
         Cage vertices.
-    centre : (3,) float64
-        Where the origin was, file units.
-    scale : float
-        The diagonal, file units.
+
+    Raises
+    ------
+    FormatError
+        When all vertices of the model are at one place.
     """
 
-    surface: TriMesh
-    samples: Floats
-    clearance: float
-    fewest: int
-    most: int
-    centre: Floats
-    scale: float
-
-    @staticmethod
-    def start(model: TriMesh, settings: BuildSettings) -> "Demand":
-        """Move and scale the model, and put points on its surface.
-
-        Vertices that are in no face are left out: they may be anywhere.
-
-        Raises
-        ------
-        FormatError
-            When all its vertices are at one place.
-        """
+    def __init__(self, model: TriMesh, settings: BuildSettings) -> None:
         if not model.diagonal > 0:
             raise FormatError("the model is one point, expected a surface; give another mesh")
         model = model.drop_unused_vertices()
         low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
-        centre = low + (high - low) / 2
-        surface = TriMesh((model.vertices - centre) / model.diagonal, model.faces)
-        surface = _widen_slivers(surface)
-        samples = np.empty((0, 3))
-        for block in sample_in_blocks(surface):
-            samples = thin_points(np.concatenate([samples, block]), 0.01)
-        return Demand(
-            surface=surface,
-            samples=samples,
-            clearance=settings.clearance,
-            fewest=int(np.ceil(0.9 * settings.vertices)),
-            most=settings.vertices,
-            centre=centre,
-            scale=model.diagonal,
-        )
+        self._centre, self._scale = low + (high - low) / 2, model.diagonal
+        self.surface = _widen_slivers(TriMesh(self.to_units(model.vertices), model.faces))
+        self.samples = np.empty((0, 3))
+        for block in sample_in_blocks(self.surface):
+            self.samples = thin_points(np.concatenate([self.samples, block]), 0.01)
+        self.clearance = settings.clearance
+        self.fewest, self.most = int(np.ceil(0.9 * settings.vertices)), settings.vertices
 
     def to_units(self, points: Floats) -> Floats:
         """Return places in file units, (..., 3), in units of the surface."""
-        return np.asarray((points - self.centre) / self.scale)
+        return np.asarray((points - self._centre) / self._scale)
 
     def to_file_units(self, points: Floats) -> Floats:
         """Undo the move and the scale of (k, 3) points."""
-        return np.asarray(points * self.scale + self.centre)
+        return np.asarray(points * self._scale + self._centre)
 
 
 def thin_points(points: Floats, cell: float) -> Floats:

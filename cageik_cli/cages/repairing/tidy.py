@@ -7,12 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
-from cageik_cli.geometry.mesh import signed_volumes
+from cageik_cli.geometry.mesh import find_groups, signed_volumes
 from cageik_cli.util.arrays import Floats, Integers
 
 Booleans = NDArray[np.bool_]
@@ -25,10 +23,7 @@ def find_coincident(vertices: Floats, candidates: Integers) -> Integers:
     """
     reach = 1e-7 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     pairs = cKDTree(vertices[candidates]).query_pairs(reach, output_type="ndarray")
-    ends = candidates[pairs].reshape(-1, 2)
-    size = len(vertices)
-    graph = sparse.coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
-    _, group = csgraph.connected_components(graph, directed=False)
+    group = find_groups(candidates[pairs].reshape(-1, 2), len(vertices))
     _, first = np.unique(group, return_index=True)
     return np.asarray(first[group], np.int64)
 
@@ -81,10 +76,9 @@ def count_topology_faults(mesh: PolygonMesh) -> int:
     place = np.concatenate([np.arange(size), after])
     order = np.argsort(key, kind="stable")
     same = np.diff(key[order]) == 0
-    one, other = place[order][:-1][same], place[order][1:][same]
-    graph = sparse.coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
-    groups, _ = csgraph.connected_components(graph, directed=False)
-    return int(np.count_nonzero(uses[first] != 2)) + int(groups) - len(np.unique(mesh.corners))
+    joined = np.stack([place[order][:-1][same], place[order][1:][same]], axis=1)
+    fans = len(np.unique(find_groups(joined, size)))
+    return int(np.count_nonzero(uses[first] != 2)) + fans - len(np.unique(mesh.corners))
 
 
 def _find_next_places(mesh: PolygonMesh) -> Integers:
@@ -120,10 +114,8 @@ def find_fins(mesh: PolygonMesh) -> Booleans:
 
 def label_patches(mesh: PolygonMesh) -> Integers:
     """Number the patch of each polygon, (p,): two polygons that alone share an edge share it."""
-    first, second, _ = _find_neighbours(mesh)
-    size = len(mesh.corner_counts)
-    graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
-    return np.asarray(csgraph.connected_components(graph, directed=False)[1], np.int64)
+    pairs, _ = _find_neighbours(mesh)
+    return find_groups(pairs, len(mesh.corner_counts))
 
 
 def find_turned(mesh: PolygonMesh) -> Booleans:
@@ -132,21 +124,17 @@ def find_turned(mesh: PolygonMesh) -> Booleans:
     Each polygon is two nodes, as it is and turned; neighbours that agree tie like to like. A
     patch that has no sides, such as a Möbius strip, stays as it is.
     """
-    first, second, agree = _find_neighbours(mesh)
+    pairs, agree = _find_neighbours(mesh)
     size = len(mesh.corner_counts)
     cross = np.where(agree, 0, size)
-    starts = np.concatenate([first, first + size])
-    stops = np.concatenate([second + cross, second + size - cross])
-    graph = sparse.coo_array((np.ones(len(starts)), (starts, stops)), shape=(2 * size,) * 2)
-    _, label = csgraph.connected_components(graph, directed=False)
+    straight = pairs + np.stack([np.zeros_like(cross), cross], axis=1)
+    reverse = pairs + np.stack([np.full_like(cross, size), size - cross], axis=1)
+    label = find_groups(np.concatenate([straight, reverse]), 2 * size)
     as_is, turned = label[:size], label[size:]
     votes = np.bincount(as_is, minlength=label.max() + 1)
-    return np.asarray((votes[turned] > votes[as_is]) | _breaks_tie(as_is, turned, votes), np.bool_)
-
-
-def _breaks_tie(as_is: Integers, turned: Integers, votes: Integers) -> Booleans:
-    """Return whether a patch is turned that ties with its counterpart: the larger label is."""
-    return np.asarray((votes[turned] == votes[as_is]) & (as_is > turned), np.bool_)
+    # Of a patch that ties with its counterpart, the one of the larger label is turned.
+    is_tie_turned = (votes[turned] == votes[as_is]) & (as_is > turned)
+    return np.asarray((votes[turned] > votes[as_is]) | is_tie_turned, np.bool_)
 
 
 def find_inward(mesh: PolygonMesh) -> Booleans:
@@ -162,13 +150,13 @@ def find_inward(mesh: PolygonMesh) -> Booleans:
     return inward
 
 
-def _find_neighbours(mesh: PolygonMesh) -> tuple[Integers, Integers, Booleans]:
-    """Find pairs of polygons that alone share an edge, and whether they pass it oppositely."""
+def _find_neighbours(mesh: PolygonMesh) -> tuple[Integers, Booleans]:
+    """Find pairs of polygons, (p, 2), that alone share an edge; and which pass it oppositely."""
     uses, edge = count_edge_uses(mesh)
     chosen = np.flatnonzero(uses == 2)
     sides = chosen[np.argsort(edge[chosen], kind="stable")].reshape(-1, 2)
-    polygon, starts = mesh.polygon_numbers[sides], mesh.corners[sides]
-    return polygon[:, 0], polygon[:, 1], starts[:, 0] != starts[:, 1]
+    starts = mesh.corners[sides]
+    return mesh.polygon_numbers[sides], starts[:, 0] != starts[:, 1]
 
 
 def find_holes(mesh: PolygonMesh) -> list[Integers]:

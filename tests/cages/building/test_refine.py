@@ -1,7 +1,5 @@
 """Vertices without influence give way to others."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -15,8 +13,9 @@ from tests.shapes import ball, changed
 def demand():
     """A small ball that is to be held, in cages of up to 18 vertices."""
     model = ball(3, 0.5)
-    whole = Demand.start(model, BuildSettings(18, 0.01))
-    return replace(whole, surface=model, samples=model.vertices, fewest=16)
+    demand = Demand(model, BuildSettings(18, 0.01))
+    demand.surface, demand.samples, demand.fewest = model, model.vertices, 16
+    return demand
 
 
 def test_a_vertex_far_from_the_model_gives_way(demand):

@@ -18,7 +18,7 @@ def rod(coarse_grids):
     model = finer(changed(box(), vertices=box().vertices * [0.2, 0.2, 1]), 3)
     settings = BuildSettings(40, 0.01)
     cage = build_cage(model, settings).cage
-    demand = Demand.start(model, settings)
+    demand = Demand(model, settings)
     rest = demand.to_units(model.vertices)
     x, y, z = rest.T
     bend = np.maximum(z - z.mean(), 0)
