@@ -48,26 +48,22 @@ POSING_OPTIONS: OptionGroup[Any] = OptionGroup(
         show_default=True,
         help="Rounds in which parts of the cage rotate with the motion; 0 shears them.",
     ),
-    OptionGroup(
-        "placement",
-        "posing.handles.model.PlacementSettings",
-        click.option("--hard", is_flag=True, help="Meet all handles exactly."),
-        click.option(
-            "--snap",
-            type=PercentType(
-                "a percentage",
-                f"10%; without a number, put --snap last or write --snap={DEFAULT_SNAP}",
-            ),
-            is_flag=False,
-            flag_value=DEFAULT_SNAP,
-            help="Move handles with a position to the nearest point of the surface, if it is at "
-            f"most this far away; {DEFAULT_SNAP} of the diagonal if no number is given.",
+    click.option("--hard", is_flag=True, help="Meet all handles exactly."),
+    click.option(
+        "--snap",
+        type=PercentType(
+            "a percentage",
+            f"10%; without a number, put --snap last or write --snap={DEFAULT_SNAP}",
         ),
-        click.option(
-            "--allow-conflicts",
-            is_flag=True,
-            help="Take the mean if one point has different targets.",
-        ),
+        is_flag=False,
+        flag_value=DEFAULT_SNAP,
+        help="Move handles with a position to the nearest point of the surface, if it is at "
+        f"most this far away; {DEFAULT_SNAP} of the diagonal if no number is given.",
+    ),
+    click.option(
+        "--allow-conflicts",
+        is_flag=True,
+        help="Take the mean if one point has different targets.",
     ),
 )
 

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +11,14 @@ from numpy.typing import NDArray
 from cageik_cli.coordinates.binding import Binding, measure_offsets, reconstruct
 from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.posing.constraints import CageConstraints
-from cageik_cli.posing.handles.model import Handles, PlacementSettings, PosedSurface
+from cageik_cli.posing.handles.model import Handles, PosedSurface
 from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.schedule import HandleSchedule
 from cageik_cli.posing.poser import DEFAULT_ALPHA, Poser, validate_weights
-from cageik_cli.posing.reach import Reach, ReachLimit, find_reach
+from cageik_cli.posing.reach import find_reach
 from cageik_cli.solver.metrics import FrameMetrics, measure
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import error_context
+from cageik_cli.util.errors import SettingError, error_context
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,62 +31,90 @@ class PosingSettings:
         As in `Poser`.
     rigidity : int
         Rounds of rigid rotations.
+    snap, allow_conflicts, hard
+        As in `place_handles`.
 
     Raises
     ------
     SettingError
-        When alpha or beta is not a finite number above 0.
+        When alpha or beta is not a finite number above 0, or snap one of 0 or above.
     """
 
     alpha: float = DEFAULT_ALPHA
     beta: float = 1.0
     rigidity: int = 0
-    placement: PlacementSettings = field(default_factory=PlacementSettings)
+    snap: float | None = None
+    allow_conflicts: bool = False
+    hard: bool = False
 
     def __post_init__(self) -> None:
         validate_weights(self.alpha, self.beta)
+        if self.snap is not None and not (np.isfinite(self.snap) and self.snap >= 0):
+            raise SettingError(f"snap is {self.snap}, expected a finite number, zero or above")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CageSkin:
-    """The deformation of a model by cages: `base_mesh + weights @ (cages - base_cage)`.
+class EditTarget:
+    """The pose or the animation that layers are applied to, and the meshes of its cages.
 
-    Of a binding that has offsets, the base mesh turns with each frame of an animation.
+    A cage gives the mesh `base_mesh + weights @ (cage - base_cage)`. Of a binding that has offsets,
+    the base mesh turns with each frame of an animation.
 
     Attributes
     ----------
-    weights : (m, n) float64
+    cage_at : callable
+        The cage of a frame, (n, 3), by its number.
     base_cage : (n, 3) float64
     base_mesh : (m, 3) float64
         The mesh that `base_cage` gives exactly, whatever `weights @ base_cage` is. If both are
         zeros, meshes are `weights @ cages`.
     rotations : (F, 3, 3) float64, optional
         Of the base mesh to each frame: `points @ R`. It does not turn by default.
+    frame_names : sequence of str, optional
+        None for a single pose, whose only frame is 0.
+    up_axis : str
+        "Y" or "Z", for drawings.
     """
 
-    weights: Floats
+    binding: Binding
+    cage_at: Callable[[int], Floats]
     base_cage: Floats
     base_mesh: Floats
     rotations: Floats | None = None
+    frame_names: Sequence[str] | None = None
+    up_axis: str = "Y"
 
     @classmethod
-    def for_rest_pose(cls, binding: Binding) -> "CageSkin":
-        """Return a skin whose rest cage gives the rest pose bit for bit."""
-        return cls(binding.weights, binding.cage.vertices, binding.rest.vertices)
+    def of_model(cls, binding: Binding) -> "EditTarget":
+        """Return the rest pose of a model, which the rest cage gives bit for bit."""
+        cage = binding.cage.vertices
+        return cls(binding, lambda _: cage, cage, binding.rest.vertices)
 
     @classmethod
-    def for_reconstruction(cls, binding: Binding, rotations: Floats | None = None) -> "CageSkin":
-        """Return a skin that gives the reconstructions of a result, `weights @ cages`.
+    def of_animation(
+        cls,
+        binding: Binding,
+        cage_at: Callable[[int], Floats],
+        frame_names: Sequence[str],
+        rotations: Floats | None = None,
+        up_axis: str = "Y",
+    ) -> "EditTarget":
+        """Return an animation whose meshes are the reconstructions of a result, `weights @ cages`.
 
         With the rotations of its frames, (F, 3, 3), they have the offsets of the binding, too.
         """
         m, n = binding.weights.shape
         base = measure_offsets(binding) if binding.has_offsets else np.zeros((m, 3))
-        return cls(binding.weights, np.zeros((n, 3)), base, rotations)
+        return cls(binding, cage_at, np.zeros((n, 3)), base, rotations, frame_names, up_axis)
+
+    @property
+    def frame_count(self) -> int | None:
+        """The number of frames; None for a single pose."""
+        return None if self.frame_names is None else len(self.frame_names)
 
     def deform(self, frames: Integers, cages: Floats) -> Floats:
         """Return the meshes (k, m, 3) of the cages (k, n, 3) of frames (k,)."""
-        meshes = reconstruct(self.weights, cages - self.base_cage)
+        meshes = reconstruct(self.binding.weights, cages - self.base_cage)
         meshes += self._turn(self.base_mesh, frames)
         return meshes
 
@@ -93,9 +122,16 @@ class CageSkin:
         self, anchors: Sequence[Anchor], frames: Integers, cages: Floats
     ) -> Floats:
         """Return the positions of anchors on the meshes of the cages of frames, as (k, l, 3)."""
-        rows = anchor_matrix(anchors, self.weights)
+        rows = anchor_matrix(anchors, self.binding.weights)
         base = self._turn(anchor_positions(anchors, self.base_mesh), frames)
         return np.asarray(base + rows @ (cages - self.base_cage))
+
+    def pose_at(self, frame: int, layers: Sequence["Layer"]) -> Floats:
+        """Return the mesh of a frame, (m, 3), after layers."""
+        frames, cages = np.array([frame]), self.cage_at(frame)[None]
+        if layers:
+            cages, _, _ = apply_layers(layers, self, frames, cages)
+        return np.asarray(self.deform(frames, cages)[0])
 
     def _turn(self, points: Floats, frames: Integers) -> Floats:
         """Return points of the base mesh, (p, 3), in each frame: (k, p, 3), or as they are."""
@@ -118,8 +154,8 @@ class Layer:
         Rounds of rigid rotations.
     name : str
         Its place in the handles file, such as "sets[1]"; "" for the only layer.
-    reach : Reach, optional
-        None if its handles have no radius.
+    is_beyond : (m,) bool
+        Vertices beyond the radii of its handles; none if they have no radius.
     """
 
     schedule: HandleSchedule
@@ -127,52 +163,7 @@ class Layer:
     acts: NDArray[np.bool_]
     rigidity: int
     name: str
-    reach: Reach | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EditTarget:
-    """The pose or the animation that layers are applied to.
-
-    Attributes
-    ----------
-    cage_at : callable
-        The cage of a frame, (n, 3), by its number.
-    frame_names : sequence of str, optional
-        None for a single pose, whose only frame is 0.
-    up_axis : str
-        "Y" or "Z", for drawings.
-    """
-
-    binding: Binding
-    skin: CageSkin
-    cage_at: Callable[[int], Floats]
-    frame_names: Sequence[str] | None = None
-    up_axis: str = "Y"
-
-    @property
-    def frame_count(self) -> int | None:
-        """The number of frames; None for a single pose."""
-        return None if self.frame_names is None else len(self.frame_names)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EditedCages:
-    """The result of layers on k frames.
-
-    Attributes
-    ----------
-    cages : (k, n, 3) float64
-        After all layers.
-    start_positions : (k, l, 3) float64
-        Positions of the anchors of all layers, each before its own layer.
-    target_positions : (k, l, 3) float64
-        Their targets, at the strength that their layer has in each frame.
-    """
-
-    cages: Floats
-    start_positions: Floats
-    target_positions: Floats
+    is_beyond: NDArray[np.bool_]
 
 
 def build_layers(
@@ -189,14 +180,17 @@ def build_layers(
     """
     layers: list[Layer] = []
     for k, handle_set in enumerate(handles.sets):
-        surface = PosedSurface(
-            edit_target.binding.rest,
-            _make_pose_function(edit_target, tuple(layers)),
-            edit_target.frame_count,
-        )
+        pose_at = partial(edit_target.pose_at, layers=tuple(layers))
+        surface = PosedSurface(edit_target.binding.rest, pose_at, edit_target.frame_count)
         name = f"sets[{k}]" if len(handles.sets) > 1 else ""
         with _set_context(name):
-            schedule = place_handles(handle_set, surface, settings.placement)
+            schedule = place_handles(
+                handle_set,
+                surface,
+                snap=settings.snap,
+                allow_conflicts=settings.allow_conflicts,
+                hard=settings.hard,
+            )
             layers.append(
                 _build_layer(schedule, handles.constraints, edit_target.binding, settings, name)
             )
@@ -211,19 +205,17 @@ def _build_layer(
     name: str,
 ) -> Layer:
     """Build the layer of a schedule; radii add to the locked cage vertices."""
-    acts, reach = np.ones(len(schedule.anchors), bool), None
+    scheduled = schedule.anchors
+    acts, is_beyond = np.ones(len(scheduled), bool), np.zeros(len(binding.rest.vertices), bool)
     if np.isfinite(schedule.radii).any():
-        reach = find_reach(
-            binding, ReachLimit(schedule.anchors, schedule.radii, constraints.mirror)
+        is_beyond, locked, held = find_reach(binding, scheduled, schedule.radii, constraints.mirror)
+        acts = ~held
+        constraints = replace(
+            constraints, locked=tuple(sorted({*constraints.locked, *locked.tolist()}))
         )
-        acts = ~reach.held
-        locked = sorted({*constraints.locked, *reach.locked.tolist()})
-        constraints = replace(constraints, locked=tuple(locked))
-    anchors = [
-        anchor for anchor, is_acting in zip(schedule.anchors, acts, strict=True) if is_acting
-    ]
+    anchors = [anchor for anchor, is_acting in zip(scheduled, acts, strict=True) if is_acting]
     poser = Poser(binding, anchors, settings.alpha, settings.beta, constraints)
-    return Layer(schedule, poser, acts, settings.rigidity, name, reach)
+    return Layer(schedule, poser, acts, settings.rigidity, name, is_beyond)
 
 
 def collect_anchors(layers: Sequence[Layer]) -> list[Anchor]:
@@ -251,40 +243,34 @@ def deciding_anchors(layers: Sequence[Layer], frame: int) -> list[int]:
 
 
 def apply_layers(
-    layers: Sequence[Layer], skin: CageSkin, frames: Integers, cages: Floats
-) -> EditedCages:
+    layers: Sequence[Layer], edit_target: EditTarget, frames: Integers, cages: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Apply all layers to the cages (k, n, 3) of frames (k,).
 
     A frame that no layer changes keeps its cage bit for bit.
+
+    Returns
+    -------
+    cages : (k, n, 3) float64
+    starts : (k, l, 3) float64
+        Positions of the anchors of all layers, each before its own layer.
+    targets : (k, l, 3) float64
+        Their targets, at the strength that their layer has in each frame.
     """
     starts, targets = [], []
     for layer in layers:
-        start = skin.anchor_positions(layer.schedule.anchors, frames, cages)
+        start = edit_target.anchor_positions(layer.schedule.anchors, frames, cages)
         with _set_context(layer.name):
             displacements = layer.schedule.displacements(frames, start)
         cages = layer.poser.edit_cages(cages, displacements[:, layer.acts], layer.rigidity)
         starts.append(start)
         targets.append(start + displacements)
-    return EditedCages(cages, np.concatenate(starts, axis=1), np.concatenate(targets, axis=1))
+    return cages, np.concatenate(starts, axis=1), np.concatenate(targets, axis=1)
 
 
 def _set_context(name: str) -> AbstractContextManager[None]:
     """Put the name of a set in front of error messages."""
     return error_context(name) if name else nullcontext()
-
-
-def _make_pose_function(
-    edit_target: EditTarget, layers: tuple[Layer, ...]
-) -> Callable[[int], Floats]:
-    """Return a function that gives the mesh of a frame, (m, 3), after the layers."""
-
-    def pose(frame: int) -> Floats:
-        frames, cages = np.array([frame]), edit_target.cage_at(frame)[None]
-        if layers:
-            cages = apply_layers(layers, edit_target.skin, frames, cages).cages
-        return np.asarray(edit_target.skin.deform(frames, cages)[0])
-
-    return pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -295,9 +281,9 @@ class EditedFrames:
     ----------
     frames : (k,) int64
         Frame numbers, ascending.
-    cages_before : (k, n, 3) float64
-    edit : EditedCages
-        The cages after the edit.
+    cages_before, cages_after : (k, n, 3) float64
+    starts, targets : (k, l, 3) float64
+        As of `apply_layers`.
     meshes_before, meshes_after : (k, m, 3) float64
     anchors_before, anchors_after : (k, l, 3) float64
     metrics : FrameMetrics
@@ -308,7 +294,9 @@ class EditedFrames:
 
     frames: Integers
     cages_before: Floats
-    edit: EditedCages
+    cages_after: Floats
+    starts: Floats
+    targets: Floats
     meshes_before: Floats
     meshes_after: Floats
     anchors_before: Floats
@@ -321,23 +309,25 @@ def edit_frames(
     layers: Sequence[Layer], edit_target: EditTarget, frames: Integers, cages: Floats
 ) -> EditedFrames:
     """Apply layers to the cages (k, n, 3) of frames (k,), and measure the changes."""
-    edit = apply_layers(layers, edit_target.skin, frames, cages)
-    meshes = edit_target.skin.deform(frames, cages)
+    edited, starts, targets = apply_layers(layers, edit_target, frames, cages)
+    meshes = edit_target.deform(frames, cages)
     after = meshes.copy()
-    is_changed = (edit.cages != cages).any(axis=(1, 2))
+    is_changed = (edited != cages).any(axis=(1, 2))
     # Only the difference is added: nothing cancels, and unchanged frames stay bit for bit.
-    after[is_changed] += reconstruct(edit_target.binding.weights, (edit.cages - cages)[is_changed])
+    after[is_changed] += reconstruct(edit_target.binding.weights, (edited - cages)[is_changed])
     rest = edit_target.binding.rest
     measured = measure(rest, meshes, after, rest.used_vertices)
     anchors = collect_anchors(layers)
     return EditedFrames(
         frames=frames,
         cages_before=cages,
-        edit=edit,
+        cages_after=edited,
+        starts=starts,
+        targets=targets,
         meshes_before=meshes,
         meshes_after=after,
-        anchors_before=edit_target.skin.anchor_positions(anchors, frames, cages),
-        anchors_after=edit_target.skin.anchor_positions(anchors, frames, edit.cages),
+        anchors_before=edit_target.anchor_positions(anchors, frames, cages),
+        anchors_after=edit_target.anchor_positions(anchors, frames, edited),
         metrics=measured.metrics,
         squared_displacements=measured.squared_errors,
     )

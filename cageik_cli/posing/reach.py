@@ -6,7 +6,6 @@ with the least influence beyond first, as long as this sum stays small for every
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,38 +19,19 @@ from cageik_cli.util.errors import HandlesError
 MAX_LEAK = 1e-3
 """Largest motion of a vertex beyond, in motions of the cage vertex that moves farthest."""
 
-MIN_SHARE = 0.5
+MIN_FREE_SHARE = 0.5
 """Smallest share of a handle's weights that free cage vertices must have to move it."""
 
-ROWS_PER_BLOCK = 4096
+MAX_REACH_ROWS = 4096
 """Vertices that are looked at together, so that memory does not grow with the model."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reach:
-    """Where an edit acts.
+def find_reach(
+    binding: Binding, anchors: Sequence[Anchor], radii: Floats, mirror: Mirror | None = None
+) -> tuple[NDArray[np.bool_], Integers, NDArray[np.bool_]]:
+    """Find the cage vertices to lock, so that nothing moves beyond the radii of anchors.
 
-    Attributes
-    ----------
-    is_beyond : (m,) bool
-        Vertices that are farther from all handles than their radius, in the rest pose.
-    locked : (p,) int64
-        Cage vertices that stay, so that vertices beyond do: each moves by at most `MAX_LEAK` times
-        the largest motion of a cage vertex.
-    held : (l,) bool
-        Anchors beyond, which stay because of that, and not by forces of their own.
-    """
-
-    is_beyond: NDArray[np.bool_]
-    locked: Integers
-    held: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ReachLimit:
-    """The radii of anchors.
-
-    Attributes
+    Parameters
     ----------
     anchors : sequence of Anchor
         l of them.
@@ -60,15 +40,16 @@ class ReachLimit:
         stays.
     mirror : Mirror, optional
         The radii hold around the mirror images of anchors, too.
-    """
 
-    anchors: Sequence[Anchor]
-    radii: Floats
-    mirror: Mirror | None = None
-
-
-def find_reach(binding: Binding, limit: ReachLimit) -> Reach:
-    """Find the cage vertices to lock, so that nothing moves beyond the radii.
+    Returns
+    -------
+    is_beyond : (m,) bool
+        Vertices that are farther from all handles than their radius, in the rest pose.
+    locked : (p,) int64
+        Cage vertices that stay, so that vertices beyond do: each moves by at most `MAX_LEAK` times
+        the largest motion of a cage vertex.
+    held : (l,) bool
+        Anchors beyond, which stay because of that, and not by forces of their own.
 
     Raises
     ------
@@ -76,89 +57,80 @@ def find_reach(binding: Binding, limit: ReachLimit) -> Reach:
         When too little of the cage is left to move an anchor; the message names it, and the
         smallest radius that works.
     """
-    is_beyond = _find_points_beyond(limit, limit.radii, binding, binding.rest.vertices)
-    is_free = _find_free(binding, is_beyond, limit.mirror)
-    limited = np.flatnonzero(np.isfinite(limit.radii)).tolist()
-    for k, share in zip(limited, _measure_shares(binding, limit, is_free), strict=True):
-        if share < MIN_SHARE:
+    search = _ReachSearch(binding, anchors, mirror)
+    is_beyond = search.find_beyond(radii, binding.rest.vertices)
+    is_free = search.find_free(is_beyond)
+    for k in np.flatnonzero(np.isfinite(radii)).tolist():
+        share = search.shares(is_free)[k]
+        if share < MIN_FREE_SHARE:
             raise HandlesError(
-                f"handle {limit.anchors[k].name!r}: radius: {limit.radii[k]:g} is too small for "
+                f"handle {anchors[k].name!r}: radius: {radii[k]:g} is too small for "
                 f"this cage: what is free to move has {100 * share:.0f} % of the weights there "
-                f"(at least {100 * MIN_SHARE:.0f} %); give it a radius of at least "
-                f"{_search_radius(binding, limit, k):.3g}, or use a finer cage"
+                f"(at least {100 * MIN_FREE_SHARE:.0f} %); give it a radius of at least "
+                f"{search.find_radius(radii, k):.3g}, or use a finer cage"
             )
-    positions = anchor_positions(limit.anchors, binding.rest.vertices)
-    return Reach(
-        is_beyond=is_beyond,
-        locked=np.flatnonzero(~is_free),
-        held=_find_points_beyond(limit, limit.radii, binding, positions),
-    )
+    return is_beyond, np.flatnonzero(~is_free), search.find_beyond(radii, search.centres)
 
 
-def _find_points_beyond(
-    limit: ReachLimit, radii: Floats, binding: Binding, points: Floats
-) -> NDArray[np.bool_]:
-    """Return which points, (p, 3), are farther from all anchors than their radii."""
-    is_beyond = np.ones(len(points), bool)
-    centres = anchor_positions(limit.anchors, binding.rest.vertices)
-    images = [centres] if limit.mirror is None else [centres, limit.mirror.reflect(centres)]
-    for places in images:
-        for centre, radius in zip(places, radii, strict=True):
-            is_beyond &= ~(np.linalg.norm(points - centre, axis=1) <= radius)
-    return is_beyond
+class _ReachSearch:
+    """What is beyond radii around anchors, and what of the cage may move then."""
 
+    def __init__(self, binding: Binding, anchors: Sequence[Anchor], mirror: Mirror | None) -> None:
+        self.centres = anchor_positions(anchors, binding.rest.vertices)
+        images = [] if mirror is None else [mirror.reflect(self.centres)]
+        self._places = [self.centres, *images]
+        self._partners = None if mirror is None else mirror_pairs(binding.cage, mirror)
+        self._binding = binding
+        self._sizes = np.abs(anchor_matrix(anchors, binding.weights))
 
-def _find_free(
-    binding: Binding, is_beyond: NDArray[np.bool_], mirror: Mirror | None
-) -> NDArray[np.bool_]:
-    """Return the cage vertices, (n,), that together move vertices beyond by at most `MAX_LEAK`."""
-    influence = np.zeros(binding.weights.shape[1])
-    for weights in _iterate_blocks(binding.weights, is_beyond):
-        influence = np.maximum(influence, weights.max(axis=0))
-    order = np.argsort(influence, kind="stable")
-    leak = np.zeros(len(order))
-    for weights in _iterate_blocks(binding.weights, is_beyond):
-        leak = np.maximum(leak, np.cumsum(weights[:, order], axis=1).max(axis=0))
-    is_free = np.zeros(len(order), bool)
-    is_free[order[leak <= MAX_LEAK]] = True
-    if mirror is not None:
-        is_free &= is_free[mirror_pairs(binding.cage, mirror)]
-    return is_free
+    def find_beyond(self, radii: Floats, points: Floats) -> NDArray[np.bool_]:
+        """Return which points, (p, 3), are farther from all anchors than their radii."""
+        is_beyond = np.ones(len(points), bool)
+        for places in self._places:
+            for centre, radius in zip(places, radii, strict=True):
+                is_beyond &= ~(np.linalg.norm(points - centre, axis=1) <= radius)
+        return is_beyond
+
+    def find_free(self, is_beyond: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return the cage vertices, (n,), that together move what is beyond by `MAX_LEAK`."""
+        weights = self._binding.weights
+        influence = np.zeros(weights.shape[1])
+        for sizes in _iterate_blocks(weights, is_beyond):
+            influence = np.maximum(influence, sizes.max(axis=0))
+        order = np.argsort(influence, kind="stable")
+        leak = np.zeros(len(order))
+        for sizes in _iterate_blocks(weights, is_beyond):
+            leak = np.maximum(leak, np.cumsum(sizes[:, order], axis=1).max(axis=0))
+        is_free = np.zeros(len(order), bool)
+        is_free[order[leak <= MAX_LEAK]] = True
+        return is_free if self._partners is None else is_free & is_free[self._partners]
+
+    def shares(self, is_free: NDArray[np.bool_]) -> Floats:
+        """Return the share of the weights of each anchor on free cage vertices, (l,)."""
+        return np.asarray(self._sizes[:, is_free].sum(axis=1) / self._sizes.sum(axis=1))
+
+    def find_radius(self, radii: Floats, k: int) -> float:
+        """Search for a small radius of anchor k that works, of three digits; others keep theirs.
+
+        At the largest distance of a vertex everything is free.
+        """
+        rest, radii = self._binding.rest.vertices, radii.copy()
+        distances = np.linalg.norm(rest - self.centres[k], axis=1)
+        low, high = radii[k], _round_up(float(distances.max()))
+        while (middle := _round_up((low + high) / 2)) < high:
+            radii[k] = middle
+            if self.shares(self.find_free(self.find_beyond(radii, rest)))[k] < MIN_FREE_SHARE:
+                low = middle
+            else:
+                high = middle
+        return high
 
 
 def _iterate_blocks(weights: Floats, chosen: NDArray[np.bool_]) -> Iterator[Floats]:
     """Yield the sizes of the weights of chosen rows, in blocks."""
     rows = np.flatnonzero(chosen)
-    for start in range(0, len(rows), ROWS_PER_BLOCK):
-        yield np.abs(weights[rows[start : start + ROWS_PER_BLOCK]])
-
-
-def _measure_shares(binding: Binding, limit: ReachLimit, is_free: NDArray[np.bool_]) -> Floats:
-    """Return the share of the weights of each anchor that has a radius on free cage vertices."""
-    limited = [limit.anchors[k] for k in np.flatnonzero(np.isfinite(limit.radii)).tolist()]
-    sizes = np.abs(anchor_matrix(limited, binding.weights))
-    return np.asarray(sizes[:, is_free].sum(axis=1) / sizes.sum(axis=1))
-
-
-def _search_radius(binding: Binding, limit: ReachLimit, k: int) -> float:
-    """Search for a small radius of anchor k that works, of three digits; others keep theirs.
-
-    At the largest distance of a vertex everything is free.
-    """
-    number = np.count_nonzero(np.isfinite(limit.radii[:k]))
-    centre = limit.anchors[k].point.position(binding.rest.vertices)
-    distances = np.linalg.norm(binding.rest.vertices - centre, axis=1)
-    low, high = limit.radii[k], _round_up(float(distances.max()))
-    while (middle := _round_up((low + high) / 2)) < high:
-        radii = limit.radii.copy()
-        radii[k] = middle
-        is_beyond = _find_points_beyond(limit, radii, binding, binding.rest.vertices)
-        is_free = _find_free(binding, is_beyond, limit.mirror)
-        if _measure_shares(binding, limit, is_free)[number] < MIN_SHARE:
-            low = middle
-        else:
-            high = middle
-    return high
+    for start in range(0, len(rows), MAX_REACH_ROWS):
+        yield np.abs(weights[rows[start : start + MAX_REACH_ROWS]])
 
 
 def _round_up(length: float) -> float:

@@ -81,7 +81,7 @@ def take_snapshot(
     """Return the first frame of a block as a snapshot, with the summary of all frames."""
     frame, binding = int(block.frames[0]), edit_target.binding
     anchors, chosen = collect_anchors(layers), deciding_anchors(layers, frame)
-    starts, targets = block.edit.start_positions[0, chosen], block.edit.target_positions[0, chosen]
+    starts, targets = block.starts[0, chosen], block.targets[0, chosen]
     residuals = [summary.anchors[k].residual_percent for k in chosen]
     return PoseSnapshot(
         frame=edit_target.frame_names[frame] if edit_target.frame_names else "",
@@ -90,7 +90,7 @@ def take_snapshot(
         before=block.meshes_before[0],
         after=block.meshes_after[0],
         cage_before=block.cages_before[0],
-        cage_after=block.edit.cages[0],
+        cage_after=block.cages_after[0],
         starts=block.anchors_before[0, chosen],
         targets=targets,
         ends=block.anchors_after[0, chosen],

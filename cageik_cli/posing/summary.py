@@ -14,7 +14,6 @@ from cageik_cli.posing.edits import (
     active_anchors,
     collect_anchors,
 )
-from cageik_cli.posing.handles.model import OnVertex
 from cageik_cli.posing.handles.placement import describe_place
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -154,12 +153,12 @@ class PoseStatistics:
         acts = active_anchors(self._layers, block.frames)
         distances = np.linalg.norm(block.anchors_after - block.anchors_before, axis=2) * acts
         self._moved = np.maximum(self._moved, distances.max(axis=0))
-        residuals = np.linalg.norm(block.anchors_after - block.edit.target_positions, axis=2) * acts
+        residuals = np.linalg.norm(block.anchors_after - block.targets, axis=2) * acts
         worst, largest = residuals.argmax(axis=0), residuals.max(axis=0)
         is_worse = largest > self._residual
         self._residual_frame[is_worse] = block.frames[worst[is_worse]]
         self._residual = np.maximum(self._residual, largest)
-        is_changed = (block.edit.cages != block.cages_before).any(axis=(1, 2))
+        is_changed = (block.cages_after != block.cages_before).any(axis=(1, 2))
         for tracker, positions in zip(
             self._acceleration_trackers, (block.anchors_before, block.anchors_after), strict=True
         ):
@@ -187,7 +186,7 @@ class PoseStatistics:
             beyond = np.nan_to_num(block.squared_displacements[:, self._is_beyond])
             largest = float(beyond.max())
             self._beyond_moved = max(self._beyond_moved, float(np.sqrt(largest)))
-        distances = np.linalg.norm(block.edit.cages - block.cages_before, axis=2).max(axis=0)
+        distances = np.linalg.norm(block.cages_after - block.cages_before, axis=2).max(axis=0)
         if distances.max() > self._cage_farthest:
             self._cage_farthest, self._cage_vertex = float(distances.max()), int(distances.argmax())
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -246,13 +245,13 @@ class PoseStatistics:
     def _summarize_anchor(self, k: int, frame: str) -> AnchorSummary:
         before, after = (tracker.max_acceleration for tracker in self._acceleration_trackers)
         place = describe_place(self._layers[0].poser.binding.rest, self._anchors[k].point)
-        face = None if isinstance(place, OnVertex) else place
+        is_vertex = place.kind == "vertex"
         return AnchorSummary(
             name=self._anchors[k].name,
             layer=self._layer_names[k],
-            vertex=place.vertex if isinstance(place, OnVertex) else None,
-            face=None if face is None else face.face,
-            barycentric=None if face is None else tuple(face.barycentric.tolist()),
+            vertex=place.number if is_vertex else None,
+            face=None if is_vertex else place.number,
+            barycentric=None if place.values is None else tuple(place.values.tolist()),
             moved=float(self._moved[k]),
             residual=float(self._residual[k]),
             residual_percent=float(100 * self._residual[k] / self._diagonal),
@@ -266,7 +265,7 @@ def _find_beyond_all(layers: Sequence[Layer]) -> NDArray[np.bool_]:
     """Return which vertices, (m,), are beyond the reach of all layers."""
     is_beyond = np.ones(len(layers[0].poser.binding.rest.vertices), bool)
     for layer in layers:
-        is_beyond &= False if layer.reach is None else layer.reach.is_beyond
+        is_beyond &= layer.is_beyond
     return is_beyond
 
 

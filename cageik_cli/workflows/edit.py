@@ -10,7 +10,6 @@ import numpy as np
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.posing.edits import (
-    CageSkin,
     EditedFrames,
     EditTarget,
     Layer,
@@ -18,7 +17,8 @@ from cageik_cli.posing.edits import (
     build_layers,
     edit_frames,
 )
-from cageik_cli.posing.handles.reader import HandlesFile, read_handles
+from cageik_cli.posing.handles.model import Handles
+from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.snapshot import PoseResult, take_snapshot
 from cageik_cli.posing.summary import PoseStatistics
 from cageik_cli.solver.blocks import SolvedBlock
@@ -54,7 +54,7 @@ class EditSettings(CommandSettings):
 def edit(
     settings: EditSettings,
     progress: ProgressListener | None = None,
-    handles: HandlesFile | None = None,
+    handles: Handles | None = None,
 ) -> PoseResult:
     """Apply the layers of a handles file to the cage animation of a result, and write a result.
 
@@ -63,7 +63,7 @@ def edit(
 
     Parameters
     ----------
-    handles : HandlesFile, optional
+    handles : Handles, optional
         In place of those of the settings' file.
 
     Raises
@@ -84,7 +84,7 @@ def edit(
         target = _build_target(CagedModel.of_result(result), rotations)
     # One thread: the last digits depend on how many.
     with progress.stage("pose"), error_context(handles.path), limit_blas_threads(1):
-        layers = build_layers(handles.handles, target, settings.posing)
+        layers = build_layers(handles, target, settings.posing)
     report_layer_notes(layers, handles.path, progress)
     edit_run = _EditRun(
         result=result,
@@ -166,10 +166,10 @@ class _EditRun:
         frames = start + np.arange(len(cages))
         known = ~np.isin(frames, list(self.result.skipped))
         block = self._edit_frames(frames[known], cages[known])
-        check_finite(start, block.edit.cages, block.metrics)
+        check_finite(start, block.cages_after, block.metrics)
         self.statistics.update(block)
         all_cages, columns = np.full_like(cages, np.nan), {}
-        all_cages[known] = block.edit.cages
+        all_cages[known] = block.cages_after
         rotations = self.rotations[frames]
         rotations[~known] = np.nan
         for name in METRIC_TYPES:
@@ -197,19 +197,19 @@ def _build_target(model: CagedModel, rotations: Floats) -> EditTarget:
     def cage(frame: int) -> Floats:
         return np.asarray(next(read_cages(result, 1, frame))[0])
 
-    skin = CageSkin.for_reconstruction(binding, rotations if binding.has_offsets else None)
-    return EditTarget(binding, skin, cage, result.frames, result.scene.up_axis)
+    turns = rotations if binding.has_offsets else None
+    return EditTarget.of_animation(binding, cage, result.frames, turns, result.scene.up_axis)
 
 
 def _build_header(settings: EditSettings, result: Result) -> ResultHeader:
-    posing, placement = settings.posing, settings.posing.placement
+    posing = settings.posing
     pose_settings = {
         "pose_alpha": posing.alpha,
         "pose_beta": posing.beta,
         "rigidity": posing.rigidity,
-        "hard": placement.hard,
-        "snap": placement.snap,
-        "allow_conflicts": placement.allow_conflicts,
+        "hard": posing.hard,
+        "snap": posing.snap,
+        "allow_conflicts": posing.allow_conflicts,
     }
     editor, source = (
         single_line(to_unicode(path.name)) for path in (settings.handles, settings.result)
@@ -227,9 +227,7 @@ def _build_header(settings: EditSettings, result: Result) -> ResultHeader:
     )
 
 
-def _collect_sources(
-    settings: EditSettings, handles: HandlesFile, result: Result
-) -> dict[str, Any]:
+def _collect_sources(settings: EditSettings, handles: Handles, result: Result) -> dict[str, Any]:
     """Return the sources of the result, and the files of the edit."""
     digests = {
         "result": (settings.result, hash_file(settings.result).hex()),

@@ -13,20 +13,19 @@ from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.open import clip_suffixes, mesh_suffixes
 from cageik_cli.formats.ply_points import place_positions
-from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import (
-    CageSkin,
     EditTarget,
     Layer,
     PosingSettings,
     build_layers,
     edit_frames,
 )
-from cageik_cli.posing.handles.reader import HandlesFile, read_handles
+from cageik_cli.posing.handles.model import Handles
+from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.snapshot import PoseResult, take_snapshot
 from cageik_cli.posing.summary import PoseStatistics
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
+from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, write_bytes
 from cageik_cli.util.progress import ProgressListener
@@ -86,25 +85,26 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
         handles = read_handles(settings.handles)
     binding = target.bind(settings.weights, progress)
     with progress.stage("pose"):
-        posed = pose_model(binding, handles, settings.posing)
-    report_layer_notes(posed.layers, settings.handles, progress)
+        posed = pose_model(binding, handles, settings.posing, progress)
     with progress.stage("write"):
         if target.model.points is None:
-            write_mesh(settings.output, binding.rest, posed.mesh, settings.overwrite)
+            write_mesh(settings.output, binding.rest, posed.snapshot.after, settings.overwrite)
         else:
             rows = _move_points(target.model, binding, posed, settings, progress)
             with error_context(settings.output):
                 data = target.model.points.encode(rows)
             write_bytes(settings.output, data, settings.overwrite)
         if settings.cage_output is not None:
-            write_mesh(settings.cage_output, binding.cage, posed.cage, settings.overwrite)
-    return posed.result
+            write_mesh(
+                settings.cage_output, binding.cage, posed.snapshot.cage_after, settings.overwrite
+            )
+    return posed
 
 
 def _move_points(
     model: LoadedModel,
     binding: Binding,
-    posed: "PosedModel",
+    posed: PoseResult,
     settings: PoseSettings,
     progress: ProgressListener,
 ) -> NDArray[Any]:
@@ -113,7 +113,7 @@ def _move_points(
     rows, note = model.points.rows.copy(), model.note(progress)
     oriented = model.find_oriented(binding, note)
     if oriented is None:
-        place_positions(rows, posed.mesh)
+        place_positions(rows, posed.snapshot.after)
         return rows
     jobs = settings.weights.jobs
     with error_context(settings.target):
@@ -121,48 +121,31 @@ def _move_points(
             binding, oriented, memory=DEFAULT_MEMORY, jobs=jobs, progress=progress
         )
     with limit_blas_threads(1):
-        moved.fill_rows(rows[None], posed.cage[None])
+        moved.fill_rows(rows[None], posed.snapshot.cage_after[None])
     moved.note_faults(len(rows), note)
     return rows
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PosedModel:
-    """A model that was posed.
-
-    Attributes
-    ----------
-    mesh : (m, 3) float64
-    cage : (n, 3) float64
-    """
-
-    mesh: Floats
-    cage: Floats
-    layers: list[Layer]
-    result: PoseResult
-
-
-def pose_model(binding: Binding, handles: HandlesFile, posing: PosingSettings) -> PosedModel:
-    """Pose a model in its cage by handles.
+def pose_model(
+    binding: Binding, handles: Handles, posing: PosingSettings, progress: ProgressListener
+) -> PoseResult:
+    """Pose a model in its cage by handles, and note how they were understood.
 
     Raises
     ------
     HandlesError, NumericalError
         Naming the file of the handles, as `pose`.
     """
-    cage = binding.cage.vertices
-    target = EditTarget(
-        binding, CageSkin.for_rest_pose(binding), lambda _: cage, None, Scene().up_axis
-    )
+    cage, target = binding.cage.vertices, EditTarget.of_model(binding)
     # One thread: the last digits depend on how many.
     with error_context(handles.path), limit_blas_threads(1):
-        layers = build_layers(handles.handles, target, posing)
+        layers = build_layers(handles, target, posing)
         block = edit_frames(layers, target, np.zeros(1, np.int64), cage[None])
+    report_layer_notes(layers, handles.path, progress)
     statistics = PoseStatistics(layers, binding.rest)
     statistics.update(block)
     summary = statistics.summarize([])
-    result = PoseResult(summary, take_snapshot(layers, target, block, summary))
-    return PosedModel(block.meshes_after[0], block.edit.cages[0], layers, result)
+    return PoseResult(summary, take_snapshot(layers, target, block, summary))
 
 
 def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: ProgressListener) -> None:

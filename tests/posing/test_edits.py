@@ -9,7 +9,6 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.posing.edits import (
-    CageSkin,
     EditTarget,
     PosingSettings,
     apply_layers,
@@ -37,9 +36,7 @@ def cages(binding):
 
 @pytest.fixture
 def clip(binding, cages):
-    return EditTarget(
-        binding, CageSkin.for_reconstruction(binding), lambda frame: cages[frame], NAMES
-    )
+    return EditTarget.of_animation(binding, lambda frame: cages[frame], NAMES)
 
 
 @pytest.fixture
@@ -49,9 +46,13 @@ def layers(tmp_path, clip):
     def make(document, **settings):
         path = tmp_path / "handles.json"
         path.write_text(json.dumps(document))
-        return build_layers(read_handles(path).handles, clip, PosingSettings(**settings))
+        return build_layers(read_handles(path), clip, PosingSettings(**settings))
 
     return make
+
+
+def animation_of(binding, rotations=None):
+    return EditTarget.of_animation(binding, lambda frame: None, NAMES, rotations)
 
 
 def moving(offset, **others):
@@ -59,17 +60,16 @@ def moving(offset, **others):
 
 
 def test_a_skin_at_rest_gives_the_rest_pose_bit_for_bit(binding):
-    skin = CageSkin.for_rest_pose(binding)
-    meshes = skin.deform(np.zeros(1, int), binding.cage.vertices[None])
+    meshes = EditTarget.of_model(binding).deform(np.zeros(1, int), binding.cage.vertices[None])
     np.testing.assert_array_equal(meshes[0], binding.rest.vertices)
 
 
 def test_a_skin_for_reconstruction_is_weights_times_cages(binding, cages):
-    meshes = CageSkin.for_reconstruction(binding).deform(np.arange(COUNT), cages)
+    meshes = animation_of(binding).deform(np.arange(COUNT), cages)
     np.testing.assert_allclose(meshes, binding.weights @ cages, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("make", [CageSkin.for_rest_pose, CageSkin.for_reconstruction])
+@pytest.mark.parametrize("make", [EditTarget.of_model, animation_of])
 def test_anchors_are_where_their_vertices_are(binding, cages, layers, make):
     anchors = collect_anchors(layers(moving([1, 0, 0])))
     skin = make(binding)
@@ -83,7 +83,7 @@ def test_offsets_turn_with_the_frames(binding, cages, layers):
     """Weights that do not reproduce the rest pose give it for the rest cage, turned."""
     few = replace(binding, weights=np.round(binding.weights, 1), has_offsets=True)
     turns = np.array([rotation(k) for k in range(COUNT)])
-    skin = CageSkin.for_reconstruction(few, turns)
+    skin = animation_of(few, turns)
     frames = np.arange(COUNT)
     turned = few.cage.vertices @ turns
     np.testing.assert_allclose(
@@ -97,31 +97,29 @@ def test_offsets_turn_with_the_frames(binding, cages, layers):
 
 
 def test_frames_that_no_layer_changes_keep_their_cages(clip, cages, layers):
-    found = apply_layers(
-        layers(moving([0, 1, 0], frames=[2, 3])), clip.skin, np.arange(COUNT), cages
+    found, _, _ = apply_layers(
+        layers(moving([0, 1, 0], frames=[2, 3])), clip, np.arange(COUNT), cages
     )
-    changed = (found.cages != cages).any(axis=(1, 2))
+    changed = (found != cages).any(axis=(1, 2))
     assert changed.tolist() == [False, False, True, True, False, False]
 
 
 def test_a_frame_does_not_depend_on_its_block(clip, cages, layers):
     both = layers({"sets": [moving([0, 1, 0]), moving([1, 0, 0], frames=[1, 3])]}, rigidity=2)
-    together = apply_layers(both, clip.skin, np.arange(COUNT), cages)
+    cages_together, _, targets_together = apply_layers(both, clip, np.arange(COUNT), cages)
     for k in range(COUNT):
-        alone = apply_layers(both, clip.skin, np.array([k]), cages[[k]])
-        np.testing.assert_array_equal(alone.cages[0], together.cages[k])
-        np.testing.assert_array_equal(alone.target_positions[0], together.target_positions[k])
+        alone, _, targets = apply_layers(both, clip, np.array([k]), cages[[k]])
+        np.testing.assert_array_equal(alone[0], cages_together[k])
+        np.testing.assert_array_equal(targets[0], targets_together[k])
 
 
 def test_a_later_layer_starts_where_the_first_ended(clip, cages, layers):
     target = [3.0, 0.5, 0.25]
     goes = {"handles": [{"name": "a", "vertex": 1, "target": target, "hard": True}]}
     both = layers({"sets": [goes, moving([0, 1, 0])]})
-    found = apply_layers(both, clip.skin, np.arange(COUNT), cages)
-    np.testing.assert_allclose(found.start_positions[:, 1] - target, 0, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(
-        found.target_positions[:, 1] - target, [[0, 1, 0]] * COUNT, rtol=0, atol=1e-12
-    )
+    _, starts, targets = apply_layers(both, clip, np.arange(COUNT), cages)
+    np.testing.assert_allclose(starts[:, 1] - target, 0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(targets[:, 1] - target, [[0, 1, 0]] * COUNT, rtol=0, atol=1e-12)
 
 
 def test_pixels_are_picked_on_the_result_of_earlier_layers(clip, layers):
@@ -148,11 +146,11 @@ def test_frames_behind_the_camera_are_allowed_where_the_handle_does_not_act(clip
     away = cages + np.array([0, 0, 20.0]) * (np.arange(COUNT) > 3)[:, None, None]
     eye = {"name": "eye", "screen": {"source": [50, 50], "offset": [9, 0]}}
     held = {"handles": [eye], "camera": behind, "frames": [0, 2]}
-    found = apply_layers(layers(held), clip.skin, np.arange(COUNT), away)
-    assert (found.cages != away).any(axis=(1, 2)).tolist() == [True] * 3 + [False] * 3
+    found, _, _ = apply_layers(layers(held), clip, np.arange(COUNT), away)
+    assert (found != away).any(axis=(1, 2)).tolist() == [True] * 3 + [False] * 3
     always = held | {"frames": [0, COUNT - 1]}
     with pytest.raises(HandlesError, match=r"frame 4.*behind the camera"):
-        apply_layers(layers(always), clip.skin, np.arange(COUNT), away)
+        apply_layers(layers(always), clip, np.arange(COUNT), away)
 
 
 def test_a_too_large_ratio_of_weights_is_refused():

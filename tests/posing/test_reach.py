@@ -12,15 +12,13 @@ from cageik_cli.posing import reach
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
 from cageik_cli.posing.constraints import Mirror, mirror_pairs
 from cageik_cli.posing.edits import (
-    CageSkin,
     EditTarget,
     PosingSettings,
     build_layers,
     edit_frames,
 )
-from cageik_cli.posing.handles.model import PlacementSettings
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.reach import MAX_LEAK, ReachLimit, find_reach
+from cageik_cli.posing.reach import MAX_LEAK, find_reach
 from cageik_cli.posing.summary import PoseStatistics
 from cageik_cli.util.errors import HandlesError
 
@@ -45,8 +43,8 @@ def pose(tmp_path, binding):
         path = tmp_path / "handles.json"
         path.write_text(json.dumps(document))
         cage = binding.cage.vertices
-        target = EditTarget(binding, CageSkin.for_rest_pose(binding), lambda _: cage)
-        layers = build_layers(read_handles(path).handles, target, PosingSettings(**settings))
+        target = EditTarget.of_model(binding)
+        layers = build_layers(read_handles(path), target, PosingSettings(**settings))
         block = edit_frames(layers, target, np.zeros(1, np.int64), cage[None])
         statistics = PoseStatistics(layers, binding.rest)
         statistics.update(block)
@@ -66,7 +64,7 @@ def motions(block):
 
 
 def cage_motions(block):
-    return np.linalg.norm(block.edit.cages[0] - block.cages_before[0], axis=1)
+    return np.linalg.norm(block.cages_after[0] - block.cages_before[0], axis=1)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +73,7 @@ def cage_motions(block):
         {},
         {"rigidity": 10},
         {"alpha": 1e-2},
-        {"placement": PlacementSettings(hard=True), "rigidity": 3},
+        {"hard": True, "rigidity": 3},
     ],
 )
 def test_what_is_beyond_the_radius_stays(binding, pose, settings):
@@ -102,21 +100,21 @@ def test_the_handle_is_met_and_the_mesh_is_that_of_the_cage(binding, pose):
     block, summary = pose({"handles": [LIFT, *PINS]})
     assert summary.anchors[0].residual_percent < 1e-3
     expected = binding.rest.vertices + binding.weights @ (
-        block.edit.cages[0] - binding.cage.vertices
+        block.cages_after[0] - binding.cage.vertices
     )
     np.testing.assert_allclose(block.meshes_after[0], expected, rtol=0, atol=1e-12)
 
 
 def test_hard_pins_beyond_are_held_by_the_radius(pose):
     """Forces of their own could not be met: no free cage vertex moves them."""
-    _, summary = pose({"handles": [LIFT, *PINS]}, placement=PlacementSettings(hard=True))
+    _, summary = pose({"handles": [LIFT, *PINS]}, hard=True)
     assert [anchor.moved < 1e-3 for anchor in summary.anchors] == [False, True, True]
 
 
 def test_pins_beyond_do_not_change_the_pose(pose):
     alone, _ = pose({"handles": [LIFT]})
     pinned, _ = pose({"handles": [LIFT, *PINS]})
-    np.testing.assert_allclose(pinned.edit.cages, alone.edit.cages, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(pinned.cages_after, alone.cages_after, rtol=0, atol=1e-9)
 
 
 def test_pins_within_the_radius_are_kept(binding, pose):
@@ -164,17 +162,19 @@ def test_what_is_beyond_one_of_two_sets_counts_only_beyond_both(binding, pose):
     assert pose(document)[1].beyond_moved is None
 
 
-def limit(binding, radius, vertex=HAND, mirror=None):
+def reach_of(binding, radius, vertex=HAND, mirror=None):
+    """What is beyond, and what is locked."""
     anchors = [Anchor("hand", point_at_vertex(binding.rest, vertex))]
-    return ReachLimit(anchors, np.array([radius]), mirror)
+    is_beyond, locked, _ = find_reach(binding, anchors, np.array([radius]), mirror)
+    return is_beyond, locked
 
 
 def test_the_sum_of_free_weights_is_the_bound(binding):
     """As many cage vertices are free as the bound allows, the least influential ones first."""
-    found = find_reach(binding, limit(binding, 1.0))
+    is_beyond, locked = reach_of(binding, 1.0)
     is_free = np.ones(len(binding.cage.vertices), bool)
-    is_free[found.locked] = False
-    beyond = np.abs(binding.weights[found.is_beyond])
+    is_free[locked] = False
+    beyond = np.abs(binding.weights[is_beyond])
     assert beyond[:, is_free].sum(axis=1).max() <= MAX_LEAK
     influence = beyond.max(axis=0)
     assert influence[is_free].max() <= influence[~is_free].min()
@@ -183,32 +183,32 @@ def test_the_sum_of_free_weights_is_the_bound(binding):
 
 
 def test_blocks_do_not_change_the_reach(binding, monkeypatch):
-    whole = find_reach(binding, limit(binding, 1.0))
-    monkeypatch.setattr(reach, "ROWS_PER_BLOCK", 7)
-    np.testing.assert_array_equal(find_reach(binding, limit(binding, 1.0)).locked, whole.locked)
+    _, locked = reach_of(binding, 1.0)
+    monkeypatch.setattr(reach, "MAX_REACH_ROWS", 7)
+    np.testing.assert_array_equal(reach_of(binding, 1.0)[1], locked)
 
 
 def test_partners_are_free_together(binding):
-    found = find_reach(binding, limit(binding, 1.0, mirror=PLANE))
+    _, locked = reach_of(binding, 1.0, mirror=PLANE)
     partner = mirror_pairs(binding.cage, PLANE)
-    assert 0 < len(found.locked) < len(partner)
-    assert {*partner[found.locked].tolist()} == {*found.locked.tolist()}
+    assert 0 < len(locked) < len(partner)
+    assert {*partner[locked].tolist()} == {*locked.tolist()}
 
 
 def test_a_radius_around_all_locks_nothing(binding):
-    found = find_reach(binding, limit(binding, 10.0))
-    assert not found.is_beyond.any()
-    assert not len(found.locked)
+    is_beyond, locked = reach_of(binding, 10.0)
+    assert not is_beyond.any()
+    assert not len(locked)
 
 
 @pytest.mark.parametrize("vertex", [HAND, CHEST])
 def test_a_radius_that_is_too_small_names_the_smallest_one(binding, vertex):
     with pytest.raises(HandlesError) as error:
-        find_reach(binding, limit(binding, 0.01, vertex))
+        reach_of(binding, 0.01, vertex)
     told = str(error.value)
     assert told.startswith("handle 'hand': radius: 0.01 is too small for this cage: ")
     assert "has 0 % of the weights there (at least 50 %)" in told
     smallest = float(told.split("of at least ")[1].split(",")[0])
-    assert len(find_reach(binding, limit(binding, smallest, vertex)).locked)
+    assert len(reach_of(binding, smallest, vertex)[1])
     with pytest.raises(HandlesError):
-        find_reach(binding, limit(binding, 0.98 * smallest, vertex))
+        reach_of(binding, 0.98 * smallest, vertex)

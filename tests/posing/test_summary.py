@@ -7,7 +7,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.posing.edits import CageSkin, EditTarget, PosingSettings, build_layers, edit_frames
+from cageik_cli.posing.edits import EditTarget, PosingSettings, build_layers, edit_frames
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import PoseStatistics
 from tests.shapes import ball, box, changed
@@ -29,9 +29,7 @@ def make_target(rest):
     binding = bind(rest, box(2.0), BindSettings("mean-value"))
     wobble = np.random.default_rng(0).normal(0, 0.05, (COUNT, 8, 3))
     cages = binding.cage.vertices + wobble
-    return EditTarget(
-        binding, CageSkin.for_reconstruction(binding), lambda frame: cages[frame], NAMES
-    ), cages
+    return EditTarget.of_animation(binding, lambda frame: cages[frame], NAMES), cages
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +41,7 @@ def closed():
 def layers(tmp_path):
     def make(clip, document=DOCUMENT, **settings):
         (tmp_path / "handles.json").write_text(json.dumps(document))
-        handles = read_handles(tmp_path / "handles.json").handles
+        handles = read_handles(tmp_path / "handles.json")
         return build_layers(handles, clip, PosingSettings(**settings))
 
     return make
@@ -78,18 +76,18 @@ def test_the_summary_equals_its_definitions(closed, layers):
     found = summarize(made, clip, cages, 4)
     block = edit_frames(made, clip, np.arange(COUNT), cages)
     weights, diagonal = clip.binding.weights, clip.binding.rest.diagonal
-    before, after = weights @ cages, weights @ block.edit.cages
+    before, after = weights @ cages, weights @ block.cages_after
     distances = np.linalg.norm(after - before, axis=2)
     assert found.rms == pytest.approx(np.sqrt((distances**2).mean()), rel=1e-9)
     assert found.rms_percent == pytest.approx(100 * found.rms / diagonal, rel=1e-12)
     frame, vertex = np.unravel_index(distances.argmax(), distances.shape)
     assert (found.frame, found.vertex) == (NAMES[frame], vertex)
     assert found.moved == pytest.approx(distances.max(), rel=1e-9)
-    cage_distances = np.linalg.norm(block.edit.cages - cages, axis=2)
+    cage_distances = np.linalg.norm(block.cages_after - cages, axis=2)
     assert found.cage_moved == pytest.approx(cage_distances.max(), rel=1e-12)
     assert found.cage_vertex == cage_distances.max(axis=0).argmax()
     first = found.anchors[0]
-    missed = np.linalg.norm(after[:, 1] - block.edit.target_positions[:, 0], axis=1)
+    missed = np.linalg.norm(after[:, 1] - block.targets[:, 0], axis=1)
     assert missed.max() > 1e-3  # a large alpha: the handle is not met
     assert first.residual == pytest.approx(missed.max(), rel=1e-9)
     assert first.frame == NAMES[missed.argmax()]
@@ -127,7 +125,7 @@ def test_acceleration_counts_near_changed_frames_only(closed, layers):
     for jerk, counts in ((4, True), (3, False)):
         cages = np.repeat(clip.binding.cage.vertices[None], COUNT, axis=0)
         cages[jerk] += 5.0
-        still = EditTarget(clip.binding, clip.skin, cages.__getitem__, NAMES)
+        still = EditTarget.of_animation(clip.binding, cages.__getitem__, NAMES)
         found = summarize(layers(still, late), still, cages, 4)
         assert found.changed == ("f_6", "f_11")
         assert (found.anchors[2].acceleration_before > 1) == counts

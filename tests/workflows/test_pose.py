@@ -10,7 +10,6 @@ import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.edits import PosingSettings
-from cageik_cli.posing.handles.model import PlacementSettings
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.pose import PoseSettings, pose
@@ -36,7 +35,7 @@ def settings(folder):
 
     def make(*handles, cage="cage.obj", **place):
         Path("handles.json").write_text(json.dumps({"handles": handles}))
-        posing = PosingSettings(placement=PlacementSettings(**place))
+        posing = PosingSettings(**place)
         names = map(Path, ("frames/frame_1.obj", "handles.json", "posed.obj"))
         return PoseSettings(*names, cage and Path(cage), posing=posing)
 

@@ -1,8 +1,9 @@
 """The records of a handles file: handles, their places and motions, and the surface."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from pathlib import Path
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from cageik_cli.geometry.camera import Camera
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.constraints import CageConstraints
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import HandlesError, InputError, SettingError
+from cageik_cli.util.errors import HandlesError, InputError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,80 +45,42 @@ class Track:
             return np.asarray(PchipInterpolator(self.frames, self.values)(clipped))
 
 
-class Motion(Protocol):
-    """How a point moves; `field_name` is its field in the handles file."""
-
-    field_name: ClassVar[str]
-
-    @property
-    def track(self) -> Track | None:
-        """The targets or offsets; None for a pin."""
-
-    def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Return the targets, (k, 3), in frames (k,) in which the point is at positions (k, 3)."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Pin:
-    """Keep the point where it is in each frame."""
+class Motion:
+    """How a point moves.
 
-    field_name: ClassVar[str] = "pin"
-    track: ClassVar[None] = None
+    Attributes
+    ----------
+    kind : {"pin", "target", "offset", "screen.target", "screen.offset"}
+        Its field in the handles file. A pin keeps the point where it is in each frame, a target is
+        where it goes, an offset is how far it goes from there; on the screen it keeps its depth.
+    track : Track, optional
+        The targets or offsets: positions, or pixels on the screen; None for a pin.
+    camera : Camera, optional
+        Of the screen.
+    """
 
-    def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Return the targets, (k, 3); see `Motion`."""
-        return positions
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MoveTo:
-    """Move the point to the positions of the track."""
-
-    field_name: ClassVar[str] = "target"
-    track: Track
-
-    def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Return the targets, (k, 3); see `Motion`."""
-        return self.track.evaluate(frames)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MoveBy:
-    """Move the point from its position in each frame by the offsets of the track."""
-
-    field_name: ClassVar[str] = "offset"
-    track: Track
+    kind: str
+    track: Track | None = None
+    camera: Camera | None = None
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Return the targets, (k, 3); see `Motion`."""
-        return positions + self.track.evaluate(frames)
+        """Return the targets, (k, 3), in frames (k,) in which the point is at positions (k, 3).
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScreenTo:
-    """Move the point to the pixels of the track, at its depth in each frame."""
-
-    field_name: ClassVar[str] = "screen.target"
-    track: Track
-    camera: Camera
-
-    def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Return the targets, (k, 3); refuse a frame in which the point is behind the camera."""
-        return _move_to_pixels(self.camera, frames, positions, self.track.evaluate(frames))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScreenBy:
-    """Move the point on the screen by the pixels of the track, at its depth in each frame."""
-
-    field_name: ClassVar[str] = "screen.offset"
-    track: Track
-    camera: Camera
-
-    def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Return the targets, (k, 3); refuse a frame in which the point is behind the camera."""
+        Raises
+        ------
+        HandlesError
+            When the point is behind the camera, naming the frame.
+        """
+        if self.track is None:
+            return positions
+        values, is_offset = self.track.evaluate(frames), self.kind.endswith("offset")
+        if self.camera is None:
+            return positions + values if is_offset else values
         seen = _project_to_pixels(self.camera, frames, positions)
-        return _move_to_pixels(self.camera, frames, positions, seen + self.track.evaluate(frames))
+        # A pixel whose ray never meets the plane gives a target that is not finite.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return self.camera.move_to_pixels(positions, seen + values if is_offset else values)
 
 
 def _project_to_pixels(camera: Camera, frames: Integers, positions: Floats) -> Floats:
@@ -130,44 +93,27 @@ def _project_to_pixels(camera: Camera, frames: Integers, positions: Floats) -> F
         raise HandlesError(f"frame {frames[is_behind.argmax()]}: {error}") from error
 
 
-def _move_to_pixels(camera: Camera, frames: Integers, positions: Floats, pixels: Floats) -> Floats:
-    _project_to_pixels(camera, frames, positions)
-    # A pixel whose ray never meets the plane gives a target that is not finite.
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return camera.move_to_pixels(positions, pixels)
-
-
-@dataclass(frozen=True, slots=True)
-class OnVertex:
-    """A vertex of the model."""
-
-    vertex: int
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class OnFace:
-    """A point of a face, with barycentric coordinates (3,)."""
+class Place:
+    """Where a handle is on the surface.
 
-    face: int
-    barycentric: Floats
+    Attributes
+    ----------
+    kind : {"vertex", "face", "position", "screen.source"}
+        Its field in the handles file: a vertex; a point of a face; the point closest to a position
+        in space; or the front-most point that is visible in a pixel.
+    number : int, optional
+        Of the vertex or the face.
+    values : (d,) float64, optional
+        Barycentric coordinates on the face, (3,); the position, (3,); or the pixel, (2,).
+    camera : Camera, optional
+        Of the pixel.
+    """
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NearPosition:
-    """The point of the surface closest to a position in space, (3,)."""
-
-    position: Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AtPixel:
-    """The front-most point that is visible in a pixel, (2,)."""
-
-    pixel: Floats
-    camera: Camera
-
-
-Place = OnVertex | OnFace | NearPosition | AtPixel
+    kind: str
+    number: int = -1
+    values: Floats | None = None
+    camera: Camera | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,8 +148,6 @@ class HandleSet:
     ----------
     handles : tuple of Handle
         At least one.
-    camera : Camera, optional
-        The camera of its screen handles.
     frames : (first, last), optional
         Frames of full strength, counted from 0, both included; None for all frames.
     falloff : int
@@ -213,7 +157,6 @@ class HandleSet:
     """
 
     handles: tuple[Handle, ...]
-    camera: Camera | None = None
     frames: tuple[int, int] | None = None
     falloff: int = 0
     pick_frame: int | None = None
@@ -225,43 +168,25 @@ class Handles:
 
     Attributes
     ----------
+    path : Path
+        The file, for messages.
+    data : bytes
+        All of it.
     sets : tuple of HandleSet
         Layers, applied one after another.
     constraints : CageConstraints
         Constraints on cage vertices, for all layers.
     """
 
+    path: Path
+    data: bytes
     sets: tuple[HandleSet, ...]
     constraints: CageConstraints
 
-
-@dataclass(frozen=True, slots=True)
-class PlacementSettings:
-    """How handles are placed on a surface.
-
-    Attributes
-    ----------
-    snap : float, optional
-        Use the closest point of the surface for a position in space that is at most this far from
-        it, percent of the diagonal; None refuses all positions.
-    allow_conflicts : bool
-        Use the mean of different targets of one point, instead of refusing them.
-    hard : bool
-        Make all anchors hard.
-
-    Raises
-    ------
-    SettingError
-        When snap is not a finite number of 0 or above.
-    """
-
-    snap: float | None = None
-    allow_conflicts: bool = False
-    hard: bool = False
-
-    def __post_init__(self) -> None:
-        if self.snap is not None and not (np.isfinite(self.snap) and self.snap >= 0):
-            raise SettingError(f"snap is {self.snap}, expected a finite number, zero or above")
+    @property
+    def sha256(self) -> str:
+        """The digest of the file, in hexadecimal digits."""
+        return hashlib.sha256(self.data).hexdigest()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

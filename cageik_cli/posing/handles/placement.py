@@ -15,24 +15,19 @@ from cageik_cli.posing.anchors import (
     point_at_vertex,
     point_on_face,
 )
-from cageik_cli.posing.handles.conflicts import PlacedHandle, merge_coincident
-from cageik_cli.posing.handles.model import (
-    AtPixel,
-    Handle,
-    HandleSet,
-    NearPosition,
-    OnFace,
-    OnVertex,
-    PlacementSettings,
-    PosedSurface,
-)
-from cageik_cli.posing.handles.schedule import HandleSchedule
+from cageik_cli.posing.handles.model import Handle, HandleSet, Place, PosedSurface
+from cageik_cli.posing.handles.schedule import HandleSchedule, merge_coincident
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, error_context
 
 
 def place_handles(
-    handle_set: HandleSet, surface: PosedSurface, settings: PlacementSettings
+    handle_set: HandleSet,
+    surface: PosedSurface,
+    *,
+    snap: float | None = None,
+    allow_conflicts: bool = False,
+    hard: bool = False,
 ) -> HandleSchedule:
     """Place handles on a surface.
 
@@ -41,6 +36,13 @@ def place_handles(
     surface : PosedSurface
         The pose of the pick frame is used for pixels and positions; where handles share a point,
         the poses of all frames that the edit may change are compared.
+    snap : float, optional
+        Use the closest point of the surface for a position in space that is at most this far from
+        it, percent of the diagonal; None refuses all positions.
+    allow_conflicts : bool
+        Use the mean of different targets of one point, instead of refusing them.
+    hard : bool
+        Make all anchors hard.
 
     Raises
     ------
@@ -50,31 +52,23 @@ def place_handles(
     """
     full_strength = _full_strength_frames(handle_set, surface.frame_count)
     affected_frames = _affected_frames(full_strength, handle_set.falloff, surface.frame_count)
-    finder = _PointFinder(
-        surface, _choose_pick_frame(handle_set, full_strength, surface.frame_count), settings.snap
-    )
-    placed_handles, notes = [], []
+    pick_frame = _choose_pick_frame(handle_set, full_strength, surface.frame_count)
+    finder = _PointFinder(surface, pick_frame, snap)
+    placed, notes = [], []
     for handle in handle_set.handles:
         with error_context(f"handle {handle.name!r}"):
             _check_keyframes(handle, surface.frame_count)
-            point = finder.find_point(handle)
-        if isinstance(handle.place, NearPosition):
-            notes.append(finder.describe_snap(handle, handle.place.position, point))
-        placed_handles.append(
-            PlacedHandle(replace(handle, hard=handle.hard or settings.hard), point)
-        )
-    merged_anchors = merge_coincident(
-        placed_handles, surface, affected_frames, settings.allow_conflicts
-    )
-    notes += [merged.note for merged in merged_anchors if merged.note]
+            point = finder.find_point(handle.place)
+        if handle.place.kind == "position":
+            notes.append(finder.describe_snap(handle, point))
+        placed.append((replace(handle, hard=handle.hard or hard), point))
+    scheduled = merge_coincident(placed, surface, affected_frames, allow_conflicts)
     return HandleSchedule(
-        anchors=tuple(merged.anchor for merged in merged_anchors),
-        motions=tuple(merged.motion for merged in merged_anchors),
+        scheduled=tuple(scheduled),
         full_strength=full_strength,
         affected_frames=affected_frames,
         falloff=handle_set.falloff,
-        radii=np.array([merged.radius for merged in merged_anchors]),
-        notes=tuple(notes),
+        notes=(*notes, *(one.note for one in scheduled if one.note)),
     )
 
 
@@ -84,30 +78,29 @@ class _PointFinder:
     def __init__(self, surface: PosedSurface, frame: int, snap: float | None) -> None:
         self._surface, self._frame, self._max_snap_percent = surface, frame, snap
 
-    def find_point(self, handle: Handle) -> SurfacePoint:
-        """Return the point of a handle."""
-        if not len(self._surface.mesh.faces) and not isinstance(handle.place, OnVertex):
+    def find_point(self, place: Place) -> SurfacePoint:
+        """Return the point of a place."""
+        mesh = self._surface.mesh
+        if not len(mesh.faces) and place.kind != "vertex":
             raise HandlesError(
                 "the model is a cloud of points and has no surface; name one of its points by "
                 "`vertex`"
             )
-        match handle.place:
-            case OnVertex(vertex):
-                with error_context("vertex"):
-                    return point_at_vertex(self._surface.mesh, vertex)
-            case OnFace(face, barycentric):
-                with error_context("face"):
-                    return point_on_face(self._surface.mesh, face, barycentric)
-            case NearPosition(position):
-                with error_context("position"):
-                    return self._snap_to_surface(position)
-            case AtPixel(pixel, camera):
-                with error_context("screen.source"), np.errstate(all="ignore"):
-                    return pick(self._posed_mesh, camera, pixel)
+        with error_context(place.kind):
+            if place.kind == "vertex":
+                return point_at_vertex(mesh, place.number)
+            assert place.values is not None
+            if place.kind == "face":
+                return point_on_face(mesh, place.number, place.values)
+            if place.camera is None:
+                return self._snap_to_surface(place.values)
+            with np.errstate(all="ignore"):
+                return pick(self._posed_mesh, place.camera, place.values)
 
-    def describe_snap(self, handle: Handle, position: Floats, point: SurfacePoint) -> str:
-        """Return a note on the point that is taken for the given position."""
-        away, percent = self._measure_snap(position, point)
+    def describe_snap(self, handle: Handle, point: SurfacePoint) -> str:
+        """Return a note on the point that is taken for the position of a handle."""
+        assert handle.place.values is not None
+        away, percent = self._measure_snap(handle.place.values, point)
         return (
             f"handle {handle.name!r}: position snapped to {self._format_place(point)}, "
             f"{away:.3g} away ({percent:.3g} % of the diagonal)"
@@ -120,7 +113,7 @@ class _PointFinder:
     def _snap_to_surface(self, position: Floats) -> SurfacePoint:
         if self._max_snap_percent is None:
             raise HandlesError(
-                "a position needs --snap, which takes the closest point of the surface; or give a "
+                "a position needs `snap`, which takes the closest point of the surface; or give a "
                 "vertex or a face"
             )
         point = closest_point(self._posed_mesh, position)
@@ -129,8 +122,8 @@ class _PointFinder:
             raise HandlesError(
                 f"is {away:.3g} away from the surface ({percent:.3g} % of the diagonal, at most "
                 f"{self._max_snap_percent:g} %); the closest point is at "
-                f"{self._format_place(point)}; correct the position, or allow it with --snap "
-                f"{_round_up(percent)}%"
+                f"{self._format_place(point)}; correct the position, or allow it with "
+                f"`snap={_round_up(percent)}%`"
             )
         return point
 
@@ -141,24 +134,23 @@ class _PointFinder:
 
     def _format_place(self, point: SurfacePoint) -> str:
         """Return where a point is, in the words and numbers of a handles file."""
-        match describe_place(self._surface.mesh, point):
-            case OnVertex(vertex):
-                return f"vertex {vertex}"
-            case OnFace(face, barycentric):
-                shares = ", ".join(f"{share:.4g}" for share in barycentric)
-                return f"face {face} (barycentric {shares})"
+        place = describe_place(self._surface.mesh, point)
+        if place.values is None:
+            return f"vertex {place.number}"
+        shares = ", ".join(f"{share:.4g}" for share in place.values)
+        return f"face {place.number} (barycentric {shares})"
 
 
-def describe_place(mesh: TriMesh, point: SurfacePoint) -> OnVertex | OnFace:
+def describe_place(mesh: TriMesh, point: SurfacePoint) -> Place:
     """Return the place on a mesh that gives a point: a vertex if it is at one, else a face.
 
     Of a vertex the point may be as far away as coincident points are from each other.
     """
     largest = int(point.barycentric.argmax())
     if 1 - point.barycentric[largest] <= COINCIDENT_TOL:
-        return OnVertex(int(point.corners[largest]))
+        return Place("vertex", int(point.corners[largest]))
     face = int((mesh.faces == point.corners).all(axis=1).argmax())
-    return OnFace(face, point.barycentric)
+    return Place("face", face, point.barycentric)
 
 
 def _round_up(percent: float) -> str:
@@ -202,7 +194,7 @@ def _check_keyframes(handle: Handle, count: int | None) -> None:
     track = handle.motion.track
     if track is None or track.frames is None:
         return
-    with error_context(handle.motion.field_name):
+    with error_context(handle.motion.kind):
         if count is None:
             raise HandlesError(f"keyframes: {_ONE_POSE_HINT}")
         for frame in track.frames.tolist():

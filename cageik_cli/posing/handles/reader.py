@@ -1,8 +1,6 @@
 """Reading of a handles file: from checked JSON to records."""
 
-import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,67 +9,37 @@ import numpy as np
 
 from cageik_cli.geometry.camera import Camera, LookAt
 from cageik_cli.posing.constraints import CageConstraints, Mirror
-from cageik_cli.posing.handles.json_document import HANDLES_FORMAT
-from cageik_cli.posing.handles.model import (
-    AtPixel,
-    Handle,
-    Handles,
-    HandleSet,
-    Motion,
-    MoveBy,
-    MoveTo,
-    NearPosition,
-    OnFace,
-    OnVertex,
-    Pin,
-    Place,
-    ScreenBy,
-    ScreenTo,
-    Track,
-)
-from cageik_cli.posing.handles.schema import check_schema
+from cageik_cli.posing.handles.model import Handle, Handles, HandleSet, Motion, Place, Track
+from cageik_cli.posing.handles.schema import HANDLES_FORMAT, check_schema
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, error_context
 from cageik_cli.util.files import read_input
 from cageik_cli.util.json_files import parse_json
 
 
-def parse_place(raw: dict[str, Any], camera: Camera | None) -> Place:
-    """Return the place on the surface that the fields of a handle give.
-
-    Raises
-    ------
-    HandlesError
-        When it is on the screen and there is no camera.
-    """
+def _parse_place(raw: dict[str, Any], camera: Camera | None) -> Place:
+    """Return the place on the surface that the fields of a handle give."""
     if "vertex" in raw:
-        return OnVertex(int(raw["vertex"]))
+        return Place("vertex", int(raw["vertex"]))
     if "face" in raw:
-        return OnFace(int(raw["face"]), np.array(raw["barycentric"], np.float64))
+        return Place("face", int(raw["face"]), _to_array(raw["barycentric"]))
     if "position" in raw:
-        return NearPosition(np.array(raw["position"], np.float64))
-    return AtPixel(np.array(raw["screen"]["source"], np.float64), _require_camera(camera))
+        return Place("position", values=_to_array(raw["position"]))
+    pixel = _to_array(raw["screen"]["source"])
+    return Place("screen.source", values=pixel, camera=_require_camera(camera))
 
 
-def parse_motion(raw: dict[str, Any], camera: Camera | None) -> Motion:
-    """Return the motion that the fields of a handle give.
-
-    Raises
-    ------
-    HandlesError
-        When it is on the screen and there is no camera, or keyframes are wrong.
-    """
+def _parse_motion(raw: dict[str, Any], camera: Camera | None) -> Motion:
+    """Return the motion that the fields of a handle give."""
     if "pin" in raw:
-        return Pin()
-    if "target" in raw:
-        return MoveTo(_parse_track(raw, "target"))
-    if "offset" in raw:
-        return MoveBy(_parse_track(raw, "offset"))
+        return Motion("pin")
+    if "screen" not in raw:
+        kind = "target" if "target" in raw else "offset"
+        return Motion(kind, _parse_track(raw, kind))
     with error_context("screen"):
-        screen = raw["screen"]
-        if "target" in screen:
-            return ScreenTo(_parse_track(screen, "target"), _require_camera(camera))
-        return ScreenBy(_parse_track(screen, "offset"), _require_camera(camera))
+        kind = "target" if "target" in raw["screen"] else "offset"
+        track = _parse_track(raw["screen"], kind)
+        return Motion(f"screen.{kind}", track, _require_camera(camera))
 
 
 def _require_camera(camera: Camera | None) -> Camera:
@@ -98,21 +66,7 @@ def _parse_track(raw: dict[str, Any], field: str) -> Track:
     return Track(np.array(values, np.float64), np.array(frames, np.int64))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HandlesFile:
-    """The handles of a file, and its bytes; `path` names it in messages."""
-
-    path: Path
-    data: bytes
-    handles: Handles
-
-    @property
-    def sha256(self) -> str:
-        """The digest of the file, in hexadecimal digits."""
-        return hashlib.sha256(self.data).hexdigest()
-
-
-def read_handles(path: Path) -> HandlesFile:
+def read_handles(path: Path) -> Handles:
     """Read a handles file.
 
     Raises
@@ -124,27 +78,27 @@ def read_handles(path: Path) -> HandlesFile:
     """
     with error_context(path):
         data = read_input(path, HANDLES_FORMAT.max_bytes, HANDLES_FORMAT.name)
-        return HandlesFile(path, data, parse_handles(data))
+        return parse_handles(path, data)
 
 
-def parse_handles(data: bytes) -> Handles:
-    """Return the handles of a handles file that was read.
+def parse_handles(path: Path, data: bytes) -> Handles:
+    """Return the handles of a file that was read.
 
     Raises
     ------
     FormatError, HandlesError
-        As `read_handles`; messages do not name a file.
+        As `read_handles`; messages do not name the file.
     """
     document = parse_json(data, HANDLES_FORMAT)
     check_schema(document)
     constraints, camera = _parse_constraints(document), _parse_camera(document, None)
     if "sets" not in document:
-        return Handles((_parse_set(document, camera),), constraints)
+        return Handles(path, data, (_parse_set(document, camera),), constraints)
     sets = []
     for k, raw in enumerate(document["sets"]):
         with error_context(f"sets[{k}]"):
             sets.append(_parse_set(raw, _parse_camera(raw, camera)))
-    return Handles(tuple(sets), constraints)
+    return Handles(path, data, tuple(sets), constraints)
 
 
 def _parse_set(raw: dict[str, Any], camera: Camera | None) -> HandleSet:
@@ -159,7 +113,6 @@ def _parse_set(raw: dict[str, Any], camera: Camera | None) -> HandleSet:
     pick_frame = raw.get("pick_frame")
     return HandleSet(
         handles,
-        camera,
         None if frames is None else (int(frames[0]), int(frames[1])),
         int(raw.get("falloff", 0)),
         None if pick_frame is None else int(pick_frame),
@@ -178,7 +131,7 @@ def _check_radii(handles: Iterable[Handle]) -> None:
     """Refuse a radius of a pin, and handles that move without one beside handles that have one."""
     moving = []
     for handle in handles:
-        if not isinstance(handle.motion, Pin):
+        if handle.motion.kind != "pin":
             moving.append(handle)
         elif handle.radius is not None:
             raise HandlesError(f"handle {handle.name!r}: radius: a pin does not move; remove it")
@@ -196,7 +149,7 @@ def _parse_handle(raw: dict[str, Any], camera: Camera | None) -> Handle:
     with error_context(f"handle {name!r}"):
         if not name.isprintable():
             raise HandlesError("name has characters that cannot be displayed; remove them")
-        place, motion = parse_place(raw, camera), parse_motion(raw, camera)
+        place, motion = _parse_place(raw, camera), _parse_motion(raw, camera)
     radius = float(raw["radius"]) if "radius" in raw else None
     return Handle(name, place, motion, float(raw.get("weight", 1)), raw.get("hard", False), radius)
 

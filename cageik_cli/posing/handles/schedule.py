@@ -1,19 +1,32 @@
-"""The targets of anchors in each frame of a clip, and the strength of the edit."""
+"""The anchors of handles, their targets in each frame of a clip, and the strength of the edit.
 
+Handles on the same point of the surface are merged into one anchor, or refused.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from cageik_cli.geometry.mesh import MAX_COORDINATE
-from cageik_cli.posing.anchors import Anchor
-from cageik_cli.posing.handles.model import Motion
+from cageik_cli.posing.anchors import COINCIDENT_TOL, Anchor, SurfacePoint, anchor_positions
+from cageik_cli.posing.handles.model import Handle, Motion, PosedSurface
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, error_context
 
+SAME_TARGET_TOL = 1e-9
+"""Targets closer to each other than this, in diagonals, are the same."""
+
+MAX_TRACED_GROUPS = 256
+"""Points that are followed through a clip together, so that memory does not grow with handles."""
+
+PlacedHandle = tuple[Handle, SurfacePoint]
+"""A handle and its point on the surface."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlendedMotion:
-    """The motion of one anchor: that of a handle, or the mean of several.
+class ScheduledAnchor:
+    """An anchor and its motion: that of a handle, or the mean of several.
 
     Attributes
     ----------
@@ -21,11 +34,18 @@ class BlendedMotion:
         Names of the handles.
     shares : (s,) float64
         Share of each motion in the target; the sum is one.
+    radius : float
+        Distance in the rest pose beyond which it moves nothing; nan for none.
+    note : str
+        For the user, if handles were merged.
     """
 
+    anchor: Anchor
     names: tuple[str, ...]
     motions: tuple[Motion, ...]
     shares: Floats
+    radius: float = np.nan
+    note: str = ""
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
         """Return the targets, (k, 3), in frames (k,) in which the anchor is at positions (k, 3).
@@ -37,10 +57,7 @@ class BlendedMotion:
         """
         mean = np.zeros_like(positions)
         for name, motion, share in zip(self.names, self.motions, self.shares, strict=True):
-            with error_context(f"handle {name!r}: {motion.field_name}"):
-                targets = motion.targets(frames, positions)
-                _check_targets(frames, targets)
-            mean += share * targets
+            mean += share * _compute_targets(name, motion, frames, positions)
         return mean
 
 
@@ -50,29 +67,33 @@ class HandleSchedule:
 
     Attributes
     ----------
-    anchors : tuple of Anchor
+    scheduled : tuple of ScheduledAnchor
         l of them.
-    motions : tuple of BlendedMotion
-        One for each anchor.
     full_strength : range
         Frames of full strength.
     affected_frames : range
         All frames of the clip that the edit may change; `range(1)` for a single pose.
-    radii : (l,) float64
-        Distances in the rest pose beyond which anchors move nothing; nan for none.
     falloff : int
         Number of frames over which the edit fades in and out.
     notes : tuple of str
         Notes for the user on how the handles were placed.
     """
 
-    anchors: tuple[Anchor, ...]
-    motions: tuple[BlendedMotion, ...]
+    scheduled: tuple[ScheduledAnchor, ...]
     full_strength: range
     affected_frames: range
-    radii: Floats
     falloff: int = 0
     notes: tuple[str, ...] = ()
+
+    @property
+    def anchors(self) -> tuple[Anchor, ...]:
+        """The l anchors."""
+        return tuple(one.anchor for one in self.scheduled)
+
+    @property
+    def radii(self) -> Floats:
+        """The radii of the anchors, (l,); nan for those without one."""
+        return np.array([one.radius for one in self.scheduled])
 
     def blend(self, frames: Integers) -> Floats:
         """Return the strength of the edit in frames (k,), as (k,): from 0 to 1.
@@ -103,8 +124,8 @@ class HandleSchedule:
             When a target does not exist; the message names handle and frame.
         """
         columns = np.moveaxis(positions, 1, 0)
-        found = [m.targets(frames, column) for m, column in zip(self.motions, columns, strict=True)]
-        return np.stack(found, axis=1)
+        pairs = zip(self.scheduled, columns, strict=True)
+        return np.stack([one.targets(frames, column) for one, column in pairs], axis=1)
 
     def displacements(self, frames: Integers, positions: Floats) -> Floats:
         """Return the displacements of the anchors in any frames, (k, l, 3); see `targets`."""
@@ -115,10 +136,134 @@ class HandleSchedule:
         return displacements
 
 
-def _check_targets(frames: Integers, targets: Floats) -> None:
-    is_valid = (np.abs(targets) <= MAX_COORDINATE).all(axis=1)
-    if not is_valid.all():
-        raise HandlesError(
-            f"frame {frames[is_valid.argmin()]}: the target is not finite or too far away "
-            f"(at most {MAX_COORDINATE:g}); choose another target or camera"
+def _compute_targets(name: str, motion: Motion, frames: Integers, positions: Floats) -> Floats:
+    """Return the targets of a handle, (k, 3), which exist and are not too far away."""
+    with error_context(f"handle {name!r}: {motion.kind}"):
+        targets = motion.targets(frames, positions)
+        is_valid = (np.abs(targets) <= MAX_COORDINATE).all(axis=1)
+        if not is_valid.all():
+            raise HandlesError(
+                f"frame {frames[is_valid.argmin()]}: the target is not finite or too far away "
+                f"(at most {MAX_COORDINATE:g}); choose another target or camera"
+            )
+    return targets
+
+
+def merge_coincident(
+    placed_handles: Sequence[PlacedHandle],
+    surface: PosedSurface,
+    affected_frames: range,
+    allow_conflicts: bool,
+) -> list[ScheduledAnchor]:
+    """Return one anchor for each point that handles are on, in the order of the handles.
+
+    Handles on one point become one anchor, because two anchors there cannot be met independently.
+    Its weight is the sum of their weights, and it is hard if one of them is.
+
+    Raises
+    ------
+    HandlesError
+        When two handles on one point have different targets, unless conflicts are allowed. The
+        anchor then moves to the weighted mean of the targets: of the hard ones if there are any.
+    """
+    merged = []
+    groups = _group_by_point(placed_handles, surface)
+    frames = np.arange(affected_frames.start, affected_frames.stop)
+    paths = _trace_points([group for group in groups if len(group) > 1], surface, frames)
+    for group in groups:
+        if len(group) == 1:
+            merged.append(_merge_group(group, group))
+            continue
+        conflict = _describe_conflict(group, surface, frames, next(paths))
+        if conflict and not allow_conflicts:
+            raise HandlesError(
+                f"{conflict}; remove one, or use the mean of their targets with `allow_conflicts`"
+            )
+        hard = [one for one in group if one[0].hard] or group
+        merged.append(_merge_group(group, hard if conflict else hard[:1], conflict))
+    return merged
+
+
+def _group_by_point(
+    placed_handles: Sequence[PlacedHandle], surface: PosedSurface
+) -> list[list[PlacedHandle]]:
+    """Group handles by point; coincident vertices are one point."""
+    rest, nearest = surface.mesh.vertices, COINCIDENT_TOL * surface.mesh.diagonal
+    positions = anchor_positions([_make_anchor([one]) for one in placed_handles], rest)
+    number = np.full(len(placed_handles), -1)
+    for k, position in enumerate(positions):
+        if number[k] < 0:
+            is_here = np.linalg.norm(positions - position, axis=1) <= nearest
+            number[is_here & (number < 0)] = k
+    groups: dict[int, list[PlacedHandle]] = {}
+    for one, k in zip(placed_handles, number.tolist(), strict=True):
+        groups.setdefault(k, []).append(one)
+    return list(groups.values())
+
+
+def _trace_points(
+    groups: Sequence[Sequence[PlacedHandle]], surface: PosedSurface, frames: Integers
+) -> Iterator[Floats]:
+    """Yield the positions of each group in k frames, (k, 3); a pose serves many groups."""
+    for start in range(0, len(groups), MAX_TRACED_GROUPS):
+        anchors = [_make_anchor(group[:1]) for group in groups[start : start + MAX_TRACED_GROUPS]]
+        paths = np.empty((len(anchors), len(frames), 3))
+        for i, frame in enumerate(frames.tolist()):
+            paths[:, i] = anchor_positions(anchors, surface.pose_at(frame))
+        yield from paths
+
+
+def _describe_conflict(
+    group: Sequence[PlacedHandle], surface: PosedSurface, frames: Integers, positions: Floats
+) -> str:
+    """Describe two handles of one point that disagree; return "" when all agree.
+
+    The point has positions, (k, 3), in frames, (k,).
+    """
+    first, *others = (handle for handle, _ in group)
+    expected = _compute_targets(first.name, first.motion, frames, positions)
+    for other in others:
+        found = _compute_targets(other.name, other.motion, frames, positions)
+        apart = np.linalg.norm(found - expected, axis=1)
+        if apart.max() > SAME_TARGET_TOL * surface.mesh.diagonal:
+            where = "" if surface.frame_count is None else f" in frame {frames[apart.argmax()]}"
+            return (
+                f"handles {first.name!r} and {other.name!r} conflict: they are on the same point, "
+                f"and their targets are {apart.max():.3g} apart{where}"
+            )
+    return ""
+
+
+def _merge_group(
+    group: Sequence[PlacedHandle], leaders: Sequence[PlacedHandle], conflict: str = ""
+) -> ScheduledAnchor:
+    """Merge a group into one anchor that moves to the mean of its leaders' targets."""
+    handles = [handle for handle, _ in leaders]
+    weights = np.array([handle.weight for handle in handles])
+    radii = [handle.radius for handle, _ in group if handle.radius is not None]
+    anchor, names = _make_anchor(group), tuple(handle.name for handle in handles)
+    note = ""
+    if conflict:
+        note = f"{conflict}; the point moves to the weighted mean of {' + '.join(names)!r}"
+    elif len(group) > 1:
+        note = (
+            f"handles {anchor.name!r} are on the same point and have the same target; they are "
+            "merged"
         )
+    return ScheduledAnchor(
+        anchor=anchor,
+        names=names,
+        motions=tuple(handle.motion for handle in handles),
+        shares=weights / weights.sum(),
+        radius=max(radii, default=np.nan),
+        note=note,
+    )
+
+
+def _make_anchor(group: Sequence[PlacedHandle]) -> Anchor:
+    return Anchor(
+        " + ".join(handle.name for handle, _ in group),
+        group[0][1],
+        sum(handle.weight for handle, _ in group),
+        any(handle.hard for handle, _ in group),
+    )

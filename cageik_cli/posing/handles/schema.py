@@ -1,4 +1,4 @@
-"""The JSON schema of the handles file, and messages for its violations.
+"""The JSON of a handles file: its schema, and messages for violations, with places in words.
 
 The schema's titles are the words for what is expected.
 """
@@ -10,19 +10,53 @@ from importlib.resources import files
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from cageik_cli.posing.handles.json_document import describe_location
 from cageik_cli.util.errors import HandlesError
-from cageik_cli.util.json_files import format_value
+from cageik_cli.util.json_files import (
+    MAX_VALUE_LENGTH,
+    JsonFormat,
+    Steps,
+    format_step,
+    format_value,
+)
 
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
 
+MAX_HANDLES_BYTES = 2_000_000
+"""Largest file that is read: many thousands of handles."""
 
 MAX_FAULTS = 1000
 """Faults among which the first in the file is looked for."""
 
 MIN_SIMILARITY = 0.7
 """Similarity, up to 1, at which a field is suggested; `name` and `frames` have 0.6."""
+
+
+def describe_location(document: Any, steps: Steps) -> str:
+    """Return the place of a value in words: its set, its handle by name, the field within it."""
+    words: list[str] = []
+    field, value = "", document
+    before: str | int = ""
+    for step in steps:
+        value = value[step]
+        if before in ("sets", "handles") and isinstance(step, int):
+            name = _describe_handle(value) if before == "handles" else ""
+            words.append(name or f"{field}[{step}]")
+            field = ""
+        else:
+            field = (field + format_step(step)).removeprefix(".")
+        before = step
+    return ": ".join([*words, field] if field else words)
+
+
+def _describe_handle(value: Any) -> str:
+    """Return what messages call a handle; nothing if it has no name."""
+    name = value.get("name") if isinstance(value, dict) else None
+    return f"handle {name[:MAX_VALUE_LENGTH]!r}" if isinstance(name, str) and name else ""
+
+
+HANDLES_FORMAT = JsonFormat("a handles file", MAX_HANDLES_BYTES, describe_location)
+"""What the JSON of a handles file should be."""
 
 
 def read_schema() -> str:

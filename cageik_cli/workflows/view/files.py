@@ -2,17 +2,9 @@
 
 from pathlib import Path
 
-from cageik_cli.posing.handles.model import (
-    AtPixel,
-    Handle,
-    NearPosition,
-    PlacementSettings,
-    PosedSurface,
-    ScreenBy,
-    ScreenTo,
-)
+from cageik_cli.posing.handles.model import Handle, Handles, PosedSurface
 from cageik_cli.posing.handles.placement import place_handles
-from cageik_cli.posing.handles.reader import HandlesFile, read_handles
+from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.report.player.clip import PlayerClip
 from cageik_cli.util.errors import FileAccessError, HandlesError, error_context
 
@@ -73,7 +65,7 @@ class OwnOutputs:
         self._marks[path] = mark_file(path)
 
 
-def read_first_handles(path: Path) -> HandlesFile:
+def read_first_handles(path: Path) -> Handles:
     """Read handles that a page can show, if they fit its model.
 
     Raises
@@ -81,15 +73,15 @@ def read_first_handles(path: Path) -> HandlesFile:
     InputError
         Naming the file, and the handle that the page cannot show.
     """
-    file = read_handles(path)
+    handles = read_handles(path)
     with error_context(path):
-        for handle_set in file.handles.sets:
+        for handle_set in handles.sets:
             for handle in handle_set.handles:
                 _check_shown(handle)
-    return file
+    return handles
 
 
-def check_places(file: HandlesFile, clip: PlayerClip) -> None:
+def check_places(handles: Handles, clip: PlayerClip) -> None:
     """Refuse handles that are at no vertex or face of a model, or at no frame of its clip.
 
     Raises
@@ -99,15 +91,15 @@ def check_places(file: HandlesFile, clip: PlayerClip) -> None:
     """
     rest = clip.binding.rest
     surface = PosedSurface(rest, lambda _: rest.vertices, len(clip.frames) or None)
-    for handle_set in file.handles.sets:
-        with error_context(file.path):
-            place_handles(handle_set, surface, PlacementSettings(allow_conflicts=True))
+    for handle_set in handles.sets:
+        with error_context(handles.path):
+            place_handles(handle_set, surface, allow_conflicts=True)
 
 
 def _check_shown(handle: Handle) -> None:
     """Refuse what the page has no means to show."""
-    is_on_screen = isinstance(handle.motion, ScreenTo | ScreenBy)
-    if is_on_screen or isinstance(handle.place, NearPosition | AtPixel):
+    is_on_screen = handle.motion.camera is not None
+    if is_on_screen or handle.place.kind in ("position", "screen.source"):
         raise HandlesError(
             f"handle {handle.name!r}: has a position or a screen, which the page does not show; "
             "pose it with cageik pose, or give a vertex or a face, and an offset or a target"

@@ -30,7 +30,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING, Any
 
-from cageik_cli.posing.handles.json_document import MAX_BYTES
+from cageik_cli.posing.handles.schema import MAX_HANDLES_BYTES
 from cageik_cli.util.errors import CageikError, SettingError, describe_error
 
 if TYPE_CHECKING:
@@ -186,9 +186,10 @@ class RequestHandler(BaseHTTPRequestHandler):
             raise RefusedRequestError(HTTPStatus.LENGTH_REQUIRED, "expected a Content-Length")
         if len(lengths) > 1 or not (lengths[0].isascii() and lengths[0].isdigit()):
             raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "Content-Length is not a number")
-        if len(lengths[0]) > len(str(MAX_BYTES)) or int(lengths[0]) > MAX_BYTES:
+        if len(lengths[0]) > len(str(MAX_HANDLES_BYTES)) or int(lengths[0]) > MAX_HANDLES_BYTES:
             raise RefusedRequestError(
-                HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a handles file has at most {MAX_BYTES} bytes"
+                HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+                f"a handles file has at most {MAX_HANDLES_BYTES} bytes",
             )
         try:
             data = self.rfile.read(int(lengths[0]))

@@ -13,7 +13,8 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import PosingSettings
-from cageik_cli.posing.handles.reader import HandlesFile, parse_handles
+from cageik_cli.posing.handles.model import Handles
+from cageik_cli.posing.handles.reader import parse_handles
 from cageik_cli.posing.snapshot import PoseResult
 from cageik_cli.report.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
 from cageik_cli.store.result import Result
@@ -24,7 +25,7 @@ from cageik_cli.workflows.bind import WeightSettings
 from cageik_cli.workflows.caged_model import CagedModel
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.model_file import load_surface
-from cageik_cli.workflows.pose import check_target_kind, pose_model, report_layer_notes
+from cageik_cli.workflows.pose import check_target_kind, pose_model
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 from cageik_cli.workflows.view.files import (
     OwnOutputs,
@@ -105,7 +106,7 @@ class ViewSession(ABC):
         """Whether handles can be applied: there is a file to write."""
         return self.settings.output is not None
 
-    def begin_with(self, handles: HandlesFile) -> None:
+    def begin_with(self, handles: Handles) -> None:
         """Let the page begin with handles.
 
         Raises
@@ -125,11 +126,11 @@ class ViewSession(ABC):
             When it is not a handles file.
         """
         path = self.settings.handles_output or Path("handles of the page")
-        handles = HandlesFile(path, data, parse_handles(data))
+        handles = parse_handles(path, data)
         return partial(self._apply, handles, PosingSettings(rigidity=rigidity))
 
     def _apply(
-        self, handles: HandlesFile, posing: PosingSettings, progress: ProgressListener
+        self, handles: Handles, posing: PosingSettings, progress: ProgressListener
     ) -> PoseResult:
         """Apply handles and write the outputs; the handles are written last.
 
@@ -153,7 +154,7 @@ class ViewSession(ABC):
 
     @abstractmethod
     def _solve(
-        self, handles: HandlesFile, posing: PosingSettings, output: Path, progress: ProgressListener
+        self, handles: Handles, posing: PosingSettings, output: Path, progress: ProgressListener
     ) -> PoseResult:
         """Solve, and write all but the handles."""
 
@@ -166,7 +167,7 @@ class _ResultSession(ViewSession):
         self._watched = watched
 
     def _solve(
-        self, handles: HandlesFile, posing: PosingSettings, output: Path, progress: ProgressListener
+        self, handles: Handles, posing: PosingSettings, output: Path, progress: ProgressListener
     ) -> PoseResult:
         self._watched.check()
         may_replace = self._own.may_replace(output)
@@ -184,20 +185,19 @@ class _ModelSession(ViewSession):
         self._binding = binding
 
     def _solve(
-        self, handles: HandlesFile, posing: PosingSettings, output: Path, progress: ProgressListener
+        self, handles: Handles, posing: PosingSettings, output: Path, progress: ProgressListener
     ) -> PoseResult:
         with progress.stage("pose"):
-            posed = pose_model(self._binding, handles, posing)
-        report_layer_notes(posed.layers, handles.path, progress)
+            posed = pose_model(self._binding, handles, posing, progress)
         with progress.stage("write"):
             rest, cage = self._binding.rest, self._binding.cage
-            write_mesh(output, rest, posed.mesh, self._own.may_replace(output))
+            write_mesh(output, rest, posed.snapshot.after, self._own.may_replace(output))
             self._own.record(output)
             path = self.settings.cage_output
             if path is not None:
-                write_mesh(path, cage, posed.cage, self._own.may_replace(path))
+                write_mesh(path, cage, posed.snapshot.cage_after, self._own.may_replace(path))
                 self._own.record(path)
-        return posed.result
+        return posed
 
 
 def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSession:

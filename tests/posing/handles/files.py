@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.posing.handles.model import Handles, HandleSet, PlacementSettings, PosedSurface
+from cageik_cli.posing.handles.model import Handles, HandleSet, PosedSurface
 from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.handles.schedule import HandleSchedule
@@ -38,7 +38,7 @@ def read(folder: Path, document: object) -> Handles:
     """What a file of this document says."""
     path = folder / "drag.json"
     path.write_text(json.dumps(document), encoding="utf-8")
-    return read_handles(path).handles
+    return read_handles(path)
 
 
 def read_set(folder: Path, *handles: dict, **fields: object) -> HandleSet:
@@ -49,4 +49,4 @@ def read_set(folder: Path, *handles: dict, **fields: object) -> HandleSet:
 
 def drag(handle_set: HandleSet, surface: PosedSurface = CLIP, **settings: object) -> HandleSchedule:
     """The handles put on a surface."""
-    return place_handles(handle_set, surface, PlacementSettings(**settings))
+    return place_handles(handle_set, surface, **settings)

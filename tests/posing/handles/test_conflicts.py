@@ -7,7 +7,7 @@ import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import anchor_positions
-from cageik_cli.posing.handles import conflicts
+from cageik_cli.posing.handles import schedule
 from cageik_cli.posing.handles.model import PosedSurface
 from cageik_cli.util.errors import HandlesError
 from tests.posing.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
@@ -91,7 +91,7 @@ def test_handles_that_differ_are_refused(tmp_path, one, other, apart):
     message = str(error.value)
     assert message.startswith("handles 'a' and 'b' conflict")
     assert apart in message
-    assert "--allow-conflicts" in message
+    assert "`allow_conflicts`" in message
 
 
 def test_only_affected_frames_are_compared(tmp_path):
@@ -187,7 +187,7 @@ def test_a_handle_behind_the_camera_is_named(tmp_path):
 @pytest.mark.parametrize("together", [2, 256])
 def test_poses_are_computed_for_many_points_together(tmp_path, monkeypatch, together):
     """Each may take long; points are followed in turn, each with its own targets."""
-    monkeypatch.setattr(conflicts, "GROUPS_PER_TRACE", together)
+    monkeypatch.setattr(schedule, "MAX_TRACED_GROUPS", together)
     frames, count = [], 3
     surface = replace(CLIP, pose_at=lambda k: (frames.append(k), CLIP.pose_at(k))[1])
     pairs = [

@@ -1,6 +1,6 @@
 import pytest
 
-from cageik_cli.posing.handles.json_document import HANDLES_FORMAT, MAX_BYTES, describe_location
+from cageik_cli.posing.handles.schema import HANDLES_FORMAT, MAX_HANDLES_BYTES, describe_location
 from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.json_files import read_json
 
@@ -11,9 +11,9 @@ def path(tmp_path):
 
 
 def test_a_file_of_the_largest_size_is_read(path):
-    path.write_text("[]" + " " * (MAX_BYTES - 2))
+    path.write_text("[]" + " " * (MAX_HANDLES_BYTES - 2))
     assert read_json(path, HANDLES_FORMAT) == []
-    path.write_text("[]" + " " * (MAX_BYTES - 1))
+    path.write_text("[]" + " " * (MAX_HANDLES_BYTES - 1))
     with pytest.raises(FileAccessError, match=r"2 MB, expected at most 2 MB; give a handles file"):
         read_json(path, HANDLES_FORMAT)
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cageik_cli.geometry.camera import Camera, LookAt
-from cageik_cli.posing.handles.model import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo, Track
+from cageik_cli.posing.handles.model import Motion, Track
 from cageik_cli.util.errors import HandlesError
 
 FRAMES = np.arange(12)
@@ -73,14 +73,16 @@ def test_tracks_do_not_depend_on_blocks():
 
 
 def test_a_pin_stays():
-    np.testing.assert_array_equal(Pin().targets(FRAMES, POSITIONS), POSITIONS)
+    np.testing.assert_array_equal(Motion("pin").targets(FRAMES, POSITIONS), POSITIONS)
 
 
 def test_a_target_is_absolute_and_an_offset_is_not():
     track = Track(VALUES, KEYS)
-    np.testing.assert_array_equal(MoveTo(track).targets(FRAMES, POSITIONS), track.evaluate(FRAMES))
     np.testing.assert_array_equal(
-        MoveBy(track).targets(FRAMES, POSITIONS), POSITIONS + track.evaluate(FRAMES)
+        Motion("target", track).targets(FRAMES, POSITIONS), track.evaluate(FRAMES)
+    )
+    np.testing.assert_array_equal(
+        Motion("offset", track).targets(FRAMES, POSITIONS), POSITIONS + track.evaluate(FRAMES)
     )
 
 
@@ -100,7 +102,7 @@ def unprojected(camera: Camera, position: np.ndarray, pixel: np.ndarray) -> np.n
 @CAMERAS
 def test_a_screen_target_keeps_the_depth(camera):
     pixels = np.linspace([100, 400], [500, 50], 12)
-    found = ScreenTo(Track(pixels, FRAMES), camera).targets(FRAMES, POSITIONS)
+    found = Motion("screen.target", Track(pixels, FRAMES), camera).targets(FRAMES, POSITIONS)
     expected = [unprojected(camera, p, q) for p, q in zip(POSITIONS, pixels, strict=True)]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
     # A pixel is some hundredths of a unit there.
@@ -110,20 +112,23 @@ def test_a_screen_target_keeps_the_depth(camera):
 @CAMERAS
 def test_a_screen_offset_is_relative_to_each_frame(camera):
     offset = np.array([30.0, -12.5])
-    found = ScreenBy(Track(offset[None]), camera).targets(FRAMES, POSITIONS)
+    found = Motion("screen.offset", Track(offset[None]), camera).targets(FRAMES, POSITIONS)
     pixels = camera.project(POSITIONS)[:, :2] + offset
     expected = [unprojected(camera, p, q) for p, q in zip(POSITIONS, pixels, strict=True)]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
 def test_pixels_downwards_are_down():
-    found = ScreenBy(Track(np.array([[0.0, 10.0]])), STANDING).targets(FRAMES, POSITIONS)
+    found = Motion("screen.offset", Track(np.array([[0.0, 10.0]])), STANDING).targets(
+        FRAMES, POSITIONS
+    )
     assert ((found - POSITIONS)[:, 1] < 0).all()
 
 
-@pytest.mark.parametrize("motion", [ScreenTo, ScreenBy])
-def test_a_frame_behind_the_camera_is_named(motion):
+@pytest.mark.parametrize("kind", ["screen.target", "screen.offset"])
+def test_a_frame_behind_the_camera_is_named(kind):
     positions = POSITIONS.copy()
     positions[[4, 7]] += [2, 4, 18]
+    motion = Motion(kind, Track(np.array([[1.0, 2.0]])), STANDING)
     with pytest.raises(HandlesError, match=r"^frame 104: the point is behind the camera; choose"):
-        motion(Track(np.array([[1.0, 2.0]])), STANDING).targets(FRAMES + 100, positions)
+        motion.targets(FRAMES + 100, positions)

@@ -4,7 +4,8 @@ import pytest
 from cageik_cli.geometry.camera import LookAt
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import anchor_positions
-from cageik_cli.posing.handles.model import HandleSet, OnVertex, PlacementSettings, PosedSurface
+from cageik_cli.posing.edits import PosingSettings
+from cageik_cli.posing.handles.model import HandleSet, PosedSurface
 from cageik_cli.posing.handles.placement import describe_place
 from cageik_cli.util.errors import HandlesError, SettingError
 from tests.posing.handles.files import (
@@ -55,9 +56,9 @@ def test_a_position_snaps_to_the_pose_of_the_pick_frame(tmp_path):
     np.testing.assert_allclose(place, np.array([0.2, 0.3, 1.0]) + step(5), rtol=0, atol=1e-12)
     (note,) = found.notes
     place = describe_place(MESH, found.anchors[0].point)
-    shares = ", ".join(f"{share:.4g}" for share in place.barycentric)
+    shares = ", ".join(f"{share:.4g}" for share in place.values)
     assert note == (
-        f"handle 'near': position snapped to face {place.face} (barycentric {shares}), 0.5 away "
+        f"handle 'near': position snapped to face {place.number} (barycentric {shares}), 0.5 away "
         "(14.4 % of the diagonal)"
     )
 
@@ -81,7 +82,7 @@ def test_a_position_is_refused_if_it_is_too_far_from_the_surface(tmp_path, snap,
     told = str(error.value)
     assert told.startswith("handle 'near': position: is 0.5 away from the surface (14.4 % of")
     assert f"at most {snap:g} %" in told
-    assert told.endswith("or allow it with --snap 15%")
+    assert told.endswith("or allow it with `snap=15%`")
 
 
 def test_the_advised_limit_is_enough(tmp_path):
@@ -89,28 +90,28 @@ def test_the_advised_limit_is_enough(tmp_path):
         handles = read_set(tmp_path, NEAR | {"position": [0.2, 0.3, 1 + distance]})
         with pytest.raises(HandlesError) as error:
             drag(handles, snap=0)
-        advised = float(str(error.value).rsplit(" ", 1)[1].removesuffix("%"))
+        advised = float(str(error.value).rsplit("=", 1)[1].removesuffix("%`"))
         assert drag(handles, snap=advised).anchors
 
 
 @pytest.mark.parametrize("snap", [-1, np.nan, np.inf])
 def test_impossible_limits_of_snap_are_refused(snap):
     with pytest.raises(SettingError, match=f"snap is {snap}, expected a finite number"):
-        PlacementSettings(snap=snap)
+        PosingSettings(snap=snap)
 
 
 def test_a_place_is_what_a_handles_file_gives(tmp_path):
     """Vertices and points of faces, also a point of a face that is at a corner of it."""
     found = drag(read_set(tmp_path, HAND, KNEE, KNEE | {"name": "c", "barycentric": [0, 1, 0]}))
     hand, knee, corner = (describe_place(MESH, anchor.point) for anchor in found.anchors)
-    assert hand == OnVertex(7)
-    assert knee.face == 4
-    np.testing.assert_allclose(knee.barycentric, [0.2, 0.3, 0.5], rtol=1e-15)
-    assert corner == OnVertex(MESH.faces[4, 1])
+    assert (hand.kind, hand.number) == ("vertex", 7)
+    assert knee.number == 4
+    np.testing.assert_allclose(knee.values, [0.2, 0.3, 0.5], rtol=1e-15)
+    assert (corner.kind, corner.number) == ("vertex", MESH.faces[4, 1])
 
 
 def test_a_position_needs_snap(tmp_path):
-    with pytest.raises(HandlesError, match=r"^handle 'near': position: .* --snap"):
+    with pytest.raises(HandlesError, match=r"^handle 'near': position: .* `snap`"):
         drag(read_set(tmp_path, NEAR))
 
 

@@ -7,18 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cageik_cli.geometry.camera import Camera, LookAt
-from cageik_cli.posing.handles.model import (
-    AtPixel,
-    MoveBy,
-    MoveTo,
-    NearPosition,
-    OnFace,
-    OnVertex,
-    Pin,
-    PlacementSettings,
-    ScreenBy,
-    ScreenTo,
-)
 from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.util.errors import CageikError, InputError
@@ -45,31 +33,29 @@ def test_handles_have_the_values_of_the_file(tmp_path):
     hand, knee, foot, nose, ear = found.handles
     assert (hand.name, hand.weight, hand.hard) == ("hand", 2.0, True)
     assert [one.radius for one in found.handles] == [3, 0.5, None, 1, 1]
-    assert hand.place == OnVertex(7)
-    assert isinstance(hand.motion, MoveTo)
+    assert (hand.place.kind, hand.place.number) == ("vertex", 7)
+    assert hand.motion.kind == "target"
     np.testing.assert_array_equal(hand.motion.track.values, [[1, 2, 3]])
     assert (knee.weight, knee.hard) == (1.0, False)
-    assert isinstance(knee.place, OnFace)
-    assert knee.place.face == 3
-    np.testing.assert_array_equal(knee.place.barycentric, [0.2, 0.3, 0.5])
-    assert isinstance(knee.motion, MoveBy)
+    assert (knee.place.kind, knee.place.number) == ("face", 3)
+    np.testing.assert_array_equal(knee.place.values, [0.2, 0.3, 0.5])
+    assert knee.motion.kind == "offset"
     np.testing.assert_array_equal(knee.motion.track.frames, KEYS["frames"])
     np.testing.assert_array_equal(knee.motion.track.values, KEYS["values"])
-    assert isinstance(foot.place, NearPosition)
-    np.testing.assert_array_equal(foot.place.position, [1, 2, 3])
-    assert isinstance(foot.motion, Pin)
-    assert isinstance(nose.place, AtPixel)
-    assert isinstance(nose.motion, ScreenTo)
-    assert isinstance(ear.motion, ScreenBy)
-    np.testing.assert_array_equal(ear.place.pixel, [1, 2])
+    assert foot.place.kind == "position"
+    np.testing.assert_array_equal(foot.place.values, [1, 2, 3])
+    assert (foot.motion.kind, foot.motion.track) == ("pin", None)
+    assert nose.place.kind == ear.place.kind == "screen.source"
+    assert (nose.motion.kind, ear.motion.kind) == ("screen.target", "screen.offset")
+    np.testing.assert_array_equal(ear.place.values, [1, 2])
     np.testing.assert_array_equal(ear.motion.track.values, [[3, 4]])
-    assert nose.place.camera is ear.motion.camera is found.camera
+    assert nose.place.camera is ear.motion.camera is nose.motion.camera is ear.place.camera
 
 
 def test_missing_fields_have_defaults(tmp_path):
     found = read(tmp_path, {"handles": [HAND]})
     (only,) = found.sets
-    assert (only.camera, only.frames, only.falloff, only.pick_frame) == (None, None, 0, None)
+    assert (only.frames, only.falloff, only.pick_frame) == (None, 0, None)
     assert (found.constraints.locked, found.constraints.mirror) == ((), None)
 
 
@@ -85,7 +71,8 @@ def test_cameras_are_read(tmp_path):
     place = LookAt(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
     standing = Camera.from_look_at(place, 40, 640, 480)
     for said, camera in ((CAMERA, standing), (MATRICES, Camera(np.eye(4), np.eye(4), 640, 480))):
-        found = read(tmp_path, {"handles": [HAND], "camera": said}).sets[0].camera
+        (seen,) = read(tmp_path, {"handles": [SCREEN], "camera": said}).sets[0].handles
+        found = seen.place.camera
         np.testing.assert_array_equal(found.view, camera.view)
         np.testing.assert_array_equal(found.projection, camera.projection)
         assert (found.width, found.height) == (640, 480)
@@ -95,13 +82,13 @@ def test_sets_share_the_camera_of_the_file(tmp_path):
     sets = [
         {"handles": [SCREEN], "frames": [0, 1]},
         {"handles": [SCREEN], "camera": MATRICES},
-        {"handles": [HAND]},
+        {"handles": [SCREEN]},
     ]
-    first, second, third = read(tmp_path, {"sets": sets, "camera": CAMERA}).sets
-    assert first.frames == (0, 1)
-    assert first.camera is third.camera
-    assert first.handles[0].place.camera is first.camera
-    np.testing.assert_array_equal(second.camera.view, np.eye(4))
+    found = read(tmp_path, {"sets": sets, "camera": CAMERA}).sets
+    assert found[0].frames == (0, 1)
+    first, second, third = (one.handles[0].place.camera for one in found)
+    assert first is third
+    np.testing.assert_array_equal(second.view, np.eye(4))
 
 
 SINGULAR = [[1, 0, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
@@ -269,16 +256,14 @@ def path(tmp_path_factory):
 def faults_of(path):
     """What is said when a file is read, placed and moved, by whatever is refused of it."""
     try:
-        handles = read_handles(path).handles
+        handles = read_handles(path)
     except InputError as error:
         return [str(error).removeprefix(f"{path}: ")]
     faults = []
     for one in handles.sets:
         for surface in (CLIP, STILL):
             try:
-                drag = place_handles(
-                    one, surface, PlacementSettings(snap=100, allow_conflicts=True)
-                )
+                drag = place_handles(one, surface, snap=100, allow_conflicts=True)
                 frames = np.arange(drag.affected_frames.start, drag.affected_frames.stop)
                 positions = np.zeros((len(frames), len(drag.anchors), 3))
                 assert np.isfinite(drag.displacements(frames, positions)).all()
@@ -321,5 +306,5 @@ def test_other_texts_are_no_sentences():
 def test_the_whole_document_passes(tmp_path):
     """So that the mistakes are the mistakes."""
     first, second = read(tmp_path, WHOLE).sets
-    assert place_handles(first, CLIP, PlacementSettings(snap=100)).affected_frames == range(2, 10)
-    assert place_handles(second, CLIP, PlacementSettings()).full_strength == range(12)
+    assert place_handles(first, CLIP, snap=100).affected_frames == range(2, 10)
+    assert place_handles(second, CLIP).full_strength == range(12)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
-from cageik_cli.posing.handles.model import MoveBy, MoveTo, Pin, ScreenTo, Track
-from cageik_cli.posing.handles.schedule import BlendedMotion, HandleSchedule
+from cageik_cli.posing.handles.model import Motion, Track
+from cageik_cli.posing.handles.schedule import HandleSchedule, ScheduledAnchor
 from cageik_cli.util.errors import HandlesError
 from tests.posing.handles.test_model import FRAMES, POSITIONS, STANDING
 from tests.shapes import box
@@ -15,12 +15,11 @@ OFFSET = np.array([[1.0, -2.0, 0.5]])
 
 def drag_of(*motions, hold=range(20, 31), falloff=10):
     names = [f"h{k}" for k in range(len(motions))]
-    anchors = tuple(Anchor(name, point_at_vertex(box(), k)) for k, name in enumerate(names))
-    movers = tuple(
-        BlendedMotion((n,), (m,), np.ones(1)) for n, m in zip(names, motions, strict=True)
+    scheduled = tuple(
+        ScheduledAnchor(Anchor(name, point_at_vertex(box(), k)), (name,), (motion,), np.ones(1))
+        for k, (name, motion) in enumerate(zip(names, motions, strict=True))
     )
-    radii = np.full(len(motions), np.nan)
-    return HandleSchedule(anchors, movers, hold, range(50), radii, falloff)
+    return HandleSchedule(scheduled, hold, range(50), falloff)
 
 
 def test_the_blend_is_1_at_full_strength_and_0_outside():
@@ -72,7 +71,13 @@ def test_the_blend_is_half_in_the_middle():
 
 
 def test_targets_and_displacements_of_several():
-    drag = drag_of(MoveTo(Track(OFFSET)), MoveBy(Track(OFFSET)), Pin(), hold=range(4, 8), falloff=3)
+    drag = drag_of(
+        Motion("target", Track(OFFSET)),
+        Motion("offset", Track(OFFSET)),
+        Motion("pin"),
+        hold=range(4, 8),
+        falloff=3,
+    )
     positions = np.stack([POSITIONS, POSITIONS + 1, POSITIONS - 1], axis=1)
     targets = drag.targets(FRAMES, positions)
     np.testing.assert_array_equal(targets[:, 0], np.tile(OFFSET, (12, 1)))
@@ -87,7 +92,7 @@ def test_targets_and_displacements_of_several():
 
 
 def test_blocks_of_frames_are_parts_of_all():
-    drag = drag_of(MoveTo(Track(OFFSET)), Pin(), hold=range(4, 8), falloff=3)
+    drag = drag_of(Motion("target", Track(OFFSET)), Motion("pin"), hold=range(4, 8), falloff=3)
     positions = np.stack([POSITIONS, POSITIONS + 1], axis=1)
     blocks = [drag.displacements(FRAMES[k : k + 5], positions[k : k + 5]) for k in (0, 5, 10)]
     np.testing.assert_array_equal(np.concatenate(blocks), drag.displacements(FRAMES, positions))
@@ -95,8 +100,12 @@ def test_blocks_of_frames_are_parts_of_all():
 
 def test_motions_are_averaged_by_shares():
     other = np.array([[3.0, 0.0, 0.0]])
-    mover = BlendedMotion(
-        ("a", "b"), (MoveTo(Track(OFFSET)), MoveTo(Track(other))), np.array([0.25, 0.75])
+    anchor = Anchor("a + b", point_at_vertex(box(), 0))
+    mover = ScheduledAnchor(
+        anchor,
+        ("a", "b"),
+        (Motion("target", Track(OFFSET)), Motion("target", Track(other))),
+        np.array([0.25, 0.75]),
     )
     np.testing.assert_allclose(
         mover.targets(FRAMES, POSITIONS), np.tile(0.25 * OFFSET + 0.75 * other, (12, 1)), rtol=1e-15
@@ -104,7 +113,7 @@ def test_motions_are_averaged_by_shares():
 
 
 def test_a_point_behind_the_camera_is_named():
-    drag = drag_of(Pin(), ScreenTo(Track(np.array([[1.0, 2.0]])), STANDING))
+    drag = drag_of(Motion("pin"), Motion("screen.target", Track(np.array([[1.0, 2.0]])), STANDING))
     positions = np.stack([POSITIONS, POSITIONS], axis=1)
     positions[6, 1] += [2, 4, 18]
     with pytest.raises(
@@ -114,7 +123,7 @@ def test_a_point_behind_the_camera_is_named():
 
 
 def test_a_target_too_far_away_is_named():
-    motions = (Pin(), MoveBy(Track(np.array([[1e50, 0.0, 0.0]]))))
+    motions = (Motion("pin"), Motion("offset", Track(np.array([[1e50, 0.0, 0.0]]))))
     positions = np.zeros((12, 2, 3))
     assert np.isfinite(drag_of(*motions).targets(FRAMES, positions)).all()
     positions[9, 1] = 1e49

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from cageik_cli.posing.handles.json_document import MAX_BYTES
+from cageik_cli.posing.handles.schema import MAX_HANDLES_BYTES
 from cageik_cli.util.errors import HandlesError, SettingError
 from cageik_cli.workflows.view import server
 from cageik_cli.workflows.view.run import JobBoard
@@ -147,7 +147,7 @@ def test_other_methods_are_refused(client):
     assert client.ask("status", "POST", b"{}").status == 404
 
 
-@pytest.mark.parametrize("length", [MAX_BYTES + 1, 10**9, 10**30, "9" * 5000])
+@pytest.mark.parametrize("length", [MAX_HANDLES_BYTES + 1, 10**9, 10**30, "9" * 5000])
 def test_a_body_that_is_too_long_is_not_read(client, parsed, length):
     start = time.monotonic()
     answer = client.ask("apply", "POST", b"", Content_Length=str(length))
@@ -157,7 +157,7 @@ def test_a_body_that_is_too_long_is_not_read(client, parsed, length):
 
 
 def test_a_body_of_the_largest_size_is_read(client, parsed):
-    body = b" " * MAX_BYTES
+    body = b" " * MAX_HANDLES_BYTES
     assert client.ask("apply", "POST", body).status == 202
     assert parsed == [(body, 0)]
 
