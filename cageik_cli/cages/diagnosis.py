@@ -22,7 +22,7 @@ from cageik_cli.cages.quality import (
     find_weak_vertices,
 )
 from cageik_cli.cages.soundness import find_cage_faults
-from cageik_cli.coordinates.harmonic import MAX_FACES, harmonic_weights
+from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
 from cageik_cli.util.arrays import Floats
@@ -250,9 +250,9 @@ def _measure_influence(
 
 def _find_too_many_faces(cage: TriMesh) -> list[Finding]:
     count = len(cage.faces)
-    if count <= MAX_FACES:
+    if count <= MAX_HARMONIC_FACES:
         return []
-    message = f"the cage has {count} faces, at most {MAX_FACES} fit in memory"
+    message = f"the cage has {count} faces, at most {MAX_HARMONIC_FACES} fit in memory"
     remedy = "use a coarser cage"
     return [Finding("too-many-faces", "unfit", message, remedy, value=float(count))]
 

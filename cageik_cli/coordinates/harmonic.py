@@ -19,19 +19,18 @@ from numpy.typing import NDArray
 from cageik_cli.coordinates.bem.boundary_equation import (
     BoundarySolution,
     rounded_interior_weights,
+    single_layer,
     solve_boundary,
     split_points,
 )
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.bem.error_estimate import estimate_error
-from cageik_cli.coordinates.bem.panel_geometry import Panels
-from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, exponents
-from cageik_cli.coordinates.bem.potentials import FADE_FACTOR
+from cageik_cli.coordinates.bem.panel_geometry import LINEAR_TERMS, Panels, exponents
+from cageik_cli.coordinates.bem.potentials import FADE_FACTOR, compute_potentials
 from cageik_cli.coordinates.binding import Weights
 from cageik_cli.coordinates.settings import ACCURACIES, Accuracy
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import measure_distances, order_by_place
-from cageik_cli.geometry.surface import weights_on_surface
+from cageik_cli.geometry.surface import closest_points, weights_on_surface
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.progress import ignore_progress
@@ -40,23 +39,14 @@ from cageik_cli.util.threads import count_processors, limit_blas_threads
 MIN_PANELS = 60
 """Faces of cages with fewer panels are divided into four, which costs little."""
 
-MAX_FACES = 5000
+MAX_HARMONIC_FACES = 5000
 """Largest number of faces of a cage; its matrix then has (3 × 5000)² float32, 0.9 GB."""
 
 MAX_REFINEMENTS = 4
 """Largest number of times that the panels with the largest error are divided."""
 
-SAMPLE_SIZE = 128
+MAX_ERROR_SAMPLES = 128
 """Points at which the error is estimated."""
-
-REFINED_SHARE = 0.6
-"""Share of the estimated error that the divided panels have."""
-
-MAX_ROUNDING_GROWTH = 1e10
-"""Largest growth of rounding errors in higher terms, which need few digits."""
-
-NEEDLE_ORDER, NEEDLE_REACH = 3, 1.5
-"""Thin panels have densities of this degree where higher ones would not reach so many radii."""
 
 
 def harmonic_weights(
@@ -89,7 +79,7 @@ def harmonic_weights(
     Raises
     ------
     CageError
-        When the cage has more faces than `MAX_FACES`.
+        When the cage has more faces than `MAX_HARMONIC_FACES`.
     SettingError
         When the accuracy is unknown.
     NumericalError
@@ -119,9 +109,9 @@ def check_request(cage: TriMesh, accuracy: str) -> None:
     """Refuse an unknown accuracy, and a cage with too many faces; raises as `harmonic_weights`."""
     if accuracy not in ACCURACIES:
         raise SettingError(f"accuracy is {accuracy!r}, expected one of {', '.join(ACCURACIES)}")
-    if len(cage.faces) > MAX_FACES:
+    if len(cage.faces) > MAX_HARMONIC_FACES:
         raise CageError(
-            f"the cage has {len(cage.faces)} faces, at most {MAX_FACES} fit in memory; "
+            f"the cage has {len(cage.faces)} faces, at most {MAX_HARMONIC_FACES} fit in memory; "
             "use a coarser cage"
         )
 
@@ -133,7 +123,7 @@ def solve_to_tolerance(
 
     The points, (q, 3), are ordered by place.
     """
-    sample = points[:: -(-len(points) // SAMPLE_SIZE)]
+    sample = points[:: -(-len(points) // MAX_ERROR_SAMPLES)]
     mesh = BoundaryMesh.from_cage(cage)
     while len(mesh.panels.corners) < MIN_PANELS:
         mesh = mesh.divide(np.ones(len(mesh.panels.corners), bool))
@@ -157,10 +147,10 @@ def solve_to_tolerance(
     return best, error
 
 
-def _worst_panel_mask(shares: Floats) -> NDArray[np.bool_]:
-    """Return a mask of the fewest panels that have `REFINED_SHARE` of the error, (p,)."""
+def _worst_panel_mask(shares: Floats, refined_share: float = 0.6) -> NDArray[np.bool_]:
+    """Return a mask of the fewest panels that have `refined_share` of the error, (p,)."""
     order = np.argsort(-shares, kind="stable")
-    count = np.searchsorted(np.cumsum(shares[order]), REFINED_SHARE * shares.sum()) + 1
+    count = np.searchsorted(np.cumsum(shares[order]), refined_share * shares.sum()) + 1
     chosen = np.zeros(len(shares), bool)
     chosen[order[:count]] = True
     return chosen
@@ -186,7 +176,8 @@ def _choose_degrees(panels: Panels, order: int, radii: float) -> tuple[Integers,
     """Choose the degree of the density on each panel, up to `order`, and how far its terms reach.
 
     The recurrences of higher terms are unstable at distances from thin panels, the sooner the
-    higher their degree: where `order` does not reach `NEEDLE_REACH` radii, a lower one is used.
+    higher their degree: where `order` does not reach 1.5 radii, a lower one down to 3 is used.
+    Rounding errors grow by 1e10 at most, as higher terms need few digits.
 
     Returns
     -------
@@ -197,9 +188,88 @@ def _choose_degrees(panels: Panels, order: int, radii: float) -> tuple[Integers,
     degree = np.zeros(len(panels.corners), np.int64)
     reach = np.zeros(len(panels.corners))
     thickness = panels.altitudes.min(axis=0)
-    for lower in range(order, min(order, NEEDLE_ORDER) - 1, -1):
-        furthest = thickness * MAX_ROUNDING_GROWTH ** (0.5 / lower) / FADE_FACTOR
-        is_left = reach < min(radii, NEEDLE_REACH) * panels.radii
+    for lower in range(order, min(order, 3) - 1, -1):
+        furthest = thickness * 1e10 ** (0.5 / lower) / FADE_FACTOR
+        is_left = reach < min(radii, 1.5) * panels.radii
         degree[is_left] = lower
         reach[is_left] = np.minimum(radii * panels.radii, furthest)[is_left]
     return degree, reach
+
+
+def estimate_error(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats]:
+    """Estimate the mean row L1 error over `sample`, (s, 3), and each panel's share in it, (p,).
+
+    Away from the cage, the terms of the highest degree relative to those one lower give a ratio;
+    the missing degrees are estimated by a geometric series with this ratio. Near the cage, the
+    error is the residual of the equations at the closest point. The larger estimate counts.
+    """
+    mesh = boundary.mesh
+    degree, highest, panel = mesh.unknown_degrees
+    terms = {
+        (order, power): np.flatnonzero((degree == power) & (highest == order))
+        for order in np.unique(highest)
+        for power in (order - 1, order)
+    }
+    sizes = dict.fromkeys(terms, 0.0)
+    term_sums = np.zeros(mesh.unknowns)
+    for block in split_points(mesh, len(sample)):
+        potentials = _compute_all_potentials(mesh, sample[block])
+        term_sums += np.abs(potentials).sum(axis=1)
+        for key, rows in terms.items():
+            contributions = boundary.densities[rows].T @ potentials[rows]
+            sizes[key] += np.abs(contributions).sum() / (4 * np.pi * len(sample))
+    series = 0.0
+    for order in np.unique(highest):
+        last, before = sizes[order, order], sizes[order, order - 1]
+        if before > 0:
+            # Densities have logarithms at edges, and the series must have a useful sum.
+            ratio = np.clip(last / before, 0.3, 0.8)
+            # The error of linear densities is 0.08 to 0.16 of their linear terms on real cages.
+            series += last * (0.1 if order == 1 else ratio / (1 - ratio))
+    error = max(series, float(_residual_near_cage(boundary, sample).mean()))
+    term_sums *= np.abs(boundary.densities).sum(axis=1)
+    return error, np.bincount(panel, term_sums * (degree == highest)).astype(np.float64)
+
+
+def _compute_all_potentials(mesh: BoundaryMesh, points: Floats) -> Floats:
+    """Return ∫ ψ/r of all terms, (u, q); 0 for those that have faded out."""
+    potentials = compute_potentials(mesh, points, is_inside=True)
+    all_terms = np.zeros((mesh.unknowns, len(points)))
+    all_terms[: mesh.linear_unknowns] = potentials.linear
+    higher = all_terms[mesh.linear_unknowns :].reshape(
+        mesh.extra_terms, len(mesh.high_panels), len(points)
+    )
+    higher[:, potentials.near_panels] = potentials.higher
+    return all_terms
+
+
+def _residual_near_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
+    """Return the row L1 errors, (s,), at points inside due to the residual on the cage.
+
+    The computed weights are harmonic, and their error on the cage is (2π φ − D − ∫ q/r) / 4π. It
+    changes its sign from node to node of a panel, and so decays over the distance of nodes.
+    """
+    mesh = boundary.mesh
+    panels = mesh.panels
+    nearest = closest_points(TriMesh(panels.vertices, panels.corners), sample)
+    # Off the edges, by a thousandth of the way to the centroid.
+    on_cage = nearest.position + 1e-3 * (panels.centroids[nearest.face] - nearest.position)
+    on_panels = closest_points(nearest.mesh, on_cage)
+    barycentric = on_panels.barycentric_coordinates(np.ones(len(on_cage), bool))
+    hats = mesh.hats.evaluate(panels.corners[on_panels.face], barycentric)
+    residual = np.concatenate(
+        [
+            np.abs(2 * np.pi * hats[block] - _surface_values(boundary, on_cage[block]).T).sum(
+                axis=1
+            )
+            for block in split_points(mesh, len(on_cage))
+        ]
+    )
+    waves = (mesh.panel_degrees[nearest.face] + 1) / panels.radii[nearest.face]
+    return np.asarray(residual / (4 * np.pi) * np.exp(-np.pi * waves * nearest.distance))
+
+
+def _surface_values(boundary: BoundarySolution, points: Floats) -> Floats:
+    """Return D + ∫ q/r of every weight at points in faces, (n, q): 2π φ plus the error."""
+    potentials = compute_potentials(boundary.mesh, points, is_inside=False)
+    return single_layer(boundary.mesh, boundary.densities, potentials) + potentials.double

@@ -23,9 +23,6 @@ from cageik_cli.util.errors import CageError
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
-POINTS_PER_BLOCK = 4096
-"""Points on the cage whose gradients are computed together."""
-
 
 @dataclass(frozen=True, eq=False)
 class HarmonicField:
@@ -147,8 +144,9 @@ class HarmonicField:
         nearest = self._locate(points)
         gradients = np.empty((len(points), len(self.cage.vertices), 3))
         on_cage = np.flatnonzero(nearest.is_touching)
-        for start in range(0, len(on_cage), POINTS_PER_BLOCK):
-            chosen = on_cage[start : start + POINTS_PER_BLOCK]
+        size = 4096  # points on the cage whose gradients are computed together
+        for start in range(0, len(on_cage), size):
+            chosen = on_cage[start : start + size]
             gradients[chosen] = self._gradient_on_cage(nearest, chosen).transpose(2, 1, 0)
 
         def fill(chosen: Integers, unit_points: Floats) -> None:

@@ -46,19 +46,16 @@ from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
-MAX_BLOCK_ENTRIES = 2**15
+MAX_RAY_ENTRIES = 2**15
 """Faces times points evaluated together; they fit in the processor's cache."""
 
-EDGE_ON_RATIO = 0.03
+MAX_EDGE_ON_RATIO = 0.03
 """Ratio of |h| to p's distance beyond a side below which V is computed from J."""
 
 MAX_SERIES_SQUARE = 0.02
 """Squared tangent z² below which `_SERIES` gives arctan z / z to the last bit."""
 
 _SERIES = [(-1) ** k / (2 * k + 1) for k in range(9)]
-
-_MIN_DISTANCE = 1e-200
-"""Replaces a distance of 0 from an edge's line, so that θ/d has its limit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,7 +160,7 @@ def mean_value_weights(
     origin = cage.vertices.mean(axis=0)
     mesh = TriMesh((cage.vertices - origin) / cage.diagonal, cage.faces)
     points = (points - origin) / cage.diagonal
-    faces, size = _Faces.from_mesh(mesh), max(1, MAX_BLOCK_ENTRIES // len(mesh.faces))
+    faces, size = _Faces.from_mesh(mesh), max(1, MAX_RAY_ENTRIES // len(mesh.faces))
 
     def fill(start: int) -> int:
         chosen = within[start : start + size]
@@ -204,7 +201,7 @@ def _edge_integrals(faces: _Faces, height: Floats, side: Floats, products: Float
     face, k = np.divmod(faces.edges.first_side, 3)
     squares = side[k, face] ** 2
     squares += height[face] ** 2
-    distance = np.maximum(np.sqrt(squares), _MIN_DISTANCE)
+    distance = np.maximum(np.sqrt(squares), 1e-200)  # on an edge's line θ/d has its limit
     return np.asarray(
         np.arctan2(distance * faces.edge_lengths[:, None], squares + products) / distance
     )
@@ -216,7 +213,7 @@ def _set_edge_on_totals(
     """Set V, (f, q), of faces seen nearly edge-on; `products` is s_a s_b of the edges, (e, q)."""
     points = height.shape[1]
     beyond = -np.minimum(np.minimum(side[0], side[1]), side[2])
-    flat = np.flatnonzero(np.abs(height) < EDGE_ON_RATIO * beyond)
+    flat = np.flatnonzero(np.abs(height) < MAX_EDGE_ON_RATIO * beyond)
     face, point = np.divmod(flat, points)
     edge = faces.edges.side_edges[face].T
     height = height.reshape(-1)[flat]

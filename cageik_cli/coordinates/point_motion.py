@@ -18,10 +18,10 @@ from cageik_cli.util.arrays import Floats, allocate_floats
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.progress import ignore_progress
 
-POINTS_PER_BLOCK = 4096
+MAX_MOVED_POINTS = 4096
 """Points that are moved together; constant, because last digits depend on it."""
 
-GRADIENT_BYTES = 1 << 26
+MAX_GRADIENT_BYTES = 1 << 26
 """Bytes of gradients that are computed together: neighbours among them share near panels."""
 
 
@@ -82,8 +82,8 @@ class PointMotion:
         self._oriented = oriented
         count, n = binding.weights.shape
         self._blocks = [
-            slice(start, min(start + POINTS_PER_BLOCK, count))
-            for start in range(0, count, POINTS_PER_BLOCK)
+            slice(start, min(start + MAX_MOVED_POINTS, count))
+            for start in range(0, count, MAX_MOVED_POINTS)
         ]
         self._stored = allocate_floats(4 * n * count, memory)
         self._cage_count = n
@@ -121,7 +121,7 @@ class PointMotion:
     def _fill(self, binding: Binding, jobs: int, progress: Callable[[int, int], None]) -> None:
         points = _find_places(binding)
         field = HarmonicField.solve(binding.cage, points, binding.settings.accuracy, jobs)
-        together = max(1, GRADIENT_BYTES // (24 * self._cage_count * POINTS_PER_BLOCK))
+        together = max(1, MAX_GRADIENT_BYTES // (24 * self._cage_count * MAX_MOVED_POINTS))
         for first in range(0, len(self._blocks), together):
             group = self._blocks[first : first + together]
             start, stop = group[0].start, group[-1].stop

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.cages.soundness import find_cage_faults
-from cageik_cli.coordinates.harmonic import MAX_FACES
+from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.sequence import MeshSequence
@@ -191,8 +191,11 @@ def _bounds_row(mesh: TriMesh) -> tuple[str, str]:
 
 
 def _cage_row(mesh: TriMesh) -> tuple[str, str]:
-    if len(mesh.faces) > MAX_FACES:  # tests of so many, for nothing, could take gigabytes
-        return "as a cage", f"unfit: it has {len(mesh.faces)} faces, at most {MAX_FACES} are used"
+    if len(mesh.faces) > MAX_HARMONIC_FACES:  # tests of so many, for nothing, could take gigabytes
+        return (
+            "as a cage",
+            f"unfit: it has {len(mesh.faces)} faces, at most {MAX_HARMONIC_FACES} are used",
+        )
     findings = find_cage_faults(mesh)
     unfit = [finding.sentence for finding in findings if finding.severity == "unfit"]
     if not unfit:

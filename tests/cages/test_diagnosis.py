@@ -178,7 +178,7 @@ def test_swapped_cage_and_model_are_suspected():
 
 
 def test_too_many_faces_are_unfit(monkeypatch):
-    monkeypatch.setattr(module, "MAX_FACES", 11)
+    monkeypatch.setattr(module, "MAX_HARMONIC_FACES", 11)
     found = diagnose(box(), ball(1, 0.5))
     assert kinds(found) == [("unfit", "too-many-faces")]
     assert found.findings[0].message == "the cage has 12 faces, at most 11 fit in memory"

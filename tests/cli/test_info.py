@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.harmonic import MAX_FACES
+from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.workflows import info
 
 
@@ -140,11 +140,13 @@ def test_another_mesh_is_told_why_it_is_no_cage(run, fixtures_folder, case, says
 
 def test_a_mesh_too_large_for_a_cage_is_not_tested_as_one(run, folder, monkeypatch):
     """Copies of one face would have taken gigabytes and minutes."""
-    count = MAX_FACES + 1
+    count = MAX_HARMONIC_FACES + 1
     Path("a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * count)
     monkeypatch.setattr(info, "find_cage_faults", None)
     _, rows = rows_of(run("info", "a.obj"))
-    assert rows["as a cage"] == f"unfit: it has {count} faces, at most {MAX_FACES} are used"
+    assert (
+        rows["as a cage"] == f"unfit: it has {count} faces, at most {MAX_HARMONIC_FACES} are used"
+    )
 
 
 def test_polygons_are_noted(run, fixtures_folder):

@@ -315,7 +315,7 @@ def test_near_edges_the_estimate_is_the_residual_of_the_equations(depth):
 
 def test_panels_far_from_the_sample_do_not_change_the_estimate(monkeypatch):
     """One point is near panels of higher order; the points of the sample are far from them."""
-    monkeypatch.setattr(harmonic, "SAMPLE_SIZE", 1)
+    monkeypatch.setattr(harmonic, "MAX_ERROR_SAMPLES", 1)
     monkeypatch.setattr(harmonic, "MIN_PANELS", 192)
     points = np.concatenate([np.zeros((20, 3)), [[0.95, 0.95, 0.95]]])
     found = harmonic_weights(box(), points)
@@ -339,7 +339,7 @@ def test_an_unknown_accuracy_is_refused():
 
 
 def test_a_cage_with_too_many_faces_is_refused(monkeypatch):
-    monkeypatch.setattr(harmonic, "MAX_FACES", 11)
+    monkeypatch.setattr(harmonic, "MAX_HARMONIC_FACES", 11)
     with pytest.raises(CageError, match="12 faces, at most 11"):
         harmonic_weights(box(), np.zeros((1, 3)))
 

@@ -162,6 +162,6 @@ def test_points_outside_are_refused():
 def test_unknown_accuracy_and_too_many_faces_are_refused(monkeypatch):
     with pytest.raises(SettingError, match="accuracy is 'best'"):
         HarmonicField.solve(box(), np.full((1, 3), 0.5), "best")
-    monkeypatch.setattr("cageik_cli.coordinates.harmonic.MAX_FACES", 5)
+    monkeypatch.setattr("cageik_cli.coordinates.harmonic.MAX_HARMONIC_FACES", 5)
     with pytest.raises(CageError, match="12 faces, at most 5"):
         HarmonicField.solve(box(), np.full((1, 3), 0.5))

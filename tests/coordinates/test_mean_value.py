@@ -241,7 +241,7 @@ def test_weights_next_to_a_plane_are_linear_in_the_distance(height):
 def test_both_formulas_of_the_total_of_a_face_agree(monkeypatch, flat):
     cage, points = ball(1, 1.0), inside(ball(1, 1.0), 300)
     expected = mean_value_weights(cage, points).values
-    monkeypatch.setattr(mean_value, "EDGE_ON_RATIO", flat)
+    monkeypatch.setattr(mean_value, "MAX_EDGE_ON_RATIO", flat)
     np.testing.assert_allclose(
         mean_value_weights(cage, points).values, expected, rtol=0, atol=2e-14
     )
@@ -272,7 +272,7 @@ def test_a_mirrored_point_has_mirrored_weights():
 
 
 def test_weights_do_not_depend_on_jobs_and_progress_is_reported(monkeypatch):
-    monkeypatch.setattr(mean_value, "MAX_BLOCK_ENTRIES", 100)
+    monkeypatch.setattr(mean_value, "MAX_RAY_ENTRIES", 100)
     points = inside(concave(), 300, margin=0.01)
     calls = []
     one = mean_value_weights(concave(), points, 1, lambda *done: calls.append(done)).values

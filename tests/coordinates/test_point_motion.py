@@ -38,8 +38,8 @@ def binding(points):
 
 @pytest.fixture
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(point_motion, "POINTS_PER_BLOCK", 700)
-    monkeypatch.setattr(point_motion, "GRADIENT_BYTES", 2 * 24 * 18 * 700)
+    monkeypatch.setattr(point_motion, "MAX_MOVED_POINTS", 700)
+    monkeypatch.setattr(point_motion, "MAX_GRADIENT_BYTES", 2 * 24 * 18 * 700)
 
 
 def move(motion, points, cage):

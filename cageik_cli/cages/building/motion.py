@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cageik_cli.coordinates.harmonic import MAX_FACES, harmonic_weights
+from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import choose_farthest
 from cageik_cli.geometry.shape import uniform_laplacian
@@ -203,7 +203,7 @@ def _choose_splits(cage: TriMesh, points: Floats, squares: Floats, split_share: 
         for edge in sides:
             beside[edge].append(number)
     # Each split adds two faces, and weights are computed of no more than so many.
-    most = min(int(split_share * len(cage.vertices)), (MAX_FACES - len(cage.faces)) // 2)
+    most = min(int(split_share * len(cage.vertices)), (MAX_HARMONIC_FACES - len(cage.faces)) // 2)
     for edge in np.argsort(-score, kind="stable").tolist():
         if len(chosen) < most and is_free[beside[edge]].all():
             is_free[beside[edge]] = False

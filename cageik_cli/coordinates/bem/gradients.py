@@ -30,6 +30,7 @@ from cageik_cli.coordinates.bem.boundary_equation import BoundarySolution
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.bem.higher_gradients import HigherGradients
 from cageik_cli.coordinates.bem.higher_terms import higher_moments
+from cageik_cli.coordinates.bem.panel_geometry import LINEAR_TERMS
 from cageik_cli.coordinates.bem.panels import (
     PanelView,
     close_solid_angles,
@@ -37,7 +38,6 @@ from cageik_cli.coordinates.bem.panels import (
     linear_moments,
     panel_view,
 )
-from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS
 from cageik_cli.coordinates.bem.potentials import (
     FADE_FACTOR,
     compute_strength,
@@ -45,9 +45,6 @@ from cageik_cli.coordinates.bem.potentials import (
     thread_workspace,
 )
 from cageik_cli.util.arrays import Floats, Integers, Workspace
-
-CORNER_VALUES = np.array([[1.0, 1.0, 1.0], [2.0, -1.0, -1.0], [-1.0, 2.0, -1.0]]) / [[1], [3], [3]]
-"""Values of 1, x and y at the corners of a panel, (3, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +170,9 @@ class WeightGradients:
     def _values_on_side(self, term: int, k: int) -> tuple[Floats, Floats]:
         """Return 1, x or y at the first end of the edge at sides k, and its slope on it, (p,)."""
         panels = self.boundary.mesh.panels
-        ends = CORNER_VALUES[term, [(k + 1) % 3, (k + 2) % 3]]
+        corner_values = np.array([[1.0, 1.0, 1.0], [2.0, -1.0, -1.0], [-1.0, 2.0, -1.0]])
+        corner_values /= [[1], [3], [3]]
+        ends = corner_values[term, [(k + 1) % 3, (k + 2) % 3]]
         is_along = panels.edge_signs[:, k] > 0
         first, last = np.where(is_along, ends[0], ends[1]), np.where(is_along, ends[1], ends[0])
         return first, (last - first) / panels.edge_lengths[panels.edges.side_edges[:, k]]

@@ -18,15 +18,15 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.bem.panel_geometry import Panels
-from cageik_cli.coordinates.bem.panels import PanelView
-from cageik_cli.coordinates.bem.polynomials import (
+from cageik_cli.coordinates.bem.panel_geometry import (
     LINEAR_TERMS,
+    Panels,
     edge_coefficients,
     exponents,
     exponents_at_degree,
     orthogonal_basis,
 )
+from cageik_cli.coordinates.bem.panels import PanelView
 from cageik_cli.util.arrays import Floats, Integers, Workspace
 
 

@@ -77,7 +77,7 @@ def test_a_split_gains_what_a_new_vertex_gains(bent):
 
 def test_no_more_splits_are_measured_than_weights_can_be_computed_of(bent, monkeypatch):
     cage, motion = bent
-    monkeypatch.setattr(motion_module, "MAX_FACES", len(cage.faces) + 5)
+    monkeypatch.setattr(motion_module, "MAX_HARMONIC_FACES", len(cage.faces) + 5)
     edits = measure_edits(cage, motion, measure_edits(cage, motion).squares)
     assert len(edits.splits) == 2
 

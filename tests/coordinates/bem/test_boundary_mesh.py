@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.bem.polynomials import exponents
+from cageik_cli.coordinates.bem.panel_geometry import exponents
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import concave
 

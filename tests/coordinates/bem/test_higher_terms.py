@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.coordinates.bem.higher_terms import HigherTerms, higher_moments
+from cageik_cli.coordinates.bem.panel_geometry import LINEAR_TERMS, monomials, orthogonal_basis
 from cageik_cli.coordinates.bem.panels import linear_moments, panel_view
-from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, monomials, orthogonal_basis
 from cageik_cli.util.arrays import Workspace
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.bem.panel_geometry import Panels
+from cageik_cli.coordinates.bem.panel_geometry import Panels, monomials
 from cageik_cli.coordinates.bem.panels import (
     MAX_SERIES_TANGENT,
     _arctan2,
@@ -11,7 +11,6 @@ from cageik_cli.coordinates.bem.panels import (
     panel_view,
     set_principal_values,
 )
-from cageik_cli.coordinates.bem.polynomials import monomials
 from cageik_cli.util.arrays import Workspace
 from tests.shapes import ball, box, concave, inside
 

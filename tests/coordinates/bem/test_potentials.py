@@ -7,13 +7,13 @@ import pytest
 
 from cageik_cli.coordinates.bem import potentials as module
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.bem.panel_geometry import LINEAR_TERMS, monomials, orthogonal_basis
 from cageik_cli.coordinates.bem.panels import (
     CLOSED_ANGLE_TOL,
     EDGE_ON_TOL,
     MIN_GAP_RATIO,
     NEAR_EDGE_RATIO,
 )
-from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, monomials, orthogonal_basis
 from cageik_cli.coordinates.bem.potentials import FADE_FACTOR, compute_potentials
 from cageik_cli.util import compiled
 from tests.shapes import ball, box, concave, inside
