@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.report.limits import Baseline
-from cageik_cli.report.record import SCHEMA_VERSION
+from cageik_cli.report.record import REPORT_SCHEMA
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.json_files import JsonFormat, format_value, read_json
 
-MAX_BYTES = 256 << 20
+MAX_BASELINE_BYTES = 256 << 20
 """Largest file that is read."""
 
 SUMMARY_FIELDS = {
@@ -23,11 +23,11 @@ SUMMARY_FIELDS = {
 """The metrics that are compared, and the summary's fields that hold them in percent."""
 
 LENGTH_SPELLINGS = {
-    "rms": ("max-rms", "max_rms", "rms"),
-    "frame_rms": ("max-frame-rms", "max_frame_rms", "frame_rms", "worst_frame_rms"),
-    "max_deviation": ("max-deviation", "max_deviation"),
+    "rms": ("max_rms", "max-rms", "rms"),
+    "frame_rms": ("max_frame_rms", "max-frame-rms", "frame_rms", "worst_frame_rms"),
+    "max_deviation": ("max_deviation", "max-deviation"),
 }
-"""How limits of lengths are written by hand: as the option first."""
+"""How limits of lengths are written by hand: as the parameter first."""
 
 _TYPE_NAMES: dict[type, str] = {dict: "an object", list: "a list", str: "a string"}
 
@@ -70,7 +70,7 @@ def read_baseline(path: Path, max_regression: Decimal) -> Baseline:
 
 
 def _read_report(path: Path) -> Any:
-    return read_json(path, JsonFormat("the JSON of an earlier report", MAX_BYTES))
+    return read_json(path, JsonFormat("the JSON of an earlier report", MAX_BASELINE_BYTES))
 
 
 def _iterate_results(document: Any) -> Iterator[tuple[str, dict[str, float | None]]]:
@@ -95,10 +95,10 @@ def _check_units(held: dict[str, Any]) -> None:
     for metric, spellings in LENGTH_SPELLINGS.items():
         bare = [key for key in spellings if _parse_finite(held.get(key)) is not None]
         if bare and SUMMARY_FIELDS[metric] not in held:
-            value = format_value(held[bare[0]])
+            value, option = format_value(held[bare[0]]), spellings[0]
             raise SettingError(
                 f"{bare[0]!r} is {value}, which has no unit; write {SUMMARY_FIELDS[metric]}, in "
-                f"percent, or give --{spellings[0]} {value}% or --{spellings[0]} {value}units"
+                f"percent, or give `{option}={value}%` or `{option}={value}units`"
             )
 
 
@@ -109,9 +109,9 @@ def _parse_record(record: dict[str, Any]) -> tuple[str, dict[str, float | None]]
 
 def _check_schema(record: dict[str, Any]) -> None:
     schema = record.get("schema")
-    if schema != SCHEMA_VERSION or isinstance(schema, bool):
+    if schema != REPORT_SCHEMA or isinstance(schema, bool):
         raise FormatError(
-            f"schema is {format_value(schema)}, expected {SCHEMA_VERSION}; name the JSON of "
+            f"schema is {format_value(schema)}, expected {REPORT_SCHEMA}; name the JSON of "
             "cageik report or cageik batch, written by this version"
         )
 

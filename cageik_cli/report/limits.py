@@ -14,7 +14,7 @@ from cageik_cli.report.figures import ReportSummary, format_length, format_perce
 METRICS = ("rms", "frame_rms", "max_deviation", "volume_change")
 """The rms of the clip and of its worst frame, the largest deviation and volume change."""
 
-PERCENT, UNITS = "%", "units"
+PERCENT, FILE_UNITS = "%", "units"
 
 MAX_USUAL_PERCENT = 5
 """A limit in units that is more percent of the diagonal was probably meant in percent."""
@@ -31,7 +31,7 @@ class Limit:
     value : Decimal
         As the user typed it.
     unit : str
-        `PERCENT`, of the diagonal or of the volume, or `UNITS` of the file.
+        `PERCENT`, of the diagonal or of the volume, or `FILE_UNITS` of the file.
     """
 
     metric: str
@@ -195,7 +195,7 @@ def list_limit_notes(limits: Limits, diagonal: float) -> tuple[str, ...]:
         f"{100 * float(limit.value) / diagonal:.4g} % of the diagonal, more than "
         f"{MAX_USUAL_PERCENT} %; if percent is meant, give {limit.value:.10g}%"
         for limit in limits.limits
-        if limit.unit == UNITS and 100 * float(limit.value) > MAX_USUAL_PERCENT * diagonal
+        if limit.unit == FILE_UNITS and 100 * float(limit.value) > MAX_USUAL_PERCENT * diagonal
     )
 
 
@@ -230,11 +230,11 @@ def _round_as_printed(summary: ReportSummary, metric: str, unit: str) -> Decimal
     change = summary.volume_change_percent_max
     value = {
         ("rms", PERCENT): summary.rms_percent,
-        ("rms", UNITS): summary.rms,
+        ("rms", FILE_UNITS): summary.rms,
         ("frame_rms", PERCENT): summary.worst_frame_rms_percent,
-        ("frame_rms", UNITS): summary.worst_frame_rms,
+        ("frame_rms", FILE_UNITS): summary.worst_frame_rms,
         ("max_deviation", PERCENT): summary.max_deviation_percent,
-        ("max_deviation", UNITS): summary.max_deviation,
+        ("max_deviation", FILE_UNITS): summary.max_deviation,
         ("volume_change", PERCENT): None if change is None else abs(change),
     }[metric, unit]
     if value is None:

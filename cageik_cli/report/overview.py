@@ -8,7 +8,7 @@ import numpy as np
 from cageik_cli import __version__
 from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.limits import LimitCheck
-from cageik_cli.report.record import SCHEMA_VERSION, Report
+from cageik_cli.report.record import REPORT_SCHEMA, Report
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 
 
@@ -126,7 +126,7 @@ def _severity_key(entry: ClipEntry) -> tuple[bool, bool, float]:
 
 def build_overview(entries: Sequence[ClipEntry]) -> Overview:
     """Build the record of these clips, in this order."""
-    return Overview(SCHEMA_VERSION, {"name": "cageik", "version": __version__}, tuple(entries))
+    return Overview(REPORT_SCHEMA, {"name": "cageik", "version": __version__}, tuple(entries))
 
 
 def build_clip_entry(

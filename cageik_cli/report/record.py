@@ -31,7 +31,8 @@ from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import to_unicode
 
-SCHEMA_VERSION = 1
+REPORT_SCHEMA = 1
+"""Version of the JSON of a report and of a batch; it changes when a field does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +90,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
     frames = _build_frames(result)
     summary = _build_summary(result, frames, radius)
     return Report(
-        schema=SCHEMA_VERSION,
+        schema=REPORT_SCHEMA,
         tool={"name": "cageik", "version": result.version},
         result=result_name,
         edited_from=result.edited_from,

@@ -137,10 +137,10 @@ def test_any_other_content_is_an_error_that_says_where(old, content, says):
 
 def test_a_file_that_is_too_large_is_not_read(old, monkeypatch):
     old.write_text(json.dumps(record()))
-    monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size)
+    monkeypatch.setattr(baseline, "MAX_BASELINE_BYTES", old.stat().st_size)
     assert read_baseline(old, TEN).metrics
-    monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size - 1)
-    with pytest.raises(FileAccessError, match=rf"old\.json: .*{baseline.MAX_BYTES} bytes"):
+    monkeypatch.setattr(baseline, "MAX_BASELINE_BYTES", old.stat().st_size - 1)
+    with pytest.raises(FileAccessError, match=rf"old\.json: .*{baseline.MAX_BASELINE_BYTES} bytes"):
         read_baseline(old, TEN)
 
 

@@ -10,8 +10,8 @@ import pytest
 from cageik_cli.report import limits as gates
 from cageik_cli.report.figures import ReportSummary, format_length, format_percent
 from cageik_cli.report.limits import (
+    FILE_UNITS,
     PERCENT,
-    UNITS,
     Baseline,
     Limit,
     Limits,
@@ -25,11 +25,11 @@ from tests.report.clips import summary
 
 FIELDS = {
     ("rms", PERCENT): "rms_percent",
-    ("rms", UNITS): "rms",
+    ("rms", FILE_UNITS): "rms",
     ("frame_rms", PERCENT): "worst_frame_rms_percent",
-    ("frame_rms", UNITS): "worst_frame_rms",
+    ("frame_rms", FILE_UNITS): "worst_frame_rms",
     ("max_deviation", PERCENT): "max_deviation_percent",
-    ("max_deviation", UNITS): "max_deviation",
+    ("max_deviation", FILE_UNITS): "max_deviation",
     ("volume_change", PERCENT): "volume_change_percent_max",
 }
 FRAMES = {"rms": "f_7.obj", "frame_rms": "f_7.obj", "max_deviation": "f_8.obj",
@@ -84,7 +84,7 @@ def test_lines_name_metric_value_limit_and_frame():
     assert format_check_row(check_one(summary(0.25), "rms", "0.5"), EXTRACTION_VOCABULARY) == (
         "within limit", "rms 0.2500 %, limit 0.5 %, worst frame f_7.obj",
     )  # fmt: skip
-    over = check_one(summary(), "max_deviation", "0.0199", UNITS)
+    over = check_one(summary(), "max_deviation", "0.0199", FILE_UNITS)
     assert format_check_row(over, EXTRACTION_VOCABULARY) == (
         "over limit", "max deviation 0.02 units, limit 0.0199 units, at f_8.obj",
     )  # fmt: skip
@@ -182,7 +182,7 @@ def test_a_volume_that_only_one_run_has_is_not_checked():
 def test_typed_limits_come_first(closed):
     figures = build_report(closed.result).summary
     limits = Limits(
-        (Limit("rms", Decimal(format_length(figures.rms)), UNITS),),
+        (Limit("rms", Decimal(format_length(figures.rms)), FILE_UNITS),),
         baseline({"other": percent_metrics(figures)}, "0"),
     )
     report = build_report(closed.result, limits)

@@ -55,11 +55,11 @@ class LimitOptions:
             When the baseline cannot be read, or is not one.
         """
         from cageik_cli.report.baseline import read_baseline
-        from cageik_cli.report.limits import METRICS, PERCENT, UNITS, Limit, Limits
+        from cageik_cli.report.limits import FILE_UNITS, METRICS, PERCENT, Limit, Limits
 
         values = (self.max_rms, self.max_frame_rms, self.max_deviation, self.max_volume_change)
         limits = tuple(
-            Limit(metric, most.value, PERCENT if most.is_percent else UNITS)
+            Limit(metric, most.value, PERCENT if most.is_percent else FILE_UNITS)
             for metric, most in zip(METRICS, values, strict=True)
             if most is not None
         )

@@ -74,9 +74,6 @@ SECTIONS = (
     ("definitions", "Definitions"),
 )
 
-MIN_FIXED_POINT_PERCENT = 0.01
-"""Percent: a histogram that ends lower is printed with more digits than other percentages."""
-
 
 def render_page(
     report: Report,
@@ -261,9 +258,8 @@ def _build_plot_values(report: Report) -> dict[str, Any]:
 
 def _build_histogram_values(vertices: VertexMetrics) -> dict[str, Any]:
     max_count = max(vertices.counts)
-    format_edge = (
-        format_percent if vertices.edges_percent[-1] >= MIN_FIXED_POINT_PERCENT else format_length
-    )
+    # A histogram that ends low is printed with more digits than other percentages.
+    format_edge = format_percent if vertices.edges_percent[-1] >= 0.01 else format_length
     edges = [format_edge(edge) for edge in vertices.edges_percent]
     bars = [
         {

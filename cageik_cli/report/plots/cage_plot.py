@@ -15,8 +15,8 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.check_marks import FaultMark
 from cageik_cli.report.plots.placement import place_names
 from cageik_cli.report.plots.style import (
-    COLOURS,
     PANEL_SIDE,
+    PLOT_COLOURS,
     make_drawable,
     measure_text_width,
     use_fixed_style,
@@ -42,7 +42,7 @@ def render_check_png(
 ) -> bytes:
     """Render a cage and its model from the front and from behind; each panel is `pixels` wide."""
     rows = [(f"{mark.number}", mark.text, mark.colour) for mark in marks]
-    rows = rows or [("", "no fault that has a place", COLOURS["ink"])]
+    rows = rows or [("", "no fault that has a place", PLOT_COLOURS["ink"])]
     turns = (VIEW_TURN, VIEW_TURN + 180)
     per_point, width = pixels / PANEL_SIDE, PANEL_SIDE * len(turns)
     height = PANEL_SIDE + 2 * LIST_MARGIN + LIST_ROW_HEIGHT * len(rows)

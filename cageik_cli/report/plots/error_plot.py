@@ -18,7 +18,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from cageik_cli.report.figures import ClipRecord, format_percent
 from cageik_cli.report.plots.placement import Box, place_limit_labels
 from cageik_cli.report.plots.series import Series, build_series
-from cageik_cli.report.plots.style import COLOURS, make_drawable, use_fixed_style
+from cageik_cli.report.plots.style import PLOT_COLOURS, make_drawable, use_fixed_style
 from cageik_cli.report.record import Report
 from cageik_cli.report.render.shading import MIN_SCALE_PERCENT
 from cageik_cli.util.arrays import Floats, Integers
@@ -119,7 +119,7 @@ def _draw_gaps(axes: Axes, values: Floats, clip: ClipRecord) -> None:
             [(clip.frame_number(run[0] - 0.5), len(run) * clip.frame_step) for run in runs],
             (0, 1),
             transform=axes.get_xaxis_transform(),
-            color=COLOURS["gap"],
+            color=PLOT_COLOURS["gap"],
             linewidth=0,
             label="skipped",
             zorder=0,
@@ -201,7 +201,7 @@ def _draw_worst_frame(axes: Axes, series: Series, report: Report) -> Box:
         "o",
         markersize=7.5,
         markerfacecolor="none",
-        markeredgecolor=COLOURS["ink"],
+        markeredgecolor=PLOT_COLOURS["ink"],
         gid="worst",
     )
     axes.annotate(
@@ -214,7 +214,7 @@ def _draw_worst_frame(axes: Axes, series: Series, report: Report) -> Box:
         fontsize=8.5,
         arrowprops={
             "arrowstyle": "-",
-            "color": COLOURS["muted"],
+            "color": PLOT_COLOURS["muted"],
             "linewidth": 0.7,
             "shrinkB": 4,
             "relpos": (column / 2, 0),
@@ -262,7 +262,7 @@ def _draw_legend(figure: Figure, curves: Sequence[tuple[Axes, Series]]) -> None:
     if undrawn:
         text = "limits without a line: " + "; ".join(undrawn)
         text = textwrap.shorten(text, 100, placeholder=" …")
-        colour = COLOURS["muted"]
+        colour = PLOT_COLOURS["muted"]
         figure.text(left, top + 0.015, text, fontsize=7.5, color=colour, gid="not-drawn")
 
 

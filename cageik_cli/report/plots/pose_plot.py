@@ -20,8 +20,8 @@ from cageik_cli.posing.snapshot import PoseSnapshot
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.plots.placement import place_names
 from cageik_cli.report.plots.style import (
-    COLOURS,
     PANEL_SIDE,
+    PLOT_COLOURS,
     make_drawable,
     measure_text_width,
     use_fixed_style,
@@ -38,7 +38,7 @@ Flags = NDArray[np.bool_]
 MAX_NAMED_ANCHORS = 12
 """Anchors that are labelled with their names; those that move farthest come first."""
 
-ANCHOR_STYLES = ((False, COLOURS["handle"], "o"), (True, COLOURS["ink"], "s"))
+ANCHOR_STYLES = ((False, PLOT_COLOURS["handle"], "o"), (True, PLOT_COLOURS["ink"], "s"))
 """Whether an anchor is pinned, its colour and its marker."""
 
 ANCHOR_SIZE, TARGET_SIZE = 6.0, 11.0
@@ -197,7 +197,9 @@ class _PanelDrawing:
             shaft, barb = shaft_width / 2 * across, head_width / 2 * across
             outline = [start + shaft, neck + shaft, neck + barb, end]
             outline += [neck - barb, neck - shaft, start - shaft]
-            arrow = Polygon(np.array(outline), facecolor=COLOURS["handle"], zorder=3, gid="arrow")
+            arrow = Polygon(
+                np.array(outline), facecolor=PLOT_COLOURS["handle"], zorder=3, gid="arrow"
+            )
             arrow.set(edgecolor="white", linewidth=0.6, joinstyle="miter")
             self.axes.add_patch(arrow)
 
@@ -278,7 +280,7 @@ def _sample_segment(start: Floats, end: Floats, spacing: float = 4.0) -> Floats:
 
 def _draw_legend(figure: Figure, pinned: Flags) -> None:
     """Explain the marks below all panels."""
-    handle, ink = COLOURS["handle"], COLOURS["ink"]
+    handle, ink = PLOT_COLOURS["handle"], PLOT_COLOURS["ink"]
     marks = []
     if not pinned.all():
         marks += [
@@ -296,7 +298,7 @@ def _draw_legend(figure: Figure, pinned: Flags) -> None:
         loc="lower center",
         ncols=len(marks) or 1,
         fontsize=8.0,
-        labelcolor=COLOURS["muted"],
+        labelcolor=PLOT_COLOURS["muted"],
         frameon=False,
         handletextpad=0.1,
         columnspacing=1.4,

@@ -8,7 +8,7 @@ import matplotlib as mpl
 import matplotlib.style
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
-COLOURS = {"ink": "#20242a", "muted": "#59626d", "gap": "#eceef0", "handle": "#c8321f"}
+PLOT_COLOURS = {"ink": "#20242a", "muted": "#59626d", "gap": "#eceef0", "handle": "#c8321f"}
 """Colours of texts, of axes, of skipped frames, and of handles with their targets."""
 
 CURVE_STYLES: dict[str, Any] = {
@@ -31,13 +31,13 @@ def use_fixed_style() -> Iterator[None]:
     """Set the style in which plots are drawn and saved."""
     settings: Any = {
         "font.size": 9.0,
-        "axes.edgecolor": COLOURS["muted"],
+        "axes.edgecolor": PLOT_COLOURS["muted"],
         "axes.linewidth": 0.8,
         "axes.unicode_minus": True,
         "path.simplify": False,
-        "text.color": COLOURS["ink"],
+        "text.color": PLOT_COLOURS["ink"],
         "text.parse_math": False,
-        "xtick.color": COLOURS["muted"],
+        "xtick.color": PLOT_COLOURS["muted"],
         "svg.fonttype": "none",
         "svg.hashsalt": "cageik",
     }

@@ -8,28 +8,8 @@ from cageik_cli.posing.summary import AnchorSummary, PoseSummary
 from cageik_cli.report.figures import format_change, format_length, format_metric, format_percent
 from cageik_cli.util.text import single_line
 
-SCHEMA_VERSION = 1
-
 MAX_SHOWN_HANDLES = 12
 """Handles that have a line each; of more, the farthest from their targets are shown."""
-
-MIN_WHOLE_MOTION = 0.5
-"""The whole model moves if its least motion is above this share of its largest."""
-
-MIN_FIXED_POINT_PERCENT = 1e-3
-"""Smaller percentages are written with a power of ten."""
-
-MAX_VOLUME_CHANGE = 10.0
-"""Percent of the volume; above it, a pose without rigidity gets the advice to use it."""
-
-MAX_MOTION = 1.25
-"""Motion of a vertex, in motions of the farthest handle, above which a note is written."""
-
-MAX_CAGE_MOTION = 5.0
-"""Motion of a cage vertex, in motions of the farthest handle, above which a note is written."""
-
-MAX_HANDLE_DISTANCE = 5.0
-"""Diagonals; a handle that moves farther probably has its target in other units."""
 
 NO_MOTION_TOL = 1e-6
 """Share of the diagonal; smaller distances count as no motion."""
@@ -56,13 +36,13 @@ def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
         *_acceleration_rows(summary),
         *_mesh_acceleration_rows(summary),
         ("system", f"condition number {summary.condition_number:.4g}"),
-        *_advice_rows(summary),
+        *(("note", advice) for advice in _advise(summary)),
     ]
 
 
 def format_pose_json(summary: PoseSummary) -> str:
     """Format the summary as JSON."""
-    record = {"schema": SCHEMA_VERSION, "tool": "cageik pose", **asdict(summary)}
+    record = {"schema": 1, "tool": "cageik pose", **asdict(summary)}
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
 
 
@@ -136,54 +116,83 @@ def _acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
     )
 
 
-def _advice_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
+def _advise(summary: PoseSummary) -> Iterator[str]:
     """Advise when the pose is probably not the intended one."""
-    still = NO_MOTION_TOL * summary.diagonal
     is_held = all(_is_held(anchor, summary.diagonal) for anchor in summary.anchors)
-    if is_held:
-        yield "note", "no motion: all handles are already at their targets"
-    elif summary.moved_least > max(still, MIN_WHOLE_MOTION * summary.moved):
-        least = format_length(summary.moved_least)
-        yield "note", f"the whole model moves, by at least {least}; pin the parts that must stay"
     far = max(summary.anchors, key=lambda anchor: anchor.moved)
-    if summary.moved > max(still, MAX_MOTION * far.moved) and not is_held:
+    if is_held:
+        yield "no motion: all handles are already at their targets"
+    else:
+        yield from _advise_on_whole_motion(summary)
+        yield from _advise_on_far_vertices(summary, far)
+    yield from _advise_on_far_targets(summary, far)
+    yield from _advise_on_cage_motion(summary, far)
+    yield from _advise_on_volume(summary)
+
+
+def _advise_on_whole_motion(summary: PoseSummary, min_share: float = 0.5) -> Iterator[str]:
+    """Advise pins if the least motion of the model is above a share of its largest."""
+    still = NO_MOTION_TOL * summary.diagonal
+    if summary.moved_least > max(still, min_share * summary.moved):
+        least = format_length(summary.moved_least)
+        yield f"the whole model moves, by at least {least}; pin the parts that must stay"
+
+
+def _advise_on_far_vertices(
+    summary: PoseSummary, far: AnchorSummary, max_ratio: float = 1.25
+) -> Iterator[str]:
+    """Advise a pin if a vertex moves more than so many times as far as any handle."""
+    still = NO_MOTION_TOL * summary.diagonal
+    if summary.moved > max(still, max_ratio * far.moved):
         than = (
             f"{summary.moved / far.moved:.3g} times as far as any handle"
             if far.moved > still
             else "but no handle moves"
         )
         yield (
-            "note",
             f"vertex {summary.vertex} moves by {format_length(summary.moved)}"
             f"{_format_frame_suffix(summary.frame)}, {than}; pin a point near it, or give the "
-            "handles a radius in the handles file",
+            "handles a radius in the handles file"
         )
-    if far.moved > MAX_HANDLE_DISTANCE * summary.diagonal:
+
+
+def _advise_on_far_targets(
+    summary: PoseSummary, far: AnchorSummary, max_diagonals: float = 5.0
+) -> Iterator[str]:
+    """Say so if a handle moves so far that its target is probably in other units."""
+    if far.moved > max_diagonals * summary.diagonal:
         yield (
-            "note",
             f"{_format_handle_name(far)} moves {far.moved / summary.diagonal:.3g} times the "
-            f"model's diagonal (expected at most {MAX_HANDLE_DISTANCE:g}); give targets in the "
-            "units and axes of the model's file",
+            f"model's diagonal (expected at most {max_diagonals:g}); give targets in the "
+            "units and axes of the model's file"
         )
-    if summary.cage_moved > max(MAX_CAGE_MOTION * far.moved, summary.diagonal):
+
+
+def _advise_on_cage_motion(
+    summary: PoseSummary, far: AnchorSummary, max_ratio: float = 5.0
+) -> Iterator[str]:
+    """Say so if the cage moves more than so many times as far as any handle."""
+    if summary.cage_moved > max(max_ratio * far.moved, summary.diagonal):
         yield (
-            "note",
             f"cage vertex {summary.cage_vertex} moves {format_length(summary.cage_moved)}, more "
-            f"than {MAX_CAGE_MOTION:g} times as far as any handle: the cage cannot follow the "
+            f"than {max_ratio:g} times as far as any handle: the cage cannot follow the "
             "handles; remove some handles, raise --alpha (for example to 1e-3), or check the cage "
-            "with cageik check",
+            "with cageik check"
         )
-    if abs(summary.volume_change_percent or 0.0) > MAX_VOLUME_CHANGE and not summary.rigidity:
+
+
+def _advise_on_volume(summary: PoseSummary, max_percent: float = 10.0) -> Iterator[str]:
+    """Advise rotations if the volume changes by more than so many percent without them."""
+    if abs(summary.volume_change_percent or 0.0) > max_percent and not summary.rigidity:
         yield (
-            "note",
-            f"the volume changes by more than {MAX_VOLUME_CHANGE:g} %: parts that turn are "
-            "sheared; let them rotate with --rigidity 10",
+            f"the volume changes by more than {max_percent:g} %: parts that turn are "
+            "sheared; let them rotate with --rigidity 10"
         )
 
 
 def format_miss(percent: float) -> str:
     """Format the distance of a handle from its target, in percent, as in all views."""
-    return f"{percent:.1e}" if percent < MIN_FIXED_POINT_PERCENT else format_metric(percent)
+    return f"{percent:.1e}" if percent < 1e-3 else format_metric(percent)
 
 
 def _format_frame_suffix(frame: str) -> str:

@@ -18,7 +18,7 @@ from cageik_cli.report.plots.pose_plot import (
     draw_pose,
     render_pose_png,
 )
-from cageik_cli.report.plots.style import COLOURS, PANEL_SIDE, use_fixed_style
+from cageik_cli.report.plots.style import PANEL_SIDE, PLOT_COLOURS, use_fixed_style
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.viewpoints import VIEW_TURN, view_axes
 from tests.report.hostile import NAMES
@@ -147,9 +147,9 @@ def test_arrows_lead_from_anchors_to_their_targets():
     picture = drawn(view)
     for share in (0.0, 0.3, 0.5, 0.7, 0.9):
         place = start + share * (target - start)
-        assert is_coloured(picture, place, COLOURS["handle"])
+        assert is_coloured(picture, place, PLOT_COLOURS["handle"])
     beside = start + 0.5 * (target - start) + [PANEL_SIDE, 0]
-    assert not is_coloured(picture, beside, COLOURS["handle"])
+    assert not is_coloured(picture, beside, PLOT_COLOURS["handle"])
 
 
 def test_marks_are_at_the_anchors():
@@ -162,8 +162,12 @@ def test_marks_are_at_the_anchors():
     picture = drawn(view)
     for panel, points in enumerate((view.starts, view.ends)):
         for place, pinned in zip(seen(view, points, panel), is_pin, strict=True):
-            assert is_coloured(picture, place, COLOURS["ink"] if pinned else COLOURS["handle"])
-            assert not is_coloured(picture, place, COLOURS["handle"] if pinned else COLOURS["ink"])
+            assert is_coloured(
+                picture, place, PLOT_COLOURS["ink"] if pinned else PLOT_COLOURS["handle"]
+            )
+            assert not is_coloured(
+                picture, place, PLOT_COLOURS["handle"] if pinned else PLOT_COLOURS["ink"]
+            )
 
 
 def test_a_missed_target_has_a_line_to_its_anchor():
