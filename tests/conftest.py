@@ -19,6 +19,7 @@ from cageik_cli.coordinates import harmonic
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver import memory_plan
 from cageik_cli.util import compiled
+from cageik_cli.workflows import run_cage
 from tests.shapes import ball, box
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
@@ -119,11 +120,26 @@ def _use_coarse_panels(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(harmonic.ACCURACIES, "standard", harmonic.Accuracy(10.0, 1, 0.0, 0))
 
 
+@pytest.fixture(scope="session")
+def built_cages() -> dict:
+    """The cages that runs have built on coarse grids, by model and settings."""
+    return {}
+
+
 @pytest.fixture
-def coarse_grids(monkeypatch) -> None:
-    """Build cages on coarse grids, from loose shells, in a second."""
+def coarse_grids(monkeypatch, built_cages) -> None:
+    """Build cages on coarse grids, from loose shells, in a second; runs build each once."""
     monkeypatch.setattr(build, "COARSE_GRID", (0.03, 0.13))
     monkeypatch.setattr(build, "LADDER", ((0.04, 0.08),))
+    build_cage = run_cage._build
+
+    def build_once(model, settings, progress):
+        key = (model.vertices.tobytes(), model.faces.tobytes(), settings, build.make_shell)
+        if key not in built_cages:
+            built_cages[key] = build_cage(model, settings, progress)
+        return built_cages[key]
+
+    monkeypatch.setattr(run_cage, "_build", build_once)
 
 
 @pytest.fixture(scope="session")

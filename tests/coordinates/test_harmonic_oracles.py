@@ -12,8 +12,6 @@ from cageik_cli.coordinates.settings import ACCURACIES
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from tests.shapes import ball, box, concave, finer, inside
 
-pytestmark = pytest.mark.usefixtures("core")
-
 SOLID_HARMONICS = {
     "xy": lambda x, y, z: x * y,
     "2z² − x² − y²": lambda x, y, z: 2 * z**2 - x**2 - y**2,

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 from markdown_it import MarkdownIt
@@ -76,8 +77,12 @@ def read_blocks(path):
 
 def read_all_blocks(language=None):
     """Return the blocks of all pages, or those of one language."""
-    blocks = [block for path in find_pages() for block in read_blocks(path)]
-    return [block for block in blocks if language in (None, block.language)]
+    return [block for block in _read_all_pages() if language in (None, block.language)]
+
+
+@cache
+def _read_all_pages():
+    return [block for path in find_pages() for block in read_blocks(path)]
 
 
 def read_prose(path):

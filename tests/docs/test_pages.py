@@ -9,16 +9,8 @@ RUN = {"console", "python"}
 PAGES = [path for path in find_pages() if RUN & {block.language for block in read_blocks(path)}]
 
 
-# The quick tests run the README alone.
-MARKED_PAGES = [
-    pytest.param(
-        path, id=name_page(path), marks=[] if path.name == "README.md" else pytest.mark.slow
-    )
-    for path in PAGES
-]
-
-
-@pytest.mark.parametrize("path", MARKED_PAGES)
+@pytest.mark.slow
+@pytest.mark.parametrize("path", PAGES, ids=name_page)
 def test_a_page_shows_what_its_blocks_give(path, page_folder, docs_cache):
     faults, _ = run_page(path, page_folder, docs_cache)
     assert not faults, "\n".join(map(str, faults))

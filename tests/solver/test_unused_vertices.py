@@ -1,5 +1,7 @@
 """Vertices that are in no face: no figure, and nothing that is solved, depends on them."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,12 @@ def with_strays(mesh: TriMesh, strays=STRAYS) -> TriMesh:
     return TriMesh(insert(mesh.vertices, strays), numbers[mesh.faces])
 
 
+@cache
+def bind_once(has_strays: bool):
+    """The binding of the model, with the strays or without them."""
+    return bind(with_strays(REST) if has_strays else REST, CAGE)
+
+
 def insert(points, strays):
     kept = np.ones(len(points) + len(PLACES), bool)
     kept[PLACES] = False
@@ -46,9 +54,9 @@ def clip(mesh=REST, count=4):
 @pytest.mark.parametrize("flight", [0.0, 1e6])
 def test_strays_that_stand_still_or_fly_off_change_no_figure(flight):
     """But for the seventh digit of the weights, which are computed in other blocks."""
-    clean = extract(clip(), bind(REST, CAGE))
+    clean = extract(clip(), bind_once(False))
     frames = np.stack([insert(v, STRAYS + k * flight) for k, v in enumerate(clip())])
-    found = extract(frames, bind(with_strays(REST), CAGE))
+    found = extract(frames, bind_once(True))
     assert found.rms_percent == pytest.approx(clean.rms_percent, rel=1e-5)
     np.testing.assert_allclose(found.cages, clean.cages, atol=1e-5)
     for name in METRIC_TYPES:
@@ -79,7 +87,7 @@ def test_a_vertex_of_a_face_that_is_outside_is_refused_still():
 
 def test_strays_are_deformed():
     """One inside moves as the space around it; one outside follows the nearest point."""
-    binding = bind(with_strays(REST), CAGE)
+    binding = bind_once(True)
     moved = binding.weights @ (CAGE.vertices + np.array([1, 2, 3]))
     np.testing.assert_allclose(moved[PLACES], [[1, 2, 3], [1.2, 2.1, 3.3], [1, 3, 3]], atol=1e-9)
     assert binding.quality.linear_precision < 1e-12
@@ -99,13 +107,13 @@ def test_weights_of_strays_alone_are_refused():
     weights = np.zeros(69)
     weights[PLACES] = 23.0
     with pytest.raises(FormatError, match="all vertex weights are zero"):
-        DualLaplacianSolver(bind(with_strays(REST), CAGE), SolveSettings(), weights)
+        DualLaplacianSolver(bind_once(True), SolveSettings(), weights)
 
 
 def test_missing_data_and_strays_are_counted_apart():
     weights = np.ones(69)
     weights[3] = 0
-    solver = DualLaplacianSolver(bind(with_strays(REST), CAGE), SolveSettings(), weights)
+    solver = DualLaplacianSolver(bind_once(True), SolveSettings(), weights)
     assert (solver.missing_count, solver.data_count) == (1, 65)
 
 
@@ -114,7 +122,7 @@ def test_weights_are_not_fitted_to_strays(weights):
     errors = []
     for speed in (0, 1e3):
         frames = np.stack([insert(v, STRAYS + k * speed) for k, v in enumerate(clip())])
-        found = fit_weights(bind(with_strays(REST), CAGE), [frames], vertex_weights=weights)
+        found = fit_weights(bind_once(True), [frames], vertex_weights=weights)
         errors.append(found.report.fitted)
     still, flying = errors
     assert flying.fitted.rms == pytest.approx(still.fitted.rms, rel=1e-6)

@@ -50,8 +50,14 @@ def walker(walk):
     return frames[::4], faces, cage
 
 
+@pytest.fixture(scope="module")
+def weights_cache(tmp_path_factory):
+    """The walker is bound to its cage once."""
+    return tmp_path_factory.mktemp("weights")
+
+
 @pytest.fixture
-def make(walker, tmp_path, monkeypatch):
+def make(walker, tmp_path, monkeypatch, weights_cache):
     """Settings for spoilt frames of the walker."""
     monkeypatch.chdir(tmp_path)
     _, faces, cage = walker
@@ -59,7 +65,12 @@ def make(walker, tmp_path, monkeypatch):
     def settings(frames, name="clip", **options):
         np.savez(f"{name}.npz", verts=frames, faces=faces)
         return ExtractSettings(
-            frames=(f"{name}.npz",), cage=cage, output=Path(f"{name}.h5"), overwrite=True, **options
+            frames=(f"{name}.npz",),
+            cage=cage,
+            output=Path(f"{name}.h5"),
+            overwrite=True,
+            cache=weights_cache,
+            **options,
         )
 
     return settings

@@ -27,7 +27,9 @@ def test_elimination_solves_what_numpy_solves(count, rows):
     np.testing.assert_allclose(rhs, expected, rtol=0, atol=2e-5 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("degrees", [1, 0.1, 0.01])
+@pytest.mark.parametrize(
+    "degrees", [1, *(pytest.param(angle, marks=pytest.mark.slow) for angle in (0.1, 0.01))]
+)
 def test_sharp_wedges_lose_few_more_digits_than_with_exchanged_rows(monkeypatch, degrees):
     """The condition number is 1e5 at a degree, and 1e7 at a hundredth of one."""
     height = np.tan(np.radians(degrees))
