@@ -42,7 +42,7 @@ if TYPE_CHECKING:
         read_cages,
         read_result,
     )
-    from cageik_cli.workflows.build_cage import build_cage
+    from cageik_cli.workflows.cage import build_cage
     from cageik_cli.workflows.extract_arrays import CageAnimation, extract
     from cageik_cli.workflows.fit import FittedWeights, fit_weights
     from cageik_cli.workflows.view.show import ShownPage, show
@@ -96,7 +96,7 @@ _HOMES = {
     "Result": "store.result",
     "ShownPage": "workflows.view.show",
     "TriMesh": "geometry.mesh",
-    "build_cage": "workflows.build_cage",
+    "build_cage": "workflows.cage",
     "closest_point": "posing.anchors",
     "extract": "workflows.extract_arrays",
     "fit_weights": "workflows.fit",

@@ -146,7 +146,7 @@ def _find_clips(
 ) -> list["DiscoveredClip"]:
     """Find the clips under the folders; files that options name are none."""
     from cageik_cli.util.outputs import check_no_overlap
-    from cageik_cli.workflows.batch.discover import DiscoveryFilter, discover_clips, walk_folders
+    from cageik_cli.workflows.batch.discover import discover_clips, walk_folders
     from cageik_cli.workflows.batch.run import REPORT_FILES
 
     auxiliary_files = shared.find_auxiliary_files()
@@ -157,7 +157,10 @@ def _find_clips(
             auxiliary_files |= tables.find_auxiliary_files(folder)
     check_no_overlap([options.output / name for name in REPORT_FILES], list(auxiliary_files))
     return discover_clips(
-        roots, DiscoveryFilter(frozenset(auxiliary_files), options.output, options.exclude)
+        roots,
+        output=options.output,
+        auxiliary_files=auxiliary_files,
+        exclude=options.exclude,
     )
 
 

@@ -21,8 +21,7 @@ from cageik_cli.cli.options.clip import CLIP_OPTIONS, rest_frame_option, rest_op
 from cageik_cli.cli.options.types import PercentType
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.build_cage import CageSettings
-    from cageik_cli.workflows.repair_cage import RepairCageSettings
+    from cageik_cli.workflows.cage import CageSettings, RepairCageSettings
 
 BUILD_OPTIONS = OptionGroup(
     "build",
@@ -46,8 +45,7 @@ BUILD_OPTIONS = OptionGroup(
 
 def make_cage_settings(repair: Path | None, **values: Any) -> "CageSettings | RepairCageSettings":
     """Make the settings of a build or a repair; values that contradict are wrong usage."""
-    from cageik_cli.workflows.build_cage import CageSettings
-    from cageik_cli.workflows.repair_cage import RepairCageSettings
+    from cageik_cli.workflows.cage import CageSettings, RepairCageSettings
 
     model, rest = values["model"], values["rest"]
     if repair is None:
@@ -114,8 +112,7 @@ def cage_command(
         format_repair_text,
     )
     from cageik_cli.util.outputs import check_no_overlap, check_writable
-    from cageik_cli.workflows.build_cage import CageSettings, build_cage_file
-    from cageik_cli.workflows.repair_cage import repair_cage_file
+    from cageik_cli.workflows.cage import CageSettings, build_cage_file, repair_cage_file
 
     check_no_overlap([*settings.outputs(), json_path], settings.inputs())
     if json_path is not None and str(json_path) != "-":

@@ -25,9 +25,9 @@ from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener, mark_warning
 from cageik_cli.workflows.fit import fit_to_clips
+from cageik_cli.workflows.rest_pose import load_vertex_weights
 from cageik_cli.workflows.run_cage import suggest_repair
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
-from cageik_cli.workflows.vertex_weights import load_vertex_weights
 
 
 @dataclass(frozen=True, slots=True)

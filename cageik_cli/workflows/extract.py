@@ -3,42 +3,45 @@
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import Scene
-from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.blocks import BlockExecutor, BlockSolver, SolvedBlock, ThreadExecutor
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.memory_plan import MemoryPlan
-from cageik_cli.solver.settings import CaptureSettings, SolveSettings
+from cageik_cli.solver.settings import CaptureSettings
 from cageik_cli.solver.smooth import check_smoothing_period
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
 from cageik_cli.store.result import Result, checkpoint_path, read_result, smoothed_path
 from cageik_cli.store.result_fields import ResultHeader
-from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import error_context
-from cageik_cli.util.files import read_input
-from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.capture import make_capture_solver
 from cageik_cli.workflows.compose import collect_notes, compose_result
 from cageik_cli.workflows.fit import fit_to_clips
-from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
-from cageik_cli.workflows.resume import check_output, find_existing, open_checkpoint, recover_blocks
+from cageik_cli.workflows.rest_pose import (
+    VertexWeights,
+    load_vertex_weights,
+    open_clip_and_choose_rest,
+)
+from cageik_cli.workflows.resume import (
+    check_output,
+    find_existing,
+    open_checkpoint,
+    recover_blocks,
+    write_built_cage,
+)
 from cageik_cli.workflows.run_cage import build_cached, suggest_repair
 from cageik_cli.workflows.settings import ExtractSettings
 from cageik_cli.workflows.smooth import run_time_pass
-from cageik_cli.workflows.vertex_weights import VertexWeights, load_vertex_weights
 
 
 def extract(settings: ExtractSettings, progress: ProgressListener | None = None) -> Result:
@@ -69,12 +72,11 @@ class Extraction:
     settings : ExtractSettings
         With the number of the rest frame, once it is chosen.
     existing : Result, optional
-        A complete result of this very run at the output, to be kept as it is.
+        A complete result of this very run at the output, which is kept.
     cage : LoadedMesh, optional
         None when it comes with a binding, or is not built yet.
     sources : dict
-        Name and digest of each file that was read, all but the frames; and of a cage that was
-        built.
+        Name and digest of each file that was read, all but the frames, and of a built cage.
     filled : tuple of int
         Skipped frames whose cages were filled from those around them.
     """
@@ -100,23 +102,6 @@ class Extraction:
         self.sources: dict[str, Any] = {}
         self.filled: tuple[int, ...] = ()
 
-    @staticmethod
-    def in_memory(
-        sequence: MeshSequence,
-        binding: Binding,
-        vertex_weights: Floats | None,
-        *,
-        solve: SolveSettings,
-        memory: int,
-        jobs: int,
-    ) -> "Extraction":
-        """Begin with a clip and its weights in memory; no result is written, only `run_blocks`."""
-        settings = ExtractSettings((), None, Path(), solve=solve, memory=memory, jobs=jobs)
-        extraction = Extraction(settings, stored=StoredBinding(binding, {}))
-        extraction.sequence, extraction.vertex_weights = sequence, VertexWeights(vertex_weights)
-        extraction.factor()
-        return extraction
-
     def run(self) -> Result:
         """Extract the cage of every frame, or return the result that exists already.
 
@@ -130,7 +115,7 @@ class Extraction:
             self.open()
         if self.existing is not None:
             return self.keep_existing(self.existing)
-        self._write_cage(self.bind().binding.cage)
+        write_built_cage(self.settings, self.bind().binding.cage)
         self.factor()
         with open_checkpoint(self.settings, self._make_spec()) as checkpoint, limit_blas_threads(1):
             self.solve(checkpoint)
@@ -198,7 +183,7 @@ class Extraction:
         delete_checkpoint(checkpoint_path(self.settings.output))
         delete_checkpoint(smoothed_path(self.settings.output))
         self.progress.note("unchanged", "up to date, nothing to do")
-        self._write_cage(result.cage)
+        write_built_cage(self.settings, result.cage)
         return result
 
     def bind(self) -> StoredBinding:
@@ -246,20 +231,6 @@ class Extraction:
         with error_context(settings.binding):
             unfitted = bind_cached(self.rest, cage, weight_settings, self.progress).binding
         return replace(stored, binding=replace(binding, unfitted=unfitted))
-
-    def _write_cage(self, cage: TriMesh) -> None:
-        """Write the cage that was built, if that is asked for.
-
-        The file that an interrupted run wrote is kept; another one is replaced only with
-        `overwrite`.
-        """
-        path = self.settings.cage_output
-        if path is None:
-            return
-        data = encode_exact_obj(cage.vertices, cage.faces)
-        is_kept = self.settings.resume and path.is_file() and read_input(path) == data
-        if not is_kept:
-            write_bytes(path, data, self.settings.overwrite)
 
     @property
     def binding(self) -> Binding:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -15,11 +16,14 @@ from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import make_vertex_weights
+from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.extract import Extraction
 from cageik_cli.workflows.fit import fit_weights
+from cageik_cli.workflows.rest_pose import VertexWeights
+from cageik_cli.workflows.settings import ExtractSettings
 
 ReportProgress = Callable[[int, int], None]
 
@@ -166,10 +170,12 @@ def extract(
             memory=memory,
             jobs=jobs,
         ).binding
-    weights = make_vertex_weights(vertex_weights, binding.rest)
-    extraction = Extraction.in_memory(
-        sequence, binding, weights, solve=solve, memory=memory, jobs=jobs
-    )
+    # No file is read or written: the clip and its weights are known already.
+    settings = ExtractSettings((), None, Path(), solve=solve, memory=memory, jobs=jobs)
+    extraction = Extraction(settings, stored=StoredBinding(binding, {}))
+    extraction.sequence = sequence
+    extraction.vertex_weights = VertexWeights(make_vertex_weights(vertex_weights, binding.rest))
+    extraction.factor()
     cages: list[Floats] = []
     rotations: list[Floats] = []
     metrics: list[FrameMetrics] = []
@@ -203,7 +209,7 @@ def _bind_built_cage(
         return binding
     if not isinstance(clip, MeshSequence):
         raise SettingError("an array of frames has no faces to build a cage from; give a binding")
-    from cageik_cli.workflows.build_cage import build_cage
+    from cageik_cli.workflows.cage import build_cage
 
     settings = BuildSettings() if cage_vertices is None else BuildSettings(cage_vertices)
     built = build_cage(clip.first, vertices=settings.vertices, clearance=settings.clearance)

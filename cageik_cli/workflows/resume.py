@@ -8,7 +8,9 @@ from typing import Any
 from cageik_cli import __version__
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.formats.settings import Scene
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.store.checkpoint import (
     Checkpoint,
@@ -18,7 +20,8 @@ from cageik_cli.store.checkpoint import (
 )
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
 from cageik_cli.util.errors import CheckpointError, InputError
-from cageik_cli.util.outputs import check_writable
+from cageik_cli.util.files import read_input
+from cageik_cli.util.outputs import check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.run_cage import check_cage_output
 from cageik_cli.workflows.settings import ExtractSettings
@@ -179,3 +182,17 @@ def recover_blocks(
             reason = " (its weights were fitted to other frames)"
         progress.note("resumed", f"from frame {done} of {count}{reason}")
         progress.update(done, count)
+
+
+def write_built_cage(settings: ExtractSettings, cage: TriMesh) -> None:
+    """Write the cage that was built, if that is asked for.
+
+    The file that an interrupted run wrote is kept; another one is replaced only with `overwrite`.
+    """
+    path = settings.cage_output
+    if path is None:
+        return
+    data = encode_exact_obj(cage.vertices, cage.faces)
+    is_kept = settings.resume and path.is_file() and read_input(path) == data
+    if not is_kept:
+        write_bytes(path, data, settings.overwrite)

@@ -25,7 +25,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.workflows.build_cage import make_measured_clip
+from cageik_cli.workflows.cage import make_measured_clip
 from tests.cages.independent import examine
 
 COUNTS = (60, 120, 300)

@@ -14,7 +14,7 @@ from cageik_cli.solver.metrics import METRIC_TYPES
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import drop_unused_vertices
 from cageik_cli.util.errors import CageError, FormatError
-from cageik_cli.workflows.build_cage import build_cage
+from cageik_cli.workflows.cage import build_cage
 from cageik_cli.workflows.extract_arrays import extract
 from cageik_cli.workflows.fit import fit_weights
 from tests.shapes import ball, box, finer

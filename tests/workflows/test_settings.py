@@ -8,13 +8,12 @@ from cageik_cli.formats.write import Output
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.workflows.bind import BindRunSettings
-from cageik_cli.workflows.build_cage import CageSettings
+from cageik_cli.workflows.cage import CageSettings, RepairCageSettings
 from cageik_cli.workflows.check import CheckSettings
 from cageik_cli.workflows.deform import DeformSettings
 from cageik_cli.workflows.edit import EditSettings
 from cageik_cli.workflows.export import ExportSettings
 from cageik_cli.workflows.pose import PoseSettings
-from cageik_cli.workflows.repair_cage import RepairCageSettings
 from cageik_cli.workflows.settings import ExtractSettings
 from cageik_cli.workflows.view.session import ViewSettings
 

@@ -39,18 +39,6 @@ PACKAGE_NAME = "cageik"
 CONNECT_TIMEOUT = 10.0
 """Seconds in which the scheduler must answer."""
 
-DEFAULT_WORKER_TIMEOUT = 60.0
-"""Seconds without any worker after which a batch gives up."""
-
-CHECKPOINT_TIMEOUT = 30.0
-"""Seconds to wait for a checkpoint that a lost worker may still be writing."""
-
-POLL_SECONDS = 0.1
-"""Seconds between two checks of such a checkpoint."""
-
-NOISY_LOGGERS = ("distributed", "tornado", "asyncio")
-"""Loggers of what is reported in messages here."""
-
 
 class DaskScheduler:
     """Run jobs on a Dask cluster that is running already.
@@ -72,7 +60,7 @@ class DaskScheduler:
     def __init__(
         self,
         address: str,
-        worker_timeout: float = DEFAULT_WORKER_TIMEOUT,
+        worker_timeout: float = 60.0,
         piece_seconds: float = MIN_PIECE_SECONDS,
     ) -> None:
         self._address, self._worker_timeout, self._piece_seconds = (
@@ -260,7 +248,7 @@ def run_clip_task(
 ) -> Outcome:
     """Run a job as a task; pieces of it take `piece_seconds` at least."""
     configure_worker()
-    wait_for_checkpoint(checkpoint_path(job.settings.output), CHECKPOINT_TIMEOUT)
+    wait_for_checkpoint(checkpoint_path(job.settings.output), timeout=30.0)
     return run_clip(job, stored_binding, ClusterExecutor(job.settings, weights_task, piece_seconds))
 
 
@@ -276,16 +264,15 @@ def wait_for_checkpoint(path: Path, timeout: float) -> None:
         if file is not None:
             file.close()
             return
-        time.sleep(POLL_SECONDS)
+        time.sleep(0.1)
 
 
 @contextmanager
 def _silence_loggers() -> Iterator[None]:
-    """Keep the logs of other libraries off the terminal."""
-    names = [
-        name for name in logging.root.manager.loggerDict if name.split(".")[0] in NOISY_LOGGERS
-    ]
-    levels = {name: logging.getLogger(name).level for name in {*names, *NOISY_LOGGERS}}
+    """Keep the logs of other libraries off the terminal: messages here report what they do."""
+    noisy = ("distributed", "tornado", "asyncio")
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in noisy]
+    levels = {name: logging.getLogger(name).level for name in {*names, *noisy}}
     for name in levels:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:

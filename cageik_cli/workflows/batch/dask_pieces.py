@@ -29,17 +29,6 @@ from cageik_cli.workflows.settings import ExtractSettings
 MIN_PIECE_SECONDS = 0.5
 """Seconds of work in a piece, at least; the scheduler takes a hundredth of it per task."""
 
-MIN_PIECES = 3
-"""Pieces at least; a shorter clip is solved by one worker."""
-
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of malloc.h
-
-MAX_KEPT_BYTES = 1 << 25
-"""Bytes; the largest value that the C library accepts for its thresholds."""
-
-PIECE_PRIORITY = 1
-"""Priority of pieces: a clip that was started ends before others start."""
-
 
 @dataclass(frozen=True, slots=True)
 class WeightsTask:
@@ -101,7 +90,7 @@ class ClusterExecutor:
             for block in local_blocks:
                 yield block
                 done += 1
-                is_long = len(starts) - done >= MIN_PIECES * done
+                is_long = len(starts) - done >= 3 * done  # a shorter one needs no other workers
                 if is_long and time.monotonic() - start_time >= self.min_seconds:
                     break
         if done < len(starts):
@@ -127,7 +116,8 @@ class ClusterExecutor:
                     room = max(0, 2 * len(client.nthreads()) - len(pending))
                     for piece in islice(pieces, room):
                         task = (solve_piece, context, weights, piece)
-                        pending.append(client.submit(*task, priority=PIECE_PRIORITY, pure=False))
+                        # A clip that was started ends before others start.
+                        pending.append(client.submit(*task, priority=1, pure=False))
                     if not pending:
                         return
                     for block in pending.popleft().result():
@@ -226,8 +216,9 @@ def configure_worker() -> None:
     if sys.platform == "linux":
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
         if mallopt is not None:  # not every C library has it
-            mallopt(_M_MMAP_THRESHOLD, MAX_KEPT_BYTES)
-            mallopt(_M_TRIM_THRESHOLD, 2 * MAX_KEPT_BYTES)
+            mmap_threshold, trim_threshold, most = -3, -1, 1 << 25  # of malloc.h; bytes at most
+            mallopt(mmap_threshold, most)
+            mallopt(trim_threshold, 2 * most)
 
 
 def split_into_pieces(starts: range, size: int) -> Iterator[range]:

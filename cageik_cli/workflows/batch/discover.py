@@ -1,6 +1,6 @@
 """Find the clips under folders: folders of frames, and files that hold clips."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
@@ -14,9 +14,6 @@ from cageik_cli.store.result import is_result
 from cageik_cli.util.errors import FileAccessError, OutputError, SettingError
 from cageik_cli.util.text import single_line, to_unicode
 
-MIN_CLIP_FRAMES = 2
-"""Numbered files that make a clip; a single one is a rest pose, a cage or a prop."""
-
 RESERVED_NAMES = {
     "CON",
     "PRN",
@@ -25,9 +22,6 @@ RESERVED_NAMES = {
     *(f"{port}{k}" for port in ("COM", "LPT") for k in range(10)),
 }
 """Names that no file may have on Windows, whatever its suffix."""
-
-OUTPUT_SUFFIXES = (".h5", ".h5.partial", ".html")
-"""Endings of the files that are written per clip."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,25 +44,6 @@ class DiscoveredClip:
     folder: Path
     path: Path
     frames: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class DiscoveryFilter:
-    """What the search leaves out.
-
-    Attributes
-    ----------
-    auxiliary_files : frozenset of Path
-        Cages, rest poses and other files that are not clips; resolved.
-    output : Path
-        The folder of the results.
-    exclude : tuple of str
-        Patterns of names of clips.
-    """
-
-    auxiliary_files: frozenset[Path]
-    output: Path
-    exclude: tuple[str, ...] = ()
 
 
 def walk_folders(root: Path, output: Path) -> Iterator[Path]:
@@ -103,11 +78,24 @@ def walk_folders(root: Path, output: Path) -> Iterator[Path]:
 
 
 def discover_clips(
-    roots: Sequence[Path], discovery_filter: DiscoveryFilter
+    roots: Sequence[Path],
+    *,
+    output: Path,
+    auxiliary_files: Set[Path] = frozenset(),
+    exclude: Sequence[str] = (),
 ) -> list[DiscoveredClip]:
     """Find all clips under the folders, in natural order.
 
     With several folders, the names of clips begin with those of the folders.
+
+    Parameters
+    ----------
+    output : Path
+        The folder of the results, which is not searched.
+    auxiliary_files : set of Path
+        Cages, rest poses and other files that are not clips; resolved.
+    exclude : sequence of str
+        Patterns of names of clips that are left out.
 
     Raises
     ------
@@ -119,9 +107,9 @@ def discover_clips(
     excluded = 0
     for root in roots:
         prefix = f"{root.resolve().name}/" if len(roots) > 1 else ""
-        for folder in walk_folders(root, discovery_filter.output):
-            for clip in _find_clips_in(folder, root, discovery_filter):
-                if any(fnmatch(clip.name, pattern) for pattern in discovery_filter.exclude):
+        for folder in walk_folders(root, output):
+            for clip in _find_clips_in(folder, root, auxiliary_files):
+                if any(fnmatch(clip.name, pattern) for pattern in exclude):
                     excluded += 1
                 else:
                     found.append(replace(clip, name=prefix + clip.name))
@@ -156,7 +144,7 @@ def _check_folder_conflicts(clips_by_name: Mapping[str, DiscoveredClip]) -> None
     """Refuse clips whose results would have the name of a folder with results of others."""
     folders = {str(above): name for name in clips_by_name for above in PurePosixPath(name).parents}
     for name, clip in clips_by_name.items():
-        for suffix in OUTPUT_SUFFIXES:
+        for suffix in (".h5", ".h5.partial", ".html"):  # of the files that are written
             if name + suffix in folders:
                 other = clips_by_name[folders[name + suffix]]
                 raise OutputError(
@@ -177,15 +165,14 @@ def _check_not_nested(roots: Sequence[Path]) -> None:
 
 
 def _find_clips_in(
-    folder: Path, root: Path, discovery_filter: DiscoveryFilter
+    folder: Path, root: Path, auxiliary_files: Set[Path]
 ) -> Iterator[DiscoveredClip]:
     """Yield the clips of a folder: of its numbered mesh files, and in its clip files."""
     files = [path for path in folder.iterdir() if path.is_file() and path.name[0] != "."]
-    files = sort_naturally(
-        [path for path in files if path.resolve() not in discovery_filter.auxiliary_files]
-    )
+    files = sort_naturally([path for path in files if path.resolve() not in auxiliary_files])
     series = group_numbered_files([path for path in files if file_suffix(path) in mesh_suffixes()])
-    clips = {stem: frames for stem, frames in series.items() if len(frames) >= MIN_CLIP_FRAMES}
+    # A single file is a rest pose, a cage or a prop.
+    clips = {stem: frames for stem, frames in series.items() if len(frames) > 1}
     for stem, frames in clips.items():
         name, place = _make_clip_name(folder, root), folder
         if len(clips) > 1:

@@ -22,9 +22,6 @@ PRELOAD = "cageik_cli.workflows.batch.preload"
 PRELOAD_PAGE = f"{PRELOAD}_page"
 """Modules for the process from which others are forked; importing them never fails."""
 
-MAX_ATTEMPTS = 2
-"""How often a job is tried whose process crashes."""
-
 
 class ProcessScheduler:
     """Run jobs in processes of this machine, one clip at a time in each.
@@ -83,8 +80,8 @@ class _Worker:
         self._start()
 
     def run_job(self, job: ClipJob) -> Outcome:
-        """Run a job in the process."""
-        for _ in range(MAX_ATTEMPTS):
+        """Run a job in the process; again, once, if the process crashes."""
+        for _ in range(2):
             try:
                 return self._pool.submit(run_clip, job).result()
             except BrokenProcessPool:

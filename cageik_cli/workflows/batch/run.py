@@ -29,9 +29,6 @@ REPORT_FILES = {
 }
 """The reports over all clips, by file name."""
 
-MAX_NAME_WIDTH = 60
-"""Width of the column with the names of clips, at most."""
-
 WEIGHT_CACHE_FOLDER = ".cageik-weights"
 """The weight cache of a batch that uses no other; it is deleted at the end."""
 
@@ -81,7 +78,7 @@ def run_batch(
         When the folder of results cannot be written, or another batch is writing to it.
     """
     entries = {entry.name: entry for entry in batch.rejected}
-    width = min(max(map(len, batch.order), default=0), MAX_NAME_WIDTH)
+    width = min(max(map(len, batch.order), default=0), 60)  # of the column with the names
     with _folder_lock(batch.output):
         make_folder(batch.output / CLIPS_FOLDER)
         with (

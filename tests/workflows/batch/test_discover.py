@@ -8,13 +8,12 @@ import pytest
 
 from cageik_cli.util.errors import FileAccessError, OutputError
 from cageik_cli.workflows.batch.discover import (
-    DiscoveryFilter,
     _sanitize_name,
     discover_clips,
     walk_folders,
 )
 
-NOWHERE = DiscoveryFilter(frozenset(), Path("out"))
+OUT = Path("out")
 
 
 def put(*names):
@@ -29,14 +28,14 @@ def here(tmp_path, monkeypatch):
 
 
 def names(*roots, **options):
-    search = DiscoveryFilter(frozenset(), Path("out"), **options)
-    return [clip.name for clip in discover_clips([Path(root) for root in roots], search)]
+    found = discover_clips([Path(root) for root in roots], output=OUT, **options)
+    return [clip.name for clip in found]
 
 
 def test_folders_of_frames_and_files_that_hold_clips_in_natural_order():
     put("a/walk10/f_2.obj", "a/walk10/f_10.obj", "a/walk10/f_1.obj")
     put("a/walk2/sub/1.ply.gz", "a/walk2/sub/2.ply.gz", "a/face.pc2", "a/notes.txt", "a/b.MDD")
-    found = discover_clips([Path("a")], NOWHERE)
+    found = discover_clips([Path("a")], output=OUT)
     assert [clip.name for clip in found] == ["b.MDD", "face.pc2", "walk2/sub", "walk10"]
     assert [Path(frame).name for frame in found[3].frames] == ["f_1.obj", "f_2.obj", "f_10.obj"]
     assert found[1].frames == (str(Path("a/face.pc2")),)
@@ -51,15 +50,15 @@ def test_folders_of_frames_and_files_that_hold_clips_in_natural_order():
 def test_files_that_are_not_clips_are_left_out():
     put("a/one/prop.obj", "a/.hidden/1.obj", "a/.hidden/2.obj", "a/walk/1.obj", "a/walk/2.obj")
     put("a/walk/.3.obj", "a/walk/cage.obj", "a/out/1.obj", "a/out/2.obj")
-    search = DiscoveryFilter(frozenset([Path("a/walk/cage.obj").resolve()]), Path("a/out"))
-    (clip,) = discover_clips([Path("a")], search)
+    cages = {Path("a/walk/cage.obj").resolve()}
+    (clip,) = discover_clips([Path("a")], output=Path("a/out"), auxiliary_files=cages)
     assert (clip.name, len(clip.frames)) == ("walk", 2)
 
 
 def test_meshes_without_a_series_are_not_a_clip():
     """A cage and a rest pose beside each other, say; or beside the frames."""
     put("a/rig/cage.obj", "a/rig/rest.obj", "a/walk/cage.obj", "a/walk/f_1.obj", "a/walk/f_2.obj")
-    (clip,) = discover_clips([Path("a")], NOWHERE)
+    (clip,) = discover_clips([Path("a")], output=OUT)
     assert (clip.name, len(clip.frames)) == ("walk", 2)
 
 
@@ -68,7 +67,7 @@ def test_every_series_in_a_folder_is_a_clip():
     put("a/b/1.obj", "a/b/2.obj", "a/b/x1.ply", "a/b/x2.ply", "a/b/x1.obj", "a/b/x2.obj")
     found = {
         clip.name: [Path(frame).name for frame in clip.frames]
-        for clip in discover_clips([Path("a")], NOWHERE)
+        for clip in discover_clips([Path("a")], output=OUT)
     }
     assert found["a/take1"] == ["take1_08.obj", "take1_09.obj", "take1_10.obj"]
     assert sorted(found) == ["a/take1", "a/take2", "b/frames", "b/x.obj", "b/x.ply"]
@@ -104,7 +103,7 @@ def test_every_clip_of_a_file_is_one():
         file["50002_jump"] = np.zeros((4, 3, 2))
         file["run: fast"] = np.zeros((4, 3, 2))
         file["faces"] = np.zeros((2, 3), int)
-    clips = discover_clips([Path()], NOWHERE)
+    clips = discover_clips([Path()], output=OUT)
     assert [clip.name for clip in clips] == ["bodies.hdf5/50002_jump", "bodies.hdf5/run_ fast"]
     assert clips[1].frames == ("bodies.hdf5::run: fast",)
 

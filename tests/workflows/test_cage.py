@@ -13,7 +13,7 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.report.views.cage_build import format_cage_json, format_cage_text
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.build_cage import CageSettings, build_cage_file
+from cageik_cli.workflows.cage import CageSettings, build_cage_file
 from tests.cages.independent import examine
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("folder", "coarse_grids")]

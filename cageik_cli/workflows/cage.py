@@ -1,4 +1,4 @@
-"""A cage built around a model: from file to file, or around a mesh in memory."""
+"""A cage around a model: built or repaired from file to file, or built around a mesh in memory."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from cageik_cli.cages import build as cage_builder
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.build import BuiltCage, Clip
-from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cages.repair import RepairedCage, repair_cage
+from cageik_cli.cages.settings import BuildSettings, RepairSettings
 from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.files import describe_source, file_suffix
@@ -24,11 +25,11 @@ from cageik_cli.report.views.cage_build import CageResult
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats, spread_evenly
-from cageik_cli.util.errors import CageikError, error_context
+from cageik_cli.util.errors import CageError, CageikError, error_context
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
+from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
 from cageik_cli.workflows.run_cage import check_cage_output
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
@@ -183,24 +184,69 @@ def make_measured_clip(
     """
     chosen = spread_evenly(frame_count, MAX_MEASURED_FRAMES)
     poses = np.stack([read_frame(int(k)) for k in chosen])
-    return Clip(poses, _Measure(rest, poses, jobs))
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Measure:
-    """The error of a cage on frames of an animation."""
-
-    rest: TriMesh
-    frames: Floats
-    jobs: int
-
-    def __call__(self, cage: TriMesh) -> float:
+    def measure(cage: TriMesh) -> float:
         """Return the rms distance, in percent of the diagonal; infinite for a poor cage."""
         try:
-            binding = bind(self.rest, cage, BindSettings(accuracy="preview"), self.jobs)
+            binding = bind(rest, cage, BindSettings(accuracy="preview"), jobs)
         except CageikError:
             return float("inf")
         with limit_blas_threads(1):
-            cages = DualLaplacianSolver(binding, SolveSettings()).solve(self.frames).cages
-        squares = ((reconstruct(binding.weights, cages) - self.frames) ** 2).sum(axis=2)
-        return float(100 * np.sqrt(squares.mean()) / self.rest.diagonal)
+            cages = DualLaplacianSolver(binding, SolveSettings()).solve(poses).cages
+        squares = ((reconstruct(binding.weights, cages) - poses) ** 2).sum(axis=2)
+        return float(100 * np.sqrt(squares.mean()) / rest.diagonal)
+
+    return Clip(poses, measure)
+
+
+@dataclass(frozen=True, slots=True)
+class RepairCageSettings(CommandSettings):
+    """Which cage to repair, for which model, and where to write it.
+
+    Attributes
+    ----------
+    output : Path
+        An OBJ file.
+    """
+
+    cage: Path = field(metadata=READ)
+    model: Path = field(metadata=READ)
+    output: Path = field(metadata=WRITTEN)
+    repair: RepairSettings = field(default_factory=RepairSettings)
+    overwrite: bool = False
+
+
+def repair_cage_file(
+    settings: RepairCageSettings, progress: ProgressListener | None = None
+) -> tuple[RepairedCage, float]:
+    """Repair a cage and write it, unless a fault is left.
+
+    Returns
+    -------
+    repaired : RepairedCage
+    diagonal : float
+        Of the model, in file units.
+
+    Raises
+    ------
+    InputError
+        Naming the file at fault and what to do.
+    CageError
+        Naming the faults that are left; nothing is written then.
+    """
+    progress = progress or ProgressListener()
+    check_cage_output(settings.output, settings.overwrite)
+    with progress.stage("open"):
+        cage, model = load_mesh(settings.cage), load_mesh(settings.model)
+    with progress.stage("repair"), error_context(settings.cage):
+        attributes = cage.mesh.attributes
+        counts = None if attributes is None else attributes.corner_counts
+        fans = cage.mesh.fan_triangulated
+        repaired = repair_cage(fans, model.mesh, settings.repair, counts, progress.update)
+        if not repaired.is_fit:
+            left = "; ".join(finding.sentence for finding in repaired.faults)
+            raise CageError(f"cannot be repaired, what is left: {left}")
+    with progress.stage("write"):
+        text = encode_exact_obj(repaired.mesh.vertices, repaired.mesh.rings)
+        write_bytes(settings.output, text, settings.overwrite)
+    return repaired, model.mesh.diagonal
