@@ -12,7 +12,7 @@ from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.geometry.surface import (
-    ROUNDING_TOL,
+    SURFACE_ROUNDING_TOL,
     ClosestPoints,
     closest_points,
     winding_numbers,
@@ -153,7 +153,7 @@ def locate_vertices(cage: TriMesh, rest: TriMesh) -> Placement:
         rest=rest,
         closest=closest_points(cage, rest.vertices),
         is_outside=winding_numbers(cage, rest.vertices) < 0.5,
-        tolerance=float(max(TOUCH_TOL * rest.diagonal, ROUNDING_TOL * largest)),
+        tolerance=float(max(TOUCH_TOL * rest.diagonal, SURFACE_ROUNDING_TOL * largest)),
     )
 
 

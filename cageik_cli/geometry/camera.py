@@ -14,23 +14,8 @@ import numpy as np
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError
 
-MAX_CONDITION = 1e14
+MAX_CAMERA_CONDITION = 1e14
 """Matrices of a larger condition number count as singular."""
-
-NEAR_PLANE_RATIO = 1e-6
-"""Distance of the near plane of a camera without matrices, over that of its target."""
-
-MIN_UP_SINE = 1e-9
-"""Sine of the smallest angle between the viewing direction and `up`."""
-
-AFFINE_ROW = (0, 0, 0, 1)
-"""Last row of a view, and of a parallel projection."""
-
-PERSPECTIVE_ROW = (0, 0, -1, 0)
-"""Last row of a perspective projection: w is the distance ahead of the camera."""
-
-ROW_TOL = 1e-6
-"""Tolerance of these rows: programs invert matrices in single precision."""
 
 _TRANSPOSE_HINT = "act on columns, so transpose both if they act on rows"
 
@@ -81,18 +66,16 @@ class Camera:
     def __post_init__(self) -> None:
         for name in ("view", "projection"):
             object.__setattr__(self, name, _validate_matrix(name, getattr(self, name)))
-        if not np.allclose(self.view[3], AFFINE_ROW, rtol=0, atol=ROW_TOL):
+        if not _is_row(self.view[3], (0, 0, 0, 1)):
             raise SettingError(
                 f"the last row of view is {_format_row(self.view[3])}, expected 0, 0, 0, 1; "
                 f"matrices {_TRANSPOSE_HINT}"
             )
         for name, matrix in (("view", self.view[:3, :3]), ("projection", self.projection)):
-            if not np.linalg.cond(_normalize_rows(matrix)) < MAX_CONDITION:
+            if not np.linalg.cond(_normalize_rows(matrix)) < MAX_CAMERA_CONDITION:
                 raise SettingError(f"{name} is singular; expected a matrix that can be inverted")
         last = self.projection[3]
-        if not any(
-            np.allclose(last, row, rtol=0, atol=ROW_TOL) for row in (PERSPECTIVE_ROW, AFFINE_ROW)
-        ):
+        if not (_is_row(last, (0, 0, -1, 0)) or _is_row(last, (0, 0, 0, 1))):
             raise SettingError(
                 f"the last row of projection is {_format_row(last)}, expected "
                 "0, 0, -1, 0 of a perspective, or 0, 0, 0, 1 of a parallel view; matrices are "
@@ -120,7 +103,7 @@ class Camera:
             raise SettingError(
                 f"fov_degrees is {fov_degrees:g}, expected more than 0 and less than 180"
             )
-        near = NEAR_PLANE_RATIO * float(np.linalg.norm(viewpoint.target - viewpoint.position))
+        near = 1e-6 * float(np.linalg.norm(viewpoint.target - viewpoint.position))
         scale = 1 / np.tan(np.radians(fov_degrees) / 2)
         projection = np.zeros((4, 4))
         projection[0, 0], projection[1, 1] = scale * height / width, scale
@@ -199,7 +182,7 @@ class LookAt:
         distance = np.linalg.norm(away)
         if not distance > 0:
             raise SettingError("position and look_at are the same point; move one of them")
-        if not np.linalg.norm(np.cross(away, self.up)) > MIN_UP_SINE * distance * sizes:
+        if not np.linalg.norm(np.cross(away, self.up)) > 1e-9 * distance * sizes:
             raise SettingError("up is parallel to the viewing direction; choose another up")
 
     @property
@@ -227,6 +210,11 @@ def _normalize_rows(matrix: Floats) -> Floats:
     """Scale rows to length one, so that units and far planes do not make a matrix singular."""
     sizes = np.linalg.norm(matrix, axis=1, keepdims=True)
     return np.asarray(np.divide(matrix, sizes, out=np.zeros_like(matrix), where=sizes > 0))
+
+
+def _is_row(row: Floats, expected: tuple[int, ...]) -> bool:
+    """Compare the last rows of matrices, which programs invert in single precision."""
+    return np.allclose(row, expected, rtol=0, atol=1e-6)
 
 
 def _format_row(row: Floats) -> str:

@@ -16,15 +16,6 @@ import numpy as np
 
 from cageik_cli.util.arrays import Floats, Mask
 
-MAX_SWEEPS = 12
-"""Jacobi sweeps at most; four or five suffice."""
-
-ORTHOGONAL_TOL = 1e-15
-"""Columns whose cosine is below this are orthogonal."""
-
-MIN_AXIS_RATIO = 1e-13
-"""An axis shorter than this share of the longest has no direction of its own."""
-
 MIN_AXIS = float(np.exp(-80.0))
 """Shortest semi-axis: the logarithm of each is a number that files of splats may hold."""
 
@@ -56,7 +47,8 @@ def move_ellipsoids(rest: Ellipsoids, maps: Floats) -> Ellipsoids:
     axes = np.sqrt(np.einsum("ikm,ikm->km", columns, columns))
     with np.errstate(all="ignore"):  # those without a length are replaced
         columns /= axes
-    is_flat = ~(axes.min(axis=0) > MIN_AXIS_RATIO * axes.max(axis=0))
+    # An axis that is shorter has no direction of its own.
+    is_flat = ~(axes.min(axis=0) > 1e-13 * axes.max(axis=0))
     if is_flat.any():
         _replace_flat(columns, axes, is_flat)
     columns[:, 2] *= np.where(determinants(columns) < 0, -1.0, 1.0)
@@ -67,13 +59,13 @@ def move_ellipsoids(rest: Ellipsoids, maps: Floats) -> Ellipsoids:
 
 def _orthogonalize(columns: Floats) -> None:
     """Rotate the columns k of matrices, (3, 3, m) indexed [entry, k], until they are orthogonal."""
-    for _ in range(MAX_SWEEPS):
+    for _ in range(12):  # four or five sweeps suffice
         largest = 0.0
         for first, second in ((0, 1), (0, 2), (1, 2)):
             p, q = columns[:, first], columns[:, second]
             product, square, other = _dot(p, q), _dot(p, p), _dot(q, q)
             bound = np.sqrt(square) * np.sqrt(other)
-            is_skew = np.abs(product) > ORTHOGONAL_TOL * bound
+            is_skew = np.abs(product) > 1e-15 * bound
             if not is_skew.any():
                 continue
             with np.errstate(all="ignore"):  # a quotient by zero is not used

@@ -15,25 +15,21 @@ Booleans = NDArray[np.bool_]
 MAX_COMPARED_FACES = 1000
 """Faces whose boxes are all compared: libigl, with its tree, takes longer to import."""
 
-ORIENTATION_ERROR = 7.7715611723761027e-16
+ORIENTATION_TOL = 7.7715611723761027e-16
 """Largest error of a sum of rounded products, in the sum of their sizes: (7 + 56 ε) ε of
 Shewchuk 1997, where ε is half the spacing of numbers at one."""
 
-PAIRS_PER_BLOCK = 1 << 16
-"""Pairs of faces that are tested together, to bound the memory."""
 
-
-def self_intersections(mesh: TriMesh) -> Integers:
+def self_intersections(mesh: TriMesh, block_size: int = 1 << 16) -> Integers:
     """Find pairs of faces that meet elsewhere than at shared vertices and edges, (p, 2), sorted.
 
     Faces that only touch are such a pair, and so are neighbours folded flat onto each other. Faces
-    on the same three vertices, and faces without area, are not tested.
+    on the same three vertices, and faces without area, are not tested. To bound the memory,
+    `block_size` pairs are tested together.
     """
     pairs = _find_candidate_pairs(mesh, mesh)
     pairs = _sort_pairs(pairs[pairs[:, 0] < pairs[:, 1]])
-    blocks = [
-        pairs[start : start + PAIRS_PER_BLOCK] for start in range(0, len(pairs), PAIRS_PER_BLOCK)
-    ]
+    blocks = [pairs[start : start + block_size] for start in range(0, len(pairs), block_size)]
     found = [block[_meet_improperly(mesh, block)] for block in blocks]
     return np.concatenate([np.empty((0, 2), np.int64), *found])
 
@@ -150,7 +146,7 @@ def _side_of_plane(a: Floats, b: Floats, c: Floats, point: Floats) -> Integers:
         size += np.abs(cd[:, k]) * (np.abs(x) + np.abs(y))
     side = np.sign(found).astype(np.int64)
     # Written so that what is not finite is doubtful, too.
-    doubtful = ~(np.abs(found) > ORIENTATION_ERROR * size)
+    doubtful = ~(np.abs(found) > ORIENTATION_TOL * size)
     if doubtful.any():
         import igl.predicates
 

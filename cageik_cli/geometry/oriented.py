@@ -10,9 +10,6 @@ from cageik_cli.geometry.rotations import nearest_rotations_by_entry
 from cageik_cli.geometry.spherical_harmonics import rotate_harmonics
 from cageik_cli.util.arrays import Floats
 
-FLAT_TOL = 1e-9
-"""A map whose determinant is below this share of its norm cubed makes splats flat."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Splats:
@@ -62,10 +59,13 @@ def move_splats(rest: Splats, maps: Floats) -> Splats:
 
 
 def count_map_faults(maps: Floats) -> MapFaults:
-    """Count the maps, (3, 3, m), that turn space inside out or make it flat."""
+    """Count the maps, (3, 3, m), that turn space inside out or make it flat.
+
+    The determinant of a flat map is below 1e-9 times its norm cubed.
+    """
     volume = determinants(maps)
     squares = np.einsum("ikm,ikm->m", maps, maps)
-    limit = FLAT_TOL * squares * np.sqrt(squares)
+    limit = 1e-9 * squares * np.sqrt(squares)
     is_flat = np.abs(volume) <= limit
     mirrored = np.count_nonzero((volume < 0) & ~is_flat)
     return MapFaults(int(mirrored), int(np.count_nonzero(is_flat)))

@@ -67,28 +67,16 @@ class PointCloud(TriMesh):
         return False
 
 
-GRID_BITS = 10
-"""Cells along the longest axis, as a power of two: finer than blocks of points ever are."""
-
-_SPREADING = ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249))
-
-MAX_COMPARED_PAIRS = 10_000_000
-"""Pairs of points that are all compared: a tree takes longer to import."""
-
-PAIRS_PER_BLOCK = 50_000
-"""Pairs that are compared at once; they fit in the processor's cache."""
-
-
 def order_by_place(points: Floats) -> Integers:
     """Return an order, (m,), of points, (m, 3), in which neighbours are close to each other.
 
     It follows the cells of a grid along a curve that visits each cube of cells before the next
-    (Morton 1966).
+    (Morton 1966). There are 2**10 cells along the longest axis: blocks of points are larger.
     """
     if len(points) == 0:
         return np.empty(0, np.int64)
     low, size = points.min(axis=0), np.ptp(points, axis=0).max()
-    cells = ((points - low) * ((2**GRID_BITS - 1) / size if size > 0 else 0.0)).astype(np.int32)
+    cells = ((points - low) * ((2**10 - 1) / size if size > 0 else 0.0)).astype(np.int32)
     x, y, z = (_spread_bits(cells[:, k]) << k for k in range(3))
     return np.argsort(x | y | z, kind="stable")
 
@@ -96,30 +84,36 @@ def order_by_place(points: Floats) -> Integers:
 def _spread_bits(numbers: NDArray[np.int32]) -> NDArray[np.int32]:
     """Move the bits of numbers below 2**10 to every third place."""
     spread = numbers
-    for shift, kept in _SPREADING:
+    for shift, kept in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
         spread = (spread | spread << shift) & kept
     return spread
 
 
-def measure_distances(places: Floats, points: Floats) -> Floats:
-    """Return the distance of each of `points`, (m, 3), from the nearest of `places`, (n, 3)."""
-    if len(points) * len(places) > MAX_COMPARED_PAIRS:
+def measure_distances(
+    places: Floats, points: Floats, max_pairs: int = 10_000_000, block_pairs: int = 50_000
+) -> Floats:
+    """Return the distance of each of `points`, (m, 3), from the nearest of `places`, (n, 3).
+
+    Parameters
+    ----------
+    max_pairs : int
+        Pairs that are all compared: a tree takes longer to import.
+    block_pairs : int
+        Pairs that are compared at once; they fit in the processor's cache.
+    """
+    if len(points) * len(places) > max_pairs:
         from scipy.spatial import cKDTree
 
         return np.asarray(cKDTree(places).query(points)[0])
     squares = np.full(len(points), np.inf)
     columns = np.ascontiguousarray(places.T)
-    size = max(1, PAIRS_PER_BLOCK // max(1, len(points)))
+    size = max(1, block_pairs // max(1, len(points)))
     for start in range(0, len(places), size):
         block = columns[:, start : start + size]
         offsets = (points[:, k, None] - block[k] for k in range(3))
         x, y, z = (offset * offset for offset in offsets)
         np.minimum(squares, (x + y + z).min(axis=1), out=squares)
     return np.asarray(np.sqrt(squares))
-
-
-INSIDE_TOL = 1e-12
-"""Relative distance beyond the radius up to which a point is on the sphere."""
 
 
 def choose_farthest(count: int, distances: Floats, measure: Callable[[int], Floats]) -> list[int]:
@@ -155,7 +149,7 @@ def smallest_enclosing_sphere(points: Floats) -> tuple[Floats, float]:
     while True:
         distances = np.linalg.norm(local - centre, axis=1)
         furthest = int(distances.argmax())
-        if distances[furthest] <= radius * (1 + INSIDE_TOL):
+        if distances[furthest] <= radius * (1 + 1e-12):  # on the sphere, up to rounding
             break
         chosen, next_centre, next_radius = _determine_sphere(np.vstack([support, local[furthest]]))
         if next_radius <= radius:  # rounding is all that is left

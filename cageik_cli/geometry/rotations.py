@@ -18,16 +18,13 @@ import numpy as np
 
 from cageik_cli.util.arrays import Floats
 
-NEWTON_STEPS = 4
-"""Steps of Newton's method: two or three suffice unless the matrix is a reflection."""
-
-MAX_LAST_STEP = 1e-9
+MAX_LAST_NEWTON_STEP = 1e-9
 """Largest last step of f; a next step would be a multiple of its square."""
 
-MIN_SLOPE = 0.03
+MIN_ROOT_SLOPE = 0.03
 """Smallest ½ f g − det A; below it the next root is close, and digits are lost."""
 
-MIN_NORM = 1e-140
+MIN_MATRIX_NORM = 1e-140
 """Matrices of a smaller norm lose digits when the norm is squared."""
 
 
@@ -76,7 +73,11 @@ def nearest_rotations_by_entry(entries: Floats) -> Floats:
         found -= factors[2]
         found -= factors[3]
         found /= slopes
-        is_found = (slopes > MIN_SLOPE) & (last_step < MAX_LAST_STEP) & (sizes > MIN_NORM)
+        is_found = (
+            (slopes > MIN_ROOT_SLOPE)
+            & (last_step < MAX_LAST_NEWTON_STEP)
+            & (sizes > MIN_MATRIX_NORM)
+        )
     if not is_found.all():
         others = entries[:, ~is_found].T.reshape(-1, 3, 3)
         found[:, ~is_found] = nearest_rotations_by_svd(others).reshape(-1, 9).T
@@ -93,7 +94,7 @@ def _largest_root(determinants: Floats, squares: Floats) -> tuple[Floats, Floats
     bounds = constant + np.maximum(linear, np.sqrt(3) * linear)
     f = np.sqrt(1 + np.sqrt(np.maximum(bounds, 0)))
     constant -= 1
-    for _ in range(NEWTON_STEPS):
+    for _ in range(4):  # two or three steps suffice unless the matrix is a reflection
         # The polynomial ((f² − 2) f − linear) f − constant and its derivative, in few passes.
         slope = f * f
         slope -= 2

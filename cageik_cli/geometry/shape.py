@@ -14,13 +14,10 @@ if TYPE_CHECKING:
 MIN_ALTITUDE_RATIO = 1e-9
 """Smallest altitude of a face over its longest side; below it the face has no plane."""
 
-PARALLEL_TOL = 1e-12
-"""Cosine between a direction and a plane's normal; below it they are parallel."""
-
 NEXT, LAST = [1, 2, 0], [2, 0, 1]
 """The corner, or the axis, after and before each."""
 
-FACES_PER_BLOCK = 256
+MAX_SEARCHED_FACES = 256
 """Faces whose opposite faces are searched together."""
 
 
@@ -92,13 +89,13 @@ def _find_plane_hits(
 ) -> tuple[Integers, Integers, Floats]:
     """Find the planes that each face's normal meets at most `max_distance` away, and where."""
     found = []
-    for start in range(0, len(base), FACES_PER_BLOCK):
-        own = np.arange(start, min(start + FACES_PER_BLOCK, len(base)))
+    for start in range(0, len(base), MAX_SEARCHED_FACES):
+        own = np.arange(start, min(start + MAX_SEARCHED_FACES, len(base)))
         along = normal[own] @ normal.T
         height = (base * normal).sum(axis=1) - origin[own] @ normal.T
         near = np.abs(height) <= max_distance[own, None] * np.abs(along)
         near[np.arange(len(own)), own] = False
-        here, other = np.nonzero(near & (np.abs(along) > PARALLEL_TOL))
+        here, other = np.nonzero(near & (np.abs(along) > 1e-12))  # a plane that is not parallel
         found.append((own[here], other, height[here, other] / along[here, other]))
     first, second, reach = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return first, second, reach

@@ -7,7 +7,6 @@ the coefficients of the turned function follow from its values in 2l + 1 fixed d
 Arrays have one function per column, so that each operation runs over all of them.
 """
 
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -16,9 +15,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.util.arrays import Floats
 
-MAX_DEGREE = 3
-
-REST_COUNTS = {(degree + 1) ** 2 - 1: degree for degree in range(MAX_DEGREE + 1)}
+REST_COUNTS = {(degree + 1) ** 2 - 1: degree for degree in range(4)}
 """The degree by the number of coefficients beyond the constant one."""
 
 _DIRECTIONS = (
@@ -32,7 +29,7 @@ _DIRECTIONS = (
 def evaluate_band(degree: int, directions: NDArray[Any]) -> list[NDArray[Any]]:
     """Return the 2 `degree` + 1 harmonics of one band at unit directions, (3, ...), each (...)."""
     x, y, z = directions
-    return _BANDS[degree - 1](x, y, z)
+    return (_first_band, _second_band, _third_band)[degree - 1](x, y, z)
 
 
 def _first_band(x: Any, y: Any, z: Any) -> list[Any]:
@@ -62,9 +59,6 @@ def _third_band(x: Any, y: Any, z: Any) -> list[Any]:
         e * z * (xx - yy),
         -a * x * (xx - 3 * yy),
     ]
-
-
-_BANDS: tuple[Callable[[Any, Any, Any], list[Any]], ...] = (_first_band, _second_band, _third_band)
 
 
 @cache

@@ -14,17 +14,10 @@ from cageik_cli.util.threads import run_blocks
 SURFACE_TOL = 1e-12
 """A point closer to a surface than this, in diagonals, is on it."""
 
-ROUNDING_TOL = 8 * np.finfo(np.float64).eps
+SURFACE_ROUNDING_TOL = 8 * np.finfo(np.float64).eps
 """The same in the largest coordinate: more for a mesh far from the origin."""
 
-THIN_TOL = 1e-3
-"""Squared sine of a face's first corner up to which its area is too little to divide by: the
-barycentric coordinates of other faces are right to rounding over this."""
-
-NEEDLE_TOL = 1e-6
-"""Squared width over length of a face up to which the same holds."""
-
-MAX_COMPARED_PAIRS = 40_000_000
+MAX_WINDING_PAIRS = 40_000_000
 """Pairs of points and faces whose angles are all summed, where that is compiled, in 0.1 s. For
 more, the trees of libigl are faster, and worth their import."""
 
@@ -34,10 +27,10 @@ MAX_BOXED_PAIRS = 500_000_000
 FACES_PER_BOX = 8
 """Faces that share a box, as in the compiled core."""
 
-PAIRS_PER_BLOCK = 500_000
+MAX_THREAD_PAIRS = 500_000
 """Pairs of points and faces that one thread compares at once."""
 
-POINTS_PER_BLOCK = 1024
+MAX_THREAD_POINTS = 1024
 """Points whose closest points one thread finds at once."""
 
 
@@ -63,7 +56,7 @@ class ClosestPoints:
         """Which points are on the surface, up to rounding, (m,)."""
         largest = np.abs(self.mesh.vertices).max()
         return np.asarray(
-            self.distance <= max(SURFACE_TOL * self.mesh.diagonal, ROUNDING_TOL * largest)
+            self.distance <= max(SURFACE_TOL * self.mesh.diagonal, SURFACE_ROUNDING_TOL * largest)
         )
 
     def barycentric_weights(self, chosen: NDArray[np.bool_]) -> Floats:
@@ -85,7 +78,9 @@ class ClosestPoints:
         pa, pb = _dot(inside, along), _dot(inside, beside)
         size = aa * bb - ab * ab
         longest = np.maximum(aa, bb)
-        is_thin = ~(size > np.maximum(THIN_TOL * (aa * bb), NEEDLE_TOL * longest * longest))
+        # The area of a face is too little to divide by up to this squared sine of its first corner,
+        # and up to this squared width over length. Others are right to rounding over these.
+        is_thin = ~(size > np.maximum(1e-3 * (aa * bb), 1e-6 * longest * longest))
         size[is_thin] = 1
         second, third = (bb * pa - ab * pb) / size, (aa * pb - ab * pa) / size
         found = np.stack([1 - second - third, second, third], axis=1)
@@ -142,7 +137,7 @@ def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
         results = squares[block], face[block], position[block]
         compiled.kernel.closest_points(places[block], vertices, faces, boxes, *results)
 
-    run_blocks(fill, len(points), POINTS_PER_BLOCK)
+    run_blocks(fill, len(points), MAX_THREAD_POINTS)
     back = np.argsort(order)
     return ClosestPoints(mesh, np.sqrt(squares[back]), face[back], position[back])
 
@@ -184,7 +179,7 @@ def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]
 
 def winding_numbers(mesh: TriMesh, points: Floats) -> Floats:
     """Compute how often the surface winds around each point, (m,): 1 inside, 0 outside."""
-    if not _can_compare(mesh, points, MAX_COMPARED_PAIRS):
+    if not _can_compare(mesh, points, MAX_WINDING_PAIRS):
         import igl
 
         return np.asarray(igl.winding_number(mesh.vertices, mesh.faces, points), np.float64).ravel()
@@ -194,5 +189,5 @@ def winding_numbers(mesh: TriMesh, points: Floats) -> Floats:
     def fill(block: slice) -> None:
         compiled.kernel.winding_numbers(places[block], vertices, faces, winding[block])
 
-    run_blocks(fill, len(points), PAIRS_PER_BLOCK // max(1, len(faces)))
+    run_blocks(fill, len(points), MAX_THREAD_PAIRS // max(1, len(faces)))
     return winding

@@ -7,7 +7,7 @@ from numpy.polynomial.legendre import leggauss
 from cageik_cli.coordinates import mean_value
 from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import ROUNDING_TOL, closest_points, winding_numbers
+from cageik_cli.geometry.surface import SURFACE_ROUNDING_TOL, closest_points, winding_numbers
 from tests.shapes import TETRAHEDRON, ball, box, concave, inside, octahedron, rotation
 
 CAGES = {"box": box(), "concave": concave(), "ball": ball(1, 1.0)}
@@ -46,7 +46,9 @@ def assert_exact(cage, points, weights):
     np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-14)
     found = weights @ (cage.vertices - origin)
     on = closest_points(cage, points).is_touching  # but for rounding of the coordinates
-    allowed = np.where(on, ROUNDING_TOL * np.abs(cage.vertices).max(), 2e-15 * cage.diagonal)
+    allowed = np.where(
+        on, SURFACE_ROUNDING_TOL * np.abs(cage.vertices).max(), 2e-15 * cage.diagonal
+    )
     assert (np.abs(found - (points - origin)) <= allowed[:, None]).all()
 
 

@@ -67,14 +67,13 @@ def test_a_soup_gives_every_pair(size):
 
 
 @pytest.mark.slow
-def test_blocks_change_nothing(monkeypatch):
+def test_blocks_change_nothing():
     mesh = finer(box(), 1)
     vertices = mesh.vertices.copy()
     vertices[8:] *= -1.5
     crossed = TriMesh(vertices, mesh.faces)
     whole = self_intersections(crossed)
-    monkeypatch.setattr("cageik_cli.geometry.intersections.PAIRS_PER_BLOCK", 7)
-    np.testing.assert_array_equal(self_intersections(crossed), whole)
+    np.testing.assert_array_equal(self_intersections(crossed, block_size=7), whole)
     assert whole.tolist() == improper_pairs(crossed)
 
 

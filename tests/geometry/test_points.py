@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.geometry import points as points_module
 from cageik_cli.geometry.points import (
     choose_farthest,
     measure_distances,
@@ -19,12 +18,12 @@ from tests.shapes import TETRAHEDRON, ball, box, rotation
 
 @pytest.mark.parametrize("limit", [0, 10_000_000])
 @pytest.mark.parametrize("block", [1, 700, 50_000])
-def test_distances_from_points_are_those_of_all_pairs(monkeypatch, limit, block):
+def test_distances_from_points_are_those_of_all_pairs(limit, block):
     places, points = np.random.default_rng(3).normal(size=(2, 70, 3))
-    monkeypatch.setattr(points_module, "MAX_COMPARED_PAIRS", limit)
-    monkeypatch.setattr(points_module, "PAIRS_PER_BLOCK", block)
     expected = np.linalg.norm(points[:, None] - places, axis=2).min(axis=1)
-    np.testing.assert_allclose(measure_distances(places, points), expected, rtol=1e-14, atol=0)
+    np.testing.assert_allclose(
+        measure_distances(places, points, limit, block), expected, rtol=1e-14, atol=0
+    )
 
 
 def test_the_order_by_place_has_each_point_once_and_small_blocks():

@@ -95,9 +95,9 @@ def test_few_matrices_are_decomposed(monkeypatch):
 @pytest.mark.parametrize(
     ("limit", "value", "sizes"),
     [
-        ("MIN_SLOPE", -1.0, [1.0, 1e-9, 0.0]),
-        ("MIN_NORM", 0.0, [1e-161, 5e-162, 2e-162]),
-        ("MAX_LAST_STEP", np.inf, [1.0, 0.97, -0.68]),
+        ("MIN_ROOT_SLOPE", -1.0, [1.0, 1e-9, 0.0]),
+        ("MIN_MATRIX_NORM", 0.0, [1e-161, 5e-162, 2e-162]),
+        ("MAX_LAST_NEWTON_STEP", np.inf, [1.0, 0.97, -0.68]),
     ],
 )
 def test_every_limit_is_needed(monkeypatch, limit, value, sizes):

@@ -90,6 +90,6 @@ def test_blocks_change_nothing(monkeypatch):
     slab = TriMesh(box().vertices * [1, 1, 0.1], box().faces)
     whole = thin_face_pairs(slab, 1.0)
     assert len(whole[0]) > 0
-    monkeypatch.setattr("cageik_cli.geometry.shape.FACES_PER_BLOCK", 5)
+    monkeypatch.setattr("cageik_cli.geometry.shape.MAX_SEARCHED_FACES", 5)
     for found, expected in zip(thin_face_pairs(slab, 1.0), whole, strict=True):
         np.testing.assert_array_equal(found, expected)
