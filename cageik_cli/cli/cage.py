@@ -104,19 +104,16 @@ def cage_command(
     cageik cage body.obj -o cage.obj --for frames
     cageik cage --repair mine.obj --rest body.obj -o cage.obj
     """  # noqa: D301
-    from cageik_cli.cli.output import show_progress, write_or_print
+    from cageik_cli.cli.output import check_views, show_progress, write_or_print
     from cageik_cli.report.views.cage_build import (
         format_cage_json,
         format_cage_text,
         format_repair_json,
         format_repair_text,
     )
-    from cageik_cli.util.outputs import check_no_overlap, check_writable
     from cageik_cli.workflows.cage import CageSettings, build_cage_file, repair_cage_file
 
-    check_no_overlap([*settings.outputs(), json_path], settings.inputs())
-    if json_path is not None and str(json_path) != "-":
-        check_writable(json_path, settings.overwrite)
+    check_views([json_path], settings.inputs(), settings.overwrite, settings.outputs())
     with show_progress(not quiet, None, settings.overwrite) as progress:
         if isinstance(settings, CageSettings):
             built = build_cage_file(settings, progress)

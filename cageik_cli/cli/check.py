@@ -1,6 +1,5 @@
 """`cageik check`: whether a cage is fit to hold a model."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,8 @@ from cageik_cli.cli.options import (
     overwrite_option,
 )
 from cageik_cli.cli.options.clip import CLIP_OPTIONS, rest_frame_option, rest_option
-from cageik_cli.cli.output import write_or_print
+from cageik_cli.cli.options.types import SuffixedPath
+from cageik_cli.cli.output import check_views, list_files, write_or_print
 
 if TYPE_CHECKING:
     from cageik_cli.report.views.cage_check import CheckResult
@@ -31,26 +31,6 @@ def make_check_settings(**values: Any) -> "CheckSettings":
     return CheckSettings(**values)
 
 
-@dataclass(frozen=True, slots=True)
-class CheckViews:
-    """The files that a check writes; each may be absent.
-
-    Raises
-    ------
-    click.UsageError
-        When one has another suffix.
-    """
-
-    json_path: Path | None
-    plot: Path | None
-    marked: Path | None
-
-    def __post_init__(self) -> None:
-        for name, path, suffix in (("plot", self.plot, ".png"), ("marked", self.marked, ".ply")):
-            if path is not None and path.suffix.lower() != suffix:
-                raise click.UsageError(f"--{name} {path}: expected a name that ends in {suffix}")
-
-
 @click.command("check")
 @OptionGroup(
     "settings",
@@ -62,25 +42,26 @@ class CheckViews:
     CLIP_OPTIONS,
     jobs_option,
 )
-@OptionGroup(
-    "views",
-    CheckViews,
-    click.option(
-        "--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout."
-    ),
-    click.option(
-        "--plot", type=PATH_TYPE, help="Draw cage and rest pose with the faults numbered (.png)."
-    ),
-    click.option(
-        "--marked",
-        type=PATH_TYPE,
-        help="Write cage and rest pose as one mesh with the faults as vertex colours (.ply).",
-    ),
+@click.option("--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout.")
+@click.option(
+    "--plot",
+    type=SuffixedPath(".png"),
+    help="Draw cage and rest pose with the faults numbered (.png).",
+)
+@click.option(
+    "--marked",
+    type=SuffixedPath(".ply"),
+    help="Write cage and rest pose as one mesh with the faults as vertex colours (.ply).",
 )
 @overwrite_option
 @common_options
 def check_command(
-    settings: "CheckSettings", views: CheckViews, overwrite: bool, quiet: bool
+    settings: "CheckSettings",
+    json_path: Path | None,
+    plot: Path | None,
+    marked: Path | None,
+    overwrite: bool,
+    quiet: bool,
 ) -> None:
     """Diagnose a cage.
 
@@ -95,41 +76,36 @@ def check_command(
         format_check_text,
         format_marks_text,
     )
-    from cageik_cli.util.outputs import check_no_overlap, check_writable
     from cageik_cli.workflows.check import check_cage
 
-    json_path = views.json_path
     is_on_stdout = str(json_path) == "-"
-    outputs = [json_path, views.plot, views.marked]
-    check_no_overlap(outputs, settings.inputs())
-    for path in outputs:
-        if path is not None and str(path) != "-":
-            check_writable(path, overwrite)
+    views = [json_path, plot, marked]
+    check_views(views, settings.inputs(), overwrite)
     result = check_cage(settings)
     if json_path is not None:
         write_or_print(format_check_json(result), json_path, overwrite)
-    _write_pictures(result, views, overwrite)
+    if plot is not None:
+        write_or_print(_render_plot(result), plot, overwrite)
+    if marked is not None:
+        write_or_print(_encode_marked(result), marked, overwrite)
     if not quiet:
         click.echo(format_check_text(result), err=is_on_stdout)
-        if views.plot is not None or views.marked is not None:
+        if plot is not None or marked is not None:
             click.echo(format_marks_text(result), err=is_on_stdout)
-        for path in outputs:
-            if path is not None and str(path) != "-":
-                click.echo(f"wrote {path}", err=is_on_stdout)
+        for path in list_files(views):
+            click.echo(f"wrote {path}", err=is_on_stdout)
     if result.diagnosis.verdict == "unfit":
         raise click.exceptions.Exit(1)
 
 
-def _write_pictures(result: "CheckResult", views: CheckViews, overwrite: bool) -> None:
-    """Write the picture and the coloured mesh; what draws them is slow to import."""
-    from cageik_cli.util.outputs import write_bytes
+def _render_plot(result: "CheckResult") -> bytes:
+    """Draw the faults, as a PNG file; matplotlib is slow to import."""
+    from cageik_cli.report.plots.cage_plot import render_check_png
 
-    cage, rest, marks = result.cage.mesh, result.rest_mesh, result.marks
-    if views.plot is not None:
-        from cageik_cli.report.plots.cage_plot import render_check_png
+    return render_check_png(result.cage.mesh, result.rest_mesh, result.marks)
 
-        write_bytes(views.plot, render_check_png(cage, rest, marks), overwrite)
-    if views.marked is not None:
-        from cageik_cli.report.check_marks import encode_marked_ply
 
-        write_bytes(views.marked, encode_marked_ply(cage, rest, marks), overwrite)
+def _encode_marked(result: "CheckResult") -> bytes:
+    from cageik_cli.report.check_marks import encode_marked_ply
+
+    return encode_marked_ply(result.cage.mesh, result.rest_mesh, result.marks)

@@ -34,9 +34,6 @@ MAX_CONFIG_BYTES = 1 << 20
 MAX_KEY_PARTS = 16
 """Parts of a key, such as `clips."walks/*".alpha`; tomllib takes the square of their time."""
 
-_KEY_PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
-_DEEP_KEY = re.compile(rf"(?<![\w-])(?:{_KEY_PART}[ \t]*\.[ \t]*){{{MAX_KEY_PARTS}}}")
-
 
 def apply_config(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
     """Make the entries of the file's table for this command its defaults.
@@ -64,7 +61,8 @@ def read_tables(path: Path) -> dict[str, Any]:
     """
     try:
         text = read_input(path, MAX_CONFIG_BYTES).decode("utf-8-sig")
-        if _DEEP_KEY.search(text):
+        part = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+        if re.search(rf"(?<![\w-])(?:{part}[ \t]*\.[ \t]*){{{MAX_KEY_PARTS}}}", text):
             raise ValueError(f"a key has more than {MAX_KEY_PARTS} parts with dots between them")
         return tomllib.loads(text)
     except (FileAccessError, ValueError, RecursionError) as error:
@@ -158,8 +156,6 @@ def _is_value_for(option: click.Option, value: object) -> bool:
 
 
 CONFIG_NAME = "cageik.toml"
-EXTRACT_COMMAND = "extract"
-
 SYSTEM_USER = 0
 """Owner of the files of the system: root."""
 
@@ -205,7 +201,7 @@ class ClipTables:
             name = path.relative_to(file.parent).as_posix()
             for title, table in self._read_clip_tables(file):
                 pattern = title.removeprefix(f"{CLIPS_TABLE}.")
-                if title in ("", EXTRACT_COMMAND) or fnmatch(name, pattern):
+                if title in ("", "extract") or fnmatch(name, pattern):
                     options |= self._resolve_options(file, title, table, folder)
         return options
 
@@ -250,8 +246,8 @@ class ClipTables:
             self._tables_by_file[file] = self._split_tables(file, read_tables(file))
         tables = self._tables_by_file[file]
         yield "", tables[""]
-        if EXTRACT_COMMAND in tables:
-            yield EXTRACT_COMMAND, tables[EXTRACT_COMMAND]
+        if "extract" in tables:
+            yield "extract", tables["extract"]
         yield from (
             (f"{CLIPS_TABLE}.{pattern}", table)
             for pattern, table in tables.get(CLIPS_TABLE, {}).items()

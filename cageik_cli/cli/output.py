@@ -4,7 +4,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from cageik_cli.cli.group import word_options
-from cageik_cli.util.outputs import check_writable, write_text
+from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_row
 
@@ -24,16 +24,6 @@ if TYPE_CHECKING:
 
 MAX_SUMMARY_BYTES = 1 << 20
 """Largest size of the page of a step; GitHub shows no larger one."""
-
-# What each stage's bar counts; the stages of a frame share one.
-_BARS = {
-    "cage": ("cage", "candidates"),
-    "bind": ("bind", "vertices"),
-    "read": ("frames", "frames"),
-    "edit": ("edit", "frames"),
-    "export": ("export", "frames"),
-    "batch": ("batch", "clips"),
-}
 
 
 class ProgressBar(ProgressListener):
@@ -62,8 +52,17 @@ class ProgressBar(ProgressListener):
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Measure the time of a stage; open its bar, if it has one."""
-        if self._is_drawn and name in _BARS and _BARS[name][0] != self._label:
-            self._open_bar(*_BARS[name])
+        units = {
+            "cage": "candidates",
+            "bind": "vertices",
+            "read": "frames",
+            "edit": "frames",
+            "export": "frames",
+            "batch": "clips",
+        }
+        label = "frames" if name == "read" else name
+        if self._is_drawn and name in units and label != self._label:
+            self._open_bar(label, units[name])
         start = time.perf_counter()
         try:
             yield
@@ -140,13 +139,32 @@ def show_progress(
         write_text(timings, json.dumps(progress.seconds, indent=1) + "\n", overwrite)
 
 
+def check_views(
+    views: Sequence[Path | None],
+    inputs: Sequence[Path | None],
+    overwrite: bool,
+    others: Sequence[Path | None] = (),
+) -> None:
+    """Refuse, before any work, views that cannot be written or overlap with other outputs.
+
+    `-` is stdout.
+    """
+    check_no_overlap([*others, *views], inputs)
+    for path in views:
+        if path is not None and str(path) != "-":
+            check_writable(path, overwrite)
+
+
+def list_files(paths: Iterable[Path | None]) -> list[str]:
+    """List the paths that are given, and not stdout."""
+    return [str(path) for path in paths if path is not None and str(path) != "-"]
+
+
 def write_or_print(view: str | bytes, target: Path, overwrite: bool) -> None:
     """Write to a file, or the same bytes to stdout for the name `-`.
 
     On a terminal, text is printed as all text is, without control characters.
     """
-    from cageik_cli.util.outputs import write_bytes
-
     data = view.encode() if isinstance(view, str) else view
     if str(target) == "-":
         is_shown = sys.stdout is not None and sys.stdout.isatty()

@@ -1,6 +1,6 @@
 """`cageik pose`: a model, or the animation of a result, moved by a few handles."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +16,8 @@ from cageik_cli.cli.options import (
     overwrite_option,
     timings_option,
 )
-from cageik_cli.cli.options.types import PercentType
-from cageik_cli.cli.output import write_or_print
+from cageik_cli.cli.options.types import PercentType, SuffixedPath
+from cageik_cli.cli.output import check_views, list_files, write_or_print
 from cageik_cli.formats.settings import UP_AXES
 
 if TYPE_CHECKING:
@@ -108,43 +108,6 @@ def _reject_options(names: tuple[str, ...], purpose: str) -> None:
             raise click.UsageError(f"{name_option(name)} is for {purpose}; leave it out")
 
 
-@dataclass(frozen=True, slots=True)
-class PoseViews:
-    """What to show of a pose, and where to write it.
-
-    Raises
-    ------
-    click.UsageError
-        When the picture has another suffix than .png.
-    """
-
-    plot: Path | None
-    up_axis: str | None
-    json_path: Path | None
-
-    def __post_init__(self) -> None:
-        plot = self.plot
-        if plot is not None and str(plot) != "-" and plot.suffix.lower() != ".png":
-            raise click.UsageError(f"--plot {plot}: expected a name that ends in .png")
-
-
-VIEW_OPTIONS = OptionGroup(
-    "views",
-    PoseViews,
-    click.option(
-        "--plot", type=PATH_TYPE, help="Draw the model before and after, with the handles (.png)."
-    ),
-    click.option(
-        "--up-axis",
-        type=click.Choice(UP_AXES),
-        help="Axis that points up in the picture.  [default: that of the result, or Y]",
-    ),
-    click.option(
-        "--json", "json_path", type=PATH_TYPE, help="Write the figures as JSON; - is stdout."
-    ),
-)
-
-
 def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
         from cageik_cli.posing.handles.schema import read_schema
@@ -177,7 +140,17 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     WEIGHT_OPTIONS,
     overwrite_option,
 )
-@VIEW_OPTIONS
+@click.option(
+    "--plot",
+    type=SuffixedPath(".png"),
+    help="Draw the model before and after, with the handles (.png).",
+)
+@click.option(
+    "--up-axis",
+    type=click.Choice(UP_AXES),
+    help="Axis that points up in the picture.  [default: that of the result, or Y]",
+)
+@click.option("--json", "json_path", type=PATH_TYPE, help="Write the figures as JSON; - is stdout.")
 @click.option(
     "--schema",
     is_flag=True,
@@ -189,7 +162,12 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
 @timings_option
 @common_options
 def pose_command(
-    settings: "PoseSettings | EditSettings", views: PoseViews, timings: Path | None, quiet: bool
+    settings: "PoseSettings | EditSettings",
+    plot: Path | None,
+    up_axis: str | None,
+    json_path: Path | None,
+    timings: Path | None,
+    quiet: bool,
 ) -> None:
     """Move a model or animation by a few points.
 
@@ -207,46 +185,27 @@ def pose_command(
     from cageik_cli.workflows.edit import EditSettings, edit
     from cageik_cli.workflows.pose import pose
 
-    _check_outputs(settings, views, timings)
+    check_views(
+        [plot, json_path], settings.inputs(), settings.overwrite, [*settings.outputs(), timings]
+    )
     with show_progress(not quiet, timings, settings.overwrite) as progress:
         if isinstance(settings, EditSettings):
             result = edit(settings, progress)
         else:
             result = pose(settings, progress)
-        if views.plot is not None:
+        if plot is not None:
             with progress.stage("plot"):
-                picture = _render_plot(result.snapshot, views.up_axis)
-                write_or_print(picture, views.plot, settings.overwrite)
-    if views.json_path is not None:
-        write_or_print(format_pose_json(result.summary), views.json_path, settings.overwrite)
+                picture = _render_plot(result.snapshot, up_axis)
+                write_or_print(picture, plot, settings.overwrite)
+    if json_path is not None:
+        write_or_print(format_pose_json(result.summary), json_path, settings.overwrite)
     if not quiet:
         rows = [*format_pose_rows(result.summary), *progress.make_rows()]
         click.echo(format_block(str(settings.output), rows), err=True)
-        click.echo(_describe_written(settings, views), err=True)
-
-
-def _check_outputs(
-    settings: "PoseSettings | EditSettings", views: PoseViews, timings: Path | None
-) -> None:
-    """Refuse, before any work, outputs that cannot be written or overlap."""
-    from cageik_cli.util.outputs import check_no_overlap, check_writable
-
-    views_and_timings = [views.plot, views.json_path, timings]
-    check_no_overlap([*settings.outputs(), *views_and_timings], settings.inputs())
-    for path in (views.plot, views.json_path):
-        if path is not None and str(path) != "-":
-            check_writable(path, settings.overwrite)
-
-
-def _describe_written(settings: "PoseSettings | EditSettings", views: PoseViews) -> str:
-    """Name the files that were written, and the next command for a result."""
-    from cageik_cli.workflows.edit import EditSettings
-
-    is_edit = isinstance(settings, EditSettings)
-    written = [*settings.outputs(), views.plot, views.json_path]
-    names = [str(path) for path in written if path is not None and str(path) != "-"]
-    next_step = f"; next: cageik report {settings.output}" if is_edit else ""
-    return f"wrote {', '.join(names)}{next_step}"
+        written = list_files([*settings.outputs(), plot, json_path])
+        is_edit = isinstance(settings, EditSettings)
+        next_step = f"; next: cageik report {settings.output}" if is_edit else ""
+        click.echo(f"wrote {', '.join(written)}{next_step}", err=True)
 
 
 def _render_plot(snapshot: "PoseSnapshot", up_axis: str | None) -> bytes:

@@ -16,8 +16,10 @@ from cageik_cli.cli.options import (
     overwrite_option,
 )
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
+from cageik_cli.cli.options.types import SuffixedPath
 from cageik_cli.cli.output import (
     append_step_summary,
+    check_views,
     echo_exceeded_limits,
     exit_with_code,
     write_or_print,
@@ -41,7 +43,7 @@ class ReportTargets:
     Raises
     ------
     click.UsageError
-        When two views go to stdout, or the picture has an unknown suffix.
+        When two views go to stdout.
     """
 
     html: Path | None
@@ -58,8 +60,6 @@ class ReportTargets:
             raise click.UsageError(
                 f"{on_stdout[0]} and {on_stdout[1]} both go to stdout; write one to a file"
             )
-        if self.plot is not None and self.plot.suffix.lower() not in (".png", ".svg"):
-            raise click.UsageError(f"--plot {self.plot}: expected a name that ends in .png or .svg")
 
     @property
     def named(self) -> dict[str, Path]:
@@ -90,7 +90,9 @@ class ReportTargets:
         "--html", type=PATH_TYPE, help="Write the page of one result, complete in one file."
     ),
     click.option(
-        "--plot", type=PATH_TYPE, help="Draw RMS error and volume over the frames (.png, .svg)."
+        "--plot",
+        type=SuffixedPath(".png", ".svg"),
+        help="Draw RMS error and volume over the frames (.png, .svg).",
     ),
     click.option("--json", type=PATH_TYPE, help="Write the record as JSON; - is stdout."),
     click.option("--csv", type=PATH_TYPE, help="Write CSV with one line per frame; - is stdout."),
@@ -133,11 +135,9 @@ def report_command(
     from cageik_cli.report.views.markdown import format_markdown
     from cageik_cli.report.views.text import format_text
     from cageik_cli.store.result import read_result
-    from cageik_cli.util.outputs import check_no_overlap
 
-    check_no_overlap(list(targets.named.values()), [*results, limits.baseline])
+    check_views(list(targets.named.values()), [*results, limits.baseline], overwrite)
     loaded_limits = limits.load()
-    _check_targets_writable(targets, overwrite)
     if len(results) > 1:
         loaded_limits = loaded_limits.match_by_name()
     loaded = [read_result(path) for path in results]
@@ -156,14 +156,6 @@ def report_command(
         texts = (format_text(report, is_verbose) for report in reports)
         click.echo("\n\n".join(texts), err=targets.uses_stdout)
     exit_with_code(overview)
-
-
-def _check_targets_writable(targets: ReportTargets, overwrite: bool) -> None:
-    from cageik_cli.util.outputs import check_writable
-
-    for path in targets.named.values():
-        if str(path) != "-":
-            check_writable(path, overwrite)
 
 
 def _write_views(

@@ -14,7 +14,7 @@ from cageik_cli.posing.constraints import CageConstraints
 from cageik_cli.posing.handles.model import Handles, PosedSurface
 from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.schedule import HandleSchedule
-from cageik_cli.posing.poser import DEFAULT_ALPHA, Poser, validate_weights
+from cageik_cli.posing.poser import DEFAULT_POSE_ALPHA, Poser, validate_weights
 from cageik_cli.posing.reach import find_reach
 from cageik_cli.solver.metrics import FrameMetrics, measure
 from cageik_cli.util.arrays import Floats, Integers
@@ -40,7 +40,7 @@ class PosingSettings:
         When alpha or beta is not a finite number above 0, or snap one of 0 or above.
     """
 
-    alpha: float = DEFAULT_ALPHA
+    alpha: float = DEFAULT_POSE_ALPHA
     beta: float = 1.0
     rigidity: int = 0
     snap: float | None = None

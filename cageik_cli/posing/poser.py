@@ -26,17 +26,8 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, NumericalError, SettingError
 from cageik_cli.util.text import format_count
 
-DEFAULT_ALPHA = 1e-6
+DEFAULT_POSE_ALPHA = 1e-6
 """Much smaller than in `DualLaplacianSolver`: a few anchors should be met closely."""
-
-SETTLING_ROUNDS = 3
-"""Last rounds, or a tenth of all if that is more, for which anchors stay at their targets."""
-
-MAX_NAMED = 3
-"""Anchors that the message on a conflict names."""
-
-MIN_NAMED_SHARE = 0.1
-"""Anchors with a smaller share in the conflict, relative to the largest, are not named."""
 
 MAX_WEIGHT_RATIO = 1e100
 """Largest ratio of alpha to beta; numbers overflow far beyond it."""
@@ -114,7 +105,7 @@ class Poser:
         self,
         binding: Binding,
         anchors: Iterable[Anchor],
-        alpha: float = DEFAULT_ALPHA,
+        alpha: float = DEFAULT_POSE_ALPHA,
         beta: float = 1.0,
         constraints: CageConstraints | None = None,
     ) -> None:
@@ -204,7 +195,8 @@ class Poser:
         The anchors go to their targets in steps, one per round, and the cells follow them. Of a
         large motion at once, nearly equal ones may end in different minima: the pose jumps.
         """
-        steps = max(1, rounds - max(SETTLING_ROUNDS, rounds // 10))
+        settling = max(3, rounds // 10)  # rounds for which anchors stay at their targets
+        steps = max(1, rounds - settling)
         moved = unrotated / steps
         for step in range(2, rounds + 2):
             moved = min(1.0, step / steps) * unrotated + self._differential_map(
@@ -261,8 +253,9 @@ def _check_independent(response: Response, anchors: tuple[Anchor, ...]) -> None:
     if response.condition_number <= MAX_CONDITION:
         return
     parts = np.round(np.abs(response.weakest_mode) / np.abs(response.weakest_mode).max(), 6)
-    order = np.argsort(-parts, kind="stable")[:MAX_NAMED]
-    names = [repr(anchors[k].name) for k in order if parts[k] > MIN_NAMED_SHARE]
+    order = np.argsort(-parts, kind="stable")[:3]
+    # Those with a small share in the conflict, relative to the largest, are not named.
+    names = [repr(anchors[k].name) for k in order if parts[k] > 0.1]
     numbers = f"{response.condition_number:.1e}", f"{MAX_CONDITION:.0e}"
     found, limit = (number.replace("e+", "e") for number in numbers)
     if len(names) == 1:

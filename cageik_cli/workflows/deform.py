@@ -32,11 +32,8 @@ from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSetti
 NO_CAGES = "which has no cages; give them by `cages`, or give a result"
 NO_SOLVE = "but `influences` needs the settings of a result; give one"
 
-MAX_BLOCK_FRAMES = 16
+MAX_DEFORM_FRAMES = 16
 """Frames per block at most; more is not faster."""
-
-ARRAYS_PER_FRAME = 4
-"""Arrays (m, 3) per frame at once: in the two blocks, moved to the origin, in the writer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,8 +288,9 @@ def _load_model(path: Path, settings: DeformSettings) -> LoadedModel:
 
 def choose_block_size(memory: int, vertices: int) -> int:
     """Return how many frames, in whole groups, fit into `memory` bytes; one group at least."""
-    groups = fit_frames(memory, vertices * FRAMES_PER_PRODUCT, ARRAYS_PER_FRAME)
-    return FRAMES_PER_PRODUCT * min(groups, MAX_BLOCK_FRAMES // FRAMES_PER_PRODUCT)
+    # Four arrays (m, 3) per frame at once: in the two blocks, moved to the origin, in the writer.
+    groups = fit_frames(memory, vertices * FRAMES_PER_PRODUCT, 4)
+    return FRAMES_PER_PRODUCT * min(groups, MAX_DEFORM_FRAMES // FRAMES_PER_PRODUCT)
 
 
 @contextmanager

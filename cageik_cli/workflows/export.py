@@ -23,10 +23,7 @@ from cageik_cli.workflows.caged_model import CagedModel, Reconstruction
 from cageik_cli.workflows.rig import check_influences, make_rig
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
-SKELETON_SUFFIXES = (*UsdSkeletonWriter.suffixes, *GltfSkeletonWriter.suffixes)
-"""Of the formats that hold skeletons."""
-
-MAX_BLOCK_BYTES = 1 << 26
+MAX_EXPORT_BYTES = 1 << 26
 """Bytes of a block of cages, at most."""
 
 
@@ -86,7 +83,7 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
         return _write_skeleton(settings, result, animation, progress)
     if settings.with_model is not None:
         return _write_with_model(settings, result, animation, progress)
-    blocks = read_cages(result, fit_frames(MAX_BLOCK_BYTES, len(result.cage.vertices)))
+    blocks = read_cages(result, fit_frames(MAX_EXPORT_BYTES, len(result.cage.vertices)))
     return write_animation(settings.output, animation, blocks, progress)
 
 
@@ -119,7 +116,7 @@ def _write_with_model(
     """Write the cages, and beside them the model that they move."""
     target = CagedModel.of_result(result).read_reconstruction("the model")
     display = settings.with_model or CageDisplay.MESH
-    size = fit_frames(MAX_BLOCK_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
+    size = fit_frames(MAX_EXPORT_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
     frames = (np.concatenate([block.cages, block.meshes], axis=1) for block in target.blocks(size))
     make_writer = partial(UsdWriter, model=result.rest, display=display)
     with limit_blas_threads(1):  # the last digits of the model depend on it
@@ -160,10 +157,11 @@ def check_export(settings: ExportSettings) -> None:
     """
     path = settings.output.path
     suffix = path.suffix.lower()
-    if settings.skeleton and suffix not in SKELETON_SUFFIXES:
+    skeleton_suffixes = (*UsdSkeletonWriter.suffixes, *GltfSkeletonWriter.suffixes)
+    if settings.skeleton and suffix not in skeleton_suffixes:
         raise SettingError(
             f"{path}: `skeleton` works with USD and glTF only, expected "
-            f"{', '.join(SKELETON_SUFFIXES)}"
+            f"{', '.join(skeleton_suffixes)}"
         )
     is_gltf = suffix in GltfSkeletonWriter.suffixes
     if is_gltf and settings.influences is not None and settings.influences > MAX_INFLUENCES:

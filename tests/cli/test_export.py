@@ -125,7 +125,7 @@ def test_blocks_of_cages_change_nothing(run, result, monkeypatch):
     outputs = ("a.npz", "a.glb", "a.mdd", "a/a_#.obj")
     for name in outputs:
         assert run("export", "cages.h5", name).code == 0
-    monkeypatch.setattr(exporting, "MAX_BLOCK_BYTES", 2 * 8 * 24)
+    monkeypatch.setattr(exporting, "MAX_EXPORT_BYTES", 2 * 8 * 24)
     for name in outputs:
         assert run("export", "cages.h5", name.replace("a", "b")).code == 0
     for name in outputs[:3]:

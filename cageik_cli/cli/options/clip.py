@@ -34,21 +34,6 @@ def choose_gaps(allow_gaps: bool, close_gaps: bool) -> Gaps:
     return "keep" if allow_gaps else "close" if close_gaps else "refuse"
 
 
-GAPS_OPTIONS = OptionGroup(
-    "gaps",
-    choose_gaps,
-    click.option(
-        "--allow-gaps",
-        is_flag=True,
-        help="Keep missing numbers of files as gaps in time, which are filled like skipped frames.",
-    ),
-    click.option(
-        "--close-gaps",
-        is_flag=True,
-        help="Number the frames one after another, whatever numbers of files are missing.",
-    ),
-)
-
 CLIP_MEMBERS = (
     click.option(
         "--frames",
@@ -58,7 +43,21 @@ CLIP_MEMBERS = (
         help="Take frames A:B:STEP only, counted from 0, without B.  [default: all]",
     ),
     layout_option,
-    GAPS_OPTIONS,
+    OptionGroup(
+        "gaps",
+        choose_gaps,
+        click.option(
+            "--allow-gaps",
+            is_flag=True,
+            help="Keep missing numbers of files as gaps in time, which are filled like skipped "
+            "frames.",
+        ),
+        click.option(
+            "--close-gaps",
+            is_flag=True,
+            help="Number the frames one after another, whatever numbers of files are missing.",
+        ),
+    ),
 )
 
 CLIP_OPTIONS = OptionGroup("clip", ClipSettings, *CLIP_MEMBERS)
@@ -111,21 +110,19 @@ rest_frame_option = click.option(
     "fewest parts touch.",
 )
 
-MORPH_SUFFIX = ".glb"
-
 MORPH_MEMBERS = (
     click.option(
         "--morphs",
         "count",
         type=click.IntRange(2, MAX_MORPHS),
-        help=f"Write at most this number of morph targets ({MORPH_SUFFIX}).  [default: "
+        help=f"Write at most this number of morph targets (.glb).  [default: "
         f"{DEFAULT_MORPHS}, or {MAX_MORPHS} with --tolerance]",
     ),
     click.option(
         "--tolerance",
         type=PercentType("a tolerance", "0.01%, of the diagonal"),
         help="Write as few morph targets as bring every vertex in every frame this near, in "
-        f"percent of the diagonal, such as 0.01%; fail if that is impossible ({MORPH_SUFFIX}).",
+        "percent of the diagonal, such as 0.01%; fail if that is impossible (.glb).",
     ),
 )
 
@@ -145,8 +142,7 @@ MORPH_OPTIONS = OptionGroup("morphs", make_morph_settings, *MORPH_MEMBERS)
 
 def check_morph_usage(options: str, is_given: bool, out: Path) -> None:
     """Refuse options of morph targets for another format as wrong usage."""
-    if is_given and out.suffix.lower() != MORPH_SUFFIX:
+    if is_given and out.suffix.lower() != ".glb":
         raise click.UsageError(
-            f"{options} apply to {MORPH_SUFFIX} files, and the output is {out}; leave them out, "
-            f"or write {MORPH_SUFFIX}"
+            f"{options} apply to .glb files, and the output is {out}; leave them out, or write .glb"
         )

@@ -4,6 +4,7 @@ import math
 import re
 from dataclasses import dataclass
 from decimal import Decimal
+from pathlib import Path
 from typing import Any, NoReturn
 
 import click
@@ -32,6 +33,22 @@ class OrWord(click.ParamType):  # type: ignore[type-arg]  # not subscriptable be
             if not self.expected:
                 raise
         return self.fail(f"{value!r} is not {self.expected}, or {self.word}", param, ctx)
+
+
+class SuffixedPath(click.Path):
+    """A file whose name ends in one of some suffixes; `-`, which is stdout, has none."""
+
+    def __init__(self, *suffixes: str) -> None:
+        super().__init__(path_type=Path)
+        self._suffixes = suffixes
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Check the suffix."""
+        path = Path(value)
+        if str(value) != "-" and path.suffix.lower() not in self._suffixes:
+            expected = " or ".join(self._suffixes)
+            self.fail(f"{value}: expected a name that ends in {expected}", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 class SizeType(click.ParamType):  # type: ignore[type-arg]  # as above

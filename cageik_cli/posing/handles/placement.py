@@ -164,7 +164,7 @@ def _full_strength_frames(handle_set: HandleSet, count: int | None) -> range:
     if count is None:
         for field in ("frames", "pick_frame"):
             if getattr(handle_set, field) is not None:
-                raise HandlesError(f"{field}: {_ONE_POSE_HINT}")
+                raise HandlesError(f"{field}: {_explain_one_pose()}")
         return range(1)
     first, last = handle_set.frames or (0, count - 1)
     for frame in (first, last):
@@ -196,7 +196,7 @@ def _check_keyframes(handle: Handle, count: int | None) -> None:
         return
     with error_context(handle.motion.kind):
         if count is None:
-            raise HandlesError(f"keyframes: {_ONE_POSE_HINT}")
+            raise HandlesError(f"keyframes: {_explain_one_pose()}")
         for frame in track.frames.tolist():
             _check_frame(frame, count)
 
@@ -208,7 +208,8 @@ def _check_frame(frame: int, count: int) -> None:
         )
 
 
-_ONE_POSE_HINT = (
-    "not possible for a single pose, which has no frames; remove it, or edit the result of an "
-    "animation"
-)
+def _explain_one_pose() -> str:
+    return (
+        "not possible for a single pose, which has no frames; remove it, or edit the result of an "
+        "animation"
+    )

@@ -25,12 +25,6 @@ if TYPE_CHECKING:
 MAX_HANDLES_BYTES = 2_000_000
 """Largest file that is read: many thousands of handles."""
 
-MAX_FAULTS = 1000
-"""Faults among which the first in the file is looked for."""
-
-MIN_SIMILARITY = 0.7
-"""Similarity, up to 1, at which a field is suggested; `name` and `frames` have 0.6."""
-
 
 def describe_location(document: Any, steps: Steps) -> str:
     """Return the place of a value in words: its set, its handle by name, the field within it."""
@@ -70,13 +64,13 @@ def check_schema(document: Any) -> None:
     Raises
     ------
     HandlesError
-        For the first fault in the file, of the first `MAX_FAULTS`: handle, field, what was found
+        For the first fault in the file, among the first 1000 found: handle, field, what was found
         and what is expected.
     """
     from jsonschema import Draft202012Validator
 
     validator = Draft202012Validator(json.loads(read_schema()))
-    faults = islice(validator.iter_errors(document), MAX_FAULTS)
+    faults = islice(validator.iter_errors(document), 1000)
     first = min(faults, key=lambda fault: _file_order(document, fault), default=None)
     if first is not None:
         place = describe_location(document, list(first.absolute_path))
@@ -105,7 +99,7 @@ def _describe_fault(fault: "ValidationError") -> str:
 
 def _describe_unknown_field(fault: "ValidationError") -> str:
     known, unknown = list(fault.schema["properties"]), next(_unknown_fields(fault))
-    near = get_close_matches(unknown, known, n=1, cutoff=MIN_SIMILARITY)
+    near = get_close_matches(unknown, known, n=1, cutoff=0.7)  # `name` and `frames` have 0.6
     near = near or [name for name in known if unknown and name.startswith(unknown)]
     hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known)}"
     return f"{format_value(unknown)} is not a field of {fault.schema['title']}; {hint}"

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.poser import DEFAULT_ALPHA
+from cageik_cli.posing.poser import DEFAULT_POSE_ALPHA
 from cageik_cli.report.player.clip import PlayerClip, find_mirror
 from cageik_cli.report.player.compression import (
     Predictor,
@@ -78,7 +78,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "mirror": _list_mirror(clip),
         "colours": list(COLOUR_SCALE),
         "missing": MESH_COLOURS["missing"],
-        "alpha": DEFAULT_ALPHA,
+        "alpha": DEFAULT_POSE_ALPHA,
         "rigidity": 10,  # rounds that the page offers first
         "target": clip.target,
         "applyUrl": apply_url,
