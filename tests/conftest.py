@@ -17,7 +17,7 @@ from cageik_cli.cages import build
 from cageik_cli.cli import main, options
 from cageik_cli.coordinates import harmonic
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver import memory_plan
+from cageik_cli.solver import executor
 from cageik_cli.util import compiled
 from cageik_cli.workflows import run_cage
 from tests.shapes import ball, box
@@ -82,7 +82,7 @@ def write_obj() -> Callable[[Path, np.ndarray, np.ndarray], Path]:
 @pytest.fixture
 def single_frame_blocks(monkeypatch) -> None:
     """Make each frame of a run a block, so that little clips have several."""
-    monkeypatch.setattr(memory_plan, "MAX_BLOCK_FRAMES", 1)
+    monkeypatch.setattr(executor, "MAX_BLOCK_FRAMES", 1)
 
 
 @pytest.fixture(autouse=True)

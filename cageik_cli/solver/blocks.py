@@ -1,31 +1,39 @@
-"""The frames of a clip in blocks: read ahead, solved, measured, summarised."""
+"""The frames of a clip in blocks: solved, and measured.
+
+A plain solve is one in which all weights of vertices are 1. In captured clips, vertices of one
+frame may count differently than in another: missing ones have the weight 0.
+"""
 
 import threading
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.sequence import Block, FramePrefetcher, MeshSequence
+from cageik_cli.formats.base.sequence import Block, MeshSequence
+from cageik_cli.solver.captured import (
+    FrameWeights,
+    KeptBlock,
+    complete_frames,
+    measure_tolerances,
+)
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
-from cageik_cli.solver.kept import KeptBlock
-from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.solver.metrics import (
-    METRIC_TYPES,
-    FrameErrors,
     FrameMetrics,
+    Measured,
     check_finite,
+    leave_gaps,
+    map_columns,
     measure,
 )
-from cageik_cli.solver.robust import RobustSolver
+from cageik_cli.solver.robust import MAX_REJECTED_WEIGHT, RobustSolver, WeighedSolution
 from cageik_cli.solver.summary import DeviationPeaks
-from cageik_cli.util.arrays import Floats, Workspace
+from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace, spread_evenly
+from cageik_cli.util.errors import FileAccessError, FormatError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
-from cageik_cli.util.threads import OrderedMap
+from cageik_cli.util.threads import limit_blas_threads
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,51 +84,6 @@ class SolvedBlock:
         return np.asarray(self.cages[frame - self.start])
 
 
-def make_solved_block(
-    block: Block, solution: Solution, errors: FrameErrors, digests: tuple[bytes, ...]
-) -> SolvedBlock:
-    """Return the cages and metrics of a block, with gaps for frames that could not be read."""
-    faults = {k: to_unicode(str(error)) for k, error in block.read_errors.items()}
-    metrics, squares = errors.metrics, errors.squared_errors
-    frames = np.arange(block.start, block.start + len(solution.cages))
-    cages, rotations, sampled = solution.cages, solution.rotations, solution.sampled
-    if faults:
-        gaps = np.array(list(faults)) - block.start
-        squares, frames = np.delete(squares, gaps, axis=0), np.delete(frames, gaps)
-        columns = {name: getattr(metrics, name).copy() for name in METRIC_TYPES}
-        for name, column in columns.items():
-            column[gaps] = -1 if METRIC_TYPES[name] == "i8" else np.nan
-        cages, rotations, sampled = cages.copy(), rotations.copy(), sampled.copy()
-        cages[gaps] = rotations[gaps] = np.nan
-        sampled.reshape(len(sampled), -1, 3)[:, gaps] = 0
-        metrics = FrameMetrics(**columns)
-    return SolvedBlock(
-        start=block.start,
-        cages=cages,
-        rotations=rotations,
-        metrics=metrics,
-        squared_errors=squares.sum(axis=0),
-        peaks=DeviationPeaks.of_frames(squares, frames),
-        digests=digests,
-        skipped=faults,
-        sampled=sampled,
-    )
-
-
-class CaptureSolver(Protocol):
-    """Solves blocks in which vertices of one frame may count differently than in another."""
-
-    @property
-    def robust(self) -> RobustSolver:
-        """The solver of frames."""
-
-    def solve_block(self, block: Block, workspace: Workspace) -> Any:
-        """Solve a block; frames of too few data become gaps."""
-
-    def measure_block(self, found: Any, digests: tuple[bytes, ...]) -> SolvedBlock:
-        """Measure what `solve_block` returned."""
-
-
 class BlockSolver:
     """Solver and measurement of the blocks of a clip.
 
@@ -129,8 +92,12 @@ class BlockSolver:
     skips_bad_frames : bool
         Whether frames that cannot be read become gaps, as missing ones do; otherwise they are
         refused.
-    capture : CaptureSolver, optional
-        Solves the blocks, if vertices of one frame may count differently than in another.
+    robust : RobustSolver, optional
+        Of frames whose vertices count differently; without it, all count alike.
+    frame_weights : FrameWeights, optional
+        Of each frame of the clip.
+    accepts_gaps : bool
+        Whether frames of too few data become gaps; otherwise they are refused.
 
     All parameters are attributes too.
     """
@@ -139,84 +106,201 @@ class BlockSolver:
         self,
         sequence: MeshSequence,
         solver: DualLaplacianSolver,
-        skips_bad_frames: bool,
         progress: ProgressListener,
-        capture: CaptureSolver | None = None,
+        *,
+        skips_bad_frames: bool = False,
+        robust: RobustSolver | None = None,
+        frame_weights: FrameWeights | None = None,
+        accepts_gaps: bool = False,
     ) -> None:
         self.sequence, self.solver, self.progress = sequence, solver, progress
-        self.capture = capture
+        self.skips_bad_frames, self.accepts_gaps = skips_bad_frames, accepts_gaps
+        self.robust, self.frame_weights = robust, frame_weights
         self._thread_local = threading.local()
-        self.skips_bad_frames = skips_bad_frames
 
     def solve_block(self, block: Block) -> SolvedBlock:
-        """Solve and measure a block.
+        """Solve and measure a block; frames of too few data become gaps.
 
         Raises
         ------
         InputError
-            When a frame could not be read and must not be skipped.
+            When a frame could not be read, or has too few data, and must not become a gap.
         NumericalError
             When the solve gives numbers that are not finite or too large.
         """
         if not self.skips_bad_frames:
             block.raise_read_errors(ignore_missing=True)
-        workspace = self._thread_local.__dict__.setdefault("workspace", Workspace())
         digests = tuple(map(self.sequence.digest_or_zeros, range(block.start, block.stop)))
-        if self.capture is not None:
-            with self.progress.stage("solve"):
-                found = self.capture.solve_block(block, workspace)
-            with self.progress.stage("measure"):
-                return self.capture.measure_block(found, digests)
         with self.progress.stage("solve"):
-            solution = self.solver.solve(block.positions, workspace)
+            positions, given = self.complete(block)
+            if self.robust is None:
+                solution, weights = self.solver.solve(positions, self._workspace), None
+            else:
+                found = self.robust.solve(positions, given, self._workspace)
+                block = self._skip_thin_frames(block, given, found)
+                solution, weights = found.solution, found.weights
+            block = replace(block, positions=positions)
         with self.progress.stage("measure"):
-            rest, counted = self.solver.binding.rest, self.solver.data_vertices
-            rebuilt = solution.reconstructions
-            measured = measure(rest, block.positions, rebuilt, counted, workspace)
-        check_finite(block.start, solution.cages, measured.metrics)
-        return make_solved_block(block, solution, measured, digests)
+            return self.measure_block(block, given, solution, weights, digests)
+
+    def find_tolerances(self, most: int = 16) -> None:
+        """Measure the residuals that each vertex may have: above them, it is an outlier.
+
+        At most so many frames are solved twice: their residuals give tolerances, with which those
+        of the second time are not led astray by outliers.
+
+        Raises
+        ------
+        InputError
+            When one of these frames cannot be read and must not be skipped.
+        """
+        assert self.robust is not None
+        with self.progress.stage("solve"), limit_blas_threads(1):
+            for _ in range(2):
+                tolerances = measure_tolerances(self.robust, self._read_some(most))
+                self.robust = RobustSolver(self.solver, tolerances)
+
+    def _read_some(self, most: int) -> Iterator[tuple[Floats, Floats | None]]:
+        """Read evenly spread frames, one by one, as of `complete`."""
+        is_any = False
+        for index in spread_evenly(len(self.sequence), most).tolist():
+            if index in self.sequence.missing:
+                continue
+            try:
+                positions = self.sequence.read_frame(index)[None]
+            except InputError:
+                if not self.skips_bad_frames:
+                    raise
+                continue
+            is_any = True
+            yield self.complete(Block(index, positions, {}))
+        if not is_any:
+            raise FileAccessError("none of the frames on which tolerances are measured can be read")
+
+    def complete(self, block: Block) -> tuple[Floats, Floats | None]:
+        """Return the frames of a block with a position for every vertex, and given weights.
+
+        Both are as of `complete_frames`.
+        """
+        if self.robust is None:
+            return block.positions, None
+        weights = self.frame_weights
+        given = None if weights is None else weights.read(block.start, block.stop)
+        return complete_frames(self.solver, block.positions, given)
+
+    def measure_block(
+        self,
+        block: Block,
+        given: Floats | None,
+        solution: Solution,
+        weights: Floats | None,
+        digests: tuple[bytes, ...],
+    ) -> SolvedBlock:
+        """Measure a block that was solved; frames that could not be read are gaps.
+
+        Parameters
+        ----------
+        block : Block
+            With a position for every vertex.
+        given, weights : (k, m) float64, optional
+            How much vertices may count, and how much they do; None if all weights are 1.
+
+        Raises
+        ------
+        NumericalError
+            When the solve gave numbers that are not finite or too large.
+        """
+        rest, frames, rebuilt = self.solver.binding.rest, block.positions, solution.reconstructions
+        if self.robust is None:
+            measured = measure(rest, frames, rebuilt, self.solver.data_vertices, self._workspace)
+            return make_solved_block(block, solution, measured, digests)
+        is_data = is_kept = self._find_data(frames, given)
+        weights = np.ones(is_data.shape) if weights is None else weights
+        if self.robust.tolerances is not None:
+            # A small weight that is given is no outlier: only what is taken from it counts.
+            least = MAX_REJECTED_WEIGHT * (1.0 if given is None else given)
+            is_kept = is_data & (weights >= least)
+        measured = measure(rest, frames, rebuilt, is_data, is_kept=is_kept)
+        assert measured.kept is not None
+        errors, gaps = rebuilt - frames, _find_gaps(block)
+        kept = KeptBlock.of(measured.kept, weights, is_kept, errors, gaps)
+        return make_solved_block(block, solution, measured, digests, kept)
+
+    @property
+    def _workspace(self) -> Workspace:
+        """Memory of this thread."""
+        found: Workspace = self._thread_local.__dict__.setdefault("workspace", Workspace())
+        return found
+
+    def _find_data(self, frames: Floats, given: Floats | None) -> Mask:
+        """Return which vertices of each frame are data, (k, m)."""
+        is_data = np.broadcast_to(self.solver.vertex_weights > 0, frames.shape[:2])
+        return is_data if given is None else is_data & (given > 0)
+
+    def _skip_thin_frames(
+        self, block: Block, given: Floats | None, found: WeighedSolution
+    ) -> Block:
+        """Return the block with an error for each frame of too few data."""
+        errors: dict[int, InputError] = {}
+        least = found.solution.cages.shape[1]
+        counts = self._find_data(block.positions, given).sum(axis=1)
+        for place, count in enumerate(counts):
+            fault, frame = found.faults.get(place), block.start + place
+            if (count >= least and fault is None) or frame in block.read_errors:
+                continue
+            reason = fault or f"fewer than the {least} vertices of the cage"
+            errors[frame] = FormatError(
+                f"{self.sequence.location(frame)}: {count} of {block.positions.shape[1]} vertices "
+                f"are data ({reason})"
+            )
+        if errors and not self.accepts_gaps:
+            raise FormatError(
+                f"{errors[min(errors)]}; leave a gap by `on_bad_frame=skip`, or fill it by "
+                "`fill_gaps`"
+            )
+        return replace(block, read_errors=block.read_errors | errors)
 
 
-class BlockExecutor(Protocol):
-    """Solves the blocks of a clip, in threads or on a cluster."""
+def make_solved_block(
+    block: Block,
+    solution: Solution,
+    measured: Measured,
+    digests: tuple[bytes, ...],
+    kept: KeptBlock | None = None,
+) -> SolvedBlock:
+    """Return the cages and metrics of a block, with gaps for frames that could not be read.
 
-    def run_blocks(
-        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
-    ) -> AbstractContextManager[Iterator[SolvedBlock]]:
-        """Open an iterator of the blocks that begin at `starts`, in order, solved ahead."""
+    Raises
+    ------
+    NumericalError
+        When cages or metrics are not finite or too large.
+    """
+    metrics, squares, gaps = measured.metrics, measured.squared_errors, _find_gaps(block)
+    known = np.delete(np.arange(len(solution.cages)), gaps)
+    cages, rotations, sampled = solution.cages, solution.rotations, solution.sampled
+    check_finite(block.start, cages[known], map_columns(metrics, lambda column: column[known]))
+    if len(gaps):
+        squares, metrics = squares[known], leave_gaps(metrics, gaps)
+        cages, rotations, sampled = cages.copy(), rotations.copy(), sampled.copy()
+        cages[gaps] = rotations[gaps] = np.nan
+        sampled.reshape(len(sampled), -1, 3)[:, gaps] = 0
+    peaks = DeviationPeaks.of_frames(squares, block.start + known)
+    if kept is not None:
+        squares = np.nan_to_num(squares)
+    return SolvedBlock(
+        start=block.start,
+        cages=cages,
+        rotations=rotations,
+        metrics=metrics,
+        squared_errors=squares.sum(axis=0),
+        peaks=peaks,
+        digests=digests,
+        skipped={k: to_unicode(str(error)) for k, error in block.read_errors.items()},
+        sampled=sampled,
+        kept=kept,
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class ThreadExecutor:
-    """Solves blocks in threads of this process, which also read frames ahead."""
-
-    jobs: int
-
-    @contextmanager
-    def run_blocks(
-        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
-    ) -> Iterator[Iterator[SolvedBlock]]:
-        """Open an iterator of the blocks that begin at `starts`, in order."""
-        frames = range(starts.start, starts.stop)
-        with (
-            FramePrefetcher(
-                block_solver.sequence, self.jobs, memory_plan.max_queued_frames, frames
-            ) as read,
-            OrderedMap(
-                block_solver.solve_block,
-                _timed_reads(read.blocks(starts.step), block_solver.progress),
-                memory_plan.max_parallel_blocks,
-                memory_plan.max_parallel_blocks,
-            ) as solved_blocks,
-        ):
-            yield solved_blocks
-
-
-def _timed_reads(blocks: Iterator[Block], progress: ProgressListener) -> Iterator[Block]:
-    """Yield blocks; the time of waiting for them counts as the stage `read`."""
-    while True:
-        with progress.stage("read"):
-            block = next(blocks, None)
-        if block is None:
-            return
-        yield block
+def _find_gaps(block: Block) -> Integers:
+    """Return the places of the frames of a block that could not be read, ascending."""
+    return np.array(sorted(block.read_errors), np.int64) - block.start

@@ -1,13 +1,20 @@
-"""Frames of captured clips: vertices that are missing, or weigh less than others."""
+"""Frames of captured clips: missing vertices, what is no outlier, and what was kept.
 
+What a cage cannot follow is no outlier: the residuals that each vertex may have are measured.
+"""
+
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.alignment import best_rotations
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.util.arrays import Floats
+from cageik_cli.solver.metrics import KeptMetrics, leave_gaps
+from cageik_cli.solver.robust import RobustSolver
+from cageik_cli.util.arrays import Floats, Integers, Mask
 
 
 class FrameWeights(Protocol):
@@ -17,25 +24,9 @@ class FrameWeights(Protocol):
         """Read the weights of frames `start` up to `stop`, exclusive: (k, m), from 0 to 1."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CapturedFrames:
-    """Frames with a position for every vertex, and how much it counts.
-
-    Attributes
-    ----------
-    positions : (k, m, 3) float64
-        Missing vertices are where the rest pose has them, moved rigidly onto the others.
-    weights : (k, m) float64, optional
-        From 0, for missing vertices, to 1; None if all are 1.
-    """
-
-    positions: Floats
-    weights: Floats | None
-
-
 def complete_frames(
     solver: DualLaplacianSolver, positions: Floats, given: Floats | None
-) -> CapturedFrames:
+) -> tuple[Floats, Floats | None]:
     """Give missing vertices a position, and the weight 0.
 
     Parameters
@@ -44,16 +35,23 @@ def complete_frames(
         nan for missing vertices.
     given : (k, m), optional
         Weights of the frames.
+
+    Returns
+    -------
+    positions : (k, m, 3) float64
+        Missing vertices are where the rest pose has them, moved rigidly onto the others.
+    weights : (k, m) float64 or None
+        From 0, for missing vertices, to 1; None if all are 1.
     """
     is_missing = np.isnan(positions[..., 0])
     if not is_missing.any():
-        return CapturedFrames(positions, given)
+        return positions, given
     weights = np.ones(is_missing.shape) if given is None else given.copy()
     weights[is_missing] = 0
     completed = positions.copy()
     for place in np.flatnonzero(is_missing.any(axis=1)):
         completed[place] = _complete_frame(solver, positions[place], weights[place])
-    return CapturedFrames(completed, weights)
+    return completed, weights
 
 
 def _complete_frame(solver: DualLaplacianSolver, frame: Floats, weights: Floats) -> Floats:
@@ -71,3 +69,187 @@ def _complete_frame(solver: DualLaplacianSolver, frame: Floats, weights: Floats)
         turn = best_rotations((frame[known] - centre)[None], rest[known] - origin, ones)[0]
     filled[is_missing] = (rest[is_missing] - origin) @ turn + centre
     return filled
+
+
+def measure_tolerances(
+    robust: RobustSolver,
+    frames: Iterable[tuple[Floats, Floats | None]],
+    *,
+    ratio: float = 5.0,
+    least: float = 1e-5,
+) -> Floats:
+    """Measure the tolerances of all vertices on some frames.
+
+    The residual of a vertex is the median over the frames, and then over its neighbours in the
+    mesh, so that a vertex that is off in all frames is found too.
+
+    Parameters
+    ----------
+    robust : RobustSolver
+        With the tolerances that are known so far, if any are.
+    frames : iterable of ((1, m, 3), (1, m) or None)
+        From `complete_frames`, one frame each, so that the result does not depend on the size of
+        blocks.
+    ratio : float
+        Tolerance, in the sum of the median residuals of a vertex and of all vertices.
+    least : float
+        Smallest tolerance, in diagonals: rounding of single precision is far below.
+
+    Returns
+    -------
+    (m,) float64, file units
+    """
+    rest = robust.solver.binding.rest
+    rows = []
+    for positions, weights in frames:
+        found = robust.solve(positions, weights)
+        if found.faults:
+            continue
+        errors = positions[0] - found.solution.reconstructions[0]
+        residuals = np.sqrt(np.einsum("jx,jx->j", errors, errors))
+        is_data = robust.solver.vertex_weights > 0
+        if weights is not None:
+            is_data = is_data & (weights[0] > 0)
+        rows.append(np.where(is_data, residuals, np.nan))
+    smallest = least * rest.diagonal
+    # The rest pose is met exactly, and says nothing of the others.
+    rows = [row for row in rows if np.nanmax(row, initial=0) > smallest] or rows
+    if not rows:
+        return np.full(len(rest.vertices), smallest)
+    typical = take_ring_medians(rest, take_medians(np.stack(rows)))
+    middle = float(np.median(typical[np.isfinite(typical)]))
+    typical = np.where(np.isfinite(typical), typical, middle)
+    return np.asarray(np.maximum(ratio * (typical + middle), smallest))
+
+
+def take_medians(rows: Floats) -> Floats:
+    """Return the medians of the columns of (k, m), without nan; nan where all are."""
+    ordered = np.sort(rows, axis=0)  # nan is last
+    counts = np.isfinite(rows).sum(axis=0)
+    places = np.stack([np.maximum(counts - 1, 0) // 2, np.maximum(counts, 1) // 2])
+    places = np.minimum(places, len(rows) - 1)
+    return np.asarray(np.take_along_axis(ordered, places, axis=0).mean(axis=0))
+
+
+def take_ring_medians(mesh: TriMesh, values: Floats) -> Floats:
+    """Return the (lower) median of each vertex and its neighbours, (m,), without nan."""
+    ends, own = mesh.edges.ends, np.arange(len(values))
+    centres = np.concatenate([own, ends[:, 0], ends[:, 1]])
+    found = np.concatenate([values, values[ends[:, 1]], values[ends[:, 0]]])
+    centres, found = centres[np.isfinite(found)], found[np.isfinite(found)]
+    order = np.lexsort((found, centres))
+    counts = np.bincount(centres, minlength=len(values))
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    medians = np.full(len(values), np.nan)
+    known = np.flatnonzero(counts)
+    medians[known] = found[order][starts[known] + (counts[known] - 1) // 2]
+    return medians
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SparseWeights:
+    """The weights of the vertices of k frames that are not 1.
+
+    Attributes
+    ----------
+    starts : (k + 1,) int64
+        Where the entries of each frame begin and end.
+    vertices : (e,) int64
+    values : (e,) float64
+    """
+
+    starts: Integers
+    vertices: Integers
+    values: Floats
+
+    @staticmethod
+    def of(weights: Floats) -> "SparseWeights":
+        """Take those that are not 1 of weights (k, m)."""
+        frames, vertices = np.nonzero(weights != 1)
+        starts = np.searchsorted(frames, np.arange(len(weights) + 1))
+        return SparseWeights(starts, vertices, weights[frames, vertices])
+
+    @staticmethod
+    def none(frames: int) -> "SparseWeights":
+        """Return the weights of frames in which all are 1."""
+        return SparseWeights(np.zeros(frames + 1, np.int64), np.zeros(0, np.int64), np.zeros(0))
+
+    def get(self, place: int) -> tuple[Integers, Floats]:
+        """Return the vertices of a frame, by its place, and their weights."""
+        entries = slice(self.starts[place], self.starts[place + 1])
+        return self.vertices[entries], self.values[entries]
+
+    def expand(self, vertex_count: int) -> Floats:
+        """Return all weights, (k, m)."""
+        weights = np.ones((len(self.starts) - 1, vertex_count))
+        for place, row in enumerate(weights):
+            vertices, values = self.get(place)
+            row[vertices] = values
+        return weights
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptBlock:
+    """What was kept of k frames.
+
+    Attributes
+    ----------
+    metrics : KeptMetrics
+        nan, and -1 for counts, of skipped frames.
+    weights : SparseWeights
+        None of skipped frames.
+    counts : (m,) int64
+        Frames in which each vertex was kept.
+    noise : (k,) float64
+        As of `measure_noise`; nan where a frame of the block is missing beside it.
+    """
+
+    metrics: KeptMetrics
+    weights: SparseWeights
+    counts: Integers
+    noise: Floats
+
+    @staticmethod
+    def of(
+        metrics: KeptMetrics, weights: Floats, is_kept: Mask, errors: Floats, gaps: Integers
+    ) -> "KeptBlock":
+        """Return what was kept of frames; those at the places `gaps` have nothing.
+
+        Parameters
+        ----------
+        weights : (k, m) float64
+        is_kept : (k, m) bool
+        errors : (k, m, 3)
+            v̂ − v.
+        """
+        noise, weights = measure_noise(errors, is_kept), weights.copy()
+        for step in (-1, 0, 1):
+            places = gaps + step
+            noise[places[(places >= 0) & (places < len(noise))]] = np.nan
+        weights[gaps] = 1
+        counts = np.delete(is_kept, gaps, axis=0).sum(axis=0)
+        return KeptBlock(leave_gaps(metrics, gaps), SparseWeights.of(weights), counts, noise)
+
+
+def measure_noise(errors: Floats, is_kept: Mask) -> Floats:
+    """Measure how much residuals tremble from frame to frame, (k,): a mean squared length.
+
+    What a cage cannot follow changes slowly, and cancels in second differences; of independent
+    noise they have six times the variance.
+
+    Parameters
+    ----------
+    errors : (k, m, 3)
+        v̂ − v.
+    is_kept : (k, m) bool
+    """
+    noise = np.full(len(errors), np.nan)
+    if len(errors) < 3:
+        return noise
+    bends = errors[:-2] - 2 * errors[1:-1] + errors[2:]
+    counted = is_kept[:-2] & is_kept[1:-1] & is_kept[2:]
+    squares = np.einsum("kjx,kjx->kj", bends, bends)
+    counts = counted.sum(axis=1)
+    sums = np.where(counted, squares, 0.0).sum(axis=1)
+    noise[1:-1] = np.where(counts > 0, sums / (6 * np.maximum(counts, 1)), np.nan)
+    return noise

@@ -1,6 +1,8 @@
 """Errors of reconstructions relative to their frames: RMS, deviation and volume."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import TypeVar
 
 import numpy as np
 
@@ -41,109 +43,6 @@ class FrameMetrics:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrameErrors:
-    """Metrics and squared errors of k frames.
-
-    Attributes
-    ----------
-    squared_errors : (k, m) float64
-        |v̂_i − v_i|², nan for vertices that are missing data; in workspace memory, if one was given.
-    """
-
-    metrics: FrameMetrics
-    squared_errors: Floats
-
-
-def measure(
-    rest: TriMesh,
-    frames: Floats,
-    reconstructions: Floats,
-    data_vertices: slice | Integers,
-    workspace: Workspace | None = None,
-) -> FrameErrors:
-    """Measure the errors of reconstructions relative to their frames.
-
-    Parameters
-    ----------
-    rest : TriMesh
-        Its faces define the volume.
-    frames, reconstructions : (k, m, 3)
-    data_vertices : slice or (c,) int64
-        Vertices that are data: all in a face but those of vertex weight 0.
-    workspace : Workspace, optional
-        Memory to reuse.
-    """
-    is_data = np.zeros(frames.shape[1], bool)
-    is_data[data_vertices] = True
-    has_volume = rest.is_body and is_data[rest.used_vertices].all()
-    faces = rest.faces if has_volume else rest.faces[:0]
-    compare = _compare_in_numpy if compiled.kernel is None else _compare
-    sums, worst, squares = compare(
-        frames, reconstructions, is_data, faces, workspace or Workspace()
-    )
-    count = np.count_nonzero(is_data)
-    volumes = sums[:, 3:] / 6 if has_volume else np.full((len(frames), 2), np.nan)
-    metrics = FrameMetrics(
-        rms=np.sqrt(sums[:, 0] / count),
-        max_deviation=np.sqrt(sums[:, 1]),
-        worst_vertex=worst,
-        volume=volumes[:, 0],
-        volume_reconstructed=volumes[:, 1],
-        spread=np.sqrt(sums[:, 2] / count),
-    )
-    if count < frames.shape[1]:
-        squares[:, ~is_data] = np.nan
-    return FrameErrors(metrics, squares)
-
-
-Comparison = tuple[Floats, Integers, Floats]
-"""Of k frames: sums (k, 5), worst vertices (k,), and squared errors (k, m).
-
-The sums are those of |v̂ − v|², their largest, that of |v − centroid|², and six times the signed
-volumes of v and v̂.
-"""
-
-
-def _compare(
-    frames: Floats, reconstructions: Floats, is_data: Mask, faces: Integers, workspace: Workspace
-) -> Comparison:
-    """Compare frames with their reconstructions, compiled."""
-    sums, worst = np.empty((len(frames), 5)), np.empty(len(frames), np.int64)
-    squares = workspace.array("squares", *frames.shape[:2])
-    compiled.kernel.compare_frames(
-        np.ascontiguousarray(frames, np.float64),
-        np.ascontiguousarray(reconstructions, np.float64),
-        is_data.view(np.uint8),
-        np.ascontiguousarray(faces),
-        squares,
-        sums,
-        worst,
-    )
-    return sums, worst, squares
-
-
-def _compare_in_numpy(
-    frames: Floats, reconstructions: Floats, is_data: Mask, faces: Integers, workspace: Workspace
-) -> Comparison:
-    """Compare frames with their reconstructions where nothing is compiled: the reference."""
-    errors = workspace.array("errors", *frames.shape)
-    np.subtract(reconstructions, frames, out=errors)
-    squares = np.einsum("kjx,kjx->kj", errors, errors)
-    compared = np.where(is_data, squares, -1.0)
-    counted = np.where(is_data, squares, 0.0)
-    centroids = is_data @ frames / np.count_nonzero(is_data)
-    centred = np.subtract(frames, centroids[:, None], out=errors)
-    sums = np.zeros((len(frames), 5))
-    sums[:, 0] = counted.sum(axis=1)
-    sums[:, 1] = compared.max(axis=1)
-    sums[:, 2] = np.where(is_data, np.einsum("kjx,kjx->kj", centred, centred), 0.0).sum(axis=1)
-    if len(faces):
-        for column, positions in enumerate((frames, reconstructions), start=3):
-            sums[:, column] = 6 * signed_volumes(positions, faces)
-    return sums, compared.argmax(axis=1).astype(np.int64), squares
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class KeptMetrics:
     """Metrics of k frames over the vertices that were kept, each an array (k,).
 
@@ -163,77 +62,162 @@ class KeptMetrics:
     max_deviation_kept: Floats
 
 
+METRIC_TYPES = {
+    field.name: "i8" if field.name == "worst_vertex" else "f8" for field in fields(FrameMetrics)
+}
+"""The names of the metrics of frames, and the types of their columns."""
+
 KEPT_TYPES = {
     field.name: "i8" if field.name in ("missing", "rejected") else "f8"
     for field in fields(KeptMetrics)
 }
 """The names of the metrics over what was kept, and the types of their columns."""
 
+Metrics = TypeVar("Metrics", FrameMetrics, KeptMetrics)
+
+
+def map_columns(metrics: Metrics, change: Callable[[np.ndarray], np.ndarray]) -> Metrics:
+    """Return metrics with `change` of each of their columns."""
+    names = (field.name for field in fields(metrics))
+    return type(metrics)(**{name: change(getattr(metrics, name)) for name in names})
+
+
+def leave_gaps(metrics: Metrics, gaps: Integers) -> Metrics:
+    """Return metrics in which frames at these places have none: nan, or -1 in whole numbers."""
+
+    def change(column: np.ndarray) -> np.ndarray:
+        found = column.copy()
+        found[gaps] = -1 if np.issubdtype(column.dtype, np.integer) else np.nan
+        return found
+
+    return map_columns(metrics, change)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KeptErrors:
-    """Errors of frames whose vertices count differently.
+class Measured:
+    """Metrics and squared errors of k frames.
 
     Attributes
     ----------
-    errors : FrameErrors
-        Metrics over all data; squared errors are nan for vertices that were not kept.
+    squared_errors : (k, m) float64
+        |v̂_i − v_i|², nan for vertices that were not kept; in workspace memory, if one was given.
+    kept : KeptMetrics, optional
+        Of frames whose vertices count differently.
     """
 
-    errors: FrameErrors
-    metrics: KeptMetrics
+    metrics: FrameMetrics
+    squared_errors: Floats
+    kept: KeptMetrics | None = None
 
 
-def measure_kept(
-    rest: TriMesh, frames: Floats, reconstructions: Floats, is_data: Mask, is_kept: Mask
-) -> KeptErrors:
+def measure(
+    rest: TriMesh,
+    frames: Floats,
+    reconstructions: Floats,
+    data: slice | Integers | Mask,
+    workspace: Workspace | None = None,
+    is_kept: Mask | None = None,
+) -> Measured:
     """Measure the errors of reconstructions over data, and over what was kept of it.
-
-    Volumes are of frames that are all data, with the reconstruction where a vertex was rejected.
 
     Parameters
     ----------
+    rest : TriMesh
+        Its faces define the volume.
     frames, reconstructions : (k, m, 3)
-    is_data, is_kept : (k, m) bool
-        What was kept is data.
+    data : slice, (c,) int64, or (k, m) bool
+        Vertices that are data, of all frames or of each: all in a face but those of weight 0.
+    workspace : Workspace, optional
+        Memory to reuse.
+    is_kept : (k, m) bool, optional
+        Data that was not rejected, if vertices of frames count differently. Volumes are then with
+        the reconstruction where a vertex was rejected.
     """
+    if is_kept is None and compiled.kernel is not None:
+        return _measure_compiled(rest, frames, reconstructions, data, workspace or Workspace())
+    is_data = data
+    if is_kept is None:
+        is_data = np.zeros(frames.shape[:2], bool)
+        is_data[:, data] = True
+    return _measure_in_numpy(rest, frames, reconstructions, np.asarray(is_data), is_kept)
+
+
+def _measure_compiled(
+    rest: TriMesh,
+    frames: Floats,
+    reconstructions: Floats,
+    data: slice | Integers | Mask,
+    workspace: Workspace,
+) -> Measured:
+    """Measure frames whose vertices count alike, compiled."""
+    is_data = np.zeros(frames.shape[1], bool)
+    is_data[data] = True
+    has_volume = rest.is_body and is_data[rest.used_vertices].all()
+    sums, worst = np.empty((len(frames), 5)), np.empty(len(frames), np.int64)
+    squares = workspace.array("squares", *frames.shape[:2])
+    # The sums are those of |v̂ − v|², their largest, that of |v − centroid|², and six times the
+    # signed volumes of v and v̂.
+    compiled.kernel.compare_frames(
+        np.ascontiguousarray(frames, np.float64),
+        np.ascontiguousarray(reconstructions, np.float64),
+        is_data.view(np.uint8),
+        np.ascontiguousarray(rest.faces if has_volume else rest.faces[:0]),
+        squares,
+        sums,
+        worst,
+    )
+    count = np.count_nonzero(is_data)
+    volumes = sums[:, 3:] / 6 if has_volume else np.full((len(frames), 2), np.nan)
+    metrics = FrameMetrics(
+        rms=np.sqrt(sums[:, 0] / count),
+        max_deviation=np.sqrt(sums[:, 1]),
+        worst_vertex=worst,
+        volume=volumes[:, 0],
+        volume_reconstructed=volumes[:, 1],
+        spread=np.sqrt(sums[:, 2] / count),
+    )
+    if count < frames.shape[1]:
+        squares[:, ~is_data] = np.nan
+    return Measured(metrics, squares)
+
+
+def _measure_in_numpy(
+    rest: TriMesh, frames: Floats, reconstructions: Floats, is_data: Mask, is_kept: Mask | None
+) -> Measured:
+    """Measure frames whose vertices may count differently: the reference."""
     errors = reconstructions - frames
     squares = np.einsum("kjx,kjx->kj", errors, errors)
     over_data = np.where(is_data, squares, -1.0)
-    worst = over_data.argmax(axis=1)
-    volume = volume_rebuilt = np.full(len(frames), np.nan)
-    is_whole = is_data[:, rest.used_vertices].all(axis=1) & rest.is_body
-    whole = np.flatnonzero(is_whole)
+    counts = is_data.sum(axis=1)
+    known = np.where(counts > 0, counts, np.nan)
+    kept_or_data = is_data if is_kept is None else is_kept
+    volume, volume_rebuilt = np.full((2, len(frames)), np.nan)
+    whole = np.flatnonzero(is_data[:, rest.used_vertices].all(axis=1) & rest.is_body)
     if len(whole):
-        volume, volume_rebuilt = volume.copy(), volume.copy()
-        mended = np.where(is_kept[whole, :, None], frames[whole], reconstructions[whole])
+        mended = np.where(kept_or_data[whole, :, None], frames[whole], reconstructions[whole])
         volume[whole] = signed_volumes(mended, rest.faces)
         volume_rebuilt[whole] = signed_volumes(reconstructions[whole], rest.faces)
-    counts = np.maximum(is_data.sum(axis=1), 1)
-    centroids = np.einsum("kj,kjx->kx", is_data, frames) / counts[:, None]
-    spread = np.einsum("kjx,kj->k", (frames - centroids[:, None]) ** 2, is_data) / counts
-    over_kept = np.where(is_kept, squares, 0.0)
+    centroids = np.einsum("kj,kjx->kx", is_data, frames) / known[:, None]
+    spread = np.einsum("kjx,kj->k", (frames - centroids[:, None]) ** 2, is_data) / known
     metrics = FrameMetrics(
-        rms=np.sqrt(np.where(is_data, squares, 0.0).sum(axis=1) / counts),
-        max_deviation=np.sqrt(np.maximum(over_data.max(axis=1), 0)),
-        worst_vertex=worst.astype(np.int64),
+        rms=np.sqrt(np.where(is_data, squares, 0.0).sum(axis=1) / known),
+        max_deviation=np.sqrt(np.where(counts > 0, over_data.max(axis=1), np.nan)),
+        worst_vertex=over_data.argmax(axis=1).astype(np.int64),
         volume=volume,
         volume_reconstructed=volume_rebuilt,
         spread=np.sqrt(spread),
     )
+    squared_errors = np.where(kept_or_data, squares, np.nan)
+    if is_kept is None:
+        return Measured(metrics, squared_errors)
+    over_kept = np.where(is_kept, squares, 0.0)
     kept = KeptMetrics(
         missing=(~is_data).sum(axis=1),
         rejected=(is_data & ~is_kept).sum(axis=1),
         rms_kept=np.sqrt(over_kept.sum(axis=1) / np.maximum(is_kept.sum(axis=1), 1)),
         max_deviation_kept=np.sqrt(over_kept.max(axis=1)),
     )
-    return KeptErrors(FrameErrors(metrics, np.where(is_kept, squares, np.nan)), kept)
-
-
-METRIC_TYPES = {
-    field.name: "i8" if field.name == "worst_vertex" else "f8" for field in fields(FrameMetrics)
-}
-"""The names of the metrics of frames, and the types of their columns."""
+    return Measured(metrics, squared_errors, kept)
 
 
 def are_lengths(values: Floats) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.solver.blocks import SolvedBlock
-from cageik_cli.solver.kept import KeptBlock, SparseWeights
+from cageik_cli.solver.captured import KeptBlock, SparseWeights
 from cageik_cli.solver.metrics import (
     KEPT_TYPES,
     METRIC_TYPES,

@@ -22,7 +22,7 @@ from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.snapshot import PoseResult, take_snapshot
 from cageik_cli.posing.summary import PoseStatistics
 from cageik_cli.solver.blocks import SolvedBlock
-from cageik_cli.solver.memory_plan import choose_block_size
+from cageik_cli.solver.executor import choose_block_size
 from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics, check_finite
 from cageik_cli.solver.summary import DeviationPeaks, summarize_blocks
 from cageik_cli.store.result import Result, read_cages, read_result

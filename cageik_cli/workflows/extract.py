@@ -10,9 +10,10 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import Scene
-from cageik_cli.solver.blocks import BlockExecutor, BlockSolver, SolvedBlock, ThreadExecutor
+from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.memory_plan import MemoryPlan
+from cageik_cli.solver.executor import BlockExecutor, MemoryPlan, ThreadExecutor
+from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.solver.settings import CaptureSettings
 from cageik_cli.solver.smooth import check_smoothing_period
 from cageik_cli.store.binding_file import StoredBinding
@@ -24,7 +25,6 @@ from cageik_cli.util.errors import error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
-from cageik_cli.workflows.capture import make_capture_solver
 from cageik_cli.workflows.compose import collect_notes, compose_result
 from cageik_cli.workflows.fit import fit_to_clips
 from cageik_cli.workflows.rest_pose import (
@@ -244,13 +244,17 @@ class Extraction:
         # One thread: the matrix is small, and threads that wait for each other take longer.
         with progress.stage("factor"), limit_blas_threads(1):
             solver = DualLaplacianSolver(self.binding, settings.solve, self.vertex_weights.vertices)
-        capture = None
-        if self.weighs_frames:
-            weights = self.vertex_weights.frames
-            capture = make_capture_solver(solver, self.sequence, settings, weights, progress)
         self.block_solver = BlockSolver(
-            self.sequence, solver, settings.skips_bad_frames, progress, capture
+            self.sequence,
+            solver,
+            progress,
+            skips_bad_frames=settings.skips_bad_frames,
+            robust=RobustSolver(solver) if self.weighs_frames else None,
+            frame_weights=self.vertex_weights.frames,
+            accepts_gaps=settings.accepts_gaps,
         )
+        if settings.capture.robust:
+            self.block_solver.find_tolerances()
 
     def run_blocks(self, start: int) -> AbstractContextManager[Iterator[SolvedBlock]]:
         """Open an iterator of the frames from `start` on, solved and measured, in blocks."""
@@ -329,8 +333,8 @@ class Extraction:
     def _make_spec(self) -> RunSpec:
         """Return what this run has to do, by which an interrupted one is known again."""
         binding, weights = self.binding, self.vertex_weights.vertices
-        capture = self.block_solver.capture
-        tolerances = None if capture is None else capture.robust.tolerances
+        robust = self.block_solver.robust
+        tolerances = None if robust is None else robust.tolerances
         is_fitted_here = self.settings.fit is not None
         given = (binding.unfitted if is_fitted_here else None) or binding
         arrays = [binding.rest.vertices, binding.rest.faces]

@@ -7,13 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.coordinates.binding import reconstruct_frames
 from cageik_cli.formats.base.sequence import Block, MeshSequence
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
-from cageik_cli.solver.captured_blocks import CapturedBlockSolver, SolvedFrames
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
-from cageik_cli.solver.memory_plan import choose_block_size
+from cageik_cli.solver.executor import choose_block_size
 from cageik_cli.solver.settings import AUTO_SMOOTHING, CaptureSettings
 from cageik_cli.solver.smooth import FrameTerms, TimeSmoother
 from cageik_cli.store.checkpoint import Checkpoint
@@ -193,13 +192,13 @@ def _hold_ends(cages: Floats, is_known: Mask) -> Floats:
     return held
 
 
-def find_rotations(binding: Binding, solver: DualLaplacianSolver, cages: Floats) -> Floats:
+def find_rotations(solver: DualLaplacianSolver, cages: Floats) -> Floats:
     """Return the rotations (k, 3, 3) of the rest pose to the meshes of cages (k, n, 3)."""
     if not solver.is_aligned:
         return np.tile(np.eye(3), (len(cages), 1, 1))
     weighted = solver.vertex_weights[:, None] * solver.rest
     # The mesh relative to any point will do, as the weighted rest pose sums to zero.
-    return nearest_rotations_by_svd((binding.weights.T @ weighted).T @ cages)
+    return nearest_rotations_by_svd((solver.binding.weights.T @ weighted).T @ cages)
 
 
 def run_time_pass(
@@ -225,8 +224,7 @@ def run_time_pass(
     InputError
         When a frame has changed since it was solved.
     """
-    capture, progress, sequence = block_solver.capture, block_solver.progress, block_solver.sequence
-    assert isinstance(capture, CapturedBlockSolver)
+    progress, sequence = block_solver.progress, block_solver.sequence
     time_pass, filled = TimePass(block_solver.solver, checkpoint, settings, fps), []
     size = choose_block_size(checkpoint.spec.vertices)
     frames = _cut_into_blocks(time_pass.run(), size, len(sequence))
@@ -240,8 +238,8 @@ def run_time_pass(
                 block = next(reads)
             if gamma:
                 with progress.stage("measure"):
-                    solved = _measure_again(sequence, capture, solved, smoothed, block)
-            output.append(_set_filled(capture, solved, smoothed))
+                    solved = _measure_again(block_solver, solved, smoothed, block)
+            output.append(_set_filled(block_solver.solver, solved, smoothed))
             filled += (np.flatnonzero(smoothed.is_filled) + smoothed.start).tolist()
     return tuple(filled)
 
@@ -270,8 +268,7 @@ def _cut_into_blocks(
 
 
 def _measure_again(
-    sequence: MeshSequence,
-    capture: CapturedBlockSolver,
+    block_solver: BlockSolver,
     solved: SolvedBlock,
     smoothed: SmoothedFrames,
     block: Block | None,
@@ -279,7 +276,8 @@ def _measure_again(
     """Return a block with smoothed cages, and what is left of its residuals."""
     assert block is not None
     assert solved.kept is not None
-    binding = capture.robust.solver.binding
+    sequence, solver = block_solver.sequence, block_solver.solver
+    binding = solver.binding
     for k, digest in enumerate(solved.digests, solved.start):
         if sequence.digest_or_zeros(k) != digest:
             raise FileAccessError(
@@ -288,28 +286,25 @@ def _measure_again(
     skipped = np.array(sorted(solved.skipped), np.int64) - solved.start
     cages = smoothed.cages.copy()
     cages[skipped] = binding.cage.vertices
-    rotations = find_rotations(binding, capture.robust.solver, cages)
+    rotations = find_rotations(solver, cages)
     rebuilt = reconstruct_frames(binding, cages, rotations)
-    captured = capture.complete(block)
+    positions, given = block_solver.complete(block)
     weights = solved.kept.weights.expand(rebuilt.shape[1])
     solution = Solution(cages, rebuilt, rotations, solved.sampled)
     errors: dict[int, InputError] = {
         k: FileAccessError(reason) for k, reason in solved.skipped.items()
     }
-    found = SolvedFrames(replace(block, read_errors=errors), captured, solution, weights)
-    return capture.measure_block(found, solved.digests)
+    again = replace(block, positions=positions, read_errors=errors)
+    return block_solver.measure_block(again, given, solution, weights, solved.digests)
 
 
 def _set_filled(
-    capture: CapturedBlockSolver, solved: SolvedBlock, smoothed: SmoothedFrames
+    solver: DualLaplacianSolver, solved: SolvedBlock, smoothed: SmoothedFrames
 ) -> SolvedBlock:
     """Return a block with the cages of the gaps that were filled."""
     if not smoothed.is_filled.any():
         return solved
-    binding = capture.robust.solver.binding
     cages, rotations = solved.cages.copy(), solved.rotations.copy()
     cages[smoothed.is_filled] = smoothed.cages[smoothed.is_filled]
-    rotations[smoothed.is_filled] = find_rotations(
-        binding, capture.robust.solver, cages[smoothed.is_filled]
-    )
+    rotations[smoothed.is_filled] = find_rotations(solver, cages[smoothed.is_filled])
     return replace(solved, cages=cages, rotations=rotations)

@@ -85,7 +85,7 @@ def test_captured_frames_have_the_volumes_of_others():
     ):
         is_data = np.broadcast_to(rest.is_used, given.shape[:2])
         plain = measure(rest, given, found, rest.used_vertices)
-        kept = metrics.measure_kept(rest, given, found, is_data, is_data).errors.metrics
+        kept = metrics.measure(rest, given, found, is_data, is_kept=is_data).metrics
         np.testing.assert_allclose(kept.volume, plain.volume, rtol=1e-9, atol=0)
         np.testing.assert_allclose(
             kept.volume_reconstructed, plain.volume_reconstructed, rtol=1e-9, atol=0

@@ -15,7 +15,7 @@ from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
-from cageik_cli.solver import memory_plan
+from cageik_cli.solver import executor
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import CaptureSettings
 from cageik_cli.store.checkpoint import Checkpoint
@@ -293,7 +293,7 @@ class Stopped(ProgressListener):
 
 
 def test_threads_and_interruptions_do_not_change_the_bytes(walker, make, monkeypatch):
-    monkeypatch.setattr(memory_plan, "MAX_BLOCK_FRAMES", 2)
+    monkeypatch.setattr(executor, "MAX_BLOCK_FRAMES", 2)
     spoilt = corrupt("missing", corrupt("outliers", walker[0]))
     settings = make(spoilt, capture=ROBUST, clip=MISSING)
     whole = extract(settings).path.read_bytes()
@@ -357,7 +357,7 @@ def test_filled_gaps_are_read_as_they_were_filled(walker, make):
 
 
 def test_smoothing_keeps_the_bytes_for_threads_and_interruptions(walker, make, monkeypatch):
-    monkeypatch.setattr(memory_plan, "MAX_BLOCK_FRAMES", 2)
+    monkeypatch.setattr(executor, "MAX_BLOCK_FRAMES", 2)
     spoilt = corrupt("lost", corrupt("missing", corrupt("outliers", walker[0])))
     settings = make(spoilt, capture=SMOOTH, clip=MISSING)
     whole = extract(settings).path.read_bytes()

@@ -15,7 +15,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
-from cageik_cli.solver import memory_plan
+from cageik_cli.solver import executor
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.util.errors import CheckpointError, FileAccessError, InputError
@@ -220,7 +220,7 @@ SKIPPED = {"frames/frame_2.obj": "0 vertices and 0 faces", "frames/frame_4.obj":
 
 @pytest.mark.parametrize("size", [1, 16])
 def test_a_skipped_frame_leaves_a_gap(gapped, monkeypatch, size):
-    monkeypatch.setattr(memory_plan, "MAX_BLOCK_FRAMES", size)
+    monkeypatch.setattr(executor, "MAX_BLOCK_FRAMES", size)
     result = extract(replace(gapped, on_bad_frame="skip"))
     assert result.frames == tuple(f"frame_{k}.obj" for k in range(1, 6))
     assert list(result.skipped) == [1, 3]
@@ -239,7 +239,7 @@ def test_a_skipped_frame_leaves_a_gap(gapped, monkeypatch, size):
 
 def test_other_frames_do_not_depend_on_the_gaps(gapped, monkeypatch):
     """To the last bit, though they share a block with them."""
-    monkeypatch.setattr(memory_plan, "MAX_BLOCK_FRAMES", 16)
+    monkeypatch.setattr(executor, "MAX_BLOCK_FRAMES", 16)
     extract(replace(gapped, on_bad_frame="skip"))
     for k in (2, 4):
         Path(f"frames/frame_{k}.obj").write_text(Path("frames/frame_1.obj").read_text())

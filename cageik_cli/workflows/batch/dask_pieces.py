@@ -16,9 +16,11 @@ from typing import Any
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import open_clip_and_rest
-from cageik_cli.solver.blocks import BlockSolver, CaptureSolver, SolvedBlock, ThreadExecutor
+from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
+from cageik_cli.solver.captured import FrameWeights
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.memory_plan import MemoryPlan
+from cageik_cli.solver.executor import MemoryPlan, ThreadExecutor
+from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import ClusterError, FileAccessError
 from cageik_cli.util.progress import ProgressListener
@@ -159,9 +161,8 @@ class ClipContext:
         settings: ExtractSettings, block_solver: BlockSolver, memory_plan: MemoryPlan
     ) -> "ClipContext":
         """Collect what other workers need to solve blocks of the clip."""
-        solver = pickle_without_weights(
-            block_solver.solver.binding, (block_solver.solver, block_solver.capture)
-        )
+        solvers = block_solver.solver, block_solver.robust, block_solver.frame_weights
+        solver = pickle_without_weights(block_solver.solver.binding, solvers)
         sequence = block_solver.sequence
         return ClipContext(
             settings, memory_plan, sequence.names, sequence.digest_or_zeros(0), solver
@@ -187,9 +188,15 @@ class ClipContext:
 
     def build_block_solver(self, binding: Binding) -> BlockSolver:
         """Make the block solver, of the clip and the weights."""
-        solver, capture = unpickle_with_weights(binding, self._solver)
+        solver, robust, frame_weights = unpickle_with_weights(binding, self._solver)
         return BlockSolver(
-            self.sequence, solver, self.settings.skips_bad_frames, ProgressListener(), capture
+            self.sequence,
+            solver,
+            ProgressListener(),
+            skips_bad_frames=self.settings.skips_bad_frames,
+            robust=robust,
+            frame_weights=frame_weights,
+            accepts_gaps=self.settings.accepts_gaps,
         )
 
 
@@ -252,7 +259,7 @@ def describe_killed_worker(error: Any) -> str:
     )
 
 
-Solvers = tuple[DualLaplacianSolver, CaptureSolver | None]
+Solvers = tuple[DualLaplacianSolver, RobustSolver | None, FrameWeights | None]
 
 
 def pickle_without_weights(binding: Binding, solver: Solvers) -> bytes:

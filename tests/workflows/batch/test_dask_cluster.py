@@ -23,7 +23,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.solver.blocks import BlockSolver
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.memory_plan import MemoryPlan
+from cageik_cli.solver.executor import MemoryPlan
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.checkpoint import checkpoint_progress
@@ -51,7 +51,7 @@ from cageik_cli.workflows.settings import ExtractSettings
 
 pytestmark = pytest.mark.slow
 
-SINGLE_FRAME_BLOCKS = "from cageik_cli.solver import memory_plan; memory_plan.MAX_BLOCK_FRAMES = 1"
+SINGLE_FRAME_BLOCKS = "from cageik_cli.solver import executor; executor.MAX_BLOCK_FRAMES = 1"
 """What worker processes run first, so that little clips have several blocks."""
 
 
@@ -492,7 +492,7 @@ def test_files_that_changed_since_the_start_are_refused(job):
     extraction.open()
     bound = extraction.bind()
     solver = DualLaplacianSolver(bound.binding, settings.solve)
-    work = BlockSolver(extraction.sequence, solver, False, ProgressListener())
+    work = BlockSolver(extraction.sequence, solver, ProgressListener())
     common = ClipContext.build(settings, work, MemoryPlan(1, 1, 1))
     copy = pickle.loads(pickle.dumps(common))
     assert copy.build_block_solver(bound.binding).sequence.names == extraction.sequence.names

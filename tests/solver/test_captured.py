@@ -4,15 +4,10 @@ import numpy as np
 import pytest
 
 from cageik_cli import bind
-from cageik_cli.solver.captured import CapturedFrames
+from cageik_cli.solver.captured import measure_tolerances, take_medians, take_ring_medians
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.solver.tolerances import (
-    measure_tolerances,
-    take_medians,
-    take_ring_medians,
-)
 from tests.shapes import ball, box
 
 RNG = np.random.default_rng(8)
@@ -26,7 +21,7 @@ def robust():
 
 def captured(frames, weights=None):
     return [
-        CapturedFrames(frame[None], None if weights is None else weights[k][None])
+        (frame[None], None if weights is None else weights[k][None])
         for k, frame in enumerate(frames)
     ]
 

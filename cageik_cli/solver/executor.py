@@ -1,0 +1,107 @@
+"""How the blocks of a clip are solved: by whom, how many frames together, in how much memory."""
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from typing import Protocol
+
+from cageik_cli.coordinates.binding import Binding
+from cageik_cli.formats.base.sequence import Block, FramePrefetcher
+from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
+from cageik_cli.util.arrays import DEFAULT_MEMORY, fit_frames
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.threads import OrderedMap
+
+MAX_BLOCK_FRAMES = 16
+"""Largest number of frames solved together; more right-hand sides are not faster."""
+
+MAX_BLOCK_BYTES = DEFAULT_MEMORY // 4
+"""Largest size of a block of more than one frame.
+
+Products and sums over blocks depend on their size in the last digits, so that the memory of a run
+must not change it.
+"""
+
+ARRAYS_PER_FRAME = 12
+"""Arrays (m, 3) in memory per frame: read, aligned, target, reconstructed, measured."""
+
+MAX_QUEUE_BYTES = 1 << 24
+"""Largest size of frames read ahead, which is also at most an eighth of the memory."""
+
+
+def choose_block_size(vertex_count: int) -> int:
+    """Return how many frames of a model are solved together."""
+    return min(fit_frames(MAX_BLOCK_BYTES, vertex_count, ARRAYS_PER_FRAME), MAX_BLOCK_FRAMES)
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryPlan:
+    """How a run stays within its memory limit.
+
+    Attributes
+    ----------
+    block_size : int
+        Frames solved together; it does not depend on the memory and the number of threads.
+    max_parallel_blocks : int
+        Blocks solved in parallel.
+    max_queued_frames : int
+        Frames read ahead.
+    """
+
+    block_size: int
+    max_parallel_blocks: int
+    max_queued_frames: int
+
+    @staticmethod
+    def fit(memory: int, binding: Binding, jobs: int) -> "MemoryPlan":
+        """Plan for `memory` bytes, the weights included, and `jobs` threads; one block at least."""
+        count, left = len(binding.rest.vertices), memory - binding.weights.nbytes
+        block = choose_block_size(count)
+        solvers = min(fit_frames(left, block * count, ARRAYS_PER_FRAME), jobs)
+        queue = fit_frames(min(memory // 8, MAX_QUEUE_BYTES), count)
+        return MemoryPlan(block, solvers, queue)
+
+
+class BlockExecutor(Protocol):
+    """Solves the blocks of a clip, in threads or on a cluster."""
+
+    def run_blocks(
+        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
+    ) -> AbstractContextManager[Iterator[SolvedBlock]]:
+        """Open an iterator of the blocks that begin at `starts`, in order, solved ahead."""
+
+
+@dataclass(frozen=True, slots=True)
+class ThreadExecutor:
+    """Solves blocks in threads of this process, which also read frames ahead."""
+
+    jobs: int
+
+    @contextmanager
+    def run_blocks(
+        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
+    ) -> Iterator[Iterator[SolvedBlock]]:
+        """Open an iterator of the blocks that begin at `starts`, in order."""
+        frames = range(starts.start, starts.stop)
+        with (
+            FramePrefetcher(
+                block_solver.sequence, self.jobs, memory_plan.max_queued_frames, frames
+            ) as read,
+            OrderedMap(
+                block_solver.solve_block,
+                _timed_reads(read.blocks(starts.step), block_solver.progress),
+                memory_plan.max_parallel_blocks,
+                memory_plan.max_parallel_blocks,
+            ) as solved_blocks,
+        ):
+            yield solved_blocks
+
+
+def _timed_reads(blocks: Iterator[Block], progress: ProgressListener) -> Iterator[Block]:
+    """Yield blocks; the time of waiting for them counts as the stage `read`."""
+    while True:
+        with progress.stage("read"):
+            block = next(blocks, None)
+        if block is None:
+            return
+        yield block
