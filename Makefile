@@ -16,6 +16,12 @@ READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/bl
 
 CHROMIUM      ?= chromium
 
+# One worker per processor, each with whole files for as long as there are any: fixtures are made once.
+PYTEST        := $(BIN)/python -m pytest --numprocesses=auto --dist=worksteal
+
+# The compiled tests and modules are kept for the next run.
+unexport PYTHONDONTWRITEBYTECODE
+
 SANITIZED     := $(OUT)/sanitized
 SANITIZE      := -fsanitize=address,undefined -fno-sanitize-recover=all
 PURE_TESTS    := tests/coordinates tests/formats/obj tests/formats/test_frame_files.py tests/formats/test_fuzz_readers.py tests/cages/test_bind.py tests/workflows/test_bind.py tests/workflows/test_extract.py tests/solver tests/geometry tests/test_fixtures.py
@@ -49,15 +55,15 @@ run: $(PLAIN)  ## Extract the walking figure, in a cage by hand and in a built o
 	@echo "open $(abspath $(OUT))/walker.html, or walker-built.html for the cage that was built"
 
 test: $(READY)  ## Run the quick tests, with the coverage of the package
-	$(BIN)/python -m pytest --numprocesses=auto --cov --cov-report=term-missing:skip-covered --cov-fail-under=95
+	$(PYTEST) --cov --cov-report=term-missing:skip-covered --cov-fail-under=95
 
 test-slow: $(READY)  ## Run the tests that `test` leaves out: clusters, killed batches, many cages
-	$(BIN)/python -m pytest --numprocesses=auto -m slow
+	$(PYTEST) -m slow
 
 test-all: test test-slow  ## Run all tests
 
 test-pure: $(READY)  ## Run the tests of weights and readers without the compiled core
-	CAGEIK_PURE=1 $(BIN)/python -m pytest --numprocesses=auto $(PURE_TESTS)
+	CAGEIK_PURE=1 $(PYTEST) $(PURE_TESTS)
 
 # The sanitizers are in the process before Python is, and so before all that it allocates.
 sanitize: $(READY)  ## Run the tests of the compiled core under the sanitizers of the compiler
@@ -105,7 +111,7 @@ format: $(READY)  ## Format the code and sort the imports
 	$(BIN)/ruff check --fix .
 
 fuzz: $(READY)  ## Try more random cages than the tests have time for
-	$(BIN)/python -m pytest --numprocesses=auto -m fuzz
+	$(PYTEST) -m fuzz
 
 # FAULT_SECONDS=300 tries as many faults, in random order, as that takes; FAULT_KILLS=20 kills fewer runs.
 faults: $(READY)  ## Let every call of every command fail, and kill runs (half an hour; Linux, x86-64)

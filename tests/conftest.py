@@ -27,8 +27,8 @@ BIND = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-q")
 
 # Imported before tests change the accuracies that its help states.
 assert options.BIND_OPTIONS
-# A machine that is busy is not a fault of the code.
-settings.register_profile("untimed", settings.default, deadline=None)
+# A machine that is busy is not a fault of the code. Tests that need more examples say so.
+settings.register_profile("untimed", settings.default, deadline=None, max_examples=50)
 settings.load_profile("untimed")
 
 
@@ -91,6 +91,12 @@ def cache(tmp_path_factory, monkeypatch) -> Path:
     folder = tmp_path_factory.mktemp("cache") / "cageik"
     monkeypatch.setenv("CAGEIK_CACHE", str(folder))
     return folder
+
+
+@pytest.fixture(scope="session")
+def weights_cache(tmp_path_factory) -> Path:
+    """A cache for tests that bind one model to one cage again and again, and test what follows."""
+    return tmp_path_factory.mktemp("weights")
 
 
 @pytest.fixture(autouse=True)

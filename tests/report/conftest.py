@@ -30,7 +30,7 @@ class Case:
 
 
 @pytest.fixture(scope="session")
-def make_case(tmp_path_factory, animation, write_obj):
+def make_case(tmp_path_factory, animation, write_obj, weights_cache):
     """A function that extracts frames of the small model, with all or some of its faces."""
 
     def extracted(frames, faces, cage_vertices=None):
@@ -38,7 +38,8 @@ def make_case(tmp_path_factory, animation, write_obj):
         np.savez(folder / "clip.npz", verts=frames, faces=faces)
         given = animation.cage.vertices if cage_vertices is None else cage_vertices
         cage = write_obj(folder / "cage.obj", given, animation.cage.faces)
-        result = extract(ExtractSettings((str(folder / "clip.npz"),), cage, folder / "cages.h5"))
+        clip, output = str(folder / "clip.npz"), folder / "cages.h5"
+        result = extract(ExtractSettings((clip,), cage, output, cache=weights_cache))
         with h5py.File(result.path) as file:
             reconstruction = file["weights"][:] @ file["verts"][:]
         return Case(result, frames, reconstruction, faces)

@@ -44,7 +44,7 @@ def clip(mesh):
 
 
 @pytest.fixture
-def make_report(tmp_path):
+def make_report(tmp_path, weights_cache):
     def make(mesh, **options):
         frames = tmp_path / f"frames{len(mesh.vertices)}"
         frames.mkdir(exist_ok=True)
@@ -52,7 +52,9 @@ def make_report(tmp_path):
             (frames / f"f_{k}.obj").write_bytes(encode_exact_obj(vertices, mesh.faces))
         (tmp_path / "cage.obj").write_bytes(encode_exact_obj(box().vertices, box().faces))
         output = tmp_path / "out.h5"
-        settings = ExtractSettings((str(frames),), tmp_path / "cage.obj", output, overwrite=True)
+        settings = ExtractSettings(
+            (str(frames),), tmp_path / "cage.obj", output, overwrite=True, cache=weights_cache
+        )
         return extract_to_file(replace(settings, **options))
 
     return make

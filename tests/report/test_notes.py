@@ -100,12 +100,15 @@ def walk(fixtures_folder):
 
 
 @pytest.fixture
-def notes_of(walk, tmp_path, monkeypatch):
+def notes_of(walk, tmp_path, monkeypatch, weights_cache):
     monkeypatch.chdir(tmp_path)
 
     def notes(frames):
         np.savez("clip.npz", verts=frames, faces=walk[1])
-        result = extract(ExtractSettings(("clip.npz",), walk[2], Path("cages.h5"), overwrite=True))
+        output = Path("cages.h5")
+        result = extract(
+            ExtractSettings(("clip.npz",), walk[2], output, overwrite=True, cache=weights_cache)
+        )
         assert set(list_standout_notes(result)) <= set(build_report(result).notes)
         return list_standout_notes(result)
 

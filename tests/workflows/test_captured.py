@@ -50,12 +50,6 @@ def walker(walk):
     return frames[::4], faces, cage
 
 
-@pytest.fixture(scope="module")
-def weights_cache(tmp_path_factory):
-    """The walker is bound to its cage once."""
-    return tmp_path_factory.mktemp("weights")
-
-
 @pytest.fixture
 def make(walker, tmp_path, monkeypatch, weights_cache):
     """Settings for spoilt frames of the walker."""
