@@ -114,13 +114,13 @@ def _list_weight_warnings(weights: Weights, settings: BindSettings) -> tuple[str
     if not weights.error <= tolerance:
         notes.append(
             f"estimated weight error {weights.error:.2g} exceeds the tolerance {tolerance:g} of "
-            f"--accuracy {settings.accuracy}; use a coarser cage or leave more clearance"
+            f"`accuracy={settings.accuracy}`; use a coarser cage or leave more clearance"
         )
     lowest = float(weights.values.min(initial=0.0))
     if lowest < MIN_HARMONIC_WEIGHT:
         notes.append(
             f"smallest weight {lowest:.2g} is below {MIN_HARMONIC_WEIGHT:g} (exact harmonic "
             "weights are never negative); the cage may be thin compared with its faces: divide "
-            "faces there, or raise --accuracy"
+            "faces there, or raise `accuracy`"
         )
     return tuple(notes)

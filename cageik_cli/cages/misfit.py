@@ -75,7 +75,7 @@ def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> 
             left = f", and then too small by {round_up(transform.inflation):g} % of the diagonal"
         remedy = f"the cage is {transform.name}{left}: export it as the model was"
         return Misfit(remedy, transform=transform.name)
-    project = "take the nearest points of the cage with --outside project"
+    project = "take the nearest points of the cage with `outside=project`"
     if worst < MAX_NEAR_PERCENT:
         return _explain_small_cage(cage, rest, f", or {project}" * (share <= MAX_OUTSIDE_SHARE))
     if share <= MAX_OUTSIDE_SHARE:

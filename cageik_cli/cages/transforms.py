@@ -10,7 +10,7 @@ from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats
 
-UNITS = {
+UNIT_LENGTHS = {
     "metres": 1.0,
     "centimetres": 0.01,
     "millimetres": 0.001,
@@ -115,8 +115,8 @@ class Transform:
 
 
 def _name_unit(scale: float) -> str:
-    for own, length in UNITS.items():
-        for other, other_length in UNITS.items():
+    for own, length in UNIT_LENGTHS.items():
+        for other, other_length in UNIT_LENGTHS.items():
             if np.isclose(length / other_length, scale, rtol=1e-9):
                 return f"in {own} instead of {other}"
     return f"scaled by {1 / scale:.4g}"

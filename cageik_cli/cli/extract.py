@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     BIND_OPTIONS,
     CACHE_OPTIONS,
@@ -233,7 +234,7 @@ def extract_command(
         lines += [one.message for one in summaries]
         if settings.cage_output is not None:
             lines.append(f"wrote {settings.cage_output}")
-        click.echo("\n".join(lines), err=True)
+        click.echo(word_options("\n".join(lines), extract_command), err=True)
         click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
     if get_verbosity():
         _show_details(settings, result)

@@ -75,7 +75,7 @@ def compute_area_vectors(attributes: SurfaceAttributes, positions: Floats) -> Fl
         return cross(second - first, third - first)
     # From its first corner, so that a model far from the origin loses no digits.
     points = positions[corners] - np.repeat(positions[corners[starts]], counts, axis=0)
-    return np.asarray(np.add.reduceat(np.cross(points, points[_next_corners(counts)]), starts))
+    return np.asarray(np.add.reduceat(np.cross(points, points[find_next_corners(counts)]), starts))
 
 
 def _average_normals(
@@ -92,8 +92,8 @@ def _average_normals(
     return _normalize(np.stack(list(columns), axis=1, dtype=np.float64))
 
 
-def _next_corners(counts: Integers) -> Integers:
-    """Return the place of the corner after each, in its polygon."""
+def find_next_corners(counts: Integers) -> Integers:
+    """Return the place of the corner after each, in its polygon, (c,)."""
     places = np.arange(1, int(counts.sum()) + 1)
     ends = np.cumsum(counts)
     places[ends - 1] = ends - counts

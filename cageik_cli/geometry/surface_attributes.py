@@ -13,7 +13,7 @@ from cageik_cli.geometry.surface_parts import (
     freeze_indices,
     freeze_values,
 )
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import format_count
 
@@ -209,6 +209,30 @@ def fan_triangulate(corners: Integers, corner_counts: Integers) -> Integers:
     first = np.repeat(np.cumsum(corner_counts) - corner_counts, counts)
     place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     return np.asarray(corners[np.stack([first, first + place + 1, first + place + 2], axis=1)])
+
+
+def find_folded_triangles(
+    vertices: Floats, faces: Integers, counts: Integers
+) -> tuple[Mask, Floats]:
+    """Find the triangles of fans that are turned against their polygon: it folds over there.
+
+    Parameters
+    ----------
+    counts : (p,)
+        How many triangles each polygon has.
+
+    Returns
+    -------
+    (f,) bool, and twice the area vector of each polygon, (p, 3).
+    """
+    starts = np.cumsum(counts) - counts
+    a, b, c = (vertices[corner] for corner in faces.T)
+    areas = np.cross(b - a, c - a)
+    whole = np.add.reduceat(areas, starts)
+    turned = np.einsum("fx,fx->f", areas, np.repeat(whole, counts, axis=0))
+    # What is turned by less than this share of the polygon's area is rounding.
+    allowed = -1e-9 * np.einsum("px,px->p", whole, whole)
+    return np.asarray(turned < np.repeat(allowed, counts)), whole
 
 
 def number_normal_fans(corners: Integers, normals: Integers) -> Integers:

@@ -91,5 +91,5 @@ def test_a_missed_tolerance_and_a_low_weight_give_warnings(monkeypatch):
     assert bind(ball(1), box()).notes == ()
     monkeypatch.setattr(module, "harmonic_weights", poor)
     missed, lowest = bind(ball(1), box(), BindSettings(accuracy="preview")).notes
-    assert "error 0.2 exceeds the tolerance 0.03 of --accuracy preview" in missed
+    assert "error 0.2 exceeds the tolerance 0.03 of `accuracy=preview`" in missed
     assert re.match(r"warning: smallest weight -0\.\d+ is below -0\.05", lowest)

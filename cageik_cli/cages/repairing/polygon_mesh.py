@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.normals import find_next_corners
+from cageik_cli.geometry.surface_attributes import fan_triangulate, find_folded_triangles
 from cageik_cli.util.arrays import Floats, Integers
-
-FOLD_TOL = 1e-9
-"""A fan is folded when it has a triangle turned against the polygon by more of its area."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,33 +80,26 @@ class PolygonMesh:
         return np.repeat(np.arange(len(self.corner_counts)), self.corner_counts - 2)
 
     @cached_property
+    def next_places(self) -> Integers:
+        """Return where the corner that follows each in its ring stands, (c,)."""
+        return find_next_corners(self.corner_counts)
+
+    @property
     def next_corners(self) -> Integers:
         """Return the corner that follows each in its ring, (c,)."""
-        starts = np.cumsum(self.corner_counts) - self.corner_counts
-        following = np.roll(self.corners, -1)
-        following[starts + self.corner_counts - 1] = self.corners[starts]
-        return following
+        return self.corners[self.next_places]
 
     @cached_property
     def triangles(self) -> TriMesh:
         """Return the fans of the polygons at their first corners."""
-        counts = self.corner_counts - 2
-        first = np.repeat(np.cumsum(self.corner_counts) - self.corner_counts, counts)
-        place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        fans = np.stack([first, first + place + 1, first + place + 2], axis=1)
-        return TriMesh(self.vertices, self.corners[fans])
+        return TriMesh(self.vertices, fan_triangulate(self.corners, self.corner_counts))
 
     @cached_property
     def is_folded(self) -> NDArray[np.bool_]:
         """Return which polygons have a fan that folds over, (p,)."""
-        mesh = self.triangles
-        a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
-        areas = np.cross(b - a, c - a)
-        starts = np.cumsum(self.corner_counts - 2) - (self.corner_counts - 2)
-        whole = np.add.reduceat(areas, starts)
-        turned = np.einsum("fx,fx->f", areas, whole[self.triangle_polygons])
-        allowed = -FOLD_TOL * np.einsum("px,px->p", whole, whole)
-        return np.asarray(np.minimum.reduceat(turned, starts) < allowed, np.bool_)
+        counts = self.corner_counts - 2
+        folded, _ = find_folded_triangles(self.vertices, self.triangles.faces, counts)
+        return np.asarray(np.logical_or.reduceat(folded, np.cumsum(counts) - counts))
 
     def move(self, vertices: Floats) -> "PolygonMesh":
         """Return the same polygons with their vertices elsewhere."""

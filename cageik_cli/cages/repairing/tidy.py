@@ -70,7 +70,7 @@ def count_topology_faults(mesh: PolygonMesh) -> int:
     uses, edge = count_edge_uses(mesh)
     _, first = np.unique(edge, return_index=True)
     # Corners of one vertex on one edge are joined; a vertex has one such group for each fan.
-    size, after = len(mesh.corners), _find_next_places(mesh)
+    size, after = len(mesh.corners), mesh.next_places
     ends = np.concatenate([mesh.corners, mesh.next_corners])
     key = np.concatenate([edge, edge]) * len(mesh.vertices) + ends
     place = np.concatenate([np.arange(size), after])
@@ -79,14 +79,6 @@ def count_topology_faults(mesh: PolygonMesh) -> int:
     joined = np.stack([place[order][:-1][same], place[order][1:][same]], axis=1)
     fans = len(np.unique(find_groups(joined, size)))
     return int(np.count_nonzero(uses[first] != 2)) + fans - len(np.unique(mesh.corners))
-
-
-def _find_next_places(mesh: PolygonMesh) -> Integers:
-    """Return where the corner that follows each in its ring stands, (c,)."""
-    starts = np.cumsum(mesh.corner_counts) - mesh.corner_counts
-    after = np.arange(len(mesh.corners)) + 1
-    after[starts + mesh.corner_counts - 1] = starts
-    return after
 
 
 def find_boundary_vertices(mesh: PolygonMesh) -> Integers:

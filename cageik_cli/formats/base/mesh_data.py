@@ -11,6 +11,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface_attributes import (
     SurfaceAttributes,
     fan_triangulate,
+    find_folded_triangles,
     number_normal_fans,
 )
 from cageik_cli.util.arrays import Floats, Integers
@@ -167,10 +168,6 @@ class LoadedMesh:
     path: Path | None = None
 
 
-FOLD_TOL = 1e-9
-"""A fan is folded when it has a triangle turned against the polygon by more of its area."""
-
-
 def replace_folded_fans(mesh: TriMesh) -> TriMesh:
     """Cut the polygons again whose fans fold over, by clipping ears.
 
@@ -181,11 +178,7 @@ def replace_folded_fans(mesh: TriMesh) -> TriMesh:
         return mesh
     counts = mesh.attributes.corner_counts - 2
     starts = np.cumsum(counts) - counts
-    a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
-    areas = np.cross(b - a, c - a)
-    whole = np.add.reduceat(areas, starts)
-    turned = np.einsum("fx,fx->f", areas, np.repeat(whole, counts, axis=0))
-    folded = turned < -FOLD_TOL * np.repeat(np.einsum("px,px->p", whole, whole), counts)
+    folded, whole = find_folded_triangles(mesh.vertices, mesh.faces, counts)
     if not folded.any():
         return mesh
     faces = mesh.faces.copy()
