@@ -1,25 +1,23 @@
 """Clips in Alembic: archives that alembic3d wrote, in every way that scenes differ."""
 
-import hashlib
-
 import alembic3d  # noqa: F401  # before imath, which is its own
 import imath
 import numpy as np
 import pytest
 from alembic3d.Abc import OArchive
 from alembic3d.AbcCoreAbstract import AcyclicFlag, TimeSampling, TimeSamplingType, TimeVector
-from alembic3d.AbcGeom import OPolyMesh, OPolyMeshSchemaSample, OXform, XformSample
+from alembic3d.AbcGeom import OPolyMeshSchemaSample, OXform, XformSample
 
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import (
     ConnectivityError,
-    FileAccessError,
     FormatError,
     InputError,
     SettingError,
 )
 from tests.clips import frames_of
+from tests.formats.kinds import add_abc_mesh
 from tests.shapes import octahedron
 
 MESH = octahedron()
@@ -36,20 +34,8 @@ class Archive:
         self.objects = {None: self.file.getTop()}
 
     def mesh(self, name="mesh", parent=None, times=EVERY_24TH, frames=FRAMES, faces=CLOCKWISE):
-        number = self.file.addTimeSampling(times)
-        schema = OPolyMesh(self.objects[parent], name, number).getSchema()
-        counts = imath.IntArray(len(faces))
-        corners = imath.IntArray(sum(map(len, faces)))
-        for k, face in enumerate(faces):
-            counts[k] = len(face)
-        for k, corner in enumerate(corner for face in faces for corner in face):
-            corners[k] = int(corner)
-        for frame in frames:
-            points = imath.V3fArray(len(frame))
-            for k, point in enumerate(frame):
-                points[k] = imath.V3f(*map(float, point))
-            schema.set(OPolyMeshSchemaSample(points, corners, counts))
-        self.objects[name] = schema
+        parent = self.objects[parent]
+        self.objects[name] = add_abc_mesh(self.file, parent, name, times, frames, faces)
 
     def transform(self, matrices, name="move", parent=None, times=EVERY_24TH, inherits=True):
         number = self.file.addTimeSampling(times)
@@ -84,17 +70,6 @@ def translation(*by):
     return matrix
 
 
-def test_frames_faces_and_digest(archive):
-    archive.mesh()
-    sequence = archive.opened()
-    assert sequence.names == tuple(f"clip.abc[{k}]" for k in range(4))
-    assert sequence.notes == ()
-    np.testing.assert_array_equal(sequence.first.faces, MESH.faces)
-    np.testing.assert_array_equal(frames_of(sequence, 3, 4), FRAMES)
-    digest = hashlib.sha256(archive.path.read_bytes()).hexdigest()
-    assert sequence.describe_source() == {"name": "clip.abc", "sha256": digest}
-
-
 def test_the_scene_is_what_the_times_say(archive):
     archive.mesh(times=TimeSampling(1 / 30, 11 / 30))
     assert archive.opened().scene == SceneHints(fps=30.0, start=11.0)
@@ -105,12 +80,6 @@ def test_every_second_frame(archive):
     sequence = archive.opened(selection=slice(1, None, 2))
     assert sequence.scene == SceneHints(fps=round(24000 / 1001, 9), start=2.0, frame_step=2)
     np.testing.assert_array_equal(frames_of(sequence), FRAMES[1::2])
-
-
-def test_one_sample_says_nothing_of_time(archive):
-    archive.mesh(frames=FRAMES[:1])
-    sequence = archive.opened()
-    assert (len(sequence), sequence.scene) == (1, SceneHints())
 
 
 def test_uneven_samples_are_taken_one_after_the_other(archive):
@@ -281,9 +250,3 @@ def test_what_is_no_alembic_is_a_sentence(tmp_path, data, sentence):
     with pytest.raises(FormatError) as caught:
         open_sequence([str(path)])
     assert str(caught.value).startswith(f"{path}: {sentence}")
-
-
-def test_a_folder_is_a_sentence(tmp_path):
-    (tmp_path / "clip.abc").mkdir()
-    with pytest.raises(FileAccessError, match=r"clip\.abc: is a folder"):
-        open_sequence([str(tmp_path / "clip.abc")])

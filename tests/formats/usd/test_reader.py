@@ -12,27 +12,15 @@ from cageik_cli.formats.usd import library as layers
 from cageik_cli.formats.usd import reader as usd
 from cageik_cli.util.errors import ConnectivityError, FormatError, InputError
 from tests.clips import frames_of
+from tests.formats.kinds import add_usd_mesh
 from tests.shapes import octahedron
 
 MESH = octahedron()
 FRAMES = (MESH.vertices + np.random.default_rng(2).normal(0, 0.1, (4, 6, 3))).astype("f4")
 
 
-def points_of(frame):
-    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(frame, np.float32))
-
-
 def add_mesh(stage, path="/hero/mesh", frames=FRAMES, times=(1, 2, 3, 4), faces=MESH.faces):
-    """A mesh of polygons; without times, the first frame is its default value."""
-    mesh = UsdGeom.Mesh.Define(stage, path)
-    mesh.CreateFaceVertexCountsAttr([len(face) for face in faces])
-    mesh.CreateFaceVertexIndicesAttr([int(corner) for face in faces for corner in face])
-    attribute = mesh.CreatePointsAttr()
-    if not times:
-        attribute.Set(points_of(frames[0]))
-    for time, frame in zip(times, frames, strict=False):
-        attribute.Set(points_of(frame), time)
-    return mesh
+    return add_usd_mesh(stage, path, frames, times, faces)
 
 
 @pytest.fixture
@@ -103,10 +91,6 @@ def test_frames_faces_and_digest(tmp_path, suffix):
         assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(inner)), str(path))
         inner.unlink()
     sequence = open_sequence([str(path)])
-    assert sequence.names == tuple(f"clip{suffix}[{k}]" for k in range(4))
-    assert sequence.notes == ()
-    np.testing.assert_array_equal(sequence.first.faces, MESH.faces)
-    np.testing.assert_array_equal(frames_of(sequence, 3, 4), FRAMES)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     assert sequence.describe_source() == {"name": path.name, "sha256": digest}
     assert sequence.digest(2).hex() == digest
@@ -363,25 +347,6 @@ def test_what_is_no_usd_is_a_sentence(tmp_path, capfd, suffix, data):
     assert str(caught.value).startswith(f"{path}: is not a sound USD file (")
     assert "\n" not in str(caught.value)
     assert capfd.readouterr().err == ""
-
-
-def test_a_file_cut_short_is_a_sentence(tmp_path, capfd):
-    stage = Usd.Stage.CreateNew(str(tmp_path / "whole.usdc"))
-    add_mesh(stage)
-    stage.Save()
-    data = (tmp_path / "whole.usdc").read_bytes()
-    for k, size in enumerate(range(0, len(data) - 1, 97)):
-        path = tmp_path / f"cut_{k}.usdc"
-        path.write_bytes(data[:size])
-        with pytest.raises(FormatError, match=r"is not a sound USD file \("):
-            open_sequence([str(path)])
-    assert capfd.readouterr().err == ""
-
-
-def test_a_folder_is_a_sentence(tmp_path):
-    (tmp_path / "clip.usd").mkdir()
-    with pytest.raises(InputError, match=r"clip\.usd: is a folder"):
-        open_sequence([str(tmp_path / "clip.usd")])
 
 
 def test_what_usd_warns_of_is_noted_and_not_printed(stage, tmp_path, capfd):
