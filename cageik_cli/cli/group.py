@@ -137,7 +137,12 @@ def _find_option(name: str, command: click.Command | None) -> str | None:
             if param.name == name:
                 return max(param.opts, key=len) if param.opts[0][0] == "-" else name.upper()
     # Parameters that no option of this name sets.
-    return {"fit": "--fit", "keep_weights": "without --no-weights"}.get(name)
+    return {
+        "fit": "--fit",
+        "keep_weights": "without --no-weights",
+        "count": "--morphs",
+        "recentre": "--recentre",
+    }.get(name)
 
 
 @contextmanager

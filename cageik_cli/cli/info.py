@@ -2,6 +2,7 @@
 
 import click
 
+from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import common_options
 from cageik_cli.cli.options.clip import layout_option
 
@@ -19,4 +20,4 @@ def info_command(files: tuple[str, ...], layout: str | None, quiet: bool) -> Non
 
     text = describe_files(list(files), layout)
     if not quiet:
-        click.echo(text)
+        click.echo(word_options(text, click.get_current_context().command))

@@ -49,14 +49,14 @@ class SkeletonWriter(GlbWriter):
         if count > MAX_INFLUENCES:
             raise OutputError(
                 f"up to {count} joints move a vertex, and programs read at most {MAX_INFLUENCES} "
-                "from .glb; give --influences 4, or 8"
+                "from .glb; give `influences=4`, or 8"
             )
         super().__init__(target, animation)
         self._skin = skin
         if count > SET_SIZE:
             self.notes += (
                 f"three.js and other viewers read {SET_SIZE} joints per vertex, and leave out the "
-                f"weaker ones; --influences {SET_SIZE} is fitted to that",
+                f"weaker ones; `influences={SET_SIZE}` is fitted to that",
             )
         self._vertices = to_float32(skin.rest.vertices - np.array(animation.origin))
         self._motion = JointMotion(animation.rest, skin.rotations)

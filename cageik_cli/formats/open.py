@@ -117,7 +117,7 @@ def _resolve_request(
     if settings.layout is not None and not reader.has_layout:
         raise SettingError(
             f"{arguments[0]}: the axes of `{kinds[0]}` files have a fixed order; remove "
-            f"--layout {settings.layout}"
+            f"`layout={settings.layout}`"
         )
     return reader, ClipRequest(tuple(paths), member, rest, settings)
 
@@ -265,7 +265,7 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
     """
     if not 0 <= index < len(sequence):
         raise SettingError(
-            f"--rest-frame {index}: the clip has {len(sequence)} frames, expected "
+            f"`rest_frame={index}`: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )
     positions = sequence.read_frame(index)
@@ -273,7 +273,7 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
     if missing:
         raise FormatError(
             f"{sequence.location(index)}: {missing} of {len(positions)} vertices of the rest pose "
-            "are missing; take a complete frame by --rest-frame K, or a mesh by --rest"
+            "are missing; take a complete frame by `rest_frame`, or a mesh by `rest`"
         )
     path = Path(sequence.location(index))
     is_mesh_file = file_suffix(path) in mesh_suffixes() and path.is_file()

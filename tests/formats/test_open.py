@@ -126,7 +126,7 @@ def test_what_cannot_be_a_clip_is_refused_with_the_argument(frames, arguments, s
 
 
 def test_a_layout_is_for_arrays_alone(frames):
-    with pytest.raises(SettingError, match=r"frames: the axes of `\.obj` files .* --layout vxf"):
+    with pytest.raises(SettingError, match=r"frames: the axes of `\.obj` files .* `layout=vxf`"):
         open_sequence(["frames"], ClipSettings(layout="vxf", gaps="close"))
 
 

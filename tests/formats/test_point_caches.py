@@ -1,4 +1,4 @@
-"""PC2, MDD and `.anime` byte by byte, as they are described; what all share is in `test_readers`."""
+"""PC2, MDD and `.anime` byte by byte; what holds for all formats is in `test_readers`."""
 
 import struct
 

@@ -66,7 +66,7 @@ def test_chosen_frames_keep_their_names_and_numbers(clip, selection):
 
 
 def test_no_frame_chosen_is_refused(clip):
-    with pytest.raises(SettingError, match=r"7: .* 5 frames"):
+    with pytest.raises(SettingError, match=r"`selection=7:` .* 5 frames"):
         clip.open(selection=slice(7, None))
 
 

@@ -48,8 +48,8 @@ def test_a_folder_alone_gives_its_files_its_name(tmp_path, animation, kind, file
         ("a.obj", None, "a.obj: a `.obj` file holds one frame"),
         ("x/a_##.npz", None, "x/a_##.npz: a `.npz` file holds all frames"),
         ("x/a_##_##.obj", None, "x/a_##_##.obj: a_##_##.obj has 2"),
-        ("x/a_##.ply", "obj", "x/a_##.ply: has another suffix than --format obj"),
-        ("a.glb", "obj", "a.glb: has another suffix than --format obj"),
+        ("x/a_##.ply", "obj", "x/a_##.ply: has another suffix than `file_format=obj`"),
+        ("a.glb", "obj", "a.glb: has another suffix than `file_format=obj`"),
         ("a_####.obj", None, ".: is the current folder"),
         ("../a_####.obj", None, "..: is the current folder"),
         (".", None, ".: is the current folder"),
@@ -91,7 +91,7 @@ def test_nothing_is_left_of_preparing(tmp_path):
 
 @pytest.mark.parametrize("start", [-1.0, 0.5])
 def test_files_are_numbered_by_whole_numbers(tmp_path, animation, start):
-    with pytest.raises(SettingError, match=rf" {start:g}, .*--start"):
+    with pytest.raises(SettingError, match=rf" {start:g}, .*`start`"):
         write(
             tmp_path / "a" / "a_#.obj", animation.rest, animation.frames, scene=Scene(start=start)
         )

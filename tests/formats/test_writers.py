@@ -215,7 +215,7 @@ def test_a_step_is_a_scale_in_blender(tmp_path, animation, name):
 def test_files_are_named_by_whole_numbers(tmp_path, animation, step):
     described = Animation(animation.rest, 5, Scene(frame_step=step), "a")
     with (
-        pytest.raises(SettingError, match=rf"step of frame numbers is {step}, .* --frame-step"),
+        pytest.raises(SettingError, match=rf"step of frame numbers is {step}, .* `frame_step`"),
         Output(tmp_path / "a/a_#.obj").open_writer(described),
     ):
         pass

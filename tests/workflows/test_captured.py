@@ -173,7 +173,7 @@ def test_missing_vertices_are_refused_without_the_option(walker, make, form):
     if form == "obj":
         write_objs(Path("objs"), spoilt, walker[1])
         settings = replace(settings, frames=("objs",))
-    with pytest.raises(FormatError, match=r"(?s)314 of 1570 vertices are not finite.*--missing"):
+    with pytest.raises(FormatError, match=r"(?s)314 of 1570 vertices are not finite.*`missing`"):
         extract(settings)
     result = extract(replace(settings, clip=MISSING))
     assert result.kept.missing.tolist() == [0, 314, 314]
@@ -182,10 +182,10 @@ def test_missing_vertices_are_refused_without_the_option(walker, make, form):
 def test_a_first_frame_with_missing_vertices_needs_another_rest_pose(walker, make):
     spoilt = walker[0].copy()
     spoilt[0, 4:9] = np.nan
-    with pytest.raises(FormatError, match=r"5 of 1570 vertices are not finite.*--missing"):
+    with pytest.raises(FormatError, match=r"5 of 1570 vertices are not finite.*`missing`"):
         extract(make(spoilt))
     with pytest.raises(
-        FormatError, match=r"5 of 1570 vertices of the rest pose are missing.*--rest"
+        FormatError, match=r"5 of 1570 vertices of the rest pose are missing.*`rest"
     ):
         extract(make(spoilt, clip=MISSING))
     other = make(spoilt, clip=MISSING, rest=Path("rest/frame_0.obj"))
@@ -199,7 +199,7 @@ def test_infinite_vertices_are_never_missing(walker, make):
     spoilt[3, 7, 1] = np.inf
     with pytest.raises(FormatError, match="not finite") as caught:
         extract(make(spoilt, clip=MISSING))
-    assert "--missing" not in str(caught.value)
+    assert "`missing`" not in str(caught.value)
 
 
 def test_frames_of_too_few_data_are_named(walker, make):

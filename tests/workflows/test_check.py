@@ -76,7 +76,7 @@ def test_a_rest_pose_of_another_connectivity_is_refused(folder):
 
 
 def test_a_missing_rest_frame_is_refused(folder):
-    with pytest.raises(InputError, match="--rest-frame 5"):
+    with pytest.raises(InputError, match="`rest_frame=5`"):
         check_cage(CheckSettings(folder / "cage.obj", ("frames",), rest_frame=5))
 
 

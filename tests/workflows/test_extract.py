@@ -174,7 +174,7 @@ def test_the_rest_pose_is_the_first_frame_another_or_a_mesh(plain, folder, anima
 
 @pytest.mark.parametrize("index", [-1, 5])
 def test_a_missing_rest_frame_is_refused(plain, index):
-    with pytest.raises(InputError, match=f"--rest-frame {index}: .*5 frames"):
+    with pytest.raises(InputError, match=f"`rest_frame={index}`: .*5 frames"):
         extract(replace(plain, rest_frame=index))
 
 

@@ -93,7 +93,7 @@ class ClipRequest:
         if not numbers:
             bounds = (wanted.start, wanted.stop, *([wanted.step] if wanted.step else []))
             typed = ":".join("" if bound is None else str(bound) for bound in bounds)
-            raise SettingError(f"--frames {typed} selects none of the {count} frames")
+            raise SettingError(f"`selection={typed}` selects none of the {count} frames")
         return numbers
 
 
@@ -141,7 +141,7 @@ class MeshSequence(ABC):
     has_members : bool
         Whether a file may hold several clips, named by `FILE::CLIP`.
     has_layout : bool
-        Whether a file may have its axes in any order, given by `--layout`.
+        Whether a file may have its axes in any order, given by `ClipSettings.layout`.
     names : tuple of str
         Where each frame comes from, F of them: a file's name, or the clip's name and an index.
     first : TriMesh
@@ -313,7 +313,7 @@ def _validate_frame(positions: np.ndarray, takes_missing: bool) -> Floats:
     except FormatError as error:
         if np.isnan(positions).any() and not np.isinf(positions).any():
             raise FormatError(
-                f"{error}, or take them as missing with --missing of cageik extract"
+                f"{error}, or take them as missing with `missing` of cageik extract"
             ) from error
         raise
 

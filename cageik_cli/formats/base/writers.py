@@ -116,14 +116,14 @@ class FrameFileWriter(AnimationWriter):
         if names is None:
             raise ValueError(f"{target.name} has no place for the frame number")
         start, step = animation.scene.start, animation.scene.frame_step
-        for number, name, option in (
-            (start, "number of the first frame", "--start"),
-            (step, "step of frame numbers", "--frame-step"),
+        for number, name, parameter in (
+            (start, "number of the first frame", "start"),
+            (step, "step of frame numbers", "frame_step"),
         ):
             if number < 0 or number != int(number):
                 raise SettingError(
                     f"the {name} is {number:.10g}, expected a whole number from 0 on, since files "
-                    f"are named by frame numbers; give one with {option}"
+                    f"are named by frame numbers; give one with `{parameter}`"
                 )
         self._folder, self._names = target.parent, names
         self._next_number, self._step = int(start), int(step)

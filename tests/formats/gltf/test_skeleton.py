@@ -78,7 +78,7 @@ def test_weights_are_in_sets_of_four(tmp_path, count, sets):
     assert (np.diff(weights, axis=1) <= 0).all()
     np.testing.assert_array_equal(joints[weights == 0], 0)
     np.testing.assert_array_equal(joints[0], [6] + [0] * (4 * sets - 1))
-    assert any("--influences 4" in note for note in notes) == (sets == 2)
+    assert any("`influences=4`" in note for note in notes) == (sets == 2)
 
 
 def test_joints_are_the_vertices_of_the_cage(tmp_path):

@@ -107,11 +107,11 @@ def test_a_tolerance_is_kept_with_few_targets(tmp_path, animation, restless, tol
 def test_a_tolerance_that_cannot_be_kept_is_refused(tmp_path, animation, restless):
     says = (
         r"a.glb: 5 morph targets leave a largest error of .* % of the diagonal, above the "
-        r"tolerance of 0.01 %; give a higher --tolerance or more --morphs, or write"
+        r"tolerance of 0.01 %; give a higher `tolerance` or a higher `count`, or write"
     )
     with pytest.raises(OutputError, match=says):
         save(tmp_path / "a.glb", animation.rest, restless, count=5, tolerance=0.01)
-    says = r"a.glb: \d+ morph targets leave .* give a higher --tolerance, or write"
+    says = r"a.glb: \d+ morph targets leave .* give a higher `tolerance`, or write"
     with pytest.raises(OutputError, match=says):
         save(tmp_path / "a.glb", animation.rest, restless, tolerance=1e-12)
     assert not list(tmp_path.iterdir())
@@ -267,7 +267,7 @@ def test_a_late_first_frame_is_said(tmp_path, animation, start, count):
     described = Animation(animation.rest, 5, Scene(start=start), "a")
     with Output(tmp_path / "a.glb").open_writer(described) as writer:
         writer.append(animation.frames)
-    notes = [note for note in writer.notes if "--start 0" in note]
+    notes = [note for note in writer.notes if "`start=0`" in note]
     assert len(notes) == count == len(writer.notes) - 1
 
 
