@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.geometry.mesh import validate_positions
+from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.fit import Fitter
 from cageik_cli.solver.fitting.record import FitReport, FitSettings, FittedClip
@@ -64,20 +63,6 @@ class FittedWeights:
             f"<FittedWeights: {count} vertices in a cage of {cage_count}, fitted to "
             f"{self.report.fitted_frames} of {self.report.frames} frames>"
         )
-
-
-class ArrayFrames:
-    """An array of frames, (F, m, 3), as a clip."""
-
-    def __init__(self, frames: ArrayLike) -> None:
-        self._frames = np.asarray(frames, np.float64)
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def read_frame(self, index: int) -> Floats:
-        """Return the vertices of a frame, (m, 3), which are finite."""
-        return validate_positions(self._frames[index])
 
 
 def fit_weights(
@@ -136,8 +121,7 @@ def fit_weights(
         memory=memory,
         jobs=jobs or count_processors(),
     )
-    frames = [clip if isinstance(clip, MeshSequence) else ArrayFrames(clip) for clip in clips]
-    return FittedWeights(fitter.fit(frames))
+    return FittedWeights(fitter.fit([as_sequence(clip, binding.rest) for clip in clips]))
 
 
 def fit_to_clips(
