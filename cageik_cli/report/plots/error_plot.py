@@ -62,24 +62,19 @@ def render_plot_png(report: Report) -> bytes:
     return _save_plot(report, "png", {"Software": None})
 
 
+def _save_plot(report: Report, kind: str, metadata: dict[str, None]) -> bytes:
+    stream = io.BytesIO()
+    with use_fixed_style():
+        draw_plot(report).savefig(stream, format=kind, dpi=200, metadata=metadata)
+    return stream.getvalue()
+
+
 def draw_plot(report: Report) -> Figure:
     """Draw the error of each frame, and its volume change or its largest deviation.
 
     The deviation is drawn if the model is open, or no frame has a volume. Skipped frames are shaded
     gaps.
     """
-    with use_fixed_style():
-        return _draw_plot(report)
-
-
-def _save_plot(report: Report, kind: str, metadata: dict[str, None]) -> bytes:
-    stream = io.BytesIO()
-    with use_fixed_style():
-        _draw_plot(report).savefig(stream, format=kind, dpi=200, metadata=metadata)
-    return stream.getvalue()
-
-
-def _draw_plot(report: Report) -> Figure:
     error, other = build_series(report)
     figure = Figure((7.2, 3.6))
     figure.subplots_adjust(**AXES_SIDES)

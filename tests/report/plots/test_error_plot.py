@@ -13,13 +13,12 @@ from PIL import Image
 
 from cageik_cli.report.limits import Limit
 from cageik_cli.report.plots.error_plot import (
-    draw_plot,
     render_page_plot,
     render_plot_png,
     render_plot_svg,
 )
 from cageik_cli.report.record import build_report
-from tests.report.drawings import lines, texts
+from tests.report.drawings import drawn, lines, texts
 
 pytestmark = pytest.mark.slow
 
@@ -35,7 +34,7 @@ def test_the_curves_are_the_metrics_of_the_record(report):
     np.testing.assert_array_equal(error.get_xydata()[:, 0], range(1, 6))
     np.testing.assert_array_equal(error.get_ydata(), [frame.rms_percent for frame in frames])
     np.testing.assert_array_equal(change.get_ydata(), [frame.volume_change for frame in frames])
-    left, right = draw_plot(report).axes
+    left, right = drawn(report).axes
     assert left.get_ylabel() == "RMS error, % of the diagonal"
     assert right.get_ylabel() == "volume change, %"
     assert left.get_xlabel() == "frame of cages.h5"
@@ -53,7 +52,7 @@ def test_a_fitted_result_has_both_curves(fitted):
     assert (error.get_label(), before.get_label()) == ("RMS error, fitted", "mean-value")
     assert error.get_color() != before.get_color()
     assert error.get_linestyle() != before.get_linestyle()
-    assert draw_plot(told).axes[0].get_ylim()[1] > 7
+    assert drawn(told).axes[0].get_ylim()[1] > 7
     assert lines(replace(report, unfitted=None), "unfitted") == []
 
 
@@ -80,7 +79,7 @@ def test_skipped_frames_are_gaps(make_report):
     report = make_report([0.0, 1.0, None, None, 2.0, 1.0], [0.0, -1.0, None, None, 1.0, None])
     (error,) = lines(report, "rms")
     np.testing.assert_array_equal(error.get_ydata(), [0, 1, np.nan, np.nan, 2, 1])
-    (shades,) = draw_plot(report).axes[1].collections
+    (shades,) = drawn(report).axes[1].collections
     (box,) = [path.get_extents() for path in shades.get_paths()]
     assert (box.x0, box.x1) == (2.5, 4.5)
     assert "skipped" in texts(report)
@@ -92,7 +91,7 @@ def test_the_axis_has_the_numbers_of_the_frames(make_report):
     (error,), (ring,) = lines(report, "rms"), lines(report, "worst")
     np.testing.assert_array_equal(error.get_xdata(), [1001, 1003, 1005, 1007])
     assert tuple(ring.get_xydata()[0]) == (1007, 3)
-    axes = draw_plot(report).axes
+    axes = drawn(report).axes
     (box,) = [path.get_extents() for path in axes[1].collections[0].get_paths()]
     assert (box.x0, box.x1) == (1004, 1006)
     assert axes[0].get_xlim() == (1000, 1008)
@@ -143,14 +142,14 @@ def test_any_clip_is_drawn(make_report, errors, changes):
 
 def test_rounding_does_not_look_like_error(make_report):
     report = make_report([1e-15, 3e-15], [1e-13, -1e-13], limits=[Limit("rms", Decimal("0.3"))])
-    for axes in draw_plot(report).axes:
+    for axes in drawn(report).axes:
         assert 0.001 < axes.get_ylim()[1] < 0.002
     assert "limits without a line: rms ≤ 0.3 %, within limit" in texts(report)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 40])
 def test_frames_are_numbered_in_whole_numbers(make_report, count):
-    axes = draw_plot(make_report([1.0] * count)).axes[0]
+    axes = drawn(make_report([1.0] * count)).axes[0]
     places = [place for place in axes.get_xticks() if -0.5 <= place <= count - 0.5]
     assert places
     assert places == [round(place) for place in places]
@@ -200,7 +199,7 @@ def test_the_page_plot_has_the_position_of_the_axes(report):
     assert svg.startswith("<svg ")
     assert {"width", "height"}.isdisjoint(root.attrib)
     _, _, width, height = map(float, root.attrib["viewBox"].split())
-    axes = draw_plot(report).axes[0]
+    axes = drawn(report).axes[0]
     assert axes.get_xlim() == (1 + places["first"], 1 + places["last"])
     # The first path of the axes is their background.
     place = re.search(r'id="axes_1".*? d="(.*?)"', svg, re.DOTALL)[1]

@@ -5,10 +5,9 @@ from decimal import Decimal
 import pytest
 
 from cageik_cli.report.limits import Limit, LimitCheck
-from cageik_cli.report.plots.error_plot import draw_plot
 from cageik_cli.report.plots.series import label_limit
 from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY
-from tests.report.drawings import lines, texts
+from tests.report.drawings import drawn, lines, texts
 
 
 def test_limits_are_dashed_lines_with_labels(make_report):
@@ -27,15 +26,15 @@ def test_labels_of_close_limits_do_not_overlap(make_report):
     typed = [("rms", 1.5), ("rms", 1.52), ("frame_rms", 1.9), ("frame_rms", 1.93)]
     typed += [("volume_change", 0.9), ("volume_change", 0.92), ("frame_rms", 2.2)]
     limits = [Limit(metric, Decimal(str(most))) for metric, most in typed]
-    drawn = draw_plot(make_report([0.0, 2.0, 1.0], [0.0, -1.0, 1.0], limits=limits))
-    drawn.draw_without_rendering()
+    figure = drawn(make_report([0.0, 2.0, 1.0], [0.0, -1.0, 1.0], limits=limits))
+    figure.draw_without_rendering()
     boxes = [
         text.get_window_extent()
-        for text in drawn.axes[0].texts
+        for text in figure.axes[0].texts
         if "≤" in text.get_text() or text.get_text().startswith("worst")
     ]
     assert len(boxes) == 8
-    axes = drawn.axes[0].get_window_extent()
+    axes = figure.axes[0].get_window_extent()
     for k, box in enumerate(boxes):
         assert axes.x0 <= box.x0 < box.x1 <= axes.x1
         assert axes.y0 <= box.y0 < box.y1 <= axes.y1
