@@ -41,7 +41,6 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.settings import ClipSettings
 
 if TYPE_CHECKING:
-    from cageik_cli.formats.write import ExportSummary
     from cageik_cli.store.result import Result
     from cageik_cli.util.progress import ProgressListener
     from cageik_cli.workflows.export import ExportSettings
@@ -217,21 +216,26 @@ def extract_command(
     from cageik_cli.report.overview import build_clip_entry, build_overview
     from cageik_cli.report.record import build_report
     from cageik_cli.report.views.text import format_text
+    from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import format_row
     from cageik_cli.workflows.extract import extract
 
     loaded_limits = limits.load()
-    export_settings = _plan_exports(settings, exports, [timings], [limits.baseline])
+    planned = _plan_exports(settings, exports)
+    exported = [path for one in planned for path in one.outputs()]
+    check_no_overlap(
+        [*settings.outputs(), timings, *exported], [*settings.inputs(), limits.baseline]
+    )
     with show_progress(not quiet, timings, settings.overwrite) as progress:
         result = extract(settings, progress)
-        summaries = _export(export_settings, progress)
+        messages = _export(planned, progress)
     report = build_report(result, loaded_limits)
     overview = build_overview([build_clip_entry(report)])
     if quiet:
         echo_exceeded_limits(overview)
     else:
         lines = [format_text(report, bool(get_verbosity())), *map(format_row, progress.make_rows())]
-        lines += [one.message for one in summaries]
+        lines += messages
         if settings.cage_output is not None:
             lines.append(f"wrote {settings.cage_output}")
         click.echo(word_options("\n".join(lines), extract_command), err=True)
@@ -241,45 +245,27 @@ def extract_command(
     exit_with_code(overview)
 
 
-def _plan_exports(
-    settings: "ExtractSettings",
-    exports: tuple[Path, ...],
-    other_outputs: list[Path | None],
-    other_inputs: list[Path | None],
-) -> list["ExportSettings"]:
-    """Make the settings of the exports, and check the outputs of the command before any work."""
-    from cageik_cli.util.outputs import check_no_overlap
+def _plan_exports(settings: "ExtractSettings", paths: tuple[Path, ...]) -> list["ExportSettings"]:
+    """Make the settings of the exports, and check them before any work."""
+    if not paths:
+        return []
+    from cageik_cli.formats.write import Output
+    from cageik_cli.workflows.export import ExportSettings, check_export
 
-    planned = _make_export_settings(settings, exports) if exports else []
-    exported = [path for one in planned for path in one.outputs()]
-    outputs = [*settings.outputs(), *other_outputs, *exported]
-    check_no_overlap(outputs, [*settings.inputs(), *other_inputs])
-    if planned:
-        from cageik_cli.workflows.export import check_export
-
-        for one in planned:
-            check_export(one)
+    outputs = [Output(path, overwrite=settings.overwrite) for path in paths]
+    planned = [ExportSettings(settings.output, output) for output in outputs]
+    for one in planned:
+        check_export(one)
     return planned
 
 
-def _make_export_settings(
-    settings: "ExtractSettings", exports: tuple[Path, ...]
-) -> list["ExportSettings"]:
-    from cageik_cli.formats.write import Output
-    from cageik_cli.workflows.export import ExportSettings
-
-    return [
-        ExportSettings(settings.output, Output(path, overwrite=settings.overwrite))
-        for path in exports
-    ]
-
-
-def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> list["ExportSummary"]:
+def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> list[str]:
+    """Write the exports, and return what is told of each."""
     if not planned:
         return []
     from cageik_cli.workflows.export import export
 
-    return [export(one, progress) for one in planned]
+    return [export(one, progress).message for one in planned]
 
 
 def _show_details(settings: "ExtractSettings", result: "Result") -> None:

@@ -13,7 +13,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from types import FrameType
@@ -26,7 +26,7 @@ from cageik_cli.util.leftovers import listen_to_leftovers
 from cageik_cli.util.text import make_printable, single_line
 
 
-class LazyCommands(MutableMapping[str, click.Command]):
+class LazyCommands(Mapping[str, click.Command]):
     """The commands by their names; command NAME is `NAME_command` in the module `cli.NAME`.
 
     Parameters
@@ -37,11 +37,8 @@ class LazyCommands(MutableMapping[str, click.Command]):
 
     def __init__(self, summaries: Mapping[str, str]) -> None:
         self.summaries = summaries
-        self._others: dict[str, click.Command] = {}
 
     def __getitem__(self, name: str) -> click.Command:
-        if name in self._others:
-            return self._others[name]
         if name not in self.summaries:
             raise KeyError(name)
         module = import_module(f"cageik_cli.cli.{name}")
@@ -49,19 +46,13 @@ class LazyCommands(MutableMapping[str, click.Command]):
         return command
 
     def __contains__(self, name: object) -> bool:
-        return name in self.summaries or name in self._others
-
-    def __setitem__(self, name: str, command: click.Command) -> None:
-        self._others[name] = command
-
-    def __delitem__(self, name: str) -> None:
-        del self._others[name]
+        return name in self.summaries
 
     def __iter__(self) -> Iterator[str]:
-        return iter([*self.summaries, *self._others])
+        return iter(self.summaries)
 
     def __len__(self) -> int:
-        return len(self.summaries) + len(self._others)
+        return len(self.summaries)
 
 
 class CageikGroup(click.Group):

@@ -184,7 +184,7 @@ class Poser:
         if rigidity:
             for cage, unrotated in zip(chosen, moved, strict=True):
                 unrotated[...] = self._rotate_cells(
-                    self._neighbours.build_cells(cage), unrotated, rigidity
+                    Cells(self._neighbours, cage), unrotated, rigidity
                 )
         edited[is_moved] += moved
         return edited
@@ -237,7 +237,7 @@ class Poser:
 
     @cached_property
     def _cells_at_rest(self) -> Cells:
-        return self._neighbours.build_cells(self.binding.cage.vertices)
+        return Cells(self._neighbours, self.binding.cage.vertices)
 
     @cached_property
     def _mesh_map(self) -> MirroredMap:

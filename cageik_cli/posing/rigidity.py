@@ -16,46 +16,11 @@ three coordinates x of the cage at rest,
 which are two sparse products per round, with three times the non-zeros of L.
 """
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from scipy import sparse
 
 from cageik_cli.geometry.rotations import nearest_rotations_by_entry
 from cageik_cli.util.arrays import Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Cells:
-    """The cells of one cage at rest.
-
-    Attributes
-    ----------
-    differences : (n, 3) float64
-        δ = L c.
-    rest_covariance : (3n, 3) float64
-        S of the cage at rest, stacked by column; S is symmetric there.
-    covariance_map : sparse (3n, n)
-        Δ_x + E_x for x, y and z, stacked vertically.
-    rotation_map : sparse (n, 3n)
-        ½ (Δ_x − E_x) for x, y and z, stacked horizontally.
-    """
-
-    differences: Floats
-    rest_covariance: Floats
-    covariance_map: Any
-    rotation_map: Any
-
-    def fit_rotations(self, displacements: Floats) -> Floats:
-        """Return the rotation R of every cell, (3, 3, n), for displacements (n, 3)."""
-        columns = self.rest_covariance + self.covariance_map @ displacements
-        entries = np.ascontiguousarray(columns.T).reshape(9, -1)
-        return nearest_rotations_by_entry(entries).reshape(3, 3, -1)
-
-    def rotate_differences(self, rotations: Floats) -> Floats:
-        """Return the change of δ by rotations (3, 3, n): b − L c of every cell, (n, 3)."""
-        return np.asarray(self.rotation_map @ rotations.reshape(3, -1).T - self.differences)
 
 
 class Neighbours:
@@ -68,29 +33,43 @@ class Neighbours:
     """
 
     def __init__(self, laplacian: Floats) -> None:
-        self._rows, self._columns = np.nonzero(laplacian)  # i and j, by i
-        self._entries = laplacian[self._rows, self._columns]
-        self._transposed = laplacian[self._columns, self._rows]
-        self._diagonal = np.flatnonzero(self._rows == self._columns)
-        self._firsts = np.searchsorted(self._rows, np.arange(len(laplacian)))
+        self.rows, self.columns = np.nonzero(laplacian)  # i and j, by i
+        self.entries = laplacian[self.rows, self.columns]
+        self.transposed = laplacian[self.columns, self.rows]
+        self.diagonal = np.flatnonzero(self.rows == self.columns)
+        self.firsts = np.searchsorted(self.rows, np.arange(len(laplacian)))
         # L and its transpose have the same sparsity pattern: three copies of the rows of L are the
-        # rows of `covariance_map`, and the columns of `rotation_map`.
-        self._places = np.tile(self._columns, 3)
-        starts = np.add.outer(np.arange(3) * len(self._rows), self._firsts)
-        self._starts = np.append(starts, len(self._places))
+        # rows of the map of covariances, and the columns of that of rotations.
+        self.places = np.tile(self.columns, 3)
+        starts = np.add.outer(np.arange(3) * len(self.rows), self.firsts)
+        self.starts = np.append(starts, len(self.places))
 
-    def build_cells(self, cage: Floats) -> Cells:
-        """Return the cells of a cage with vertices (n, 3)."""
-        edges = (cage[self._rows] - cage[self._columns]).T
-        rows, columns = self._entries * edges, self._transposed * edges / 2
+
+class Cells:
+    """The cells of one cage at rest, with vertices (n, 3)."""
+
+    def __init__(self, neighbours: Neighbours, cage: Floats) -> None:
+        edges = (cage[neighbours.rows] - cage[neighbours.columns]).T
+        rows, columns = neighbours.entries * edges, neighbours.transposed * edges / 2
         # L c from the same edges: a cage that moves as one then changes S by rounding only.
-        differences = -np.add.reduceat(rows, self._firsts, axis=1)
-        rows[:, self._diagonal], columns[:, self._diagonal] = differences, differences / 2
-        shape = (3 * len(cage), len(cage))
-        covariance_map = sparse.csr_array((rows.ravel(), self._places, self._starts), shape)
-        rotation_map = sparse.csc_array((columns.ravel(), self._places, self._starts), shape[::-1])
-        # Relative to a vertex, so that a cage far from the origin loses no digits.
-        rest_covariance = covariance_map @ (cage - cage[0])
-        return Cells(
-            np.ascontiguousarray(differences.T), rest_covariance, covariance_map, rotation_map
-        )
+        differences = -np.add.reduceat(rows, neighbours.firsts, axis=1)
+        rows[:, neighbours.diagonal] = differences
+        columns[:, neighbours.diagonal] = differences / 2
+        pattern, shape = (neighbours.places, neighbours.starts), (3 * len(cage), len(cage))
+        # Δ_x + E_x for x, y and z, stacked vertically; ½ (Δ_x − E_x), stacked horizontally.
+        self._covariance_map = sparse.csr_array((rows.ravel(), *pattern), shape)
+        self._rotation_map = sparse.csc_array((columns.ravel(), *pattern), shape[::-1])
+        # S of the cage at rest, which is symmetric: relative to a vertex, so that a cage far from
+        # the origin loses no digits.
+        self._rest_covariance = self._covariance_map @ (cage - cage[0])
+        self._differences = np.ascontiguousarray(differences.T)
+
+    def fit_rotations(self, displacements: Floats) -> Floats:
+        """Return the rotation R of every cell, (3, 3, n), for displacements (n, 3)."""
+        columns = self._rest_covariance + self._covariance_map @ displacements
+        entries = np.ascontiguousarray(columns.T).reshape(9, -1)
+        return nearest_rotations_by_entry(entries).reshape(3, 3, -1)
+
+    def rotate_differences(self, rotations: Floats) -> Floats:
+        """Return the change of δ by rotations (3, 3, n): b − L c of every cell, (n, 3)."""
+        return np.asarray(self._rotation_map @ rotations.reshape(3, -1).T - self._differences)
