@@ -147,48 +147,6 @@ def take_ring_medians(mesh: TriMesh, values: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SparseWeights:
-    """The weights of the vertices of k frames that are not 1.
-
-    Attributes
-    ----------
-    starts : (k + 1,) int64
-        Where the entries of each frame begin and end.
-    vertices : (e,) int64
-    values : (e,) float64
-    """
-
-    starts: Integers
-    vertices: Integers
-    values: Floats
-
-    @staticmethod
-    def of(weights: Floats) -> "SparseWeights":
-        """Take those that are not 1 of weights (k, m)."""
-        frames, vertices = np.nonzero(weights != 1)
-        starts = np.searchsorted(frames, np.arange(len(weights) + 1))
-        return SparseWeights(starts, vertices, weights[frames, vertices])
-
-    @staticmethod
-    def none(frames: int) -> "SparseWeights":
-        """Return the weights of frames in which all are 1."""
-        return SparseWeights(np.zeros(frames + 1, np.int64), np.zeros(0, np.int64), np.zeros(0))
-
-    def get(self, place: int) -> tuple[Integers, Floats]:
-        """Return the vertices of a frame, by its place, and their weights."""
-        entries = slice(self.starts[place], self.starts[place + 1])
-        return self.vertices[entries], self.values[entries]
-
-    def expand(self, vertex_count: int) -> Floats:
-        """Return all weights, (k, m)."""
-        weights = np.ones((len(self.starts) - 1, vertex_count))
-        for place, row in enumerate(weights):
-            vertices, values = self.get(place)
-            row[vertices] = values
-        return weights
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class KeptBlock:
     """What was kept of k frames.
 
@@ -196,8 +154,10 @@ class KeptBlock:
     ----------
     metrics : KeptMetrics
         nan, and -1 for counts, of skipped frames.
-    weights : SparseWeights
-        None of skipped frames.
+    starts : (k + 1,) int64
+        Where the weights that are not 1 begin and end for each frame; skipped ones have none.
+    vertices : (e,) int64
+    weights : (e,) float64
     counts : (m,) int64
         Frames in which each vertex was kept.
     noise : (k,) float64
@@ -205,7 +165,9 @@ class KeptBlock:
     """
 
     metrics: KeptMetrics
-    weights: SparseWeights
+    starts: Integers
+    vertices: Integers
+    weights: Floats
     counts: Integers
     noise: Floats
 
@@ -227,8 +189,28 @@ class KeptBlock:
             places = gaps + step
             noise[places[(places >= 0) & (places < len(noise))]] = np.nan
         weights[gaps] = 1
-        counts = np.delete(is_kept, gaps, axis=0).sum(axis=0)
-        return KeptBlock(leave_gaps(metrics, gaps), SparseWeights.of(weights), counts, noise)
+        frames, vertices = np.nonzero(weights != 1)
+        return KeptBlock(
+            metrics=leave_gaps(metrics, gaps),
+            starts=np.searchsorted(frames, np.arange(len(weights) + 1)),
+            vertices=vertices,
+            weights=weights[frames, vertices],
+            counts=np.delete(is_kept, gaps, axis=0).sum(axis=0),
+            noise=noise,
+        )
+
+    def get_weights(self, place: int) -> tuple[Integers, Floats]:
+        """Return the vertices of a frame whose weight is not 1, by its place, and these weights."""
+        entries = slice(self.starts[place], self.starts[place + 1])
+        return self.vertices[entries], self.weights[entries]
+
+    def expand_weights(self, vertex_count: int) -> Floats:
+        """Return all weights, (k, m)."""
+        weights = np.ones((len(self.starts) - 1, vertex_count))
+        for place, row in enumerate(weights):
+            vertices, values = self.get_weights(place)
+            row[vertices] = values
+        return weights
 
 
 def measure_noise(errors: Floats, is_kept: Mask) -> Floats:

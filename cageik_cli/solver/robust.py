@@ -23,7 +23,7 @@ import numpy as np
 from cageik_cli.coordinates.binding import measure_offsets
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.solver.dual_laplacian import MAX_CONDITION, DualLaplacianSolver, Solution
-from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
+from cageik_cli.util.arrays import Floats, Integers, Workspace
 from cageik_cli.util.errors import NumericalError
 
 MAX_REJECTED_WEIGHT = 0.5
@@ -78,11 +78,7 @@ class RobustSolver:
             self.offset_pull = solver.data_scale * (binding.weights.T @ weighted)
 
     def solve(
-        self,
-        frames: Floats,
-        given: Floats | None = None,
-        workspace: Workspace | None = None,
-        max_searches: int = 5,
+        self, frames: Floats, given: Floats | None = None, workspace: Workspace | None = None
     ) -> WeighedSolution:
         """Return the cages of `frames`, (k, m, 3).
 
@@ -94,13 +90,11 @@ class RobustSolver:
             Weights of the vertices of each frame, from 0 to 1.
         workspace : Workspace, optional
             The reconstructions are valid until it is used again.
-        max_searches : int
-            Times that all vertices of a frame are looked through for outliers, at most.
         """
         plain = self.solver.solve(frames, workspace)
         block = _WeighedBlock(self, frames, plain, given)
         left = np.arange(len(frames))
-        for count in range(max_searches):
+        for count in range(5):  # times that all vertices are looked through for outliers
             left = block.search(left, is_first=count == 0)
             if not len(left):
                 break
@@ -115,21 +109,24 @@ class _WeighedBlock:
 
     Attributes
     ----------
-    weights : (k, m) float64
+    given, weights : (k, m) float64
+        How much vertices may count, and how much they do.
+    plain_residuals : (k, m, 3) float64
+        v − H c of the plain solve.
     """
 
     def __init__(
         self, robust: RobustSolver, frames: Floats, plain: Solution, given: Floats | None
     ) -> None:
-        self._robust, self._solver = robust, robust.solver
-        self._frames, self._plain = frames, plain
-        self._given = np.ones(frames.shape[:2]) if given is None else given
-        self._plain_residuals = frames - plain.reconstructions
-        self._residuals = self._plain_residuals
+        self.robust, self.solver = robust, robust.solver
+        self.frames, self.plain = frames, plain
+        self.given = np.ones(frames.shape[:2]) if given is None else given
+        self.plain_residuals = frames - plain.reconstructions
+        self._residuals = self.plain_residuals
         self._rotations = plain.rotations.copy()
         self._corrections = np.zeros_like(plain.cages)
         self._followed = np.zeros(frames.shape[:2], bool)
-        self.weights = self._given.copy()
+        self.weights = self.given.copy()
         self.faults: dict[int, str] = {}
 
     @property
@@ -148,12 +145,12 @@ class _WeighedBlock:
         """
         solved = []
         for place in places.tolist():
-            is_given = self._given[place] != 1
+            is_given = self.given[place] != 1
             limits = self._measure_limits(place)
             is_new = np.zeros(len(is_given), bool)
             if limits is not None:
                 squares = np.einsum("jx,jx->j", self._residuals[place], self._residuals[place])
-                is_new = (squares > limits**2) & (self._given[place] > 0) & ~self._followed[place]
+                is_new = (squares > limits**2) & (self.given[place] > 0) & ~self._followed[place]
             if not (is_new.any() or (is_first and is_given.any())):
                 continue
             self._followed[place] |= is_given | is_new
@@ -173,8 +170,8 @@ class _WeighedBlock:
         Tolerances grow with the frame: where half of the vertices that are data are off by more
         than half a tolerance, the frame is far off as a whole, and they are no outliers for that.
         """
-        tolerances = self._robust.tolerances
-        is_data = self._given[place] > 0
+        tolerances = self.robust.tolerances
+        is_data = self.given[place] > 0
         if tolerances is None or not is_data.any():
             return None
         residuals = self._residuals[place]
@@ -204,7 +201,7 @@ class _WeighedBlock:
             Rounds end when no weight of the frame changes by more.
         """
         frame = _FollowedVertices(self, place, np.flatnonzero(self._followed[place]))
-        given = self._given[place, frame.rows]
+        given = self.given[place, frame.rows]
         weights = self.weights[place, frame.rows]
         if limits is None:
             frame.solve(weights)
@@ -224,22 +221,22 @@ class _WeighedBlock:
         """Compute what the corrections leave of the residuals of all vertices."""
         n = self._corrections.shape[1]
         columns = self._corrections[places].transpose(1, 0, 2).reshape(n, -1)
-        moved = (self._solver.binding.weights @ columns).reshape(-1, len(places), 3)
-        if self._residuals is self._plain_residuals:
-            self._residuals = self._plain_residuals.copy()
-        self._residuals[places] = self._plain_residuals[places] - moved.transpose(1, 0, 2)
-        if len(self._robust.offsets):
-            turned = self._rotations[places] - self._plain.rotations[places]
-            self._residuals[places] -= self._robust.offsets @ turned
+        moved = (self.solver.binding.weights @ columns).reshape(-1, len(places), 3)
+        if self._residuals is self.plain_residuals:
+            self._residuals = self.plain_residuals.copy()
+        self._residuals[places] = self.plain_residuals[places] - moved.transpose(1, 0, 2)
+        if len(self.robust.offsets):
+            turned = self._rotations[places] - self.plain.rotations[places]
+            self._residuals[places] -= self.robust.offsets @ turned
 
     def finish(self) -> Solution:
         """Return the corrected solution."""
-        plain, sampled = self._plain, self._plain.sampled.copy()
-        rebuilt = np.subtract(self._frames, self._residuals, out=plain.reconstructions)
+        plain, sampled = self.plain, self.plain.sampled.copy()
+        rebuilt = np.subtract(self.frames, self._residuals, out=plain.reconstructions)
         for place in np.flatnonzero((self.weights != 1).any(axis=1)).tolist():
             # A vertex that is missing or rejected is sampled where its reconstruction is.
             frame = rebuilt[place] + self.weights[place, :, None] * self._residuals[place]
-            moved = self._solver.sample(frame, self._rotations[place])
+            moved = self.solver.sample(frame, self._rotations[place])
             sampled[:, 3 * place : 3 * place + 3] = moved
         return Solution(
             cages=plain.cages + self._corrections,
@@ -247,21 +244,6 @@ class _WeighedBlock:
             rotations=self._rotations,
             sampled=sampled,
         )
-
-    def is_missing(self, place: int, rows: Integers) -> Mask:
-        """Return which of some vertices of a frame are missing."""
-        return np.asarray(self._given[place, rows] == 0)
-
-    def read(self, place: int, rows: Integers) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return of a frame: vertices, plain residuals at `rows`, covariance, and plain rotation.
-
-        Vertices are relative to the weighted centroid.
-        """
-        weights = self._solver.vertex_weights
-        centred = self._frames[place] - weights @ self._frames[place] / weights.sum()
-        covariance = (self._solver.rest * weights[:, None]).T @ centred
-        residuals = self._plain_residuals[place, rows]
-        return centred[rows], residuals, covariance, self._plain.rotations[place]
 
 
 class _FollowedVertices:
@@ -279,18 +261,21 @@ class _FollowedVertices:
     """
 
     def __init__(self, block: _WeighedBlock, place: int, rows: Integers) -> None:
-        self._robust, self._solver = block._robust, block._robust.solver
+        self._robust, self._solver = block.robust, block.solver
         self.rows = rows
         # Missing vertices are the most, and stay missing: their part is computed once.
-        self._is_missing = block.is_missing(place, rows)
-        gone = rows[self._is_missing]
-        self._matrix = self._solver.normal - self._solver.weigh_data(
-            self._solver.vertex_weights[gone], gone
-        )
-        self._vertices, self._plain, self._covariance, self._turn = block.read(place, rows)
+        self._is_missing = block.given[place, rows] == 0
+        gone, weights = rows[self._is_missing], self._solver.vertex_weights
+        self._matrix = self._solver.normal - self._solver.weigh_data(weights[gone], gone)
+        frame = block.frames[place]
+        centred = frame - weights @ frame / weights.sum()
+        self._vertices = centred[rows]
+        self._covariance = (self._solver.rest * weights[:, None]).T @ centred
+        self._turn = block.plain.rotations[place]
         self._weights = self._solver.binding.weights[rows]
-        self._vertex_weights = self._solver.vertex_weights[rows]
+        self._vertex_weights = weights[rows]
         self._rest = self._solver.rest[rows]
+        self._plain = block.plain_residuals[place, rows]
         self.residuals, self.rotation = self._plain, self._turn
         self.correction = np.zeros_like(self._robust.rest_pull)
 

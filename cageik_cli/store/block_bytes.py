@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.solver.blocks import SolvedBlock
-from cageik_cli.solver.captured import KeptBlock, SparseWeights
+from cageik_cli.solver.captured import KeptBlock
 from cageik_cli.solver.metrics import (
     KEPT_TYPES,
     METRIC_TYPES,
@@ -74,15 +74,14 @@ def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
 
 
 def _pack_kept(kept: KeptBlock) -> bytes:
-    weights = kept.weights
     return b"".join(
         [
             _pack_columns(kept.metrics, KEPT_TYPES),
             np.ascontiguousarray(kept.counts, "<i8").tobytes(),
             np.ascontiguousarray(kept.noise, "<f8").tobytes(),
-            np.ascontiguousarray(weights.starts, "<i8").tobytes(),
-            np.ascontiguousarray(weights.vertices, "<i8").tobytes(),
-            np.ascontiguousarray(weights.values, "<f8").tobytes(),
+            np.ascontiguousarray(kept.starts, "<i8").tobytes(),
+            np.ascontiguousarray(kept.vertices, "<i8").tobytes(),
+            np.ascontiguousarray(kept.weights, "<f8").tobytes(),
         ]
     )
 
@@ -95,7 +94,7 @@ def _unpack_kept(stream: io.BytesIO, count: int, vertices: int) -> KeptBlock:
     entries = int(starts[-1])
     places = np.frombuffer(stream.read(8 * entries), "<i8")
     values = np.frombuffer(stream.read(8 * entries), "<f8")
-    return KeptBlock(KeptMetrics(**columns), SparseWeights(starts, places, values), counts, noise)
+    return KeptBlock(KeptMetrics(**columns), starts, places, values, counts, noise)
 
 
 def _pack_columns(metrics: FrameMetrics | KeptMetrics, types: Mapping[str, str]) -> bytes:

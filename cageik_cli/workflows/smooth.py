@@ -160,7 +160,7 @@ class _HeldBlocks:
             frame = block.start + place
             self._cages[frame] = block.cages[place]
             self._rotations[frame] = block.rotations[place]
-            rows, values = (None, None) if block.kept is None else block.kept.weights.get(place)
+            rows, values = (None, None) if block.kept is None else block.kept.get_weights(place)
             if rows is not None and values is not None and len(rows):
                 self._lost[frame] = solver.weigh_data(
                     (1 - values) * solver.vertex_weights[rows], rows
@@ -289,7 +289,7 @@ def _measure_again(
     rotations = find_rotations(solver, cages)
     rebuilt = reconstruct_frames(binding, cages, rotations)
     positions, given = block_solver.complete(block)
-    weights = solved.kept.weights.expand(rebuilt.shape[1])
+    weights = solved.kept.expand_weights(rebuilt.shape[1])
     solution = Solution(cages, rebuilt, rotations, solved.sampled)
     errors: dict[int, InputError] = {
         k: FileAccessError(reason) for k, reason in solved.skipped.items()
