@@ -13,12 +13,12 @@ from cageik_cli.util.errors import CageikError, InputError, NumericalError
 from tests.coordinates.random_cages import KINDS, kind_of, points_within, random_cage
 from tests.shapes import box
 
-SEEDS = range(100)
+SEEDS = range(50)
 
 MARKED_SEEDS = [
     *SEEDS[:10],
     *(pytest.param(seed, marks=pytest.mark.slow) for seed in SEEDS[10:]),
-    *(pytest.param(seed, marks=pytest.mark.fuzz) for seed in range(100, 300)),
+    *(pytest.param(seed, marks=pytest.mark.fuzz) for seed in range(50, 300)),
 ]
 
 
