@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import cageik_cli
+from cageik_cli.coordinates import harmonic
 from cageik_cli.formats.base.sequence import as_sequence
 from cageik_cli.util.errors import ConnectivityError, SettingError
 
@@ -17,6 +18,26 @@ def workspace(tmp_path, monkeypatch, fixtures_folder) -> Path:
     (tmp_path / "data_fixtures").symlink_to(fixtures_folder, target_is_directory=True)
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def known_weights() -> dict:
+    """The weights that examples have computed, by points, cage and accuracy."""
+    return {}
+
+
+@pytest.fixture
+def weights_once(monkeypatch, known_weights) -> None:
+    """The examples bind the walking figure again and again: its weights are computed once."""
+    compute = harmonic.harmonic_weights
+
+    def compute_once(cage, points, accuracy="standard", *others):
+        key = (points.tobytes(), cage.vertices.tobytes(), accuracy)
+        if key not in known_weights:
+            known_weights[key] = compute(cage, points, accuracy, *others)
+        return known_weights[key]
+
+    monkeypatch.setattr(harmonic, "harmonic_weights", compute_once)
 
 
 BUILDING = ("BuiltCage", "build_cage")
@@ -30,6 +51,7 @@ BUILDING = ("BuiltCage", "build_cage")
         for name in cageik_cli.__all__
     ],
 )
+@pytest.mark.usefixtures("weights_once")
 def test_every_public_name_has_an_example_that_runs(name):
     thing = getattr(cageik_cli, name)
     assert "Examples\n" in (thing.__doc__ or "")

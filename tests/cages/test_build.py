@@ -20,12 +20,12 @@ def assert_good(cage, model, count, clearance=0.004):
     return opinion
 
 
-QUICK = ("octahedron", "far from the origin")
-"""The odd models that every run of the tests tries; `make fuzz` tries all."""
+MARKS = {"octahedron": (), "far from the origin": pytest.mark.slow}
+"""The odd models that the tests try; `make fuzz` tries all."""
 
 
 @pytest.mark.parametrize(
-    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.fuzz) for name in FAST]
+    "name", [pytest.param(name, marks=MARKS.get(name, pytest.mark.fuzz)) for name in FAST]
 )
 def test_an_odd_model_gets_a_cage(name):
     model = FAST[name]()

@@ -16,8 +16,8 @@ from tests.shapes import box
 SEEDS = range(50)
 
 MARKED_SEEDS = [
-    *SEEDS[:10],
-    *(pytest.param(seed, marks=pytest.mark.slow) for seed in SEEDS[10:]),
+    *SEEDS[: len(KINDS)],
+    *(pytest.param(seed, marks=pytest.mark.slow) for seed in SEEDS[len(KINDS) :]),
     *(pytest.param(seed, marks=pytest.mark.fuzz) for seed in range(50, 300)),
 ]
 
