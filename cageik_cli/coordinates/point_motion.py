@@ -77,7 +77,7 @@ class PointMotion:
         if binding.settings.coordinates != "harmonic":
             raise SettingError(
                 f"splats need gradients of weights, which {binding.settings.coordinates} weights "
-                "do not have here; use --coordinates harmonic"
+                "do not have here; use `coordinates=harmonic`"
             )
         self._oriented = oriented
         count, n = binding.weights.shape

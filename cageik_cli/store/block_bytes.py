@@ -19,8 +19,7 @@ from cageik_cli.solver.metrics import (
 )
 from cageik_cli.solver.summary import DeviationPeaks
 
-DIGEST_BYTES = hashlib.sha256().digest_size
-_HEADER = struct.Struct("<QQQQQ")
+_BLOCK_HEADER = struct.Struct("<QQQQQ")
 """First frame, frames, sampled vertices, bytes of the faults, and of what was kept."""
 
 
@@ -31,7 +30,7 @@ def to_bytes(block: SolvedBlock) -> bytes:
     counts = (block.start, len(block.cages), len(block.sampled), len(faults), len(kept))
     return b"".join(
         [
-            _HEADER.pack(*counts),
+            _BLOCK_HEADER.pack(*counts),
             *block.digests,
             np.ascontiguousarray(block.cages, "<f8").tobytes(),
             np.ascontiguousarray(block.rotations, "<f8").tobytes(),
@@ -49,8 +48,8 @@ def to_bytes(block: SolvedBlock) -> bytes:
 def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
     """Return the block of these bytes."""
     stream = io.BytesIO(data)
-    start, count, rows, length, kept_length = _HEADER.unpack(stream.read(_HEADER.size))
-    digests = tuple(stream.read(DIGEST_BYTES) for _ in range(count))
+    start, count, rows, length, kept_length = _BLOCK_HEADER.unpack(stream.read(_BLOCK_HEADER.size))
+    digests = tuple(stream.read(hashlib.sha256().digest_size) for _ in range(count))
     cages = np.frombuffer(stream.read(24 * count * cage_vertices), "<f8")
     rotations = np.frombuffer(stream.read(72 * count), "<f8")
     columns = _unpack_columns(stream, count, METRIC_TYPES)

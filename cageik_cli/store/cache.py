@@ -31,10 +31,7 @@ Value = TypeVar("Value")
 Entry = dict[str, Any]
 """The arrays and plain values of an entry, by name."""
 
-DEFAULT_MAX_CACHE_BYTES = 2 << 30
-"""Bytes that the entries of a folder may take; the least recently used are deleted."""
-
-POLL_SECONDS = 0.05
+LOCK_POLL_SECONDS = 0.05
 """Seconds between two checks whether another process has computed an entry."""
 
 MAX_UNFINISHED_SECONDS = 3600.0
@@ -175,14 +172,15 @@ class EntryCache:
     note : callable
         Gets a sentence on what could not be read or written, and on what was saved.
     max_bytes : int
-        Bytes that entries, of whatever kind, may take together.
+        Bytes that entries, of whatever kind, may take together; the least recently used are
+        deleted.
     """
 
     def __init__(
         self,
         folder: Path,
         note: Callable[[str], None],
-        max_bytes: int = DEFAULT_MAX_CACHE_BYTES,
+        max_bytes: int = 2 << 30,
     ) -> None:
         self.folder, self.max_bytes, self._note = folder, max_bytes, note
 
@@ -230,7 +228,7 @@ class EntryCache:
         try:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             while (file := open_locked(path)) is None:
-                time.sleep(POLL_SECONDS)
+                time.sleep(LOCK_POLL_SECONDS)
         except OSError:
             yield
             return

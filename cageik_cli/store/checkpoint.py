@@ -24,12 +24,9 @@ from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.util.errors import CheckpointError, FormatError, OutputError, error_context
 from cageik_cli.util.files import open_input, open_locked, remove_locked, set_size
 
-FORMAT = b"cageik.partial "
-MAGIC = FORMAT + b"6\n"
+CHECKPOINT_START = b"cageik.partial "
+CHECKPOINT_MAGIC = CHECKPOINT_START + b"6\n"
 """Raise its number when the spec or the bytes of blocks change, so that older ones are refused."""
-
-MAX_HEAD_BYTES = 128
-"""The line with the digest and the length of the spec is shorter."""
 
 _RECORD_HEADER = struct.Struct("<QI")  # length and checksum of what follows
 
@@ -126,15 +123,15 @@ class Checkpoint:
         try:
             if not (resume or overwrite or os.fstat(file.fileno()).st_size == 0):
                 raise CheckpointError(
-                    f"{path}: another run has written it meanwhile; continue with --resume or "
-                    "start over with --overwrite"
+                    f"{path}: another run has written it meanwhile; continue with `resume` or "
+                    "start over with `overwrite`"
                 )
             held = _read_spec(path, file) if resume else None
             difference = spec.describe_difference(held) if held is not None else ""
             if difference and not overwrite:
                 raise CheckpointError(
                     f"{path}: is of another run: {difference}; give the same files and options, "
-                    "or start over with --overwrite"
+                    "or start over with `overwrite`"
                 )
             has_other_fit = held is not None and not difference and held.fit != spec.fit
             if held is None or difference or has_other_fit:
@@ -234,7 +231,7 @@ def is_checkpoint(path: Path) -> bool:
     if not path.is_file():
         return False
     with open_input(path) as file:
-        return file.read(len(FORMAT)) == FORMAT
+        return file.read(len(CHECKPOINT_START)) == CHECKPOINT_START
 
 
 def checkpoint_progress(path: Path) -> tuple[int, int]:
@@ -264,9 +261,9 @@ def _open_own(path: Path) -> io.FileIO | None:
     except OSError as error:
         raise _make_write_error(path, error) from error
     if file is not None:
-        begin = file.read(len(FORMAT))
+        begin = file.read(len(CHECKPOINT_START))
         file.seek(0)
-        if not FORMAT.startswith(begin):
+        if not CHECKPOINT_START.startswith(begin):
             file.close()
             raise _make_foreign_error(path)
     return file
@@ -279,7 +276,7 @@ def _make_foreign_error(path: Path) -> FormatError:
 def _write_spec(path: Path, file: io.FileIO, spec: RunSpec) -> None:
     """Empty the file and write the spec; delete the file when that fails."""
     text = json.dumps(asdict(spec), sort_keys=True, allow_nan=False).encode()
-    head = MAGIC + f"{hashlib.sha256(text).hexdigest()} {len(text)}\n".encode() + text
+    head = CHECKPOINT_MAGIC + f"{hashlib.sha256(text).hexdigest()} {len(text)}\n".encode() + text
     try:
         set_size(file, 0)
         file.seek(0)
@@ -291,12 +288,13 @@ def _write_spec(path: Path, file: io.FileIO, spec: RunSpec) -> None:
 
 def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
     """Read the spec, which leaves the file at its first block; None if the spec is cut short."""
-    begin = file.read(len(MAGIC))
-    if not MAGIC.startswith(begin):
-        if begin.startswith(FORMAT):
+    begin = file.read(len(CHECKPOINT_MAGIC))
+    if not CHECKPOINT_MAGIC.startswith(begin):
+        if begin.startswith(CHECKPOINT_START):
             raise _make_version_error(path)
         raise _make_foreign_error(path)
-    digest, _, size = file.read(MAX_HEAD_BYTES).partition(b"\n")[0].partition(b" ")
+    line = file.read(128).partition(b"\n")[0]  # with the digest and the length it is shorter
+    digest, _, size = line.partition(b" ")
     length = int(size) if size.isdigit() else 0
     file.seek(len(begin) + len(digest) + len(size) + 2)
     text = file.read(length) if length <= os.fstat(file.fileno()).st_size else b""
@@ -309,7 +307,7 @@ def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
 
 
 def _make_version_error(path: Path) -> CheckpointError:
-    return CheckpointError(f"{path}: is of another version of cageik; start over with --overwrite")
+    return CheckpointError(f"{path}: is of another version of cageik; start over with `overwrite`")
 
 
 def _read_blocks(file: io.FileIO, spec: RunSpec, done: int = 0) -> Iterator[SolvedBlock]:

@@ -26,7 +26,9 @@ from cageik_cli.util.outputs import DeferredErrorFile
 from cageik_cli.util.text import single_line, to_unicode
 from cageik_cli.util.threads import OrderedMap, count_processors
 
-CHUNK_BYTES = 1 << 18
+MAX_CHUNK_BYTES = 1 << 18
+"""Bytes of the rows of a matrix that are compressed together."""
+
 Record = TypeVar("Record")
 
 
@@ -192,7 +194,7 @@ def write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:
     if not matrix.size:
         file.create_dataset(name, data=matrix)
         return
-    rows = max(1, min(len(matrix), CHUNK_BYTES // matrix[0].nbytes))
+    rows = max(1, min(len(matrix), MAX_CHUNK_BYTES // matrix[0].nbytes))
     chunks = (rows, matrix.shape[1])
     filters = {"shuffle": True, "compression": "gzip", "compression_opts": 1}
     dataset = file.create_dataset(name, matrix.shape, "f8", chunks=chunks, **filters)
@@ -222,7 +224,7 @@ def _parse_finite(text: str) -> float:
     return value
 
 
-_NAMES = {
+_KIND_NAMES = {
     bool: "true or false",
     int: "a whole number",
     float: "a number",
@@ -261,7 +263,7 @@ def parse_record(kind: Any, value: Any, name: str) -> Any:
     if kind is float and is_number:
         return float(value)
     if not isinstance(value, kind) or (kind is int and not is_number):
-        raise FormatError(f"`{name}` is {format_value(value)}, expected {_NAMES[kind]}")
+        raise FormatError(f"`{name}` is {format_value(value)}, expected {_KIND_NAMES[kind]}")
     return value
 
 

@@ -40,8 +40,9 @@ from cageik_cli.store.result_fields import (
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError
 
-FORMAT = "cageik.result"
-SCHEMA = 1
+RESULT_FORMAT, RESULT_SCHEMA = "cageik.result", 1
+"""What a result file says that it is; raise the number when older versions cannot read it."""
+
 CHECKPOINT_SUFFIX = ".partial"
 
 
@@ -158,7 +159,7 @@ def read_weights(result: Result) -> Floats | None:
 def is_result(path: Path) -> bool:
     """Return whether an HDF5 file says that it is a result of cageik."""
     with open_checked(path) as file:
-        return has_format(file, FORMAT)
+        return has_format(file, RESULT_FORMAT)
 
 
 def read_result(path: Path) -> Result:
@@ -173,7 +174,7 @@ def read_result(path: Path) -> Result:
         raise FileAccessError(f"{path}: no such result; {_suggest_instead(path)}")
     if path.suffix == CHECKPOINT_SUFFIX:
         raise CheckpointError(
-            f"{path}: is a checkpoint, not a result; rerun the command with --resume"
+            f"{path}: is a checkpoint, not a result; rerun the command with `resume`"
         )
     with open_checked(path) as file:
         _check_result_format(file)
@@ -196,7 +197,7 @@ def read_result(path: Path) -> Result:
 
 
 def _check_result_format(file: h5py.File) -> None:
-    check_format(file, FORMAT, SCHEMA, "a result of cageik extract")
+    check_format(file, RESULT_FORMAT, RESULT_SCHEMA, "a result of cageik extract")
     complete = read_attribute(file, "complete")
     if not (isinstance(complete, np.bool_) and complete):
         raise FormatError(
@@ -207,5 +208,5 @@ def _check_result_format(file: h5py.File) -> None:
 def _suggest_instead(path: Path) -> str:
     checkpoint_file = checkpoint_path(path)
     if checkpoint_file.exists():
-        return f"there is a checkpoint, {checkpoint_file.name}; rerun the command with --resume"
+        return f"there is a checkpoint, {checkpoint_file.name}; rerun the command with `resume`"
     return "create it with cageik extract, or give another"

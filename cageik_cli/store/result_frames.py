@@ -13,9 +13,6 @@ from cageik_cli.store.result import Result, read_weights
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 
-ROTATION_TOL = 1e-9
-"""Largest entry of RRᵀ − I of a rotation R."""
-
 MIN_KEY_FRAMES, MAX_KEY_FRAMES = 3, 4
 """Frames that are kept in full: the worst, the median, the best, and that of the worst region."""
 
@@ -108,7 +105,7 @@ def read_rotations(result: Result) -> Floats:
         rotations = read_array(file, "rotations", "f", (count, 3, 3)).astype(np.float64, copy=False)
         with np.errstate(over="ignore", invalid="ignore"):
             products = rotations @ rotations.swapaxes(1, 2)
-            wrong = ~(np.abs(products - np.eye(3)) < ROTATION_TOL).all(axis=(1, 2))
+            wrong = ~(np.abs(products - np.eye(3)) < 1e-9).all(axis=(1, 2))  # RRᵀ is not I
             wrong |= ~(np.linalg.det(np.where(np.isfinite(rotations), rotations, 0)) > 0)
         wrong[result.gaps] = False
         if wrong.any():

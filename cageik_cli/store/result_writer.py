@@ -22,7 +22,7 @@ from cageik_cli.store.fit_fields import (
     write_weights,
 )
 from cageik_cli.store.hdf5_fields import create_hdf5, write_meshes
-from cageik_cli.store.result import FORMAT, SCHEMA
+from cageik_cli.store.result import RESULT_FORMAT, RESULT_SCHEMA
 from cageik_cli.store.result_fields import (
     ResultHeader,
     ResultSummary,
@@ -57,7 +57,7 @@ class ResultWriter:
         write_meshes(file, rest, cage)
         file.create_dataset("frames/name", data=frames, dtype=h5py.string_dtype())
         create_columns(file, len(frames), METRIC_TYPES | (KEPT_TYPES if has_kept else {}))
-        file.attrs.update(format=FORMAT, schema=SCHEMA, version=__version__)
+        file.attrs.update(format=RESULT_FORMAT, schema=RESULT_SCHEMA, version=__version__)
         write_fields(file, header)
         file.attrs["complete"] = False
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import cageik_cli.report
-from cageik_cli.store.checkpoint import MAGIC
+from cageik_cli.store.checkpoint import CHECKPOINT_MAGIC
 from cageik_cli.store.result import read_result
 from cageik_cli.workflows import run_cage
 from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER
@@ -284,7 +284,7 @@ def test_a_rest_pose_may_be_a_frame(run, anim, here):
 def test_a_dry_run_changes_nothing(run, anim, here):
     run(*BATCH)
     left = Path("out/clips/walk.h5.partial")
-    left.write_bytes(MAGIC)
+    left.write_bytes(CHECKPOINT_MAGIC)
     run(*BATCH, "--resume", "--dry-run")
     assert left.exists()
     run(*BATCH, "--resume")

@@ -140,7 +140,7 @@ def test_one_process_at_a_time_computes_an_entry(kept, monkeypatch):
 
     found = find_binding(kept, *given, compute)
     np.testing.assert_array_equal(found.weights, bound.weights)
-    assert waited == [module.POLL_SECONDS] * 2
+    assert waited == [module.LOCK_POLL_SECONDS] * 2
     assert [path.suffix for path in kept.folder.iterdir()] == [".weights"]
 
 

@@ -13,7 +13,7 @@ from cageik_cli.solver.metrics import FrameMetrics, Measured
 from cageik_cli.solver.summary import DeviationPeaks, summarize_blocks
 from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.store.checkpoint import (
-    MAGIC,
+    CHECKPOINT_MAGIC,
     Checkpoint,
     RunSpec,
     checkpoint_progress,
@@ -225,7 +225,7 @@ def test_blocks_are_read_once_to_be_recovered_and_once_to_be_composed(log, monke
 
 def test_a_checkpoint_written_by_another_run_is_not_replaced(log):
     data = log.read_bytes()
-    with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*--resume"):
+    with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*`resume`"):
         Checkpoint.open(log, SPEC, resume=False)
     assert log.read_bytes() == data
 
@@ -290,7 +290,7 @@ def test_a_file_that_is_not_a_checkpoint_is_refused_and_kept(tmp_path):
 @pytest.mark.parametrize("head", [b"", b"ab 12\n", b"ab 99999999999999\n{}", b"ab x\n", b"\n"])
 def test_a_spec_that_is_cut_short_is_no_progress(tmp_path, head):
     path = tmp_path / "a.partial"
-    path.write_bytes(MAGIC + head)
+    path.write_bytes(CHECKPOINT_MAGIC + head)
     assert checkpoint_progress(path) == (0, 0)
     assert held(path)[0] == 0
 
