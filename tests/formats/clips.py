@@ -3,10 +3,7 @@
 import numpy as np
 from pxr import Usd, UsdValidation
 
-from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.settings import Scene
-from cageik_cli.formats.write import Output
-from cageik_cli.geometry.mesh import TriMesh
 from tests.formats.written import write
 from tests.shapes import octahedron
 
@@ -18,19 +15,6 @@ FRAMES = REST.vertices + np.random.default_rng(5).normal(0, 0.1, (7, 6, 3))
 def written(path, frames=FRAMES, rest=REST, scene=SCENE, size=3):
     """Write an animation, `size` frames at a time."""
     return write(path, rest, frames, size, scene, "hero", overwrite=True)
-
-
-def fail_halfway(path):
-    """Fail with a KeyError after two frames."""
-    with Output(path).open_writer(Animation(REST, len(FRAMES), SCENE, "hero")) as writer:
-        writer.append(FRAMES[:2])
-        raise KeyError
-
-
-def write_huge(path):
-    """Write what single precision cannot hold."""
-    huge = TriMesh(REST.vertices * 1e40, REST.faces)
-    return written(path, np.array([huge.vertices]), huge)
 
 
 def faults_of(path):
