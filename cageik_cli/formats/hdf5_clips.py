@@ -6,13 +6,13 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import ChunkedFrames
 from cageik_cli.formats.base.hdf5 import (
     get_dataset,
     has_text_attribute,
-    list_numeric_shapes,
     open_checked,
     open_file,
     read_array,
@@ -28,6 +28,9 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, join_truncated
 from cageik_cli.util.text import to_unicode
+
+MAX_TOP_ENTRIES = 10_000
+"""Datasets and groups at the top of a file of clips; a link to one takes 30 bytes."""
 
 MAX_HDF5_CHUNK_BYTES = 1 << 28
 """Bytes of a chunk; HDF5 unpacks a whole chunk even if a part is read."""
@@ -55,7 +58,7 @@ def find_clips(file: Any) -> tuple[bool, list[str]]:
         raise FormatError(
             "holds components of a deformation model, not a clip; give the clip itself"
         )
-    shapes = list_numeric_shapes(file, "f")
+    shapes = _list_shapes(file)
     found = [name for name, shape in shapes.items() if len(shape) == 3 and shape[1] == 3]
     if not found or "faces" not in file:
         raise FormatError(
@@ -63,6 +66,28 @@ def find_clips(file: Any) -> tuple[bool, list[str]]:
             "frames) and `faces`"
         )
     return True, found
+
+
+def _list_shapes(file: h5py.File) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the datasets at the top of a file that hold floating-point numbers.
+
+    Raises
+    ------
+    FormatError
+        When the file has more than `MAX_TOP_ENTRIES` entries there.
+    """
+    if len(file) > MAX_TOP_ENTRIES:
+        raise FormatError(
+            f"has {len(file)} datasets and groups at its top, expected at most {MAX_TOP_ENTRIES}; "
+            "split it into several files"
+        )
+    held = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
+    found = {name: file[name] for name in held if file.get(name, getclass=True) is h5py.Dataset}
+    return {
+        name: each.shape
+        for name, each in found.items()
+        if each.dtype.kind == "f" and each.shape is not None
+    }
 
 
 def choose_clip(names: list[str], member: str | None) -> str:

@@ -13,7 +13,6 @@ from cageik_cli.formats.base.hdf5 import (
     read_attribute,
     read_texts,
 )
-from cageik_cli.formats.base.sequence import fill_gaps
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import (
@@ -37,7 +36,7 @@ from cageik_cli.store.result_fields import (
     read_kept_metrics,
     read_skipped,
 )
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, fill_gaps
 from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError
 
 RESULT_FORMAT, RESULT_SCHEMA = "cageik.result", 1

@@ -3,6 +3,7 @@
 import math
 import os
 import tempfile
+from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
@@ -31,6 +32,28 @@ def fit_frames(memory: int, vertex_count: int, arrays: int = 1, itemsize: int = 
 def spread_evenly(count: int, most: int) -> Integers:
     """Return at most `most` numbers below `count`, ascending; the first and the last are there."""
     return np.rint(np.linspace(0, count - 1, min(count, most))).astype(np.int64)
+
+
+def fill_gaps(block: Floats, start: int, known: Integers, read: Callable[[int], Floats]) -> None:
+    """Fill the frames that are not known, in place: linearly between those before and after.
+
+    At either end of the clip, they are as the nearest that is known.
+
+    Parameters
+    ----------
+    block : (k, n, 3)
+        Frames from `start` on.
+    known : (f,)
+        Numbers of frames, ascending; at least one.
+    read : callable
+        Returns a known frame, (n, 3).
+    """
+    for frame in range(start, start + len(block)):
+        place = int(np.searchsorted(known, frame))
+        before, after = (int(known[np.clip(k, 0, len(known) - 1)]) for k in (place - 1, place))
+        if after != frame:
+            share = (frame - before) / (after - before) if after > before else 0.0
+            block[frame - start] = (1 - share) * read(before) + share * read(after)
 
 
 class Workspace:

@@ -13,7 +13,7 @@ from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.base.sequence import MeshSequence, fill_gaps
+from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
@@ -22,7 +22,7 @@ from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.store import result_frames
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.result import Result, read_cages, read_result
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, fill_gaps
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import OrderedMap

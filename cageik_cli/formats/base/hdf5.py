@@ -4,7 +4,7 @@ import hashlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -24,9 +24,6 @@ MAX_ATTRIBUTE_VALUES = 16
 
 MAX_TEXT_BYTES = 1 << 28
 """Bytes of texts that are read together; many texts may be one and the same in the file."""
-
-MAX_TOP_ENTRIES = 10_000
-"""Datasets and groups at the top of a file of clips; a link to one takes 30 bytes."""
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 
@@ -194,41 +191,13 @@ def _is_plain_attribute(holder: Any, name: str) -> bool:
     return found.dtype.kind in "fiub" and prod(found.shape) <= MAX_ATTRIBUTE_VALUES
 
 
-def list_numeric_shapes(file: h5py.File, kinds: str) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the datasets at the top of a file that hold numbers of these kinds.
-
-    Raises
-    ------
-    FormatError
-        When the file has more than `MAX_TOP_ENTRIES` entries there.
-    """
-    if len(file) > MAX_TOP_ENTRIES:
-        raise FormatError(
-            f"has {len(file)} datasets and groups at its top, expected at most {MAX_TOP_ENTRIES}; "
-            "split it into several files"
-        )
-    held = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
-    found = {name: file[name] for name in held if file.get(name, getclass=True) is h5py.Dataset}
-    return {
-        name: each.shape
-        for name, each in found.items()
-        if each.dtype.kind in kinds and each.shape is not None
-    }
-
-
 def scalar_attributes(file: h5py.File, names: tuple[str, ...]) -> dict[str, Any]:
     """Return the attributes of these names that are single values."""
     held = [name for name in names if name in file.attrs and _is_plain_attribute(file, name)]
     return {name: file.attrs[name] for name in held if file.attrs.get_id(name).shape == ()}
 
 
-_SUBDIVISION_PARTS = (
-    "crease_vertices",
-    "crease_lengths",
-    "crease_sharpness",
-    "corner_vertices",
-    "corner_sharpness",
-)
+_SUBDIVISION_PARTS = tuple(part.name for part in fields(Subdivision) if part.name != "scheme")
 
 
 def write_surface(file: h5py.File, group: str, mesh: TriMesh) -> None:

@@ -2,7 +2,7 @@
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.geometry.mesh import TriMesh, validate_known_positions, validate_positions
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import (
     ConnectivityError,
     FormatError,
@@ -347,25 +347,3 @@ class FramePrefetcher:
         placeholder = self._sequence.first.vertices
         positions = np.stack([placeholder if isinstance(v, InputError) else v for v in read])
         return Block(start, positions, errors)
-
-
-def fill_gaps(block: Floats, start: int, known: Integers, read: Callable[[int], Floats]) -> None:
-    """Fill the frames that are not known, in place: linearly between those before and after.
-
-    At either end of the clip, they are as the nearest that is known.
-
-    Parameters
-    ----------
-    block : (k, n, 3)
-        Frames from `start` on.
-    known : (f,)
-        Numbers of frames, ascending; at least one.
-    read : callable
-        Returns a known frame, (n, 3).
-    """
-    for frame in range(start, start + len(block)):
-        place = int(np.searchsorted(known, frame))
-        before, after = (int(known[np.clip(k, 0, len(known) - 1)]) for k in (place - 1, place))
-        if after != frame:
-            share = (frame - before) / (after - before) if after > before else 0.0
-            block[frame - start] = (1 - share) * read(before) + share * read(after)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.sequence import fill_gaps
+from cageik_cli.util.arrays import fill_gaps
 
 KNOWN = np.array([1, 2, 5, 6, 7])
 FRAMES = np.array([np.nan, 1, 5, np.nan, np.nan, 8, 6, 2, np.nan])[:, None, None]
