@@ -35,7 +35,7 @@ from cageik_cli.report.render.shading import (
     parse_colour,
     render,
 )
-from cageik_cli.report.render.viewpoints import REGION_TURNS, choose_view, view_axes
+from cageik_cli.report.render.viewpoints import choose_turn, view_axes
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.store.result import Result
 from cageik_cli.store.result_frames import read_binding, read_unfitted
@@ -185,15 +185,14 @@ def _choose_move_views(poses: PoseSet, moved: FitShapes, size: int) -> dict[str,
     rest, cage = poses.poses[0].original, poses.poses[0].cage
     largest = np.maximum(np.abs(moved.unfitted), np.abs(moved.fitted))
     chosen = largest > 0.5 * largest.max()
-    turns = {turn: view_axes(poses.up_axis, turn) for turn in REGION_TURNS}
-    turn = choose_view(rest, poses.faces, chosen, turns) if chosen.any() else REGION_TURNS[0]
+    turn = choose_turn(rest, poses.faces, chosen, poses.up_axis)
     tip = (cage[moved.vertex] + moved.move)[None]
     whole = np.concatenate([rest[poses.drawn], cage[moved.cage_faces.ravel()], tip])
     near = np.concatenate([rest[largest > 0.1 * largest.max()], tip])
-    behind = view_axes(poses.up_axis, turn + 180)
+    front, behind = (view_axes(poses.up_axis, side) for side in (turn, turn + 180))
     return {
-        "close up": ParallelCamera.fit(turns[turn], near, size),
-        "whole model": ParallelCamera.fit(turns[turn], whole, size),
+        "close up": ParallelCamera.fit(front, near, size),
+        "whole model": ParallelCamera.fit(front, whole, size),
         "from the other side": ParallelCamera.fit(behind, whole, size),
     }
 

@@ -10,7 +10,7 @@ import numpy as np
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.posing.constraints import Mirror, mirror_pairs
 from cageik_cli.report.render.model_views import FRAME_LABELS
-from cageik_cli.report.render.viewpoints import REGION_TURNS, VIEW_TURN, choose_view, view_axes
+from cageik_cli.report.render.viewpoints import VIEW_TURN, choose_turn
 from cageik_cli.store.result import Result, read_cages
 from cageik_cli.store.result_frames import KeyFrames, read_binding, read_key_frames, read_rotations
 from cageik_cli.util.arrays import Floats
@@ -186,8 +186,7 @@ def _find_focus(result: Result, key_frames: KeyFrames, min_extent: float = 0.15)
     if frame in held:
         pose, rest = poses[held.index(frame)], result.rest.vertices
         is_near = np.linalg.norm(rest - rest[vertex], axis=1) <= extent * diagonal / 3
-        views = {turn: view_axes(result.scene.up_axis, turn) for turn in REGION_TURNS}
-        turn = choose_view(pose, result.rest.faces, is_near, views)
+        turn = choose_turn(pose, result.rest.faces, is_near, result.scene.up_axis)
     return {"frame": frame, "vertex": vertex, "extent": extent, "turn": turn}
 
 

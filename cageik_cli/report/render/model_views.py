@@ -19,12 +19,10 @@ from cageik_cli.report.render.shading import (
     render,
 )
 from cageik_cli.report.render.viewpoints import (
-    REGION_TURNS,
     VIEW_TURN,
-    choose_view,
+    choose_turn,
     find_region_vertices,
     fit_close_up,
-    view_axes,
 )
 from cageik_cli.store.result import Result
 from cageik_cli.store.result_frames import KeyFrames, read_binding, read_key_frames
@@ -202,8 +200,7 @@ def _find_region_view(result: Result, key_frames: KeyFrames) -> RegionView | Non
     deviation = np.where(np.isfinite(result.vertex_rms), pose.deviation, np.nan)
     chosen = find_region_vertices(rest.vertices, deviation, region.worst_vertex, region.size)
     centre, extent = fit_close_up(pose.reconstruction[chosen], region.size, rest.diagonal)
-    views = {turn: view_axes(result.scene.up_axis, turn) for turn in REGION_TURNS}
-    turn = choose_view(pose.reconstruction, rest.faces, chosen, views)
+    turn = choose_turn(pose.reconstruction, rest.faces, chosen, result.scene.up_axis)
     return RegionView(pose, centre, extent, turn)
 
 

@@ -1,7 +1,5 @@
 """Where the camera of a picture is: the usual view, and those that show a region of a model."""
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,16 +56,16 @@ def fit_close_up(points: Floats, size: float, diagonal: float) -> tuple[Floats, 
     return np.asarray(0.5 * low + 0.5 * high), 0.5 * width
 
 
-def choose_view(
+def choose_turn(
     vertices: Floats,
     faces: Integers,
     chosen: NDArray[np.bool_],
-    views: Mapping[float, Floats],
+    up_axis: str,
     *,
     pixels: int = 64,
     min_share: float = 0.8,
 ) -> float:
-    """Choose from which of several directions vertices are seen best.
+    """Choose from which of `REGION_TURNS` vertices are seen best.
 
     Parameters
     ----------
@@ -75,8 +73,8 @@ def choose_view(
     faces : (t, 3) int64
     chosen : (m,) bool
         The vertices to be seen.
-    views : mapping of float to (3, 3) float64
-        The axes of each view, by its name; earlier ones are preferred.
+    up_axis : str
+        "Y" or "Z".
     pixels : int
         Width and height of the small pictures that are compared.
     min_share : float
@@ -85,23 +83,18 @@ def choose_view(
     Returns
     -------
     float
-        The name of the first view that shows nearly as many pixels of their faces as the best.
+        The first turn from which nearly as many pixels of their faces are seen as from the best.
     """
     wanted = np.asarray(chosen[faces].any(axis=1))
     if not wanted.any():  # vertices in no face are seen from nowhere
-        return next(iter(views))
+        return REGION_TURNS[0]
     points = vertices[faces[wanted]].reshape(-1, 3)
     centre = 0.5 * points.min(axis=0) + 0.5 * points.max(axis=0)
     radius = float(np.linalg.norm(points - centre, axis=1).max()) or 1.0
-    cameras = [ParallelCamera(axes, centre, radius, pixels) for axes in views.values()]
-    seen = [_count_pixels(camera, vertices, faces, wanted) for camera in cameras]
+    seen = []
+    for turn in REGION_TURNS:
+        camera = ParallelCamera(view_axes(up_axis, turn), centre, radius, pixels)
+        face = rasterize(camera.project(vertices)[faces], pixels).face
+        seen.append(int(wanted[face[face >= 0]].sum()))
     enough = min_share * max(seen)
-    return next(name for name, count in zip(views, seen, strict=True) if count >= enough)
-
-
-def _count_pixels(
-    camera: ParallelCamera, vertices: Floats, faces: Integers, wanted: NDArray[np.bool_]
-) -> int:
-    """Count the pixels that show one of the wanted faces."""
-    face = rasterize(camera.project(vertices)[faces], camera.size).face
-    return int(wanted[face[face >= 0]].sum())
+    return next(turn for turn, count in zip(REGION_TURNS, seen, strict=True) if count >= enough)

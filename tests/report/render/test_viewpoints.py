@@ -6,7 +6,7 @@ import pytest
 from cageik_cli.report.render.viewpoints import (
     REGION_TURNS,
     VIEW_TURN,
-    choose_view,
+    choose_turn,
     find_region_vertices,
     fit_close_up,
     view_axes,
@@ -20,7 +20,7 @@ VIEWS = {turn: view_axes("Y", turn) for turn in REGION_TURNS}
 def choose(direction, vertices=BALL.vertices, faces=BALL.faces):
     chosen = np.zeros(len(vertices), bool)
     chosen[: len(BALL.vertices)] = BALL.vertices @ np.asarray(direction, float) > 0.4
-    return choose_view(vertices, faces, chosen, VIEWS)
+    return choose_turn(vertices, faces, chosen, "Y")
 
 
 @pytest.mark.parametrize("turn", REGION_TURNS)
@@ -50,7 +50,7 @@ def test_a_region_is_not_looked_at_through_another_part():
 def test_a_region_without_faces_is_seen_in_the_usual_view():
     vertices = np.concatenate([BALL.vertices, [[0.0, 0, 2]]])
     chosen = np.arange(len(vertices)) == len(BALL.vertices)
-    assert choose_view(vertices, BALL.faces, chosen, VIEWS) == VIEW_TURN
+    assert choose_turn(vertices, BALL.faces, chosen, "Y") == VIEW_TURN
 
 
 def test_turns_go_around_the_model():
