@@ -7,12 +7,13 @@ from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.base.scene_graph import (
     EVEN_STEP_TOL,
     check_corner_counts,
+    choose_mesh,
     find_step,
     is_mirroring,
     read_constant_polygons,
     transform_points,
 )
-from cageik_cli.util.errors import ConnectivityError, FormatError
+from cageik_cli.util.errors import ConnectivityError, FormatError, InputError
 
 POINTS = np.arange(15.0).reshape(5, 3)
 COUNTS, CORNERS = np.array([3, 4]), np.array([0, 1, 2, 1, 2, 3, 4])
@@ -75,3 +76,25 @@ def test_what_is_not_moved_keeps_every_bit():
 @pytest.mark.parametrize(("scales", "mirror"), [([1, 1, -1], True), ([-1, -1, 1], False)])
 def test_mirrors(scales, mirror):
     assert is_mirroring(np.diag([*scales, 1.0])) == mirror
+
+
+@pytest.mark.parametrize(
+    ("meshes", "member", "mesh"),
+    [(["/a"], None, "/a"), (["/a"], "/a", "/a"), (["/a", "/b"], "/b", "/b")],
+)
+def test_the_one_that_is_named_or_the_only_one(meshes, member, mesh):
+    assert choose_mesh(meshes, member) == mesh
+
+
+@pytest.mark.parametrize(
+    ("meshes", "member", "sentence"),
+    [
+        ([], None, "holds no mesh"),
+        ([], "/a", "holds no mesh"),
+        (["/a"], "/b", "no mesh `/b`.* /a"),
+        (["/a", "/b"], None, "2 meshes.* /a, /b; .*FILE::/a"),
+    ],
+)
+def test_otherwise_what_there_is_to_choose_from(meshes, member, sentence):
+    with pytest.raises(InputError, match=sentence):
+        choose_mesh(meshes, member)
