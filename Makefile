@@ -25,7 +25,7 @@ unexport PYTHONDONTWRITEBYTECODE
 SANITIZED     := $(OUT)/sanitized
 SANITIZE      := -fsanitize=address,undefined -fno-sanitize-recover=all
 PURE_TESTS    := tests/coordinates tests/formats/obj tests/formats/test_frame_files.py tests/formats/test_fuzz_readers.py tests/cages/test_bind.py tests/workflows/test_bind.py tests/workflows/test_extract.py tests/solver tests/geometry tests/test_fixtures.py
-KERNEL_TESTS  := tests/coordinates/bem tests/coordinates/test_harmonic.py tests/formats/obj tests/formats/test_fuzz_readers.py tests/geometry/test_surface.py tests/report/render/test_raster.py tests/solver/test_compiled_frames.py tests/solver/test_blocks.py
+KERNEL_TESTS  := tests/coordinates/bem tests/coordinates/test_harmonic.py tests/formats/obj tests/formats/test_fuzz_readers.py tests/geometry/test_surface.py tests/report/render/test_raster.py tests/solver/test_compiled_frames.py tests/solver/test_summary.py
 
 .PHONY: help run test test-slow test-all test-pure sanitize test-blender test-browser check format fuzz faults bench growth latency docs fixtures view-pictures clean
 

@@ -84,6 +84,11 @@ def test_the_readme_names_every_command():
     assert sorted(name for name in main.commands if f"`cageik {name} " not in text) == []
 
 
+def test_the_makefile_names_tests_that_exist():
+    named = set(re.findall(r"tests/[\w/]+(?:\.py)?", (ROOT / "Makefile").read_text()))
+    assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
+
+
 def test_the_citation_is_complete():
     content = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert {"cff-version", "message", "title", "authors"} <= set(content)
