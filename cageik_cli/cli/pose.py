@@ -142,7 +142,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
 )
 @click.option(
     "--plot",
-    type=SuffixedPath(".png"),
+    type=SuffixedPath(".png", allow_dash=True),
     help="Draw the model before and after, with the handles (.png).",
 )
 @click.option(

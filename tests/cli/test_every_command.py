@@ -39,6 +39,8 @@ def workspace(tmp_path, monkeypatch, all_inputs, coarse_panels) -> Path:
     """The current folder, with what the commands below read."""
     shutil.copytree(all_inputs, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
+    # No page is served, which would not end.
+    monkeypatch.setattr("cageik_cli.workflows.view.run.run_view", None)
     return tmp_path
 
 
@@ -121,7 +123,7 @@ TAKEN = [
     (f"{EXTRACT_LINE} -o cage.obj", "cage.obj"),
     (f"{EXTRACT_LINE} --timings old.json --baseline old.json", "old.json"),
     (f"{EXTRACT_LINE} --export frames/frame_#.obj", "frames"),
-    (f"{EXTRACT_LINE} --export cages.h5/c_#.obj", "cages.h5"),
+    (f"{EXTRACT_LINE} -o x.h5 --export x.h5/c_#.obj", "x.h5"),
     (f"{EXTRACT_LINE} --export c/c_#.obj --export c/d_#.ply", "c"),
     ("extract frames --binding binding.h5 -o binding.h5", "binding.h5"),
     (f"{BIND} -o cage.obj", "cage.obj"),
@@ -335,9 +337,9 @@ WRONG = {
         "frames --cage cage.obj --marked x.obj": "x.obj",
     },
     "report": {
-        "--plot x.pdf": "--plot x.pdf",
-        "--plot -": "--plot -",
-        "--plot png": "--plot png",
+        "--plot x.pdf": "x.pdf",
+        "--plot -": "-: expected",
+        "--plot png": "png: expected",
         "cages.h5 bare.h5 --html x.html": "--html",
         "cages.h5 bare.h5 --plot x.png": "--plot",
         "--max-regression 5%": "--baseline",
@@ -387,7 +389,7 @@ WRONG = {
         "frames/frame_1.obj handles.json -o x.obj": "'--cage', which frames/frame_1.obj needs",
         "handles.json cages.h5 -o x.h5": "swap handles.json and cages.h5",
         "frames/frame_1.obj handles.json --cage cage.obj -o x.obj --alpha 0": "alpha is 0.0",
-        "frames/frame_1.obj handles.json --cage cage.obj -o x.obj --plot x.svg": "--plot x.svg",
+        "frames/frame_1.obj handles.json --cage cage.obj -o x.obj --plot x.svg": "x.svg",
         "cages.h5 handles.json -o x.h5 --cage cage.obj": "--cage is for a model",
         "cages.h5 handles.json -o x.h5 --cage-out x.obj": "--cage-out is for a model",
         "cages.h5 handles.json -o x.h5 --accuracy fine": "--accuracy is for a model",

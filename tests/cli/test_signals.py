@@ -39,7 +39,9 @@ def end_while_writing(number, prepare=None):
     return process.returncode, said
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize(
+    "name", ["SIGINT", "SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.slow)]
+)
 def test_a_signal_ends_a_run_as_ctrl_c_does(extracted, name):
     assert end_while_writing(getattr(signal, name)) == (1, "Error: interrupted\n")
     assert not [path for path in Path().iterdir() if "partial" in path.name]
@@ -77,8 +79,12 @@ def test_a_folder_on_the_way_that_is_missing_is_refused_before_any_work(run, ext
     ("words", "written"),
     [
         (["extract", "frames", "--cage", "cage.obj", "-o", "b.h5", "-v"], "b.h5"),
-        (["batch", "frames", "--cage", "cage.obj", "-o", "out", "--jobs", "1"], "out/report.json"),
-        (["export", "cages.h5", "b.npz"], "b.npz"),
+        pytest.param(
+            ["batch", "frames", "--cage", "cage.obj", "-o", "out", "--jobs", "1"],
+            "out/report.json",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(["export", "cages.h5", "b.npz"], "b.npz", marks=pytest.mark.slow),
     ],
 )
 def test_messages_that_cannot_be_written_change_no_exit_code(extracted, words, written):

@@ -36,16 +36,17 @@ class OrWord(click.ParamType):  # type: ignore[type-arg]  # not subscriptable be
 
 
 class SuffixedPath(click.Path):
-    """A file whose name ends in one of some suffixes; `-`, which is stdout, has none."""
+    """A file whose name ends in one of some suffixes; or, if that is allowed, `-` for stdout."""
 
-    def __init__(self, *suffixes: str) -> None:
-        super().__init__(path_type=Path)
+    def __init__(self, *suffixes: str, allow_dash: bool = False) -> None:
+        super().__init__(path_type=Path, allow_dash=allow_dash)
         self._suffixes = suffixes
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Check the suffix."""
         path = Path(value)
-        if str(value) != "-" and path.suffix.lower() not in self._suffixes:
+        is_stdout = self.allow_dash and str(value) == "-"
+        if not is_stdout and path.suffix.lower() not in self._suffixes:
             expected = " or ".join(self._suffixes)
             self.fail(f"{value}: expected a name that ends in {expected}", param, ctx)
         return super().convert(value, param, ctx)
