@@ -9,7 +9,7 @@ from cageik_cli.cages.building.collapse import euler_characteristic
 from cageik_cli.cages.building.judge import Demand, Verdict, judge
 from cageik_cli.cages.building.motion import Motion
 from cageik_cli.cages.building.refine import refine_shell, replace_weak_vertices, wrap_ellipsoid
-from cageik_cli.cages.building.shell import DistanceGrid, Shell, make_shell, measure_grid
+from cageik_cli.cages.building.shell import DistanceGrid, Shell, make_shell
 from cageik_cli.cages.building.shift import shift_vertices
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
@@ -292,7 +292,7 @@ class _Builder:
         # The offset is to be more than the half of a cell.
         cell, reach = FINE_GRID if offset < 0.016 else COARSE_GRID
         if cell not in self._grids:
-            self._grids[cell] = measure_grid(self._demand.surface, cell, reach)
+            self._grids[cell] = DistanceGrid(self._demand.surface, cell, reach)
         return self._grids[cell]
 
     def _describe_shell(self, shell: Shell) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """The diagnosis of a cage, alone or with a rest pose in it: facts, findings and a verdict."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -206,26 +207,23 @@ def _diagnose_rest(
     return _add_clearance(facts, placement), misfit, findings
 
 
-def _note_unused_vertices(rest: TriMesh) -> list[Finding]:
-    """Return the finding that some vertices of the rest pose are in no face, if so."""
+def _note_unused_vertices(rest: TriMesh) -> Iterator[Finding]:
+    """Yield the finding that some vertices of the rest pose are in no face, if so."""
     numbers, remedy = rest.unused_vertices, "delete them if they are left-overs"
-    value = float(len(numbers))
-    return [
-        Finding("unreferenced-vertex", "note", note, remedy, "vertices", numbers, value, "rest")
-        for note in describe_unused_vertices(rest)
-    ]
+    for note in describe_unused_vertices(rest):
+        found = Finding("unreferenced-vertex", "note", note, remedy, value=float(len(numbers)))
+        yield found.at("vertices", numbers, "rest")
 
 
 def _add_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
-    outside = placement.outside_indices
-    if len(outside) == len(placement.rest.used_vertices):
-        return replace(facts, outside=len(outside))
+    facts = replace(facts, outside=len(placement.outside_indices))
     distance = placement.clearance
-    distance[outside] = np.inf
+    distance[placement.outside_indices] = np.inf
     vertex = int(distance.argmin())
+    if not np.isfinite(distance[vertex]):
+        return facts
     return replace(
         facts,
-        outside=len(outside),
         clearance=float(100 * distance[vertex] / facts.diagonal),
         clearance_vertex=vertex,
         clearance_face=int(placement.closest.face[vertex]),
@@ -248,13 +246,12 @@ def _measure_influence(
     return facts, [*find_weak_vertices(strongest)]
 
 
-def _find_too_many_faces(cage: TriMesh) -> list[Finding]:
+def _find_too_many_faces(cage: TriMesh) -> Iterator[Finding]:
     count = len(cage.faces)
-    if count <= MAX_HARMONIC_FACES:
-        return []
-    message = f"the cage has {count} faces, at most {MAX_HARMONIC_FACES} fit in memory"
-    remedy = "use a coarser cage"
-    return [Finding("too-many-faces", "unfit", message, remedy, value=float(count))]
+    if count > MAX_HARMONIC_FACES:
+        message = f"the cage has {count} faces, at most {MAX_HARMONIC_FACES} fit in memory"
+        remedy = "use a coarser cage"
+        yield Finding("too-many-faces", "unfit", message, remedy, value=float(count))
 
 
 def _suspect_swap(cage: TriMesh, rest: TriMesh) -> Finding:

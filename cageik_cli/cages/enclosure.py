@@ -113,7 +113,8 @@ class Placement:
         """Make the finding that these vertices are outside."""
         message, numbers = self.describe_outside("the rest pose"), self.outside_indices
         percent = self.worst_percent
-        return Finding("outside", "unfit", message, remedy, "vertices", numbers, percent, "rest")
+        found = Finding("outside", "unfit", message, remedy, value=percent)
+        return found.at("vertices", numbers, "rest")
 
 
 def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Placement:

@@ -1,6 +1,6 @@
 """Findings of a check, as sentences for users and as numbers for programs."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,6 +52,10 @@ class Finding:
     value: float = 0.0
     mesh: str = "cage"
     place: Point | None = None
+
+    def at(self, elements: str, numbers: Integers, mesh: str = "cage") -> "Finding":
+        """Return the finding with the elements of a mesh where it is."""
+        return replace(self, elements=elements, numbers=numbers, mesh=mesh)
 
     @property
     def sentence(self) -> str:

@@ -49,7 +49,7 @@ def find_needle_faces(cage: TriMesh) -> Iterator[Finding]:
         )
         remedy = "flip or collapse edges there; weights nearby are less accurate"
         angle = float(angles[worst])
-        yield Finding("needle", "warning", message, remedy, "faces", sharp, angle)
+        yield Finding("needle", "warning", message, remedy, value=angle).at("faces", sharp)
 
 
 def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
@@ -65,7 +65,7 @@ def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
         )
         remedy = "move them apart; the solve can hardly distinguish their vertices"
         ratio = float(nearness[worst])
-        yield Finding("thin", "warning", message, remedy, "face pairs", pairs, ratio)
+        yield Finding("thin", "warning", message, remedy, value=ratio).at("face pairs", pairs)
 
 
 def find_low_clearance(placement: Placement) -> Iterator[Finding]:
@@ -81,7 +81,8 @@ def find_low_clearance(placement: Placement) -> Iterator[Finding]:
             f"is vertex {worst} at face {placement.closest.face[worst]}"
         )
         remedy = "enlarge the cage there; these vertices follow single faces of the cage"
-        yield Finding("clearance", "warning", message, remedy, "vertices", near, percent, "rest")
+        found = Finding("clearance", "warning", message, remedy, value=percent)
+        yield found.at("vertices", near, "rest")
 
 
 def find_surface_crossings(placement: Placement) -> Iterator[Finding]:
@@ -95,7 +96,7 @@ def find_surface_crossings(placement: Placement) -> Iterator[Finding]:
             f"{format_elements('pair of a rest and a cage face', pairs)}"
         )
         kind, remedy, count = "surface-crossing", "move the cage outward there", float(len(pairs))
-        yield Finding(kind, "warning", message, remedy, "face pairs", pairs, count, "both")
+        yield Finding(kind, "warning", message, remedy, value=count).at("face pairs", pairs, "both")
 
 
 def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
@@ -109,7 +110,8 @@ def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
             f"{format_elements('vertex', weak)}, the smallest, {smallest:.2g}, at vertex {worst}"
         )
         remedy = "delete them or move them closer to the model; frames hardly determine them"
-        yield Finding("weak-vertex", "warning", message, remedy, "vertices", weak, smallest)
+        found = Finding("weak-vertex", "warning", message, remedy, value=smallest)
+        yield found.at("vertices", weak)
 
 
 def find_room_faults(cage: TriMesh, rest: TriMesh, is_thorough: bool = True) -> Iterator[Finding]:

@@ -105,7 +105,7 @@ def _find(kind: str, numbers: Integers, remedy: str = "") -> Iterator[Finding]:
     message = f"the cage {what} {format_elements(noun, numbers)}"
     remedy = remedy or usual_remedy.format(it="it" if len(numbers) == 1 else "them")
     numbers, value = numbers.astype(np.int64), float(len(numbers))
-    yield Finding(kind, "unfit", message, remedy, pluralize(noun), numbers, value)
+    yield Finding(kind, "unfit", message, remedy, value=value).at(pluralize(noun), numbers)
 
 
 def _find_edge_faults(surface: TriMesh, joined: TriMesh) -> Iterator[Finding]:
@@ -146,7 +146,7 @@ def _find_loose_components(surface: TriMesh) -> Iterator[Finding]:
             "one connected surface"
         )
         remedy, value = "join them or delete the loose ones", float(len(parts))
-        yield Finding("components", "unfit", message, remedy, "vertices", small, value)
+        yield Finding("components", "unfit", message, remedy, value=value).at("vertices", small)
 
 
 def _find_volume_faults(surface: TriMesh, min_ratio: float = 1e-9) -> Iterator[Finding]:

@@ -18,59 +18,51 @@ from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class DistanceGrid:
-    """Unsigned distances at the nodes of a regular grid.
+    """Unsigned distances from a surface at the nodes of a regular grid around it.
+
+    Parameters
+    ----------
+    cell : float
+        Side of a cell, at least: cells are made larger to keep to `max_nodes`.
+    reach : float
+        The grid leaves this and two cells around the surface.
 
     Attributes
     ----------
     distance : (nx, ny, nz) float64
-        To the surface; exact up to `reach`, beyond it at least `reach`.
+        Exact up to the reach, beyond it at least the reach.
     origin : (3,) float64
         Place of the first node.
     cell : float
         Side of a cell.
     """
 
-    distance: Floats
-    origin: Floats
-    cell: float
-    reach: float
+    def __init__(
+        self, surface: TriMesh, cell: float, reach: float, max_nodes: int = 1_500_000
+    ) -> None:
+        low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+        size = high - low + 2 * reach
+        self.cell = cell = max(cell, float(np.cbrt(size.prod() / max_nodes)))
+        self.origin = low - reach - 2 * cell
+        coarse = self._measure_coarsely(surface, np.ceil(size / cell).astype(np.int64) + 5)
+        # A point of the surface is in a cell, a node of it at most this far.
+        slack = np.sqrt(3) * cell
+        near = np.argwhere(coarse < reach + 2 * slack)
+        self.distance = np.maximum(coarse - 2 * slack, reach)
+        self.distance[tuple(near.T)] = closest_points(surface, self.positions(near)).distance
 
     def positions(self, nodes: Integers) -> Floats:
         """Return places of nodes (k, 3)."""
         return np.asarray(self.origin + self.cell * nodes)
 
-
-def measure_grid(
-    surface: TriMesh, cell: float, reach: float, max_nodes: int = 1_500_000
-) -> DistanceGrid:
-    """Measure the distance to a surface on a grid that leaves `reach` and two cells around it.
-
-    Cells are made larger to keep to `max_nodes`.
-    """
-    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-    size = high - low + 2 * reach
-    cell = max(cell, float(np.cbrt(size.prod() / max_nodes)))
-    shape = np.ceil(size / cell).astype(np.int64) + 5
-    origin = low - reach - 2 * cell
-    coarse = _measure_coarsely(surface, origin, cell, shape)
-    # A point of the surface is in a cell, a node of it at most this far.
-    slack = np.sqrt(3) * cell
-    near = np.argwhere(coarse < reach + 2 * slack)
-    distance = np.maximum(coarse - 2 * slack, reach)
-    exact = closest_points(surface, origin + cell * near).distance
-    distance[tuple(near.T)] = exact
-    return DistanceGrid(distance, origin, cell, reach)
-
-
-def _measure_coarsely(surface: TriMesh, origin: Floats, cell: float, shape: Integers) -> Floats:
-    """Return distance from every node to the nearest node beside a point of the surface."""
-    free = np.ones(tuple(shape), bool)
-    for samples in sample_in_blocks(surface):
-        node = np.rint((samples - origin) / cell).astype(np.int64)
-        free[tuple(node.T)] = False
-    return np.asarray(cell * ndimage.distance_transform_edt(free))
+    def _measure_coarsely(self, surface: TriMesh, shape: Integers) -> Floats:
+        """Return distance from every node to the nearest node beside a point of the surface."""
+        free = np.ones(tuple(shape), bool)
+        for samples in sample_in_blocks(surface):
+            node = np.rint((samples - self.origin) / self.cell).astype(np.int64)
+            free[tuple(node.T)] = False
+        return np.asarray(self.cell * ndimage.distance_transform_edt(free))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,6 @@ from cageik_cli.cages.building.collapse import euler_characteristic
 from cageik_cli.cages.building.shell import (
     DistanceGrid,
     make_shell,
-    measure_grid,
     measure_segment_distance,
 )
 from cageik_cli.geometry.surface import closest_points, winding_numbers
@@ -14,7 +13,7 @@ from tests.shapes import ball, changed
 
 
 def shell_of(mesh, offset=0.05, closing=0.05, cell=0.03):
-    return make_shell(measure_grid(mesh, cell, 0.3), offset, closing)
+    return make_shell(DistanceGrid(mesh, cell, 0.3), offset, closing)
 
 
 def test_a_shell_keeps_its_offset_and_is_a_sphere_around_a_sphere():
@@ -53,20 +52,20 @@ def test_parts_that_lie_apart_are_joined_where_they_are_nearest():
 
 
 def test_distances_on_the_grid_are_those_from_the_surface():
-    grid = measure_grid(ball(4), 0.05, 0.3)
-    nodes = np.argwhere(grid.distance < grid.reach)
+    grid = DistanceGrid(ball(4), 0.05, 0.3)
+    nodes = np.argwhere(grid.distance < 0.3)
     expected = np.abs(np.linalg.norm(grid.positions(nodes), axis=1) - 0.5)
     np.testing.assert_allclose(grid.distance[tuple(nodes.T)], expected, atol=0.003)
-    beyond = np.argwhere(grid.distance >= grid.reach)
+    beyond = np.argwhere(grid.distance >= 0.3)
     far = np.abs(np.linalg.norm(grid.positions(beyond), axis=1) - 0.5)
-    assert far.min() == pytest.approx(grid.reach, abs=0.01)
+    assert far.min() == pytest.approx(0.3, abs=0.01)
 
 
 def test_distances_from_segments_are_exact_as_far_as_they_are_needed():
-    grid = DistanceGrid(np.zeros((30, 20, 10)), np.array([-1.0, 0, 1]), 0.1, 0.3)
-    segments = np.array([[[0.03, 0.52, 1.5], [0.75, 1.01, 1.2]], [[-3.0, 0, 1], [-1, 0, 1]]])
+    grid = DistanceGrid(ball(1), 0.1, 0.6)
+    segments = np.array([[[0.03, 0.52, 0.5], [0.75, 1.01, 0.2]], [[-3.0, 0, 0], [-1, 0, 0]]])
     found = measure_segment_distance(grid, segments, reach=0.35)
-    nodes = grid.positions(np.argwhere(grid.distance == 0))
+    nodes = grid.positions(np.argwhere(np.isfinite(grid.distance)))
     share = np.linspace(0, 1, 2001)[:, None]
     sampled = np.min(
         [
@@ -85,5 +84,5 @@ def test_distances_from_segments_are_exact_as_far_as_they_are_needed():
 
 
 def test_without_segments_all_nodes_are_infinitely_far():
-    grid = DistanceGrid(np.zeros((3, 4, 5)), np.zeros(3), 0.1, 0.3)
+    grid = DistanceGrid(ball(1), 0.1, 0.3)
     assert np.isinf(measure_segment_distance(grid, np.zeros((0, 2, 3)), 0.3)).all()
