@@ -41,7 +41,6 @@ from cageik_cli.workflows.resume import (
 )
 from cageik_cli.workflows.run_cage import build_cached, suggest_repair
 from cageik_cli.workflows.settings import ExtractSettings
-from cageik_cli.workflows.smooth import run_time_pass
 
 
 def extract(settings: ExtractSettings, progress: ProgressListener | None = None) -> Result:
@@ -282,6 +281,8 @@ class Extraction:
         if is_empty or not settings.capture.needs_time_pass:
             yield checkpoint
             return
+        from cageik_cli.workflows.smooth import run_time_pass
+
         path = smoothed_path(settings.output)
         smoothed = Checkpoint.open(path, checkpoint.spec, resume=False, overwrite=True)
         try:

@@ -1,4 +1,7 @@
-"""Weights fitted to clips: from the cache of fits, or computed; and compared with those before."""
+"""Weights fitted to clips: from the cache of fits, or computed; and compared with those before.
+
+The algorithm is imported when weights are fitted: other runs start without it.
+"""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +16,6 @@ from numpy.typing import ArrayLike
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fitting.fit import Fitter
 from cageik_cli.solver.fitting.record import FitReport, FitSettings, FittedClip
 from cageik_cli.solver.metrics import check_finite, measure
 from cageik_cli.solver.settings import SolveSettings
@@ -113,6 +115,8 @@ def fit_weights(
     >>> after < 0.5 * before
     True
     """
+    from cageik_cli.solver.fitting.fit import Fitter
+
     fitter = Fitter(
         binding,
         settings,
@@ -162,6 +166,8 @@ def fit_to_clips(
     described = tuple(map(_describe_clip, clips))
 
     def compute() -> Binding:
+        from cageik_cli.solver.fitting.fit import Fitter
+
         fitter = Fitter(
             binding,
             settings,
