@@ -55,8 +55,6 @@ class BindRunSettings(CommandSettings):
     ----------
     clips : tuple of str
         Clips that the weights are fitted to, each a folder, a glob or a file; none by default.
-    fit : FitSettings
-        How they are fitted.
     solve : SolveSettings
         How the cages of the fit are solved.
     vertex_weights : Path or "area", optional

@@ -54,8 +54,6 @@ class CageSettings(CommandSettings):
         absent.
     animation : tuple of str
         The clip the cage is for; none if empty.
-    clip : ClipSettings
-        Which of the frames to take, and how to read them.
     jobs : int
         Threads.
     """

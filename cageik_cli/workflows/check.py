@@ -26,8 +26,6 @@ class CheckSettings(CommandSettings):
         Which frame then, from 0; or the one in which the least of the surface touches.
     jobs : int
         Threads.
-    clip : ClipSettings
-        Which of the frames to take, and how to read them.
     """
 
     cage: Path = field(metadata=READ)

@@ -102,13 +102,7 @@ class Extraction:
         self.filled: tuple[int, ...] = ()
 
     def run(self) -> Result:
-        """Extract the cage of every frame, or return the result that exists already.
-
-        Raises
-        ------
-        InputError, NumericalError
-            As `extract` does.
-        """
+        """Extract the cage of every frame, or return the result that exists already."""
         check_output(self.settings)
         with self.progress.stage("open"):
             self.open()

@@ -73,8 +73,6 @@ class ExtractSettings(CommandSettings):
     vertex_weights : Path or "area", optional
         A file with one number per vertex of the model, or an array (F, m) with one per frame and
         vertex; or each vertex counts by its area.
-    clip : ClipSettings
-        Which of the frames to take, and how to read them.
     resume : bool
         Continue an interrupted run of the same plan; start if there is none.
     on_bad_frame : str
@@ -85,14 +83,10 @@ class ExtractSettings(CommandSettings):
         Bytes for the weights and blocks of frames.
     jobs : int
         Threads.
-    build : BuildSettings
-        Of the cage, if one is built.
     cage_output : Path, optional
         An OBJ file to which the cage that is built is written.
     fit : FitSettings, optional
         Fit the weights to the clip; they are not fitted by default.
-    capture : CaptureSettings
-        What is done for clips from scanners and trackers.
     """
 
     frames: tuple[str, ...] = field(metadata=READ_CLIP)
