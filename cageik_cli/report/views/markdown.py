@@ -12,64 +12,65 @@ from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.text import format_count, single_line
 
-MAX_PART_BYTES = {
-    "clips": 21_000,
-    "failed": 9_500,
-    "limits": 9_500,
-    "regions": 6_000,
-    "fits": 6_000,
-    "notes": 6_000,
-}
-"""Bytes of the lines of each part; with headings the whole text is below 60 000."""
-
 MAX_TEXT_LENGTH = 300
 """Characters of a name or a sentence that are shown; longer ones are cut."""
-
-_TABLE_RULE = "|---|---|---:|---:|---|---:|---:|"
 
 
 def format_markdown(overview: Overview) -> str:
     """Write the verdict, a table of the clips, worst first, failures and exceeded limits.
 
-    Each part has a share of 60 000 bytes; lines without room are counted. Percentages are of the
-    diagonal, those of volumes of the volume.
+    Each part has a share of 60 000 bytes, less those of headings; lines without room are counted.
+    Percentages are of the diagonal, those of volumes of the volume.
     """
     clips = overview.worst_first
-    rows = _fit_lines(
-        (_format_table_row(entry) for entry in clips), MAX_PART_BYTES["clips"], "| {} |"
-    )
-    table = [_table_header(overview.vocabulary), _TABLE_RULE, *rows]
-    failed = [
-        f"- {_escape_markdown(entry.name)}: {_escape_markdown(entry.fault)}"
-        for entry in clips
-        if entry.has_failed
-    ]
-    limits = [
-        f"- {_escape_markdown(entry.name)}: "
-        f"{_escape_markdown(format_check_row(check, entry.vocabulary)[1])}"
+    rows = _fit_lines((_format_table_row(entry) for entry in clips), 21_000, "| {} |")
+    table = [_table_header(overview.vocabulary), "|---|---|---:|---:|---|---:|---:|", *rows]
+    parts = {
+        "Failed": (9_500, _list_faults(clips)),
+        "Over a limit": (9_500, _list_exceeded_limits(clips)),
+        "Worst regions": (6_000, _list_worst_regions(clips)),
+        "Fitted weights": (6_000, _list_fits(clips)),
+        "Notes": (6_000, _list_notes(clips)),
+    }
+    blocks = [f"## cageik: {_format_run_verdict(overview)}", "\n".join(table)]
+    for heading, (max_bytes, lines) in parts.items():
+        if lines:
+            blocks += [f"### {heading}", "\n".join(_fit_lines(lines, max_bytes, "- {}"))]
+    return "\n\n".join(blocks) + "\n"
+
+
+def _list_faults(clips: Iterable[ClipEntry]) -> list[str]:
+    return [_make_item(entry, entry.fault) for entry in clips if entry.has_failed]
+
+
+def _list_exceeded_limits(clips: Iterable[ClipEntry]) -> list[str]:
+    return [
+        _make_item(entry, format_check_row(check, entry.vocabulary)[1])
         for entry in clips
         for check in entry.gates
         if check.passed is False
     ]
-    reports = [(entry.name, entry.report) for entry in clips if entry.report is not None]
-    regions = [
-        f"- {_escape_markdown(name)}: {_escape_markdown(describe_region(report.regions[0]))}"
-        for name, report in reports
-        if report.regions
+
+
+def _list_worst_regions(clips: Iterable[ClipEntry]) -> list[str]:
+    return [
+        _make_item(entry, describe_region(entry.report.regions[0]))
+        for entry in clips
+        if entry.report and entry.report.regions
     ]
-    fits = [
-        f"- {_escape_markdown(name)}: {_escape_markdown(format_fit_line(report.fit.report))}"
-        for name, report in reports
-        if report.fit is not None
+
+
+def _list_fits(clips: Iterable[ClipEntry]) -> list[str]:
+    return [
+        _make_item(entry, format_fit_line(entry.report.fit.report))
+        for entry in clips
+        if entry.report and entry.report.fit
     ]
-    parts = {"Failed": (failed, "failed"), "Over a limit": (limits, "limits"),
-             "Worst regions": (regions, "regions"), "Fitted weights": (fits, "fits"),
-             "Notes": (_format_notes(clips), "notes")}  # fmt: skip
-    blocks = [f"## cageik: {_format_run_verdict(overview)}", "\n".join(table)]
-    for heading, (lines, room) in parts.items():
-        if lines:
-            blocks += [f"### {heading}", "\n".join(_fit_lines(lines, MAX_PART_BYTES[room], "- {}"))]
-    return "\n\n".join(blocks) + "\n"
+
+
+def _make_item(entry: ClipEntry, text: str | None) -> str:
+    """Return what is said of a clip as an item of a list."""
+    return f"- {_escape_markdown(entry.name)}: {_escape_markdown(text)}"
 
 
 def _table_header(words: Vocabulary) -> str:
@@ -117,7 +118,7 @@ def _name_clip_verdict(entry: ClipEntry) -> str:
     return entry.vocabulary.done
 
 
-def _format_notes(clips: Iterable[ClipEntry]) -> list[str]:
+def _list_notes(clips: Iterable[ClipEntry]) -> list[str]:
     """List each note once, with the number of clips that have it."""
     counts = Counter(note for entry in clips for note in entry.notes)
     return [
