@@ -121,6 +121,6 @@ def _list_weight_warnings(weights: Weights, settings: BindSettings) -> tuple[str
         notes.append(
             f"smallest weight {lowest:.2g} is below {MIN_HARMONIC_WEIGHT:g} (exact harmonic "
             "weights are never negative); the cage may be thin compared with its faces: divide "
-            "faces there, or raise `accuracy`"
+            "faces there, or raise `accuracy=`"
         )
     return tuple(notes)

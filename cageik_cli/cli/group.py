@@ -102,10 +102,11 @@ def _show_note(sentence: str) -> None:
 
 
 def word_options(text: str, command: click.Command | None) -> str:
-    """Return a message with the options of a command in place of parameters in backticks.
+    """Return a message with the options of a command in place of parameters.
 
-    A parameter that the command does not have is taken for one of extract. Other words in backticks
-    are left as they are: suffixes, and fields of files, of which a message says what they are.
+    Below `cli`, a parameter is written as a keyword in backticks: `overwrite=True`, `fit_rank=`,
+    `outside=project`. One that the command does not have is taken for one of extract. Other words
+    in backticks, such as suffixes and names that stand in files, are left as they are.
     """
 
     def replace(match: re.Match[str]) -> str:
@@ -114,9 +115,7 @@ def word_options(text: str, command: click.Command | None) -> str:
         shown = "" if value in ("", "True") else f" {value}"
         return match[0] if option is None else f"{option}{shown}"
 
-    plain = r"(?<!attribute )(?<!ignored )`([a-z_]+)()`(?!:| is | are | has | holds | names )"
-    text = re.sub(r"`([a-z_]+)=([^`]*)`", replace, text)
-    return re.sub(plain, replace, text)
+    return re.sub(r"`([a-z_]+)=([^`]*)`", replace, text)
 
 
 def _find_option(name: str, command: click.Command | None) -> str | None:

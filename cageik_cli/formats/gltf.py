@@ -234,8 +234,8 @@ class Writer(GlbWriter):
         if settings.tolerance is not None and largest > settings.tolerance:
             raise OutputError(
                 f"{text} leave a largest error of {largest:.2g} % of the diagonal, above the "
-                f"tolerance of {settings.tolerance:g} %; give a higher `tolerance`"
-                + ("" if settings.count is None else " or a higher `count`")
+                f"tolerance of {settings.tolerance:g} %; give a higher `tolerance=`"
+                + ("" if settings.count is None else " or a higher `count=`")
                 + ", or write .usdc, .abc or .pc2"
             )
         quality = f"error: rms {rms:.2g}, largest {largest:.2g} % of the diagonal"

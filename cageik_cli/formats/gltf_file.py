@@ -179,7 +179,7 @@ def describe_excess(size: int) -> str:
     """Return the message of a file of `size` bytes, which is too large."""
     return (
         f"it would take {size / 2**30:.1f} GiB, and a .glb holds less than 4 GiB; give a "
-        "lower `count`, or fewer frames, or write .usdc or .abc"
+        "lower `count=`, or fewer frames, or write .usdc or .abc"
     )
 
 
@@ -284,7 +284,7 @@ def _check_start(scene: Scene) -> tuple[str, ...]:
     if scene.start < 0:
         raise OutputError(
             f"the number of the first frame is {scene.start:.10g}, and glTF has no "
-            "time before 0; give another with `start`, or write .usdc or .abc"
+            "time before 0; give another with `start=`, or write .usdc or .abc"
         )
     seconds = scene.start / scene.fps
     if seconds <= 1:

@@ -56,7 +56,7 @@ def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
     if duration <= 0 or np.abs(seconds - even).max() > duration / (len(times) - 1) / 100 + rounding:
         note = (
             f"the times of its frames, {times[0]:g} s, {times[1]:g} s to {times[-1]:g} s, are not "
-            "evenly spaced, so the frame rate is unknown; give `fps`"
+            "evenly spaced, so the frame rate is unknown; give `fps=`"
         )
         return SceneHints(), (note,)
     fps = (len(times) - 1) / duration

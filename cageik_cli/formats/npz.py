@@ -64,7 +64,7 @@ def choose_layout(layouts: list[str], shape: tuple[int, ...], expected_vertices:
             f"{order} ({shape[order.index('f')]} frames of {counts[order]} vertices)"
             for order in best
         )
-        raise SettingError(f"positions can be read as {' or '.join(texts)}; choose with `layout`")
+        raise SettingError(f"positions can be read as {' or '.join(texts)}; choose with `layout=`")
     return best[0]
 
 

@@ -273,7 +273,7 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
     if missing:
         raise FormatError(
             f"{sequence.location(index)}: {missing} of {len(positions)} vertices of the rest pose "
-            "are missing; take a complete frame by `rest_frame`, or a mesh by `rest`"
+            "are missing; take a complete frame by `rest_frame=`, or a mesh by `rest=`"
         )
     path = Path(sequence.location(index))
     is_mesh_file = file_suffix(path) in mesh_suffixes() and path.is_file()

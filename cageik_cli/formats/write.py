@@ -123,7 +123,7 @@ class Output:
             if self.file_format and suffix != f".{self.file_format}":
                 raise OutputError(
                     f"has another suffix than `file_format={self.file_format}`; remove "
-                    "`file_format`"
+                    "`file_format=`"
                 )
             if writers[suffix].writes_folder and names is None:
                 stem = self.path.stem
@@ -286,8 +286,8 @@ def _list_rounding_notes(largest: float, diagonal: float) -> list[str]:
     return [
         f"coordinates of up to {largest:.3g} are rounded by up to {rounding:.2g}, "
         f"{100 * rounding / diagonal:.2g} % of the diagonal, as the format has single precision; "
-        "`recentre` of cageik export and deform moves them to the origin and writes the offset "
-        "beside"
+        "`recentre=True` of cageik export and deform moves them to the origin and writes the "
+        "offset beside"
     ]
 
 

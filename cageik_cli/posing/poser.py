@@ -263,5 +263,5 @@ def _check_independent(response: Response, anchors: tuple[Anchor, ...]) -> None:
         remedy = "make it soft, or unlock cage vertices near it"
     else:
         what = f"anchors {', '.join(names[:-1])} and {names[-1]} conflict"
-        remedy = "remove one, make it soft, or raise `alpha`"
+        remedy = "remove one, make it soft, or raise `alpha=`"
     raise NumericalError(f"{what} (condition number {found}, limit {limit}): {remedy}")

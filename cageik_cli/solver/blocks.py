@@ -256,7 +256,7 @@ class BlockSolver:
         if errors and not self.accepts_gaps:
             raise FormatError(
                 f"{errors[min(errors)]}; leave a gap by `on_bad_frame=skip`, or fill it by "
-                "`fill_gaps`"
+                "`fill_gaps=True`"
             )
         return replace(block, read_errors=block.read_errors | errors)
 

@@ -241,16 +241,16 @@ class DualLaplacianSolver:
         """Say what makes a singular system regular."""
         n = len(data)
         if not data.any():
-            return "raise `beta` above 0: without vertices the position of the cage is undefined"
+            return "raise `beta=` above 0: without vertices the position of the cage is undefined"
         if np.trace(self.smoothness) > np.trace(data):
-            return "lower `alpha`, whose default is 1e-3: the Laplacian outweighs the vertices"
+            return "lower `alpha=`, whose default is 1e-3: the Laplacian outweighs the vertices"
         if self.data_count < n:
             return (
                 f"{self.data_count} vertices that are data cannot determine {n} cage vertices: "
-                f"raise `alpha`, whose default is 1e-3, or take a cage of at most "
+                f"raise `alpha=`, whose default is 1e-3, or take a cage of at most "
                 f"{self.data_count} vertices"
             )
-        return "raise `alpha`, whose default is 1e-3, or remove cage vertices far from the model"
+        return "raise `alpha=`, whose default is 1e-3, or remove cage vertices far from the model"
 
     def weigh_data(self, weights: Floats, rows: Integers | None = None) -> Floats:
         """Return (β/m) Σ_j weights_j H_jᵀ H_j, (n, n), over all vertices, or those of `rows`.

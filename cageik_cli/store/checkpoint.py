@@ -123,15 +123,15 @@ class Checkpoint:
         try:
             if not (resume or overwrite or os.fstat(file.fileno()).st_size == 0):
                 raise CheckpointError(
-                    f"{path}: another run has written it meanwhile; continue with `resume` or "
-                    "start over with `overwrite`"
+                    f"{path}: another run has written it meanwhile; continue with `resume=True` or "
+                    "start over with `overwrite=True`"
                 )
             held = _read_spec(path, file) if resume else None
             difference = spec.describe_difference(held) if held is not None else ""
             if difference and not overwrite:
                 raise CheckpointError(
                     f"{path}: is of another run: {difference}; give the same files and options, "
-                    "or start over with `overwrite`"
+                    "or start over with `overwrite=True`"
                 )
             has_other_fit = held is not None and not difference and held.fit != spec.fit
             if held is None or difference or has_other_fit:
@@ -307,7 +307,9 @@ def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
 
 
 def _make_version_error(path: Path) -> CheckpointError:
-    return CheckpointError(f"{path}: is of another version of cageik; start over with `overwrite`")
+    return CheckpointError(
+        f"{path}: is of another version of cageik; start over with `overwrite=True`"
+    )
 
 
 def _read_blocks(file: io.FileIO, spec: RunSpec, done: int = 0) -> Iterator[SolvedBlock]:

@@ -173,7 +173,7 @@ def read_result(path: Path) -> Result:
         raise FileAccessError(f"{path}: no such result; {_suggest_instead(path)}")
     if path.suffix == CHECKPOINT_SUFFIX:
         raise CheckpointError(
-            f"{path}: is a checkpoint, not a result; rerun the command with `resume`"
+            f"{path}: is a checkpoint, not a result; rerun the command with `resume=True`"
         )
     with open_checked(path) as file:
         _check_result_format(file)
@@ -207,5 +207,7 @@ def _check_result_format(file: h5py.File) -> None:
 def _suggest_instead(path: Path) -> str:
     checkpoint_file = checkpoint_path(path)
     if checkpoint_file.exists():
-        return f"there is a checkpoint, {checkpoint_file.name}; rerun the command with `resume`"
+        return (
+            f"there is a checkpoint, {checkpoint_file.name}; rerun the command with `resume=True`"
+        )
     return "create it with cageik extract, or give another"

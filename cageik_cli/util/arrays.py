@@ -100,7 +100,7 @@ def allocate_floats(count: int, memory: int) -> Floats:
     except OSError as error:
         raise FileAccessError(
             f"{folder}: cannot hold {size >> 20} MiB in a temporary file "
-            f"({error.strerror or error}); set TMPDIR to another folder, or raise `memory`"
+            f"({error.strerror or error}); set TMPDIR to another folder, or raise `memory=`"
         ) from error
 
 

@@ -137,7 +137,7 @@ def describe_error(error: BaseException) -> str:
             "open files (ulimit -n), and the installation"
         )
     elif isinstance(error, MemoryError):
-        text = "out of memory; use a coarser cage, or a smaller `memory`"
+        text = "out of memory; use a coarser cage, or a smaller `memory=`"
     else:
         text = (
             f"internal error ({type(error).__name__}: {error}); "

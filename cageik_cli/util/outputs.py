@@ -85,7 +85,7 @@ def check_folder_writable(
 
 def _make_exists_error(path: Path) -> OutputError:
     return OutputError(
-        f"{path}: exists already; choose another name, or replace it with `overwrite`"
+        f"{path}: exists already; choose another name, or replace it with `overwrite=True`"
     )
 
 

@@ -183,10 +183,10 @@ def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None)
 def _check_same_mesh(path: Path, what: str, expected: TriMesh, given: TriMesh) -> None:
     difference = _describe_difference(expected, given)
     if difference:
-        leave = "leave `cage` out, " if what == "cage" else ""
+        leave = "leave `cage=` out, " if what == "cage" else ""
         raise SettingError(
             f"{path}: is the binding of another {what} ({difference}); give that {what} with "
-            f"`{what.split()[0]}`, {leave}or bind this one"
+            f"`{what.split()[0]}=`, {leave}or bind this one"
         )
 
 

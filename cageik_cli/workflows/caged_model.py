@@ -207,7 +207,8 @@ def _hold_meshes(
 def make_weights_error(path: Path, user: str) -> SettingError:
     """Make the error of a result that was written without weights; `user` is what needs them."""
     return SettingError(
-        f"{path}: has no weights, which {user} needs; extract it again with them (`keep_weights`)"
+        f"{path}: has no weights, which {user} needs; extract it again with them "
+        "(`keep_weights=True`)"
     )
 
 

@@ -143,7 +143,7 @@ def _reread_frame(sequence: MeshSequence, index: int, digest: bytes) -> Floats:
     vertices = sequence.read_frame(index)
     if sequence.digest(index) != digest:
         raise FileAccessError(
-            f"{sequence.location(index)}: changed during the run; run again with `resume`"
+            f"{sequence.location(index)}: changed during the run; run again with `resume=True`"
         )
     return vertices
 

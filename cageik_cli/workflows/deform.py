@@ -29,8 +29,8 @@ from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, lo
 from cageik_cli.workflows.rig import check_influences, make_rig
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
-NO_CAGES = "which has no cages; give them by `cages`, or give a result"
-NO_SOLVE = "but `influences` needs the settings of a result; give one"
+NO_CAGES = "which has no cages; give them by `cages=`, or give a result"
+NO_SOLVE = "but `influences=` needs the settings of a result; give one"
 
 MAX_DEFORM_FRAMES = 16
 """Frames per block at most; more is not faster."""
@@ -204,7 +204,8 @@ class _Deformation:
                 return replace(binding, weights=change.add_to(binding.weights))
             raise SettingError(
                 f"{path}: its weights are fitted to a clip and not in it, so they cannot be "
-                "computed again; extract it again with them (`keep_weights`), or with `fit_rank`"
+                "computed again; extract it again with them (`keep_weights=True`), or with "
+                "`fit_rank=`"
             )
         self._progress.note(
             "note",
@@ -281,7 +282,7 @@ def _load_model(path: Path, settings: DeformSettings) -> LoadedModel:
     if model.points is not None and settings.influences is not None:
         raise SettingError(
             f"{path}: is {model.kind}, and weights of few influences are fitted to a "
-            "surface; leave out `influences`"
+            "surface; leave out `influences=`"
         )
     return model
 

@@ -160,7 +160,7 @@ def check_export(settings: ExportSettings) -> None:
     skeleton_suffixes = (*UsdSkeletonWriter.suffixes, *GltfSkeletonWriter.suffixes)
     if settings.skeleton and suffix not in skeleton_suffixes:
         raise SettingError(
-            f"{path}: `skeleton` works with USD and glTF only, expected "
+            f"{path}: `skeleton=True` works with USD and glTF only, expected "
             f"{', '.join(skeleton_suffixes)}"
         )
     is_gltf = suffix in GltfSkeletonWriter.suffixes
@@ -171,6 +171,7 @@ def check_export(settings: ExportSettings) -> None:
         )
     if settings.with_model is not None and path.suffix.lower() not in UsdWriter.suffixes:
         raise SettingError(
-            f"{path}: `with_model` works with USD only, expected {', '.join(UsdWriter.suffixes)}"
+            f"{path}: `with_model=True` works with USD only, expected "
+            f"{', '.join(UsdWriter.suffixes)}"
         )
     settings.output.check_writable()

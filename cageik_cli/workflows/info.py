@@ -102,7 +102,7 @@ def _checkpoint_rows(path: Path) -> list[tuple[str, str]]:
     done, count = checkpoint_progress(path)
     return [
         ("holds", "the checkpoint of an interrupted or a running cageik extract"),
-        ("frames", f"{done} of {count}; rerun the command with `resume` to continue"),
+        ("frames", f"{done} of {count}; rerun the command with `resume=True` to continue"),
     ]
 
 

@@ -81,7 +81,7 @@ class LoadedModel:
         known = POINT_SUFFIXES if self.splats is None else SPLAT_SUFFIXES
         if self.splats is not None and output.recentre:
             raise SettingError(
-                f"{self.name}: is {self.kind}, which `recentre` cannot move; leave it out"
+                f"{self.name}: is {self.kind}, which `recentre=True` cannot move; leave it out"
             )
         if output.suffix not in known:
             raise OutputError(

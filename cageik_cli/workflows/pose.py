@@ -77,7 +77,7 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
     with progress.stage("open"):
         target = CagedModel.open(settings.target, settings.cage)
         if target.cage is None:
-            raise SettingError(f"{target.path}: is a model without a cage; give one with `cage`")
+            raise SettingError(f"{target.path}: is a model without a cage; give one with `cage=`")
         target.model.check_posed_output(settings.output)
         check_no_overlap(settings.outputs(), settings.inputs())
         for path in settings.outputs():

@@ -43,8 +43,8 @@ def check_output(settings: ExtractSettings) -> None:
     if path.exists() and not may_replace:
         done, count = checkpoint_progress(path)
         raise CheckpointError(
-            f"{path}: checkpoint found ({done} of {count} frames): continue with `resume` or start "
-            "over with `overwrite`"
+            f"{path}: checkpoint found ({done} of {count} frames): continue with `resume=True` or "
+            "start over with `overwrite=True`"
         )
     if settings.cage_output is not None:
         check_cage_output(settings.cage_output, may_replace)
@@ -106,7 +106,7 @@ def _check_same(result: Result, is_same: dict[str, bool]) -> None:
         if not holds:
             raise CheckpointError(
                 f"{result.path}: is the result of {what}; choose another name, or replace it with "
-                "`overwrite`"
+                "`overwrite=True`"
             )
 
 
@@ -116,7 +116,7 @@ def _check_no_gaps(result: Result, sequence: MeshSequence) -> None:
     if skipped:
         raise CheckpointError(
             f"{result.path}: {len(skipped)} frames are skipped in it, the first: {skipped[0]}; "
-            "repair them and use `overwrite`, or accept the gaps with `on_bad_frame=skip`"
+            "repair them and use `overwrite=True`, or accept the gaps with `on_bad_frame=skip`"
         )
 
 
@@ -134,7 +134,8 @@ def open_checkpoint(settings: ExtractSettings, spec: RunSpec) -> Iterator[Checkp
         kept = checkpoint.count_frames()
         if kept:
             error.add_note(
-                f"{kept} of {len(spec.frames)} frames are kept in {path}; continue with `resume`"
+                f"{kept} of {len(spec.frames)} frames are kept in {path}; continue with "
+                "`resume=True`"
             )
             checkpoint.close()
         else:

@@ -126,18 +126,18 @@ class ExtractSettings(CommandSettings):
             return
         if self.binding is not None:
             raise SettingError(
-                f"{self.binding}: brings its weights, which `fit` would replace; leave out one of "
-                "them, or fit the binding by cageik bind `fit`"
+                f"{self.binding}: brings its weights, which `fit=` would replace; leave out one of "
+                "them, or fit the binding by cageik bind `fit=`"
             )
         if self.clip.missing:
             raise SettingError(
-                "`fit` needs frames without missing vertices; fit a clean clip of the same model "
-                "by cageik bind `fit`, and extract by `binding`; or leave out `missing`"
+                "`fit=` needs frames without missing vertices; fit a clean clip of the same model "
+                "by cageik bind `fit=`, and extract by `binding=`; or leave out `missing=True`"
             )
         if not self.keep_weights and self.fit.rank is None:
             raise SettingError(
-                "fitted weights cannot be computed again; extract with them (`keep_weights`), or "
-                "store few numbers by `fit_rank`"
+                "fitted weights cannot be computed again; extract with them "
+                "(`keep_weights=True`), or store few numbers by `fit_rank=`"
             )
 
     def record(self, known: Binding | None) -> dict[str, Any]:

@@ -281,7 +281,7 @@ def _measure_again(
     for k, digest in enumerate(solved.digests, solved.start):
         if sequence.digest_or_zeros(k) != digest:
             raise FileAccessError(
-                f"{sequence.location(k)}: changed during the run; run again with `resume`"
+                f"{sequence.location(k)}: changed during the run; run again with `resume=True`"
             )
     skipped = np.array(sorted(solved.skipped), np.int64) - solved.start
     cages = smoothed.cages.copy()

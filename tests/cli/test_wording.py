@@ -10,18 +10,15 @@ from cageik_cli.util.errors import SettingError
 @pytest.mark.parametrize(
     ("message", "shown"),
     [
-        ("replace it with `overwrite`", "replace it with --overwrite"),
+        ("choose another with `cage=`", "choose another with --cage"),
         ("give `outside=project` or `memory=2 GiB`", "give --outside project or --memory 2 GiB"),
         ("of extract: `on_bad_frame=skip`", "of extract: --on-bad-frame skip"),
-        ("choose others by `selection`", "choose others by --frames"),
-        ("has no part of `handles`", "has no part of HANDLES"),
+        ("choose others by `selection=`", "choose others by --frames"),
+        ("has no part of `handles=`", "has no part of HANDLES"),
         ("`rigidity=2000` is too much", "--rigidity 2000 is too much"),
         ("replace it with `overwrite=True`", "replace it with --overwrite"),
-        (
-            "attribute `fps` is a, `fps` is b, `fps`: c",
-            "attribute `fps` is a, `fps` is b, `fps`: c",
-        ),
-        ("extract with it (`keep_weights`)", "extract with it (without --no-weights)"),
+        ("attribute `fps`, mesh `cage` of a file", "attribute `fps`, mesh `cage` of a file"),
+        ("extract with it (`keep_weights=True`)", "extract with it (without --no-weights)"),
         ("a `.png`, a `vertex` and `Ctrl`", "a `.png`, a `vertex` and `Ctrl`"),
     ],
 )
@@ -30,7 +27,7 @@ def test_parameters_are_shown_as_options(message, shown):
 
 
 def test_the_options_of_the_command_come_first():
-    assert word_options("no `source`, no `cages`", deform_command) == "no SOURCE, no --cages"
+    assert word_options("no `source=`, no `cages=`", deform_command) == "no SOURCE, no --cages"
 
 
 def test_an_error_names_the_option(monkeypatch, folder, run):
@@ -45,5 +42,5 @@ def test_an_error_names_the_option(monkeypatch, folder, run):
 
 def test_a_note_names_the_option():
     progress = ProgressBar(is_drawn=False)
-    progress.note("note", "it is long; limit it by `memory`")
+    progress.note("note", "it is long; limit it by `memory=`")
     assert progress.notes == [("note", "it is long; limit it by --memory")]

@@ -65,7 +65,7 @@ def test_single_precision_far_away_is_noted_with_the_remedy(path):
     assert note.startswith(
         f"{path}: coordinates of up to 4e+06 are rounded by up to 0.12, {rounding:.2g} % of the"
     )
-    assert "`recentre`" in note
+    assert "`recentre=True`" in note
     assert not Path(f"{path}.offset.json").exists()
 
 

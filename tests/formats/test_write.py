@@ -91,7 +91,7 @@ def test_nothing_is_left_of_preparing(tmp_path):
 
 @pytest.mark.parametrize("start", [-1.0, 0.5])
 def test_files_are_numbered_by_whole_numbers(tmp_path, animation, start):
-    with pytest.raises(SettingError, match=rf" {start:g}, .*`start`"):
+    with pytest.raises(SettingError, match=rf" {start:g}, .*`start=`"):
         write(
             tmp_path / "a" / "a_#.obj", animation.rest, animation.frames, scene=Scene(start=start)
         )

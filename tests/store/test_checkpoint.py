@@ -225,7 +225,7 @@ def test_blocks_are_read_once_to_be_recovered_and_once_to_be_composed(log, monke
 
 def test_a_checkpoint_written_by_another_run_is_not_replaced(log):
     data = log.read_bytes()
-    with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*`resume`"):
+    with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*`resume=True`"):
         Checkpoint.open(log, SPEC, resume=False)
     assert log.read_bytes() == data
 

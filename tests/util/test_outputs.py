@@ -225,7 +225,7 @@ def texts_in(path):
 def test_a_folder_is_replaced_as_a_whole(tmp_path):
     path = tmp_path / "frames"
     write_frames(path, "abc")
-    with pytest.raises(OutputError, match=r"frames: exists .*`overwrite`"):
+    with pytest.raises(OutputError, match=r"frames: exists .*`overwrite=True`"):
         write_frames(path, "x")
     write_frames(path, "de", overwrite=True)
     assert texts_in(path) == {"frame_0": "d", "frame_1": "e"}

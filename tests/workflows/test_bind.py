@@ -135,7 +135,7 @@ def test_a_binding_of_another_rest_pose_is_refused(made, what, says):
     with pytest.raises(SettingError, match=r"^binding\.h5: .*another rest pose") as caught:
         load_matching_binding(path, replace(rest, mesh=other(rest.mesh, what)), cage)
     assert says in str(caught.value)
-    assert "`rest`" in str(caught.value)
+    assert "`rest=`" in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_a_binding_of_another_cage_is_refused(made, what, says):
     with pytest.raises(SettingError, match=r"^binding\.h5: .*another cage") as caught:
         load_matching_binding(path, rest, replace(cage, mesh=other(cage.mesh, what)))
     assert says in str(caught.value)
-    assert "`cage`" in str(caught.value)
+    assert "`cage=`" in str(caught.value)
 
 
 def test_an_open_cage_is_refused_by_its_own_name(made):

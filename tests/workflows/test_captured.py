@@ -173,7 +173,9 @@ def test_missing_vertices_are_refused_without_the_option(walker, make, form):
     if form == "obj":
         write_objs(Path("objs"), spoilt, walker[1])
         settings = replace(settings, frames=("objs",))
-    with pytest.raises(FormatError, match=r"(?s)314 of 1570 vertices are not finite.*`missing`"):
+    with pytest.raises(
+        FormatError, match=r"(?s)314 of 1570 vertices are not finite.*`missing=True`"
+    ):
         extract(settings)
     result = extract(replace(settings, clip=MISSING))
     assert result.kept.missing.tolist() == [0, 314, 314]
@@ -182,7 +184,7 @@ def test_missing_vertices_are_refused_without_the_option(walker, make, form):
 def test_a_first_frame_with_missing_vertices_needs_another_rest_pose(walker, make):
     spoilt = walker[0].copy()
     spoilt[0, 4:9] = np.nan
-    with pytest.raises(FormatError, match=r"5 of 1570 vertices are not finite.*`missing`"):
+    with pytest.raises(FormatError, match=r"5 of 1570 vertices are not finite.*`missing=True`"):
         extract(make(spoilt))
     with pytest.raises(
         FormatError, match=r"5 of 1570 vertices of the rest pose are missing.*`rest"
@@ -199,7 +201,7 @@ def test_infinite_vertices_are_never_missing(walker, make):
     spoilt[3, 7, 1] = np.inf
     with pytest.raises(FormatError, match="not finite") as caught:
         extract(make(spoilt, clip=MISSING))
-    assert "`missing`" not in str(caught.value)
+    assert "`missing=True`" not in str(caught.value)
 
 
 def test_frames_of_too_few_data_are_named(walker, make):
@@ -399,7 +401,7 @@ def test_clips_too_short_to_smooth_are_kept(walker, make, count):
 def test_weights_fitted_to_a_clean_clip_serve_one_with_missing_vertices(walker, make):
     clean = replace(make(walker[0], "clean", fit=FitSettings()), rest=Path("rest/frame_0.obj"))
     write_objs(Path("rest"), walker[0][:1], walker[1])
-    with pytest.raises(SettingError, match="`fit` needs frames without missing vertices"):
+    with pytest.raises(SettingError, match="`fit=` needs frames without missing vertices"):
         replace(clean, clip=MISSING)
     bind_files(BindRunSettings(clean.cage, clean.rest, Path("fit.h5"), clips=clean.frames))
     spoilt = make(corrupt("missing", walker[0]), capture=SMOOTH, clip=MISSING)

@@ -96,8 +96,8 @@ def test_a_checkpoint_is_not_overwritten_unasked(plain, single_frame_blocks):
     with pytest.raises(CheckpointError) as caught:
         check_output(plain)
     assert str(caught.value) == (
-        "cages.h5.partial: checkpoint found (2 of 5 frames): continue with `resume` or start "
-        "over with `overwrite`"
+        "cages.h5.partial: checkpoint found (2 of 5 frames): continue with `resume=True` or start "
+        "over with `overwrite=True`"
     )
     built = replace(plain, cage=None, cage_output=Path("cage.obj"))  # by the interrupted run
     with pytest.raises(CheckpointError, match="checkpoint found"):

@@ -78,7 +78,7 @@ def test_triangulation_is_noted(settings):
 
 
 def test_a_model_needs_a_cage(settings):
-    with pytest.raises(SettingError, match=r"frame_1\.obj: .*`cage`"):
+    with pytest.raises(SettingError, match=r"frame_1\.obj: .*`cage=`"):
         pose(settings(TIP, PIN, cage=None))
     assert not Path("posed.obj").exists()
 

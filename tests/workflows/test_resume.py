@@ -61,7 +61,7 @@ def interrupted(settings, after):
 @pytest.mark.parametrize("after", [1, 2, 4, 5])
 def test_a_resumed_run_gives_the_same_bytes(plain, whole, after):
     error = interrupted(plain, after)
-    kept = f"{after} of 5 frames are kept in cages.h5.partial; continue with `resume`"
+    kept = f"{after} of 5 frames are kept in cages.h5.partial; continue with `resume=True`"
     assert error.__notes__ == [kept]
     assert checkpoint_progress(LOG) == (after, 5)
     watch = Stopped()

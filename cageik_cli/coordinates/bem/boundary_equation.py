@@ -79,7 +79,7 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
         except np.linalg.LinAlgError as error:
             raise NumericalError(
                 "the equations of harmonic weights have no solution for this cage; check it with "
-                "cageik check `cage`"
+                "cageik check `cage=`"
             ) from error
     del matrix
     densities = np.zeros((mesh.unknowns, rhs.shape[1]), order="F")

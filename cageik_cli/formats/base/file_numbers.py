@@ -88,7 +88,7 @@ class FileSeries:
         if not held:
             raise FileAccessError(
                 f"{self.paths[chosen[0]]}: {self.missing[chosen[0]]}, as all frames that are "
-                "chosen; choose others with `selection`"
+                "chosen; choose others with `selection=`"
             )
         return chosen[held[0] : held[-1] + 1]
 
@@ -128,8 +128,8 @@ class FileSeries:
             fault = f"{paths[first + 1]}: {steps[first]} after {paths[first].name}, {expected}"
             fault += f" ({format_count(len(odd), 'such place')}); remove it"
         raise FileAccessError(
-            f"{fault}, keep gaps in time with `allow_gaps`, or number the frames one after another "
-            "with `close_gaps`"
+            f"{fault}, keep gaps in time with `allow_gaps=True`, or number the frames one after "
+            "another with `close_gaps=True`"
         )
 
     def _describe_closed(self, odd: list[int], usual: int) -> str:
@@ -147,7 +147,7 @@ class FileSeries:
             raise FileAccessError(
                 f"{paths[0]}: {lost} frames are missing in steps of {step} up to {paths[-1].name}, "
                 f"expected at most {MAX_MISSING_FRAMES} and numbers up to {MAX_FRAME_NUMBER}; "
-                "number the frames one after another with `close_gaps`"
+                "number the frames one after another with `close_gaps=True`"
             )
         series = [paths[0]]
         for k, (a, b) in enumerate(pairwise(self._numbers)):
@@ -173,7 +173,7 @@ def _check_whole_numbers(paths: tuple[Path, ...]) -> None:
         if re.fullmatch(r"(?:.*[._ ])?-\d+\D*", stem):
             raise SettingError(
                 f"{path}: has a negative frame number, expected 0 or more; number the files from "
-                "0 on, or take them in the order of their names with `close_gaps`"
+                "0 on, or take them in the order of their names with `close_gaps=True`"
             )
     number_and_part = r"((?:.*[._ -])?\d+)\.(\d+)"
     matches = {stem: match for stem in stems if (match := re.fullmatch(number_and_part, stem))}
@@ -184,7 +184,7 @@ def _check_whole_numbers(paths: tuple[Path, ...]) -> None:
             raise SettingError(
                 f"{path}: is a subframe of {match[1]}, or of another series; frames have whole "
                 "numbers, so leave out such files, export USD or Alembic, or take them in the "
-                "order of their names with `close_gaps`"
+                "order of their names with `close_gaps=True`"
             )
 
 

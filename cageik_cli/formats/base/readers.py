@@ -191,7 +191,7 @@ class ClipFile(MeshSequence):
         with error_context(self.path):
             if rest is None:
                 raise SettingError(
-                    "holds positions but no faces; give a mesh with the faces by `rest`"
+                    "holds positions but no faces; give a mesh with the faces by `rest=`"
                 )
             if vertex_count != len(rest.mesh.vertices):
                 raise ConnectivityError(
@@ -296,7 +296,7 @@ class ArrayClipFile(ClipFile):
         if clip.faces is not None:
             return []
         return [
-            ("holds", "positions without faces; give these by `rest`"),
+            ("holds", "positions without faces; give these by `rest=`"),
             ("frames", str(clip.frames.frame_count)),
             ("vertices", str(clip.frames.vertex_count)),
             *([("scene", clip.scene.description)] if clip.scene.description else []),

@@ -313,7 +313,7 @@ def _validate_frame(positions: np.ndarray, takes_missing: bool) -> Floats:
     except FormatError as error:
         if np.isnan(positions).any() and not np.isinf(positions).any():
             raise FormatError(
-                f"{error}, or take them as missing with `missing` of cageik extract"
+                f"{error}, or take them as missing with `missing=True` of cageik extract"
             ) from error
         raise
 

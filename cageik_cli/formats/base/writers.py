@@ -123,7 +123,7 @@ class FrameFileWriter(AnimationWriter):
             if number < 0 or number != int(number):
                 raise SettingError(
                     f"the {name} is {number:.10g}, expected a whole number from 0 on, since files "
-                    f"are named by frame numbers; give one with `{parameter}`"
+                    f"are named by frame numbers; give one with `{parameter}=`"
                 )
         self._folder, self._names = target.parent, names
         self._next_number, self._step = int(start), int(step)

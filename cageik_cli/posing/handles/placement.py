@@ -113,7 +113,7 @@ class _PointFinder:
     def _snap_to_surface(self, position: Floats) -> SurfacePoint:
         if self._max_snap_percent is None:
             raise HandlesError(
-                "a position needs `snap`, which takes the closest point of the surface; or give a "
+                "a position needs `snap=`, which takes the closest point of the surface; or give a "
                 "vertex or a face"
             )
         point = closest_point(self._posed_mesh, position)

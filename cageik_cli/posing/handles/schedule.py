@@ -177,7 +177,8 @@ def merge_coincident(
         conflict = _describe_conflict(group, surface, frames, next(paths))
         if conflict and not allow_conflicts:
             raise HandlesError(
-                f"{conflict}; remove one, or use the mean of their targets with `allow_conflicts`"
+                f"{conflict}; remove one, or use the mean of their targets with "
+                "`allow_conflicts=True`"
             )
         hard = [one for one in group if one[0].hard] or group
         merged.append(_merge_group(group, hard if conflict else hard[:1], conflict))

@@ -203,7 +203,7 @@ class DaskScheduler:
         except (OSError, CancelledError) as error:
             raise ClusterError(
                 f"{self._address}: the scheduler is lost, or has dropped its tasks; see its log, "
-                "start it again, and continue with `resume`"
+                "start it again, and continue with `resume=True`"
             ) from error
 
     def _wait_for_worker(self) -> None:
@@ -214,7 +214,7 @@ class DaskScheduler:
             raise ClusterError(
                 f"{self._address}: no worker for {self._worker_timeout:g} s; start some with "
                 f"`dask worker {self._address} --nthreads 1 --nworkers N`, and continue with "
-                "`resume`"
+                "`resume=True`"
             ) from error
 
     def _check_workers(self) -> None:

@@ -255,7 +255,7 @@ def describe_killed_worker(error: Any) -> str:
     return (
         f"{error.allowed_failures + 1} workers crashed on it (the last one "
         f"{error.last_worker.address}, see its log); give workers more memory, or use a coarser "
-        "cage or a smaller `memory`"
+        "cage or a smaller `memory=`"
     )
 
 

@@ -115,7 +115,7 @@ def discover_clips(
                     found.append(replace(clip, name=prefix + clip.name))
     if excluded and not found:
         raise SettingError(
-            f"{', '.join(map(str, roots))}: `exclude` leaves out all {excluded} clips; exclude "
+            f"{', '.join(map(str, roots))}: `exclude=` leaves out all {excluded} clips; exclude "
             "fewer"
         )
     if not found:

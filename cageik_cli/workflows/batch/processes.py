@@ -89,7 +89,7 @@ class _Worker:
                     raise
         fault = (
             "worker process crashed twice (killed, out of memory, or a corrupt file); try fewer "
-            "`jobs`"
+            "`jobs=`"
         )
         return Outcome(ClipEntry(job.name, fault=fault), ClipState.FAILED)
 

@@ -158,8 +158,8 @@ def check_folder_empty(folder: Path) -> None:
         raise OutputError(f"{folder}: is a file; give a folder for the results")
     if any(not path.is_dir() for path in folder.rglob("*")):
         raise OutputError(
-            f"{folder}: holds files already; continue with `resume`, start over with `overwrite`, "
-            "or choose another folder"
+            f"{folder}: holds files already; continue with `resume=True`, start over with "
+            "`overwrite=True`, or choose another folder"
         )
 
 
@@ -174,8 +174,8 @@ def check_batch_folder(folder: Path) -> None:
     for name in REPORT_FILES:
         if (folder / name).exists() and not (folder / CLIPS_FOLDER).is_dir():
             raise OutputError(
-                f"{folder}: holds {name} but no batch to resume; start over with `overwrite`, or "
-                "choose another folder"
+                f"{folder}: holds {name} but no batch to resume; start over with "
+                "`overwrite=True`, or choose another folder"
             )
 
 
@@ -190,7 +190,7 @@ def check_is_result(path: Path) -> None:
     if path.exists() and not is_result(path):
         raise OutputError(
             f"{path}: is not a result of cageik extract; move it away, or replace it with "
-            "`overwrite`"
+            "`overwrite=True`"
         )
 
 
@@ -210,7 +210,9 @@ def _note_done_on_error(batch: BatchPlan) -> Iterator[list[Outcome]]:
     try:
         yield done
     except BaseException as error:
-        error.add_note(f"{len(done)} of {len(batch.jobs)} clips are done; continue with `resume`")
+        error.add_note(
+            f"{len(done)} of {len(batch.jobs)} clips are done; continue with `resume=True`"
+        )
         raise
 
 

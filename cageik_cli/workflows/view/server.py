@@ -301,8 +301,8 @@ def serve(site: Site, port: int) -> Iterator[str]:
         server = _Server((HOST, port), handler)
     except OSError as error:
         raise SettingError(
-            f"port {port}: cannot be used ({error.strerror or error}); choose another with `port`, "
-            "or leave it out"
+            f"port {port}: cannot be used ({error.strerror or error}); choose another with "
+            "`port=`, or leave it out"
         ) from error
     # It looks every 0.05 seconds whether it should end.
     thread = threading.Thread(target=server.serve_forever, args=[0.05], daemon=True)

@@ -142,7 +142,7 @@ class ViewSession(ABC):
             When hard handles cannot all be met.
         """
         if self.settings.output is None:
-            raise SettingError("there is no file to write; name one by `output`")
+            raise SettingError("there is no file to write; name one by `output=`")
         for path in self.settings.outputs():
             check_writable(path, self._own.may_replace(path))
         result = self._solve(handles, posing, self.settings.output, progress)

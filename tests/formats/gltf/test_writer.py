@@ -107,11 +107,11 @@ def test_a_tolerance_is_kept_with_few_targets(tmp_path, animation, restless, tol
 def test_a_tolerance_that_cannot_be_kept_is_refused(tmp_path, animation, restless):
     says = (
         r"a.glb: 5 morph targets leave a largest error of .* % of the diagonal, above the "
-        r"tolerance of 0.01 %; give a higher `tolerance` or a higher `count`, or write"
+        r"tolerance of 0.01 %; give a higher `tolerance=` or a higher `count=`, or write"
     )
     with pytest.raises(OutputError, match=says):
         save(tmp_path / "a.glb", animation.rest, restless, count=5, tolerance=0.01)
-    says = r"a.glb: \d+ morph targets leave .* give a higher `tolerance`, or write"
+    says = r"a.glb: \d+ morph targets leave .* give a higher `tolerance=`, or write"
     with pytest.raises(OutputError, match=says):
         save(tmp_path / "a.glb", animation.rest, restless, tolerance=1e-12)
     assert not list(tmp_path.iterdir())

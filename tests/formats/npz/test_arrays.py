@@ -94,7 +94,7 @@ def test_either_layout_possible_is_refused(opened):
         opened(verts=np.zeros((4, 3, 3)), faces=np.array([[0, 1, 2]]))
     assert str(caught.value).endswith(
         "positions can be read as fvx (4 frames of 3 vertices) or fxv (4 frames of 3 vertices); "
-        "choose with `layout`"
+        "choose with `layout=`"
     )
 
 
@@ -139,7 +139,7 @@ def test_hints_that_cannot_be_are_noted_and_others_passed_by(opened):
 @pytest.mark.parametrize(
     ("arrays", "says"),
     [
-        ({"verts": FRAMES}, "`rest`"),
+        ({"verts": FRAMES}, "`rest=`"),
         ({"faces": FACES}, "holds none of the arrays vertices, verts"),
         ({"verts": FRAMES, "v": FRAMES, "f": FACES}, "holds verts, v of the arrays"),
         ({"verts": FRAMES, "f": FACES, "tris": FACES}, "holds tris, f of the arrays"),

@@ -70,4 +70,4 @@ def test_several_readings_are_asked_about(shape, named, says):
     with pytest.raises(SettingError) as caught:
         choose_layout(list_layouts(shape, None), shape, named)
     assert says in str(caught.value)
-    assert str(caught.value).endswith("`layout`")
+    assert str(caught.value).endswith("`layout=`")

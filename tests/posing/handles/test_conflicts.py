@@ -91,7 +91,7 @@ def test_handles_that_differ_are_refused(tmp_path, one, other, apart):
     message = str(error.value)
     assert message.startswith("handles 'a' and 'b' conflict")
     assert apart in message
-    assert "`allow_conflicts`" in message
+    assert "`allow_conflicts=True`" in message
 
 
 def test_only_affected_frames_are_compared(tmp_path):

@@ -111,7 +111,7 @@ def test_a_place_is_what_a_handles_file_gives(tmp_path):
 
 
 def test_a_position_needs_snap(tmp_path):
-    with pytest.raises(HandlesError, match=r"^handle 'near': position: .* `snap`"):
+    with pytest.raises(HandlesError, match=r"^handle 'near': position: .* `snap=`"):
         drag(read_set(tmp_path, NEAR))
 
 

@@ -106,7 +106,7 @@ def test_an_interruption_says_how_many_clips_are_done_and_unlocks_the_folder(tmp
     scheduler = Scripted(done("a"), KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt) as caught:
         run_batch(batch_of(tmp_path / "o", "a", "b"), scheduler, Heard())
-    assert caught.value.__notes__ == ["1 of 2 clips are done; continue with `resume`"]
+    assert caught.value.__notes__ == ["1 of 2 clips are done; continue with `resume=True`"]
     assert scheduler.has_ended
     assert not (tmp_path / "o" / LOCK_FILE).exists()
     run_batch(batch_of(tmp_path / "o", "a", "b"), Scripted(done("a"), done("b")), Heard())

@@ -360,7 +360,7 @@ def test_too_many_headers_are_refused(client):
 
 def test_a_port_that_is_taken_is_named(client):
     with (
-        pytest.raises(SettingError, match=f"^port {client.port}: cannot be used .*`port`"),
+        pytest.raises(SettingError, match=f"^port {client.port}: cannot be used .*`port=`"),
         serve(Site(SECRET, b"", JobBoard(), None), client.port),
     ):
         pass
