@@ -8,7 +8,7 @@ from typing import Protocol
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import Block, FramePrefetcher
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
-from cageik_cli.util.arrays import DEFAULT_MEMORY, fit_frames
+from cageik_cli.util.arrays import DEFAULT_MEMORY, count_frames
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import OrderedMap
 
@@ -25,13 +25,10 @@ must not change it.
 ARRAYS_PER_FRAME = 12
 """Arrays (m, 3) in memory per frame: read, aligned, target, reconstructed, measured."""
 
-MAX_QUEUE_BYTES = 1 << 24
-"""Largest size of frames read ahead, which is also at most an eighth of the memory."""
-
 
 def choose_block_size(vertex_count: int) -> int:
     """Return how many frames of a model are solved together."""
-    return min(fit_frames(MAX_BLOCK_BYTES, vertex_count, ARRAYS_PER_FRAME), MAX_BLOCK_FRAMES)
+    return min(count_frames(MAX_BLOCK_BYTES, vertex_count, ARRAYS_PER_FRAME), MAX_BLOCK_FRAMES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +42,7 @@ class MemoryPlan:
     max_parallel_blocks : int
         Blocks solved in parallel.
     max_queued_frames : int
-        Frames read ahead.
+        Frames read ahead: in 16 MiB, and in an eighth of the memory.
     """
 
     block_size: int
@@ -53,12 +50,12 @@ class MemoryPlan:
     max_queued_frames: int
 
     @staticmethod
-    def fit(memory: int, binding: Binding, jobs: int) -> "MemoryPlan":
+    def make(memory: int, binding: Binding, jobs: int) -> "MemoryPlan":
         """Plan for `memory` bytes, the weights included, and `jobs` threads; one block at least."""
         count, left = len(binding.rest.vertices), memory - binding.weights.nbytes
         block = choose_block_size(count)
-        solvers = min(fit_frames(left, block * count, ARRAYS_PER_FRAME), jobs)
-        queue = fit_frames(min(memory // 8, MAX_QUEUE_BYTES), count)
+        solvers = min(count_frames(left, block * count, ARRAYS_PER_FRAME), jobs)
+        queue = count_frames(min(memory // 8, 1 << 24), count)
         return MemoryPlan(block, solvers, queue)
 
 

@@ -21,7 +21,7 @@ DEFAULT_MEMORY = 1 << 30
 """Bytes for weights and frames, where nothing else is asked for."""
 
 
-def fit_frames(memory: int, vertex_count: int, arrays: int = 1, itemsize: int = 8) -> int:
+def count_frames(memory: int, vertex_count: int, arrays: int = 1, itemsize: int = 8) -> int:
     """Return how many frames fit in `memory` bytes, at least one.
 
     A frame takes `arrays` arrays (vertex_count, 3) of items of `itemsize` bytes.

@@ -17,7 +17,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.store.result_frames import read_low_rank, read_rotations
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, fit_frames
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, count_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
@@ -290,7 +290,7 @@ def _load_model(path: Path, settings: DeformSettings) -> LoadedModel:
 def choose_block_size(memory: int, vertices: int) -> int:
     """Return how many frames, in whole groups, fit into `memory` bytes; one group at least."""
     # Four arrays (m, 3) per frame at once: in the two blocks, moved to the origin, in the writer.
-    groups = fit_frames(memory, vertices * FRAMES_PER_PRODUCT, 4)
+    groups = count_frames(memory, vertices * FRAMES_PER_PRODUCT, 4)
     return FRAMES_PER_PRODUCT * min(groups, MAX_DEFORM_FRAMES // FRAMES_PER_PRODUCT)
 
 

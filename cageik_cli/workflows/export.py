@@ -15,7 +15,7 @@ from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.usd.writer import Writer as UsdWriter
 from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result
-from cageik_cli.util.arrays import fit_frames
+from cageik_cli.util.arrays import count_frames
 from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
@@ -83,7 +83,7 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
         return _write_skeleton(settings, result, animation, progress)
     if settings.with_model is not None:
         return _write_with_model(settings, result, animation, progress)
-    blocks = read_cages(result, fit_frames(MAX_EXPORT_BYTES, len(result.cage.vertices)))
+    blocks = read_cages(result, count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices)))
     return write_animation(settings.output, animation, blocks, progress)
 
 
@@ -116,7 +116,7 @@ def _write_with_model(
     """Write the cages, and beside them the model that they move."""
     target = CagedModel.of_result(result).read_reconstruction("the model")
     display = settings.with_model or CageDisplay.MESH
-    size = fit_frames(MAX_EXPORT_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
+    size = count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
     frames = (np.concatenate([block.cages, block.meshes], axis=1) for block in target.blocks(size))
     make_writer = partial(UsdWriter, model=result.rest, display=display)
     with limit_blas_threads(1):  # the last digits of the model depend on it

@@ -253,7 +253,7 @@ class Extraction:
         """Open an iterator of the frames from `start` on, solved and measured, in blocks."""
         unfitted = self.binding.unfitted
         held = 0 if unfitted is None else unfitted.weights.nbytes
-        plan = MemoryPlan.fit(self.settings.memory - held, self.binding, self.settings.jobs)
+        plan = MemoryPlan.make(self.settings.memory - held, self.binding, self.settings.jobs)
         starts = range(start, len(self.sequence), plan.block_size)
         return self.executor.run_blocks(self.block_solver, starts, plan)
 

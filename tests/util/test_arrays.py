@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from cageik_cli.util.arrays import Workspace, allocate_floats, fit_frames, spread_evenly
+from cageik_cli.util.arrays import Workspace, allocate_floats, count_frames, spread_evenly
 from cageik_cli.util.errors import FileAccessError
 
 
@@ -14,13 +14,13 @@ from cageik_cli.util.errors import FileAccessError
     ("memory", "expected"), [(10 * 24 * 7, 10), (10 * 24 * 7 - 1, 9), (1, 1), (0, 1), (-5, 1)]
 )
 def test_frames_fit_in_the_memory_one_at_least(memory, expected):
-    assert fit_frames(memory, 7) == expected
+    assert count_frames(memory, 7) == expected
 
 
 def test_frames_of_several_arrays_or_smaller_items_take_their_bytes():
     frame = np.empty((7, 3), np.float32)
-    assert fit_frames(12 * frame.nbytes, 7, itemsize=4) == 12
-    assert fit_frames(12 * frame.nbytes, 7, arrays=3, itemsize=4) == 4
+    assert count_frames(12 * frame.nbytes, 7, itemsize=4) == 12
+    assert count_frames(12 * frame.nbytes, 7, arrays=3, itemsize=4) == 4
 
 
 def test_an_array_of_a_workspace_is_allocated_once():

@@ -123,7 +123,7 @@ def test_weights_and_blocks_fit_the_memory(frames, jobs, expected):
     binding = Binding(model, box(2.0), np.zeros((len(model.vertices), 8)))
     frame = ARRAYS_PER_FRAME * model.vertices.nbytes
     memory = binding.weights.nbytes + int(frames * frame)
-    found = MemoryPlan.fit(memory, binding, jobs)
+    found = MemoryPlan.make(memory, binding, jobs)
     assert (found.block_size, found.max_parallel_blocks) == expected
 
 
@@ -143,7 +143,7 @@ def test_the_queue_is_a_part_of_the_memory(memory, frames):
     binding = Binding(model, box(2.0), np.zeros((len(model.vertices), 8)))
     expected = frames if frames < 1 << 24 else frames // size
     assert (
-        MemoryPlan.fit(memory * (size if memory < 1 << 50 else 1), binding, 1).max_queued_frames
+        MemoryPlan.make(memory * (size if memory < 1 << 50 else 1), binding, 1).max_queued_frames
         == expected
     )
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.util.arrays import fit_frames
+from cageik_cli.util.arrays import count_frames
 from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.files import open_input
 
@@ -38,7 +38,7 @@ class ChunkedFrames(ABC):
         self, frame_count: int, vertex_count: int, chunk_frames: int, itemsize: int
     ) -> None:
         self.frame_count, self.vertex_count = frame_count, vertex_count
-        fitting = fit_frames(MAX_CHUNK_BYTES, vertex_count, itemsize=itemsize)
+        fitting = count_frames(MAX_CHUNK_BYTES, vertex_count, itemsize=itemsize)
         self._chunk_size = max(1, min(chunk_frames, fitting))
         self._cached_chunks: deque[tuple[int, np.ndarray]] = deque()
         self._lock = Lock()

@@ -13,7 +13,7 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.displacements import Displacements
 from cageik_cli.solver.fitting.problem import estimate_memory
 from cageik_cli.solver.fitting.record import MAX_HELD_OUT_BLOCKS
-from cageik_cli.util.arrays import Floats, Integers, fit_frames
+from cageik_cli.util.arrays import Floats, Integers, count_frames
 from cageik_cli.util.errors import ConnectivityError, InputError, MissingFrameError
 from cageik_cli.util.threads import OrderedMap
 
@@ -150,7 +150,7 @@ def sample_frames(
     places = [(c, f) for c, clip in enumerate(clips) for f in range(len(clip))]
     read = partial(_read_aligned, clips, solver, jobs=jobs, skips_bad_frames=skips_bad_frames)
     describe = _make_descriptor(solver)
-    if fit_frames(left, m, 2) >= len(places):  # the frames, and the chosen ones of them
+    if count_frames(left, m, 2) >= len(places):  # the frames, and the chosen ones of them
         places, frames = read(places, lambda columns: columns)
         poses = np.stack([describe(columns) for columns in frames])
         chosen = spread_points(poses, max_frames)
@@ -158,8 +158,8 @@ def sample_frames(
     else:
         places, descriptions = read(places, describe)
         poses = np.stack(descriptions)
-        capacity = min(max_frames, fit_frames(left, m, 2, itemsize=4))
-        dtype = np.float64 if fit_frames(left, m, 2) >= capacity else np.float32
+        capacity = min(max_frames, count_frames(left, m, 2, itemsize=4))
+        dtype = np.float64 if count_frames(left, m, 2) >= capacity else np.float32
         chosen = spread_points(poses, capacity)
         again = [places[k] for k in chosen]
         kept_places, kept = read(again, lambda columns: columns.astype(dtype))
