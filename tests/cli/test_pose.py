@@ -62,8 +62,10 @@ def test_all_that_was_written_is_named(run, handles):
     names = ("posed.obj", "c.obj", "p.png", "j.json")
     assert outcome.err.splitlines()[-1] == f"wrote {', '.join(names)}"
     assert all(Path(name).exists() for name in names)
-    outcome = run(*REST, "--json", "-", "--overwrite")
-    assert outcome.err.splitlines()[-1] == "wrote posed.obj"
+    for option, start in (("--json", "{"), ("--plot", "\ufffdPNG")):
+        outcome = run(*REST, option, "-", "--overwrite")
+        assert outcome.err.splitlines()[-1] == "wrote posed.obj"
+        assert outcome.out.startswith(start)
 
 
 def test_the_same_input_gives_the_same_bytes(run, handles, clip):
