@@ -176,7 +176,7 @@ def test_refinement_recovers_digits(monkeypatch):
 @pytest.mark.parametrize("spread", [1e-7, 0.0])
 def test_a_singular_system_is_refused_with_the_remedy(spread):
     binding = nearly_singular(spread)
-    with pytest.raises(NumericalError, match=r"condition number .* limit 1e\+12.* raise `alpha`"):
+    with pytest.raises(NumericalError, match=r"condition number .* limit 1e\+12.* raise `alpha"):
         DualLaplacianSolver(binding, SolveSettings(alpha=0))
     assert DualLaplacianSolver(binding, SolveSettings()).quality.condition_number < 1e6
 
@@ -185,7 +185,7 @@ def test_fewer_vertices_than_the_cage_has_are_refused_with_the_remedy(binding):
     """Vertices of weight 0 do not count; the Laplacian alone makes the system regular."""
     m, n = binding.weights.shape
     few = normalize_weights((np.arange(m) < n - 1).astype(float), m)
-    says = rf"{n - 1} vertices that are data .* {n} cage vertices: raise `alpha`.*at most {n - 1} "
+    says = rf"{n - 1} vertices that are data .* {n} cage vertices: raise `alpha.*at most {n - 1} "
     with pytest.raises(NumericalError, match=says):
         DualLaplacianSolver(binding, SolveSettings(alpha=0), few)
     DualLaplacianSolver(binding, SolveSettings(), few)
@@ -240,13 +240,13 @@ def test_invalid_settings_are_refused(alpha, beta, says):
 
 def test_without_vertices_translation_is_free():
     binding = bind(ball(1), concave_around_ball())
-    with pytest.raises(NumericalError, match=r"singular.*raise `beta` above 0"):
+    with pytest.raises(NumericalError, match=r"singular.*raise `beta=` above 0"):
         DualLaplacianSolver(binding, SolveSettings(alpha=1, beta=0))
 
 
 @pytest.mark.parametrize("alpha", [1e14, 1e200, 1e308])
 def test_a_laplacian_that_outweighs_the_vertices_is_refused_with_the_remedy(binding, alpha):
-    with pytest.raises(NumericalError, match=r"singular.*lower `alpha`"):
+    with pytest.raises(NumericalError, match=r"singular.*lower `alpha"):
         DualLaplacianSolver(binding, SolveSettings(alpha=alpha))
     assert DualLaplacianSolver(binding, SolveSettings()).quality.condition_number < 1e6
 

@@ -166,7 +166,7 @@ def test_more_influences_than_cage_vertices_are_refused(run, folder):
     for command in words:
         outcome = run(*command, "--influences", 9)
         assert outcome.code == 1
-        assert "cages.h5: --influences is 9, but the cage has 8 vertices" in outcome.err
+        assert "cages.h5: --influences 9, " in outcome.err
 
 
 def test_settings_that_are_no_numbers_are_refused(run, folder):
