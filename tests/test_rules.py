@@ -1,5 +1,7 @@
 """The checks of the rules find what breaks them."""
 
+import pytest
+
 from tests.rules import find_option_words, find_repeated_constants, find_sizes
 
 SHORT, LONG, FINE = "x = 1\n" * 59, "x = 1\n" * 351, "x = 1\n" * 60
@@ -26,6 +28,17 @@ def test_options_below_the_command_line_are_found():
     modules = [("solver/a.py", message), ("cli/b.py", message)]
     (fault,) = find_option_words(modules)
     assert fault.startswith("solver/a.py:1: names --rest-frame")
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        'WORDS = ["cageik", "cage", "--repair", "cage.obj"]\n',
+        'TEXT = "start `dask worker --nthreads 1`"\n',
+    ],
+)
+def test_words_of_commands_pass(source):
+    assert list(find_option_words([("workflows/a.py", source)])) == []
 
 
 def test_parameters_in_backticks_and_docstrings_pass():

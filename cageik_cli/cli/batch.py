@@ -133,7 +133,7 @@ def batch_command(
         return
     chosen = _choose_scheduler(scheduler, jobs)
     with show_progress(not quiet, None, False, LineLogger) as progress:
-        overview = run_batch(batch, chosen, progress, _word)
+        overview = run_batch(batch, chosen, progress, word_options)
     append_step_summary(format_markdown(overview))
     _show_overview(overview, quiet)
     if not quiet:
@@ -157,18 +157,13 @@ def _choose_scheduler(address: str | None, jobs: int) -> "Scheduler":
     return ProcessScheduler(jobs)
 
 
-def _word(message: str) -> str:
-    """Return a message with the options of extract, which those of clips are."""
-    return word_options(message, None)
-
-
 def _show_dry_run(clips: dict[str, list[tuple[str, str]]]) -> None:
     """Print what would be done; exit with 1 if a clip would fail."""
     from cageik_cli.util.text import format_block, format_count
     from cageik_cli.workflows.batch.run import FAULT_LABEL
 
     failing = sum(rows[0][0] == FAULT_LABEL for rows in clips.values())
-    lines = [_word(format_block(name, rows)) for name, rows in clips.items()]
+    lines = [word_options(format_block(name, rows)) for name, rows in clips.items()]
     lines.append(f"{failing} of {format_count(len(clips), 'clip')} would fail")
     click.echo("\n".join(lines))
     if failing:

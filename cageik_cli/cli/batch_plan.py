@@ -230,4 +230,4 @@ def _describe_fault(error: click.UsageError | CageikError) -> str:
         option = max(error.param.opts, key=len)
         return f"{option} of a {CONFIG_NAME} in its folder or above: {error.message.rstrip('.')}"
     message = error.message if isinstance(error, click.UsageError) else str(error)
-    return word_options(message, extract_command)
+    return word_options(message)

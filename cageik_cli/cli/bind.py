@@ -94,7 +94,7 @@ def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool)
         stored = bind_files(settings, progress)
     if not quiet:
         rows = [*format_binding_rows(stored, bool(get_verbosity())), *progress.make_rows()]
-        click.echo(word_options(format_block(str(output), rows), None), err=True)
+        click.echo(word_options(format_block(str(output), rows)), err=True)
         click.echo(f"wrote {output}; next: cageik extract FRAMES --binding {output}", err=True)
     if get_verbosity():
         click.echo(f"cache: {settings.weights.cache}", err=True)

@@ -84,13 +84,13 @@ def check_command(
     check_views(views, settings.inputs(), overwrite)
     result = check_cage(settings)
     if json_path is not None:
-        write_or_print(word_options(format_check_json(result), None), json_path, overwrite)
+        write_or_print(word_options(format_check_json(result)), json_path, overwrite)
     if plot is not None:
         write_or_print(_render_plot(result), plot, overwrite)
     if marked is not None:
         write_or_print(_encode_marked(result), marked, overwrite)
     if not quiet:
-        click.echo(word_options(format_check_text(result), None), err=is_on_stdout)
+        click.echo(word_options(format_check_text(result)), err=is_on_stdout)
         if plot is not None or marked is not None:
             click.echo(format_marks_text(result), err=is_on_stdout)
         for path in list_files(views):

@@ -238,7 +238,7 @@ def extract_command(
         lines += messages
         if settings.cage_output is not None:
             lines.append(f"wrote {settings.cage_output}")
-        click.echo(word_options("\n".join(lines), extract_command), err=True)
+        click.echo(word_options("\n".join(lines)), err=True)
         click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
     if get_verbosity():
         _show_details(settings, result)

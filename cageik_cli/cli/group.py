@@ -101,7 +101,7 @@ def _show_note(sentence: str) -> None:
         click.echo(f"note: {single_line(sentence)}", err=True)
 
 
-def word_options(text: str, command: click.Command | None) -> str:
+def word_options(text: str, command: click.Command | None = None) -> str:
     """Return a message with the options of a command in place of parameters.
 
     Below `cli`, a parameter is written as a keyword in backticks: `overwrite=True`, `fit_rank=`,

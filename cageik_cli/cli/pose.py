@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,
     WEIGHT_OPTIONS,
@@ -201,7 +202,7 @@ def pose_command(
         write_or_print(format_pose_json(result.summary), json_path, settings.overwrite)
     if not quiet:
         rows = [*format_pose_rows(result.summary), *progress.make_rows()]
-        click.echo(format_block(str(settings.output), rows), err=True)
+        click.echo(word_options(format_block(str(settings.output), rows), pose_command), err=True)
         written = list_files([*settings.outputs(), plot, json_path])
         is_edit = isinstance(settings, EditSettings)
         next_step = f"; next: cageik report {settings.output}" if is_edit else ""

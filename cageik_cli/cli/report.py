@@ -155,7 +155,7 @@ def report_command(
     else:
         is_verbose = bool(get_verbosity())
         texts = (format_text(report, is_verbose) for report in reports)
-        click.echo(word_options("\n\n".join(texts), None), err=targets.uses_stdout)
+        click.echo(word_options("\n\n".join(texts)), err=targets.uses_stdout)
     exit_with_code(overview)
 
 

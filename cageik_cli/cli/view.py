@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cli.extract import BUILT_CAGE_OPTIONS
+from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,
     WEIGHT_OPTIONS,
@@ -129,6 +130,12 @@ class TerminalListener:
         self._opens_browser = opens_browser
         self._progress = ProgressBar(is_drawn=False)
 
+    def word(self, message: str) -> str:
+        """Return a message with the options of `cageik pose`, which does what the page does."""
+        from cageik_cli.cli.pose import pose_command
+
+        return word_options(message, pose_command)
+
     def open(self, address: str) -> None:
         """Print the address, whatever else is printed, and open it."""
         click.echo(address)
@@ -157,7 +164,7 @@ class TerminalListener:
 
         if not self._is_quiet:
             rows = [*format_pose_rows(result.summary), *self._progress.make_rows()]
-            click.echo(format_block(str(self._settings.output), rows), err=True)
+            click.echo(self.word(format_block(str(self._settings.output), rows)), err=True)
             click.echo(f"wrote {', '.join(map(str, self._settings.outputs()))}", err=True)
 
     def tell_failed(self, error: str) -> None:

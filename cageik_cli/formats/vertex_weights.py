@@ -12,8 +12,6 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 from cageik_cli.util.files import check_input, read_input
 
-_READ_ERRORS = (FormatError, ValueError, TypeError, EOFError, MemoryError, SyntaxError, TokenError)
-
 MAX_ROWS_BYTES = 1 << 22
 """Largest part of the weights of frames that is checked at once."""
 
@@ -121,7 +119,15 @@ def read_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
                 weights = _parse_text(data)
             if weights.dtype.kind not in "fiub":
                 raise FormatError(f"it holds {weights.dtype} values")
-        except _READ_ERRORS as error:
+        except (
+            FormatError,
+            ValueError,
+            TypeError,
+            EOFError,
+            MemoryError,
+            SyntaxError,
+            TokenError,
+        ) as error:
             # What libraries say quotes the file, which may be any that a file of options names.
             said = f" ({error})" if isinstance(error, FormatError) else ""
             raise FormatError(

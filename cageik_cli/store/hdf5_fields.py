@@ -26,7 +26,7 @@ from cageik_cli.util.outputs import DeferredErrorFile
 from cageik_cli.util.text import single_line, to_unicode
 from cageik_cli.util.threads import OrderedMap, count_processors
 
-MAX_CHUNK_BYTES = 1 << 18
+MAX_STORED_CHUNK_BYTES = 1 << 18
 """Bytes of the rows of a matrix that are compressed together."""
 
 Record = TypeVar("Record")
@@ -194,7 +194,7 @@ def write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:
     if not matrix.size:
         file.create_dataset(name, data=matrix)
         return
-    rows = max(1, min(len(matrix), MAX_CHUNK_BYTES // matrix[0].nbytes))
+    rows = max(1, min(len(matrix), MAX_STORED_CHUNK_BYTES // matrix[0].nbytes))
     chunks = (rows, matrix.shape[1])
     filters = {"shuffle": True, "compression": "gzip", "compression_opts": 1}
     dataset = file.create_dataset(name, matrix.shape, "f8", chunks=chunks, **filters)

@@ -92,6 +92,18 @@ def test_the_outcome_of_an_edit_is_shown(run, bound, monkeypatch):
     assert run(*words, "-q").err == "Error: handles: are wrong\nstopped\n"
 
 
+def test_what_the_page_tells_names_the_options(run, bound, monkeypatch):
+    worded = []
+
+    def use(session, port, listener):
+        worded.append(listener.word("it shears; let it rotate with `rigidity=10`"))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cageik_cli.workflows.view.run.run_view", use)
+    assert run("view", "cages.h5").code == 0
+    assert worded == ["it shears; let it rotate with --rigidity 10"]
+
+
 def test_an_edit_that_is_dropped_is_told(run, bound, monkeypatch):
     def use(session, port, listener):
         with listener.show_edit():

@@ -478,7 +478,7 @@ def test_an_interrupted_write_is_not_a_result(tmp_path):
 @pytest.mark.parametrize("rows", [1, 7, 18, 100])
 def test_weights_are_compressed_without_loss(tmp_path, monkeypatch, rows):
     """Any number of chunks, the last one full or not, by HDF5's own reading."""
-    monkeypatch.setattr(parts, "MAX_CHUNK_BYTES", rows * BINDING.weights[0].nbytes)
+    monkeypatch.setattr(parts, "MAX_STORED_CHUNK_BYTES", rows * BINDING.weights[0].nbytes)
     with h5py.File(written(tmp_path / "cages.h5")) as file:
         weights = file["weights"]
         assert (weights.compression, weights.shuffle) == ("gzip", True)

@@ -176,8 +176,8 @@ def _advise_on_cage_motion(
         yield (
             f"cage vertex {summary.cage_vertex} moves {format_length(summary.cage_moved)}, more "
             f"than {max_ratio:g} times as far as any handle: the cage cannot follow the "
-            "handles; remove some handles, raise --alpha (for example to 1e-3), or check the cage "
-            "with cageik check"
+            "handles; remove some handles, raise `alpha=` (for example to 1e-3), or check the "
+            "cage with cageik check"
         )
 
 
@@ -186,7 +186,7 @@ def _advise_on_volume(summary: PoseSummary, max_percent: float = 10.0) -> Iterat
     if abs(summary.volume_change_percent or 0.0) > max_percent and not summary.rigidity:
         yield (
             f"the volume changes by more than {max_percent:g} %: parts that turn are "
-            "sheared; let them rotate with --rigidity 10"
+            "sheared; let them rotate with `rigidity=10`"
         )
 
 

@@ -121,6 +121,10 @@ class BoardProgress(ProgressListener):
 class ViewListener(Protocol):
     """Hears of a page that is served; this one ignores it."""
 
+    def word(self, message: str) -> str:
+        """Return a message in the words of who reads the page."""
+        return message
+
     def open(self, address: str) -> None:
         """Take the address of the page, which is served from now on."""
 
@@ -179,10 +183,12 @@ def _run_edit(session: ViewSession, edit: Edit, board: JobBoard, listener: ViewL
             progress_on_board = BoardProgress(board, progress)
             result = edit(progress_on_board)
     except Exception as error:  # the page keeps its handles, whatever happens
-        board.change(state="failed", error=describe_error(error))
-        listener.tell_failed(describe_error(error))
+        message = listener.word(describe_error(error))
+        board.change(state="failed", error=message)
+        listener.tell_failed(message)
         return
-    rows = (*format_pose_rows(result.summary), *progress_on_board.notes)
+    told = (*format_pose_rows(result.summary), *progress_on_board.notes)
+    rows = tuple((label, listener.word(text)) for label, text in told)
     written = tuple(str(path) for path in session.settings.outputs())
     board.change(state="done", rows=rows, written=written)
     listener.tell_applied(result)
