@@ -14,8 +14,9 @@ from cageik_cli.cli.options import (
     is_given,
     is_on_command_line,
     jobs_option,
-    name_option,
+    json_option,
     overwrite_option,
+    refuse_options,
 )
 from cageik_cli.cli.options.clip import CLIP_OPTIONS, rest_frame_option, rest_option
 from cageik_cli.cli.options.types import PercentType
@@ -53,9 +54,8 @@ def make_cage_settings(repair: Path | None, **values: Any) -> "CageSettings | Re
             raise click.UsageError("Missing argument 'MODEL' (or '--repair', which names a cage).")
         rest_frame = values.pop("rest_frame") if is_given("rest_frame") else None
         return CageSettings(**{**values, "rest_frame": rest_frame})
-    for name in ("vertices", "clearance", "rest_frame", "animation"):
-        if is_on_command_line(name):
-            raise click.UsageError(f"--repair keeps the cage; leave out {name_option(name)}")
+    build_names = ("vertices", "clearance", "rest_frame", "animation")
+    refuse_options(build_names, "--repair keeps the cage; leave out {}", is_on_command_line)
     if (model is None) == (rest is None):
         raise click.UsageError("--repair needs the model: give it with --rest, or as MODEL")
     return RepairCageSettings(
@@ -89,7 +89,7 @@ def make_cage_settings(repair: Path | None, **values: Any) -> "CageSettings | Re
     overwrite_option,
     jobs_option,
 )
-@click.option("--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout.")
+@json_option
 @common_options
 def cage_command(
     settings: "CageSettings | RepairCageSettings", json_path: Path | None, quiet: bool

@@ -12,6 +12,7 @@ from cageik_cli.cli.options import (
     common_options,
     is_given,
     jobs_option,
+    json_option,
     overwrite_option,
 )
 from cageik_cli.cli.options.clip import CLIP_OPTIONS, rest_frame_option, rest_option
@@ -43,7 +44,7 @@ def make_check_settings(**values: Any) -> "CheckSettings":
     CLIP_OPTIONS,
     jobs_option,
 )
-@click.option("--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout.")
+@json_option
 @click.option(
     "--plot",
     type=SuffixedPath(".png"),

@@ -15,12 +15,11 @@ from cageik_cli.cli.options import (
     OptionGroup,
     common_options,
     get_verbosity,
-    is_given,
     is_on_command_line,
     jobs_option,
     memory_option,
-    name_option,
     overwrite_option,
+    refuse_options,
     timings_option,
 )
 from cageik_cli.cli.options.clip import (
@@ -67,23 +66,15 @@ def make_extract_settings(**values: Any) -> "ExtractSettings":
     if values["binding"] is not None:
         _check_binding_settings(values["binding"], values["bind"])
     if values["cage"] is not None or values["binding"] is not None:
-        _check_no_cage_is_built("--binding" if values["cage"] is None else "--cage")
+        given = "--binding" if values["cage"] is None else "--cage"
+        message = "{} is for a cage that is built; leave out {} or " + given
+        refuse_options(("vertices", "cage_output"), message)
     return ExtractSettings(**values)
 
 
 def keep_weights(no_weights: bool) -> bool:
     """Return whether the result holds the weights."""
     return not no_weights
-
-
-def _check_no_cage_is_built(given: str) -> None:
-    """Refuse options of a cage that is built, beside one that is given."""
-    for name in ("vertices", "cage_output"):
-        if is_given(name):
-            option = name_option(name)
-            raise click.UsageError(
-                f"{option} is for a cage that is built; leave out {option} or {given}"
-            )
 
 
 def _check_binding_settings(binding: Path, requested: BindSettings) -> None:

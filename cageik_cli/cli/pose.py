@@ -13,8 +13,9 @@ from cageik_cli.cli.options import (
     OptionGroup,
     common_options,
     is_on_command_line,
-    name_option,
     overwrite_option,
+    posed_cage_option,
+    refuse_options,
     timings_option,
 )
 from cageik_cli.cli.options.types import PercentType, SuffixedPath
@@ -90,23 +91,22 @@ def make_pose_settings(
     weight_names = sorted(WEIGHT_OPTIONS.option_names)
     is_hdf5 = target.suffix.lower() in HDF5_SUFFIXES
     if is_hdf5 and not is_binding(target):
-        _reject_options(
-            ("cage", "cage_output", *weight_names), "a model; a result has its cage and weights"
+        refuse_options(
+            ("cage", "cage_output", *weight_names),
+            "{} is for a model; a result has its cage and weights; leave it out",
+            is_on_command_line,
         )
         del others["weights"]
         return EditSettings(target, **others)
     if is_hdf5:
-        _reject_options(("cage", *weight_names), "a model; a binding has its cage and weights")
+        refuse_options(
+            ("cage", *weight_names),
+            "{} is for a model; a binding has its cage and weights; leave it out",
+            is_on_command_line,
+        )
     elif cage is None:
         raise click.UsageError(f"Missing option '--cage', which {target} needs.")
     return PoseSettings(target, cage=cage, cage_output=cage_output, **others)
-
-
-def _reject_options(names: tuple[str, ...], purpose: str) -> None:
-    """Refuse options that do not apply to this kind of TARGET."""
-    for name in names:
-        if is_on_command_line(name):
-            raise click.UsageError(f"{name_option(name)} is for {purpose}; leave it out")
 
 
 def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -131,12 +131,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
         help="The posed model (.obj, .ply), or the edited result (.h5).",
     ),
     click.option("--cage", type=PATH_TYPE, help="The cage around TARGET, if that is a model."),
-    click.option(
-        "--cage-out",
-        "cage_output",
-        type=PATH_TYPE,
-        help="Also write the posed cage (.obj, .ply).",
-    ),
+    posed_cage_option,
     POSING_OPTIONS,
     WEIGHT_OPTIONS,
     overwrite_option,

@@ -1,6 +1,6 @@
 """`cageik view`: a page in the browser that plays a clip and poses its model."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +13,10 @@ from cageik_cli.cli.options import (
     WEIGHT_OPTIONS,
     OptionGroup,
     common_options,
-    is_given,
     is_on_command_line,
-    name_option,
     overwrite_option,
+    posed_cage_option,
+    refuse_options,
 )
 from cageik_cli.cli.output import ProgressBar, show_progress
 from cageik_cli.util.progress import ProgressListener
@@ -44,16 +44,14 @@ def make_view_settings(**values: Any) -> "ViewSettings":
     elif values["cage"] is not None:
         _reject(["vertices"], "it is for a cage that is built, and --cage gives one")
     if values["output"] is None:
-        outputs = ["cage_output", "handles_output"]
-        _reject(outputs, "it is written with the output, which -o names", is_given)
+        outputs = ("cage_output", "handles_output")
+        refuse_options(outputs, "{}: it is written with the output, which -o names; leave it out")
     return ViewSettings(**values)
 
 
-def _reject(
-    names: list[str], reason: str, is_named: Callable[[str], bool] = is_on_command_line
-) -> None:
-    for name in filter(is_named, names):
-        raise click.UsageError(f"{name_option(name)}: {reason}; leave it out")
+def _reject(names: list[str], reason: str) -> None:
+    """Refuse options on the command line; a file of options may have them for other targets."""
+    refuse_options(names, "{}: " + f"{reason}; leave it out", is_on_command_line)
 
 
 @click.command("view")
@@ -73,12 +71,7 @@ def _reject(
         type=PATH_TYPE,
         help="The posed model (.obj, .ply) or edited result (.h5) that Apply writes.",
     ),
-    click.option(
-        "--cage-out",
-        "cage_output",
-        type=PATH_TYPE,
-        help="Also write the posed cage (.obj, .ply).",
-    ),
+    posed_cage_option,
     click.option(
         "--handles-out",
         "handles_output",

@@ -1,7 +1,7 @@
 """Options that commands share, and groups of options that become one record."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import update_wrapper
 from importlib import import_module
@@ -182,6 +182,14 @@ timings_option = click.option(
     "--timings", type=PATH_TYPE, help="Write the seconds of each stage to this JSON file."
 )
 
+json_option = click.option(
+    "--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout."
+)
+
+posed_cage_option = click.option(
+    "--cage-out", "cage_output", type=PATH_TYPE, help="Also write the posed cage (.obj, .ply)."
+)
+
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace existing outputs.")
 
 output_options = (
@@ -253,6 +261,27 @@ def name_option(name: str) -> str:
     """Return how an option of the command that runs is typed."""
     params = click.get_current_context().command.params
     return next(max(param.opts, key=len) for param in params if param.name == name)
+
+
+def refuse_options(
+    names: Iterable[str], message: str, is_named: Callable[[str], bool] = is_given
+) -> None:
+    """Refuse options that are given where they mean nothing.
+
+    Parameters
+    ----------
+    message : str
+        Why, and what to do; `{}` stands for the option as it is typed.
+    is_named : callable
+        Tells whether an option is given: `is_on_command_line` lets files of options have it.
+
+    Raises
+    ------
+    click.UsageError
+        Naming the first of them.
+    """
+    for name in filter(is_named, names):
+        raise click.UsageError(message.replace("{}", name_option(name)))
 
 
 def choose_cache_folder(cache: Path | None, no_cache: bool) -> Path | None:

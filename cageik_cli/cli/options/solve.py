@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 import click
 
-from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, is_given, name_option
+from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, refuse_options
 from cageik_cli.cli.options.types import OrWord
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import AREA, AUTO_SMOOTHING, CaptureSettings, SolveSettings
@@ -82,11 +82,7 @@ FIT_STRENGTH_OPTIONS = tuple(map(_make_fit_option, fields(FitSettings)))
 
 def refuse_without_fit(names: Iterable[str]) -> None:
     """Refuse options that are given, though they are for a fit and there is none."""
-    for name in filter(is_given, names):
-        option = name_option(name)
-        raise click.UsageError(
-            f"{option} is for weights that are fitted; add --fit, or leave out {option}"
-        )
+    refuse_options(names, "{} is for weights that are fitted; add --fit, or leave out {}")
 
 
 def make_fit_settings(is_fitted: bool, **options: Any) -> FitSettings | None:
