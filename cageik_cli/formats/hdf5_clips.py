@@ -159,7 +159,8 @@ def _read_attribute(file: Any, clip: str, name: str, default: float) -> Floats:
     value = read_attribute(file, name, read_attribute(file[clip], name, default))
     array = np.asarray(value)
     if array.dtype.kind not in "fiu" or array.shape not in ((), (1,), (3,), (1, 3)):
-        raise FormatError(f"attribute `{name}` is {value!r}, expected one or three numbers")
+        found = repr(value) if array.ndim == 0 else f"{array.dtype} of shape {array.shape}"
+        raise FormatError(f"attribute `{name}` is {found}, expected one or three numbers")
     return np.asarray(array, np.float64).reshape(-1)
 
 

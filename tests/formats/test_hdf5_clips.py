@@ -10,6 +10,7 @@ from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import FormatError, SettingError
 from tests.clips import frames_of
+from tests.refusals import refused
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 FRAMES = np.arange(3 * 4 * 3, dtype=float).reshape(3, 4, 3) ** 2
@@ -147,10 +148,8 @@ def test_a_clip_is_chosen_by_its_name(bodies, selection):
     ],
 )
 def test_no_name_or_a_wrong_one_is_refused_with_names(bodies, member, says):
-    with pytest.raises(SettingError) as caught:
+    with refused(SettingError, says, at=bodies[0]):
         open_sequence([f"{bodies[0]}{member}"])
-    assert str(caught.value).startswith(f"{bodies[0]}: ")
-    assert says in str(caught.value)
 
 
 def test_more_entries_than_a_file_of_clips_has_are_refused(bodies, monkeypatch):
@@ -352,8 +351,8 @@ DAMAGES = {
         "vertex 1 is (9, 16, nan)",
     ),
     "scale of text": (lambda f: f.attrs.update(scale="big"), "attribute `scale` is 'big'"),
-    "scale of two": (lambda f: f.attrs.update(scale=[1.0, 2.0]), "attribute `scale` is array"),
-    "mean a matrix": (lambda f: f.attrs.update(mean=np.eye(3)), "attribute `mean` is array"),
+    "scale of two": (lambda f: f.attrs.update(scale=[1.0, 2.0]), "is float64 of shape (2,)"),
+    "mean a matrix": (lambda f: f.attrs.update(mean=np.eye(3)), "is float64 of shape (3, 3)"),
     "scale that overflows": (
         lambda f: (f.attrs.update(scale=1e308), f["verts"].__setitem__((0, 0, 0), 1e308)),
         "vertex 0 is (inf,",
@@ -366,7 +365,5 @@ DAMAGES = {
 def test_what_is_no_sound_clip_is_refused(path, damage, says):
     with h5py.File(path, "r+") as file:
         damage(file)
-    with pytest.raises(FormatError) as caught:
+    with refused(FormatError, says, at=path):
         open_sequence([str(path)])
-    assert str(caught.value).startswith(f"{path}: ")
-    assert says in str(caught.value)
