@@ -9,7 +9,7 @@ import numpy as np
 from alembic3d.Abc import OArchive
 from alembic3d.AbcCoreAbstract import TimeSampling
 from alembic3d.AbcGeom import OPolyMesh, OPolyMeshSchemaSample
-from pxr import Usd, UsdGeom, Vt
+from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 
 FACES = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
 FRAMES = np.random.default_rng(0).integers(-99, 99, (5, 4, 3)) / 8
@@ -84,18 +84,27 @@ def _write_npz(path, frames):
 
 def _write_h5(path, frames):
     with h5py.File(path, "w") as file:
-        file["verts"], file["tris"] = frames, FACES.astype(np.int32)
+        file["verts"], file["tris"] = (frames - [1, 2, 3]) / 2, FACES.astype(np.int32)
+        file.attrs.update(scale=2.0, mean=[1.0, 2.0, 3.0])
 
 
 def _write_dfaust(path, frames):
     with h5py.File(path, "w") as file:
-        file["faces"], file["one"] = FACES.astype("u4"), frames.transpose(1, 2, 0)
+        file["faces"] = FACES.astype("u4")
+        file.create_dataset("one", data=frames.transpose(1, 2, 0), compression="gzip")
 
 
 def _write_usd(path, frames):
     stage = Usd.Stage.CreateNew(str(path))
     add_usd_mesh(stage, frames=frames, times=range(1, len(frames) + 1))
     stage.Save()
+
+
+def _write_usdz(path, frames):
+    inner = path.with_name("inner.usdc")
+    _write_usd(inner, frames)
+    assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(inner)), str(path))
+    inner.unlink()
 
 
 def _write_abc(path, frames):
@@ -112,8 +121,10 @@ KINDS = {
     "clip.npy": np.save,
     "clip.h5": _write_h5,
     "clip.hdf5": _write_dfaust,
+    "clip.usd": _write_usd,
     "clip.usda": _write_usd,
     "clip.usdc": _write_usd,
+    "clip.usdz": _write_usdz,
     "clip.abc": _write_abc,
 }
 """What writes a clip of `FACES` in one file, by the name of the file."""

@@ -202,16 +202,6 @@ def test_what_makes_no_clip_is_a_sentence(archive, spoiled, sentence):
     assert archive.refused().startswith(sentence)
 
 
-def test_a_file_cut_short_is_a_sentence(archive):
-    archive.mesh()
-    archive.opened()
-    data = archive.path.read_bytes()
-    for size in range(16, len(data) - 1, 97):
-        archive.path.write_bytes(data[:size])
-        with pytest.raises(FormatError, match=r"clip\.abc: is cut short"):
-            open_sequence([str(archive.path)])
-
-
 def test_a_file_that_was_never_closed_is_a_sentence(archive):
     archive.mesh()
     archive.opened()

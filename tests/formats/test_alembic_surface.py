@@ -16,23 +16,16 @@ from alembic3d.AbcGeom import (
 )
 from imath import IntArrayFromBuffer, UnsignedIntArray, V2fArrayFromBuffer, V3fArrayFromBuffer
 
-from cageik_cli.formats.obj import Reader
-from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.surface_parts import FaceLabels, UvMap
 from tests.assets import asset_text, parse_asset
 from tests.formats.clips import written
 from tests.shapes import QUADS, box
-from tests.store.test_attributes import assert_same
+from tests.surfaces import ASSET, assert_same, change
 
 TEXT = parse_asset(asset_text())
-ASSET = Reader.read_attributes(asset_text().encode(), parse_obj(asset_text().encode())).make_mesh()
 FRAMES = np.stack([ASSET.vertices * (1, 1, 1 + k) for k in range(3)])
 KEPT = {"groups": None, "objects": None, "smoothing": None, "material_library": ""}
-
-
-def change(**parts):
-    return replace(ASSET, attributes=replace(ASSET.attributes, **parts))
 
 
 def test_alembic_reads_what_the_text_says_corner_by_corner(tmp_path):
@@ -73,7 +66,7 @@ PARTS = {
 
 @pytest.mark.parametrize("parts", PARTS.values(), ids=PARTS)
 def test_each_part_is_read_as_it_is_written(tmp_path, parts):
-    mesh = change(**parts)
+    mesh = change(ASSET, **parts)
     read = open_sequence([str(written(tmp_path / "a.abc", FRAMES, mesh))]).first.attributes
     for name in set(parts) - {"materials"}:
         assert_same(getattr(read, name), getattr(mesh.attributes, name))
@@ -85,13 +78,13 @@ def test_each_part_is_read_as_it_is_written(tmp_path, parts):
 
 
 def test_names_that_become_alike_stay_apart(tmp_path):
-    mesh = change(materials=FaceLabels(("a/b", "a_b"), np.arange(27) % 2))
+    mesh = change(ASSET, materials=FaceLabels(("a/b", "a_b"), np.arange(27) % 2))
     read = open_sequence([str(written(tmp_path / "a.abc", FRAMES, mesh))]).first.attributes
     assert read.materials.names == ("a_b", "a_b_")
 
 
 def test_corners_without_uvs_are_at_zero(tmp_path):
-    mesh = change(uvs=UvMap(np.ones((1, 2)), np.arange(110) % 2 - 1))
+    mesh = change(ASSET, uvs=UvMap(np.ones((1, 2)), np.arange(110) % 2 - 1))
     uvs = open_sequence([str(written(tmp_path / "a.abc", FRAMES, mesh))]).first.attributes.uvs
     np.testing.assert_array_equal(uvs.values[uvs.indices][:, 0], np.arange(110) % 2)
 

@@ -9,7 +9,6 @@ import tracemalloc
 import warnings
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import trimesh
@@ -19,66 +18,27 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
+from tests.formats.kinds import FACES, FRAMES, KINDS
 
 COUNT = 120
 MOST = 64 << 20
 """Bytes that a file of a few KiB may make a reader take."""
 
-RNG = np.random.default_rng(0)
-FRAMES = RNG.normal(size=(6, 8, 3)).astype("f4")
-FACES = RNG.integers(0, 8, (10, 3)).astype("i4")
-FACES[0] = 5, 6, 7
 REST = LoadedMesh(TriMesh(FRAMES[0], FACES), {"name": "rest.obj"})
 
 
-def write_mdd(path):
-    header = struct.pack(">ii", *FRAMES.shape[:2])
-    path.write_bytes(header + np.arange(6, dtype=">f4").tobytes() + FRAMES.astype(">f4").tobytes())
+def write_deflated(path, frames):
+    np.savez_compressed(path, verts=frames, faces=FACES, up_axis="Z")
 
 
-def write_pc2(path):
-    header = struct.pack("<12siiffi", b"POINTCACHE2\0", 1, 8, 1.0, 1.0, 6)
-    path.write_bytes(header + FRAMES.tobytes())
+def write_ply(path, frames):
+    path.write_bytes(trimesh.Trimesh(frames[0], FACES, process=False).export(file_type="ply"))
 
 
-def write_anime(path):
-    header = struct.pack("<iii", 6, 8, 10)
-    parts = (FRAMES[0], FACES, FRAMES[1:] - FRAMES[0])
-    path.write_bytes(header + b"".join(part.tobytes() for part in parts))
-
-
-def write_ply(path):
-    path.write_bytes(trimesh.Trimesh(FRAMES[0], FACES, process=False).export(file_type="ply"))
-
-
-def write_splocs(path):
-    with h5py.File(path, "w") as file:
-        file["verts"], file["tris"] = FRAMES, FACES
-        file.attrs.update(scale=2.0, mean=[1.0, 2.0, 3.0], fps=24.0)
-
-
-def write_dfaust(path):
-    with h5py.File(path, "w") as file:
-        file["faces"] = FACES
-        data = FRAMES.transpose(1, 2, 0)
-        file.create_dataset("walk", data=data, chunks=(8, 3, 2), compression="gzip")
-
-
-KINDS = {
-    "mdd": ("clip.mdd", write_mdd),
-    "pc2": ("clip.pc2", write_pc2),
-    "anime": ("clip.anime", write_anime),
-    "npy": ("clip.npy", lambda path: np.save(path, FRAMES)),
-    "npz stored": ("clip.npz", lambda path: np.savez(path, verts=FRAMES, faces=FACES, fps=24)),
-    "npz deflated": (
-        "clip.npz",
-        lambda path: np.savez_compressed(path, verts=FRAMES, faces=FACES, up_axis="Z"),
-    ),
-    "ply": ("clip.ply", write_ply),
-    "splocs": ("clip.h5", write_splocs),
-    "dfaust": ("clip.hdf5", write_dfaust),
-}
-IN_PROCESS = [kind for kind in KINDS if kind not in ("splocs", "dfaust")]
+IN_PROCESS = {name: KINDS[name] for name in ("clip.mdd", "clip.pc2", "clip.anime", "clip.npy")}
+IN_PROCESS |= {"clip.npz": KINDS["clip.npz"], "deflated_clip.npz": write_deflated}
+IN_PROCESS |= {"clip.ply": write_ply}
+HDF5 = {name: KINDS[name] for name in ("clip.h5", "clip.hdf5")}
 
 
 def damaged(data, rng):
@@ -107,15 +67,14 @@ def damaged(data, rng):
 
 def outcomes(folder, kind):
     """What each damaged file came to: the shape of its frames, or the sentence."""
-    name, write = KINDS[kind]
-    path = Path(folder) / name
-    write(path)
+    path = Path(folder) / kind
+    (IN_PROCESS | HDF5)[kind](path, FRAMES)
     sound = path.read_bytes()
     rng = np.random.default_rng(len(sound))
     for number in range(COUNT):
         # HDF5 has what it knows of a file from the last time, if it is still open somewhere.
         path.unlink()
-        path = path.with_name(f"{number}.{name}")
+        path = path.with_name(f"{number}.{kind}")
         path.write_bytes(damaged(sound, rng))
         try:
             frames = frames_of(open_sequence([str(path)], None, REST))
@@ -146,7 +105,7 @@ def test_damage_is_a_sentence_or_harmless(tmp_path, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["splocs", "dfaust"])
+@pytest.mark.parametrize("kind", HDF5)
 def test_damage_of_hdf5_is_a_sentence_or_harmless(tmp_path, run_process, kind):
     outcome = run_process("-m", "tests.formats.test_fuzz_readers", tmp_path, kind)
     assert (outcome.code, outcome.err) == (0, "")

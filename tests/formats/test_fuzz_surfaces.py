@@ -4,8 +4,6 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.formats.obj import Reader
-from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.write import write_mesh
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
@@ -13,9 +11,9 @@ from cageik_cli.util.errors import InputError
 from tests.assets import asset_text
 from tests.formats.clips import written
 from tests.store.test_attributes import BINDING, GROUP, SOURCES
+from tests.surfaces import ASSET
 
 COUNT = 150
-ASSET = Reader.read_attributes(asset_text().encode(), parse_obj(asset_text().encode())).make_mesh()
 
 CHARACTERS = b"0123456789-/. \n#\\%gvnstfu\x00\xff[](),e"
 

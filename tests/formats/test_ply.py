@@ -3,13 +3,12 @@
 import meshio
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cageik_cli.formats.ply import PlyFrameParser, Reader
 from cageik_cli.util.errors import FormatError, InputError
-from tests.shapes import ball
+from tests.refusals import refused
 
 
 def parse(data):
@@ -82,15 +81,6 @@ def test_uneven_polygons_as_long_as_even_ones_are_not_misread():
     assert parse(data)[2].tolist() == [4, 3, 5]
 
 
-def test_files_of_other_programs_are_read_as_they_read_them():
-    mesh = ball(2, np.pi)
-    by_trimesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type="ply")
-    vertices, corners, sizes = parse(by_trimesh)
-    np.testing.assert_array_equal(vertices, mesh.vertices.astype(np.float32))
-    np.testing.assert_array_equal(corners.reshape(-1, 3), mesh.faces)
-    assert (sizes == 3).all()
-
-
 def test_triangles_and_quads_by_meshio(tmp_path):
     path = tmp_path / "mixed.ply"
     cells = [("triangle", np.array([[0, 1, 2]])), ("quad", np.array([[0, 2, 3, 4]]))]
@@ -146,10 +136,8 @@ FAULTS = {
 
 @pytest.mark.parametrize(("data", "says"), FAULTS.values(), ids=FAULTS)
 def test_faults_have_a_sentence(data, says):
-    with pytest.raises(FormatError) as caught:
+    with refused(FormatError, says):
         parse(data)
-    assert says in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 @given(st.integers(0, len(ply())), st.integers(0, 5), st.binary(max_size=5))

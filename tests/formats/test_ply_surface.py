@@ -7,28 +7,21 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.formats.obj import Reader
-from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.formats.ply import Reader as PlyReader
+from cageik_cli.formats.ply import Reader
 from cageik_cli.formats.write import write_mesh
 from cageik_cli.geometry.surface_attributes import number_normal_fans
 from cageik_cli.geometry.surface_parts import UvMap
 from tests.assets import asset_text, parse_asset
 from tests.shapes import quad_text
-from tests.store.test_attributes import assert_same
+from tests.surfaces import ASSET, assert_same, change, read_obj
 
 TEXT = parse_asset(asset_text())
-ASSET = Reader.read_attributes(asset_text().encode(), parse_obj(asset_text().encode())).make_mesh()
 COLOURS = np.rint(np.linspace(0, 255, 90)).reshape(30, 3) / 255
 SMOOTH = number_normal_fans(*[ASSET.attributes.corners] * 2)
 LOST = {
     "materials": None, "groups": None, "objects": None, "smoothing": None, "material_library": "",
 }  # fmt: skip
-
-
-def change(**parts):
-    return replace(ASSET, attributes=replace(ASSET.attributes, **parts))
 
 
 def write(path, mesh):
@@ -37,7 +30,7 @@ def write(path, mesh):
 
 
 def test_what_ply_holds_is_read_as_it_is_written(tmp_path):
-    mesh = change(normal_fans=SMOOTH, colours=COLOURS, **LOST)
+    mesh = change(ASSET, normal_fans=SMOOTH, colours=COLOURS, **LOST)
     read = load_mesh(write(tmp_path / "a.ply", mesh)).mesh
     np.testing.assert_array_equal(read.vertices, mesh.vertices)
     np.testing.assert_array_equal(read.faces, mesh.faces)
@@ -49,7 +42,7 @@ def test_what_ply_holds_is_read_as_it_is_written(tmp_path):
 
 
 def test_meshio_reads_polygons_of_several_sizes(tmp_path):
-    other = meshio.read(write(tmp_path / "a.ply", change(uvs=None, colours=COLOURS)))
+    other = meshio.read(write(tmp_path / "a.ply", change(ASSET, uvs=None, colours=COLOURS)))
     np.testing.assert_array_equal(other.points, ASSET.vertices)
     quads = [polygon for polygon in TEXT.polygons if len(polygon) == 4]
     np.testing.assert_array_equal(other.cells_dict["quad"], quads)
@@ -64,9 +57,8 @@ def test_meshio_reads_polygons_of_several_sizes(tmp_path):
 
 
 def test_trimesh_reads_quads_with_colours(tmp_path):
-    text = quad_text(1.0).encode()
-    box = Reader.read_attributes(text, parse_obj(text)).make_mesh()
-    mesh = replace(box, attributes=replace(box.attributes, uvs=None, colours=COLOURS[:8]))
+    box = read_obj(quad_text(1.0))
+    mesh = change(box, uvs=None, colours=COLOURS[:8])
     loaded = trimesh.load(write(tmp_path / "a.ply", mesh), process=False, maintain_order=True)
     np.testing.assert_array_equal(loaded.vertices, box.vertices)
     np.testing.assert_array_equal(loaded.visual.vertex_colors[:, :3], np.rint(255 * COLOURS[:8]))
@@ -77,7 +69,7 @@ def test_corners_without_uvs(tmp_path):
     """A face of them has no list; one corner alone cannot be said in PLY."""
     indices = ASSET.attributes.uvs.indices.copy()
     indices[4:8] = -1
-    mesh = change(uvs=replace(ASSET.attributes.uvs, indices=indices))
+    mesh = change(ASSET, uvs=replace(ASSET.attributes.uvs, indices=indices))
     uvs = load_mesh(write(tmp_path / "a.ply", mesh)).mesh.attributes.uvs
     np.testing.assert_array_equal(np.flatnonzero(uvs.indices < 0), [4, 5, 6, 7])
 
@@ -87,7 +79,7 @@ def test_faces_of_many_corners(tmp_path):
     points = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
     text = "".join("v {} {} {}\n".format(*point) for point in points)
     text += "vt 0 0\nvt 0 1\nf " + " ".join(f"{k}/{k % 2 + 1}" for k in range(1, 301)) + "\n"
-    mesh = Reader.read_attributes(text.encode(), parse_obj(text.encode())).make_mesh()
+    mesh = read_obj(text)
     read = load_mesh(write(tmp_path / "a.ply", mesh)).mesh.attributes
     np.testing.assert_array_equal(read.corners, np.arange(300))
     assert_same(read.uvs, UvMap(np.array([[0, 0.0], [0, 1]]), (np.arange(300) + 1) % 2))
@@ -116,7 +108,7 @@ TEXCOORD = "property list uchar float texcoord\n"
 
 
 def read_text(text):
-    return PlyReader.read_attributes(text.encode(), PlyReader.parse(text.encode()))
+    return Reader.read_attributes(text.encode(), Reader.parse(text.encode()))
 
 
 @pytest.mark.parametrize("names", ["s t", "u v", "texture_u texture_v"])
@@ -154,7 +146,7 @@ def test_what_is_damaged_is_left_out_and_said_so(text, says):
 
 def test_lists_that_do_not_fit_are_left_out_and_said_so():
     text = make_text(face=TEXCOORD, lists=("6 0 0 1 0 1 1", "4 0 0 1 1")).encode()
-    found = PlyReader.read_attributes(text, PlyReader.parse(text))
+    found = Reader.read_attributes(text, Reader.parse(text))
     assert found.attributes.uvs is None
     assert "texture coordinates left out" in found.left_out[0]
 
@@ -165,6 +157,6 @@ def test_a_binary_file_cut_behind_its_faces_is_left_as_it_is(tmp_path):
     data = path.read_bytes().replace(
         b"property list uchar float texcoord", b"property list int float texcoord", 1
     )
-    mesh = PlyReader.parse(path.read_bytes())
-    found = PlyReader.read_attributes(data, mesh)
+    mesh = Reader.parse(path.read_bytes())
+    found = Reader.read_attributes(data, mesh)
     assert "left out" in found.left_out[0]

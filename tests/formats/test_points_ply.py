@@ -19,6 +19,7 @@ from cageik_cli.geometry.oriented import move_splats
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.util.errors import FormatError, OutputError
 from tests.formats.test_fuzz_readers import damaged
+from tests.refusals import refused
 from tests.shapes import ball
 from tests.splats import covariances, encode_rows, make_splat_rows, splat_names
 
@@ -135,9 +136,8 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults_are_named(fault):
     data, expected = FAULTS[fault]
-    with pytest.raises(FormatError) as caught:
+    with refused(FormatError, expected):
         parse_points(data) or Reader.parse(data)
-    assert expected in str(caught.value)
 
 
 def test_a_position_too_large_for_its_property_is_refused():
@@ -211,9 +211,8 @@ SPLAT_FAULTS = {
 @pytest.mark.parametrize("fault", SPLAT_FAULTS)
 def test_faults_of_splats_are_named(fault):
     rows, expected = SPLAT_FAULTS[fault]
-    with pytest.raises(FormatError) as caught:
+    with refused(FormatError, expected):
         read_splats(parse_points(encode_rows(rows)))
-    assert expected in str(caught.value)
 
 
 @pytest.mark.parametrize("length", [1e200, 1e-200, 5e-324])

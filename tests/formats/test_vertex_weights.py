@@ -7,6 +7,7 @@ import pytest
 
 from cageik_cli.formats.vertex_weights import read_vertex_weights
 from cageik_cli.util.errors import FormatError, InputError
+from tests.refusals import refused
 
 WEIGHTS = [1.0, 0.0, 0.1, 1e-300, 2.5]
 
@@ -72,9 +73,8 @@ FAULTS = {
 def test_what_is_no_list_of_numbers_is_refused(tmp_path, name, make, says):
     path = tmp_path / name
     make(path)
-    with pytest.raises(InputError) as caught:
+    with refused(InputError, says, at=path):
         read_vertex_weights(path)
-    assert str(caught.value).startswith(f"{path}: {says}")
 
 
 def test_numbers_that_are_too_large_become_infinite_without_a_warning(tmp_path):

@@ -89,10 +89,11 @@ def test_nothing_is_left_of_preparing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("start", [-1.0, 0.5])
-def test_files_are_numbered_by_whole_numbers(tmp_path, animation, start):
-    with pytest.raises(SettingError, match=rf" {start:g}, .*`start=`"):
-        write(
-            tmp_path / "a" / "a_#.obj", animation.rest, animation.frames, scene=Scene(start=start)
-        )
+@pytest.mark.parametrize(
+    "wrong", [{"start": -1.0}, {"start": 0.5}, {"frame_step": 0.5}, {"frame_step": 2.5}]
+)
+def test_files_are_numbered_by_whole_numbers(tmp_path, animation, wrong):
+    ((name, value),) = wrong.items()
+    with pytest.raises(SettingError, match=rf" {value:g}, .*`{name}=`"):
+        write(tmp_path / "a/a_#.obj", animation.rest, animation.frames, scene=Scene(**wrong))
     assert not list(tmp_path.iterdir())

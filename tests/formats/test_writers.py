@@ -15,7 +15,7 @@ from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import OutputError, SettingError
+from cageik_cli.util.errors import OutputError
 from tests.formats.written import bytes_under, single, write
 
 OWN = ("a.npz", "a.pc2", "a.mdd", "a.glb", "a/a_####.obj", "a/a_%04d.ply")
@@ -210,13 +210,3 @@ def test_a_step_is_a_scale_in_blender(tmp_path, animation, name):
         writer.append(animation.frames)
     (note,) = writer.notes
     assert note.endswith("set its Frame Scale to 0.5")
-
-
-@pytest.mark.parametrize("step", [0.5, 2.5])
-def test_files_are_named_by_whole_numbers(tmp_path, animation, step):
-    described = Animation(animation.rest, 5, Scene(frame_step=step), "a")
-    with (
-        pytest.raises(SettingError, match=rf"step of frame numbers is {step}, .* `frame_step`"),
-        Output(tmp_path / "a/a_#.obj").open_writer(described),
-    ):
-        pass

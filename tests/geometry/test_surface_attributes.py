@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.formats.obj import Reader
-from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_area_vectors, compute_fan_normals, cut_attributes
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
@@ -14,13 +12,8 @@ from cageik_cli.geometry.surface_parts import MAX_NAMES, FaceLabels, Subdivision
 from cageik_cli.util.errors import FormatError
 from tests.assets import SIDES, asset_text, parse_asset
 from tests.shapes import box, quad_text
+from tests.surfaces import ASSET, read_obj
 
-
-def read(text):
-    return Reader.read_attributes(text.encode(), parse_obj(text.encode())).make_mesh()
-
-
-ASSET = read(asset_text())
 QUADS = np.array([0, 1, 3, 2, 4, 6, 7, 5, 0, 4, 5, 1, 2, 3, 7, 6, 0, 2, 6, 4, 1, 5, 7, 3])
 PLAIN = SurfaceAttributes(np.full(6, 4), QUADS)
 
@@ -98,7 +91,7 @@ def test_triangles_have_the_normals_of_their_corners():
 
 
 def test_corners_without_uvs_are_at_zero():
-    cut = cut_attributes(read(quad_text(1).replace("f 1/1/1 ", "f 1//1 ", 1)))
+    cut = cut_attributes(read_obj(quad_text(1).replace("f 1/1/1 ", "f 1//1 ", 1)))
     assert cut.uvs[0, 0].tolist() == [0, 0]
 
 

@@ -1,70 +1,38 @@
 """Attributes of surfaces in results and bindings: kept whole, and no damage taken for sound."""
 
-from dataclasses import fields, is_dataclass, replace
-
 import h5py
 import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.obj import Reader
-from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.geometry.surface_parts import Subdivision
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.util.errors import InputError
-from tests.assets import asset_text
 from tests.shapes import ball, box, quad_text
+from tests.surfaces import ASSET, CREASES, assert_same, change, read_obj
 
 SOURCES = {"cage": {"name": "c.obj"}, "rest": {"name": "r.obj"}}
 GROUP = "attributes/rest"
 
 
-def read_text(text):
-    return Reader.read_attributes(text.encode(), parse_obj(text.encode())).make_mesh()
-
-
 def make_rest():
     """The asset with creases and colours, too."""
-    rest = read_text(asset_text())
-    creases = Subdivision(
-        "catmullClark",
-        np.array([0, 1, 2, 5, 6]),
-        np.array([3, 2]),
-        np.array([1.5, 2]),
-        np.array([7]),
-        np.array([10.0]),
-    )
-    colours = np.linspace(0, 1, 4 * len(rest.vertices)).reshape(-1, 4)
-    attributes = replace(
-        rest.attributes,
-        subdivision=creases,
-        colours=colours,
+    return change(
+        ASSET,
+        subdivision=CREASES,
+        colours=np.linspace(0, 1, 4 * len(ASSET.vertices)).reshape(-1, 4),
         material_colours=np.linspace(0, 1, 12).reshape(3, 4),
     )
-    return replace(rest, attributes=attributes)
 
 
-BINDING = bind(make_rest(), read_text(quad_text(1.0)), BindSettings("mean-value"))
+BINDING = bind(make_rest(), read_obj(quad_text(1.0)), BindSettings("mean-value"))
 
 
 @pytest.fixture
 def path(tmp_path):
     write_binding(tmp_path / "b.h5", StoredBinding(BINDING, SOURCES), overwrite=False)
     return tmp_path / "b.h5"
-
-
-def assert_same(found, expected):
-    """Records that are the same to the last bit, field by field."""
-    if is_dataclass(expected):
-        for field in fields(expected):
-            assert_same(getattr(found, field.name), getattr(expected, field.name))
-    elif isinstance(expected, np.ndarray):
-        assert found.dtype == expected.dtype
-        np.testing.assert_array_equal(found, expected)
-    else:
-        assert found == expected
 
 
 def test_what_is_written_is_read(path):
@@ -89,7 +57,7 @@ def test_triangles_alone_store_nothing(tmp_path):
 
 
 def test_an_inward_cage_is_turned_with_its_polygons(tmp_path):
-    inward = read_text(quad_text(1.0, inward=True))
+    inward = read_obj(quad_text(1.0, inward=True))
     cage = bind(ball(1), inward, BindSettings("mean-value")).cage
     quads = cage.attributes.corners.reshape(-1, 4)
     np.testing.assert_array_equal(quads[:, 0], inward.attributes.corners.reshape(-1, 4)[:, 0])
@@ -109,7 +77,7 @@ def damage(name, value):
     return apply
 
 
-def change(name, index, value):
+def set_number(name, index, value):
     """A dataset with another number."""
 
     def apply(file):
@@ -132,35 +100,35 @@ DAMAGES = {
     "no corners": (damage("corners", None), "corners"),
     "floats": (damage("corners", np.zeros(COUNT)), "corners"),
     "too few corners": (damage("corners", np.zeros(COUNT - 1, "i4")), "shape"),
-    "a vertex that is not there": (change("corners", COUNT - 1, 30), "30"),
-    "a negative vertex": (change("corners", 3, -1), "corners are -1"),
-    "two corners": (change("corner_counts", 3, 2), "corner_counts are 2"),
-    "many corners": (change("corner_counts", 3, 2**31 - 1), "polygons of"),
-    "a polygon of others": (change("corners", 3, 29), "normal"),
+    "a vertex that is not there": (set_number("corners", COUNT - 1, 30), "30"),
+    "a negative vertex": (set_number("corners", 3, -1), "corners are -1"),
+    "two corners": (set_number("corner_counts", 3, 2), "corner_counts are 2"),
+    "many corners": (set_number("corner_counts", 3, 2**31 - 1), "polygons of"),
+    "a polygon of others": (set_number("corners", 3, 29), "normal"),
     "UVs without indices": (damage("uv_indices", None), "whole numbers"),
-    "a UV that is not there": (change("uv_indices", 0, 999), "UV indices"),
+    "a UV that is not there": (set_number("uv_indices", 0, 999), "UV indices"),
     "UVs of three numbers": (damage("uvs", np.zeros((41, 3))), "uvs"),
-    "infinite UVs": (change("uvs", 0, np.inf), "UVs are not finite"),
+    "infinite UVs": (set_number("uvs", 0, np.inf), "UVs are not finite"),
     "colours of five numbers": (damage("colours", np.zeros((30, 5))), "colours"),
     "colours of materials of three": (damage("material_colours", np.zeros((3, 3))), "colours"),
     "colours of other materials": (damage("material_colours", np.zeros((2, 4))), "materials"),
-    "infinite colours": (change("material_colours", 0, np.inf), "not finite"),
+    "infinite colours": (set_number("material_colours", 0, np.inf), "not finite"),
     "colours of others": (damage("colours", np.zeros((29, 3))), "colours"),
-    "a normal of two vertices": (change("normal_fans", 0, 33), "several vertices"),
-    "a material that is not there": (change("materials/index", 0, 3), "face names"),
+    "a normal of two vertices": (set_number("normal_fans", 0, 33), "several vertices"),
+    "a material that is not there": (set_number("materials/index", 0, 3), "face names"),
     "names that are numbers": (damage("materials/name", np.arange(3)), "materials/name"),
-    "a name twice": (change("materials/name", 0, "skin"), "twice"),
-    "an empty name": (change("materials/name", 0, ""), "0 characters"),
-    "a name of two lines": (change("materials/name", 0, "a\nb"), "3 characters"),
-    "creases of others": (change("crease_lengths", 0, 4), "creases"),
-    "creases of one vertex": (change("crease_lengths", 0, 1), "crease_lengths"),
+    "a name twice": (set_number("materials/name", 0, "skin"), "twice"),
+    "an empty name": (set_number("materials/name", 0, ""), "0 characters"),
+    "a name of two lines": (set_number("materials/name", 0, "a\nb"), "3 characters"),
+    "creases of others": (set_number("crease_lengths", 0, 4), "creases"),
+    "creases of one vertex": (set_number("crease_lengths", 0, 1), "crease_lengths"),
     "sharpness of others": (damage("crease_sharpness", np.ones(9)), "sharpness"),
-    "a crease elsewhere": (change("crease_vertices", 0, 77), "77"),
+    "a crease elsewhere": (set_number("crease_vertices", 0, 77), "77"),
     "a scheme that is not known": (attribute("subdivision", "butterfly"), "butterfly"),
     "a library of lines": (attribute("material_library", "a\nb"), "library"),
     "a library of numbers": (attribute("material_library", 3), "material_library"),
-    "another UV": (change("uvs", 0, 0.123), "digest"),
-    "another name": (change("materials/name", 0, "linen"), "digest"),
+    "another UV": (set_number("uvs", 0, 0.123), "digest"),
+    "another name": (set_number("materials/name", 0, "linen"), "digest"),
     "another library": (attribute("material_library", "x.mtl"), "digest"),
     "no digest": (lambda file: file[GROUP].attrs.__delitem__("sha256"), "digest"),
     "no group": (swap, "not a group"),

@@ -11,6 +11,7 @@ import pytest
 
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix, get_dataset, open_checked, read_array
 from cageik_cli.util.errors import FileAccessError, FormatError, InputError
+from tests.refusals import refused
 
 VALUES = np.arange(12.0).reshape(4, 3)
 
@@ -69,10 +70,8 @@ def test_what_is_as_expected_is_given(path, name, kinds, shape):
     ],
 )
 def test_what_is_not_as_expected_is_refused(path, name, kinds, shape, says):
-    with pytest.raises(FormatError) as caught, open_checked(path) as file:
+    with refused(FormatError, says, at=path), open_checked(path) as file:
         read_array(file, name, kinds, shape)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert says in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -87,9 +86,8 @@ def test_what_is_not_as_expected_is_refused(path, name, kinds, shape, says):
 )
 def test_what_is_no_hdf5_file_is_refused(path, make, says):
     make(path)
-    with pytest.raises(InputError) as caught, open_checked(path):
+    with refused(InputError, says, at=path), open_checked(path):
         pytest.fail("opened")
-    assert str(caught.value).startswith(f"{path}: {says}")
 
 
 @pytest.mark.parametrize(

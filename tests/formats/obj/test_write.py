@@ -5,17 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.obj import Reader, make_obj_template
-from cageik_cli.formats.obj_text import parse_obj
+from cageik_cli.formats.obj import make_obj_template
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.write import write_mesh
 from cageik_cli.geometry.normals import compute_fan_normals
+from cageik_cli.geometry.surface_parts import FaceLabels
 from tests.assets import asset_text, parse_asset
 from tests.shapes import quad_text
-
-
-def read(text):
-    return Reader.read_attributes(text.encode(), parse_obj(text.encode())).make_mesh()
+from tests.surfaces import change, read_obj
 
 
 def rewrite(mesh, positions):
@@ -32,7 +29,7 @@ def parts(asset):
 
 @pytest.mark.parametrize("text", [asset_text(), asset_text(normals=False), quad_text(0.5)])
 def test_all_but_positions_and_normals_stays(text):
-    mesh, before = read(text), parse_asset(text)
+    mesh, before = read_obj(text), parse_asset(text)
     after = parse_asset(rewrite(mesh, 2 * mesh.vertices + 1))
     assert parts(after) == parts(before)
     np.testing.assert_allclose(after.vertices, 2 * before.vertices + 1, rtol=1e-8)
@@ -40,7 +37,7 @@ def test_all_but_positions_and_normals_stays(text):
 
 def test_normals_are_those_of_the_faces_that_shared_one():
     """The caps are flat and the side is smooth, so only the side has normals of two faces."""
-    mesh = read(asset_text())
+    mesh = read_obj(asset_text())
     turned = mesh.vertices @ [[0, 0, -1.0], [0, 1, 0], [1, 0, 0]]  # x to -z, z to x
     asset = parse_asset(rewrite(mesh, turned))
     np.testing.assert_allclose(asset.corner_normals[-1], [[1, 0, 0]] * 5, atol=1e-6)
@@ -52,7 +49,7 @@ def test_normals_are_those_of_the_faces_that_shared_one():
 
 
 def test_a_file_without_normals_gets_none():
-    assert "vn" not in rewrite(read(asset_text(normals=False)), np.zeros((30, 3)))
+    assert "vn" not in rewrite(read_obj(asset_text(normals=False)), np.zeros((30, 3)))
 
 
 V = "".join(f"v {x} {y} 0{{}}\n" for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
@@ -71,7 +68,7 @@ ODD = {
 
 @pytest.mark.parametrize("text", ODD.values(), ids=ODD)
 def test_odd_texts_stay(text):
-    mesh = read(text)
+    mesh = read_obj(text)
     assert mesh.attributes is not None
     assert parts(parse_asset(rewrite(mesh, mesh.vertices))) == parts(parse_asset(text))
 
@@ -80,12 +77,12 @@ def test_odd_texts_stay(text):
     "line", ["", "# 1\n", "l 1 2\n", "s off\n", "g\n", "vt 0 0\n", "vn 1 0 0\n"]
 )
 def test_triangles_that_say_nothing_have_no_attributes(line):
-    assert read(BARE + line + "f 1 2 3\n").attributes is None
+    assert read_obj(BARE + line + "f 1 2 3\n").attributes is None
 
 
 @pytest.mark.parametrize("weight", ["", " 1.0"])
 def test_weights_of_vertices_are_no_colours(weight):
-    assert read(V.replace("{}", weight) + "f 1 2 3 4\n").attributes.colours is None
+    assert read_obj(V.replace("{}", weight) + "f 1 2 3 4\n").attributes.colours is None
 
 
 LEFT_OUT = {
@@ -117,13 +114,9 @@ def test_colours_that_are_no_numbers_are_left_out(tmp_path):
 
 
 def test_names_that_obj_would_misread_are_changed(tmp_path):
-    from dataclasses import replace
-
-    from cageik_cli.geometry.surface_parts import FaceLabels
-
-    mesh = read(BARE + "f 1 2 3\nf 1 3 4\nf 1 2 4 3\n")
+    mesh = read_obj(BARE + "f 1 2 3\nf 1 3 4\nf 1 2 4 3\n")
     names = FaceLabels(("a#b", "c\\"), np.array([0, 1, -1]))
-    mesh = replace(mesh, attributes=replace(mesh.attributes, materials=names))
+    mesh = change(mesh, materials=names)
     write_mesh(tmp_path / "b.obj", mesh, mesh.vertices, overwrite=False)
     asset = parse_asset((tmp_path / "b.obj").read_text())
     assert [name[2] for name in asset.names] == ["a_b", "c_", "default"]
@@ -149,10 +142,10 @@ def test_any_text_is_the_same_elsewhere(faces):
     lines = [part if isinstance(part, str) else "f " + " ".join(map(spell, part)) for part in faces]
     head = BARE + "vt 0 0\nvt .5 0\nvt 0 1\nvn 0 0 1\nvn 0 1 0\n"
     text = head + "\n".join([*lines, "f 1 2 3 4"]) + "\n"
-    mesh = read(text)
+    mesh = read_obj(text)
     before, after = parse_asset(text), parse_asset(rewrite(mesh, mesh.vertices + 1))
     assert parts(after) == parts(before)
     given = [[n is not None for n in normals] for normals in before.corner_normals]
     assert [[n is not None for n in normals] for normals in after.corner_normals] == given
-    again = read(rewrite(mesh, mesh.vertices))
+    again = read_obj(rewrite(mesh, mesh.vertices))
     np.testing.assert_array_equal(again.faces, mesh.faces)

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 
-from cageik_cli.formats.obj import Reader
-from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface_attributes import number_normal_fans
@@ -16,16 +14,11 @@ from cageik_cli.geometry.surface_parts import FaceLabels, Subdivision, UvMap
 from tests.assets import asset_text, parse_asset
 from tests.formats.clips import faults_of, written
 from tests.shapes import box
-from tests.store.test_attributes import assert_same
+from tests.surfaces import ASSET, CREASES, assert_same, change
 
 TEXT = parse_asset(asset_text())
 
 
-def read_text(text):
-    return Reader.read_attributes(text.encode(), parse_obj(text.encode())).make_mesh()
-
-
-ASSET = read_text(asset_text())
 FRAMES = np.stack([ASSET.vertices * (1, 1, 1 + k) for k in range(3)])
 
 
@@ -36,10 +29,6 @@ STAGES = []
 def open_mesh(path, name="hero"):
     STAGES.append(Usd.Stage.Open(str(path)))
     return UsdGeom.Mesh(STAGES[-1].GetPrimAtPath(f"/hero/{name}"))
-
-
-def change(mesh, **parts):
-    return replace(mesh, attributes=replace(mesh.attributes, **parts))
 
 
 def read_back(path):
@@ -106,10 +95,6 @@ def test_what_is_written_is_read(tmp_path, suffix):
     np.testing.assert_array_equal(read.faces, ASSET.faces)
 
 
-CREASES = Subdivision(
-    "catmullClark", np.array([0, 1, 2, 5, 6]), np.array([3, 2]), np.array([1.5, 2]), np.array([7]),
-    np.array([10.0]),
-)  # fmt: skip
 PARTS = {
     "creases": {"subdivision": CREASES, "normal_fans": None},
     "bilinear": {"subdivision": Subdivision("bilinear"), "normal_fans": None},
