@@ -105,7 +105,7 @@ def cage_command(
     cageik cage --repair mine.obj --rest body.obj -o cage.obj
     """  # noqa: D301
     from cageik_cli.cli.output import check_views, show_progress, write_or_print
-    from cageik_cli.report.views.cage_build import (
+    from cageik_cli.report.views.cage import (
         format_cage_json,
         format_cage_text,
         format_repair_json,

@@ -20,7 +20,7 @@ from cageik_cli.cli.options.types import SuffixedPath
 from cageik_cli.cli.output import check_views, list_files, write_or_print
 
 if TYPE_CHECKING:
-    from cageik_cli.report.views.cage_check import CheckResult
+    from cageik_cli.report.views.cage import CheckResult
     from cageik_cli.workflows.check import CheckSettings
 
 
@@ -73,7 +73,7 @@ def check_command(
     number in the picture is that in the list that is printed below the findings. The mesh of
     --marked is the cage followed by the rest pose.
     """
-    from cageik_cli.report.views.cage_check import (
+    from cageik_cli.report.views.cage import (
         format_check_json,
         format_check_text,
         format_marks_text,

@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding, WeightQuality, measure_offsets
-from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import columns_to_frames, frames_to_columns, place_columns
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.solver.alignment import best_motions, centroids, move_to_rest
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.summary import spread_vertices
+from cageik_cli.solver.vertex_weights import drop_unused_vertices
 from cageik_cli.util.arrays import Floats, Integers, Workspace
-from cageik_cli.util.errors import FormatError, NumericalError
+from cageik_cli.util.errors import NumericalError
 
 MAX_CONDITION = 1e12
 """Normal matrices with a larger condition number are refused."""
@@ -266,44 +266,3 @@ class DualLaplacianSolver:
             roots = np.sqrt(weights[block, None]) * chosen
             data += roots.T @ roots
         return np.asarray(self.data_scale * data)
-
-
-def normalize_weights(weights: Floats, count: int) -> Floats:
-    """Return the weights of `count` vertices scaled to a mean of one.
-
-    Raises
-    ------
-    FormatError
-        Unless there is one weight per vertex, all are finite and 0 or above, and not all are 0.
-    """
-    if weights.shape != (count,):
-        raise FormatError(
-            f"vertex weights have shape {weights.shape}, the model has {count} vertices; expected "
-            "one number per vertex"
-        )
-    wrong = np.flatnonzero(~(np.isfinite(weights) & (weights >= 0)))
-    if len(wrong):
-        raise FormatError(
-            f"the weight of vertex {wrong[0]} is {weights[wrong[0]]}, expected a finite number of "
-            "0 or above"
-        )
-    if not weights.any():
-        raise FormatError("all vertex weights are zero; expected at least one above 0")
-    shares = weights / weights.max()  # the sum of very large or very small numbers would fail
-    return np.asarray(shares * (count / shares.sum()))
-
-
-def drop_unused_vertices(weights: Floats | None, mesh: TriMesh) -> Floats | None:
-    """Return vertex weights (m,) with 0 for vertices in no face; None if all weights are one.
-
-    Raises
-    ------
-    FormatError
-        When no other vertex has a weight above 0.
-    """
-    unused = mesh.unused_vertices
-    if len(unused) == 0 or (weights is not None and not weights[unused].any()):
-        return weights
-    kept = np.ones(len(mesh.vertices)) if weights is None else weights.copy()
-    kept[unused] = 0
-    return normalize_weights(kept, len(kept))

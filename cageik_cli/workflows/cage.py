@@ -21,7 +21,7 @@ from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.formats.open import load_mesh, mesh_suffixes, open_sequence
 from cageik_cli.formats.settings import ClipSettings, RestFrame
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.report.views.cage_build import CageResult
+from cageik_cli.report.views.cage import CageResult
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats, spread_evenly

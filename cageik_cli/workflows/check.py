@@ -6,7 +6,7 @@ from pathlib import Path
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import ClipSettings, RestFrame
-from cageik_cli.report.views.cage_check import CheckResult
+from cageik_cli.report.views.cage import CheckResult
 from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
 from cageik_cli.workflows.run_cage import format_repair_command
 from cageik_cli.workflows.settings import READ, READ_CLIP, CommandSettings

@@ -70,7 +70,7 @@ def check_cage_output(path: Path, overwrite: bool) -> None:
 def _build(model: TriMesh, settings: BuildSettings, progress: ProgressListener) -> CachedCage:
     """Build the cage, and describe it."""
     from cageik_cli.cages.build import build_cage
-    from cageik_cli.report.views.cage_build import describe_built_cage
+    from cageik_cli.report.views.cage import describe_built_cage
 
     built = build_cage(model, settings, progress=progress.update)
     return CachedCage(

@@ -10,7 +10,7 @@ from cageik_cli.cages.build import MAX_SHIFTED
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.report.views.cage_build import format_cage_json, format_cage_text
+from cageik_cli.report.views.cage import format_cage_json, format_cage_text
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.cage import CageSettings, build_cage_file

@@ -17,9 +17,11 @@ from cageik_cli.report.render.model_views import (
     FRAME_LABELS,
     Pose,
     PoseSet,
+    choose_turn,
     encode_png,
     overlay_cage,
     project_surface,
+    view_axes,
 )
 from cageik_cli.report.render.raster import ParallelCamera, rasterize_lines
 from cageik_cli.report.render.shading import (
@@ -35,7 +37,6 @@ from cageik_cli.report.render.shading import (
     parse_colour,
     render,
 )
-from cageik_cli.report.render.viewpoints import choose_turn, view_axes
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.store.result import Result
 from cageik_cli.store.result_frames import read_binding, read_unfitted

@@ -8,11 +8,13 @@ import numpy as np
 
 from cageik_cli.report.html.templating import format_ticks, make_png_url
 from cageik_cli.report.render.model_views import (
+    VIEW_TURN,
     Pose,
     PoseSet,
     encode_png,
     project_surface,
     render_with_cage,
+    view_axes,
 )
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import (
@@ -24,7 +26,6 @@ from cageik_cli.report.render.shading import (
     parse_colour,
     render,
 )
-from cageik_cli.report.render.viewpoints import VIEW_TURN, view_axes
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.threads import count_processors
 

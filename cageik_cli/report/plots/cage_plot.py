@@ -13,15 +13,20 @@ from matplotlib.patheffects import withStroke
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.check_marks import FaultMark
-from cageik_cli.report.plots.placement import place_names
 from cageik_cli.report.plots.style import (
     PANEL_SIDE,
     PLOT_COLOURS,
     make_drawable,
     measure_text_width,
+    place_names,
     use_fixed_style,
 )
-from cageik_cli.report.render.model_views import project_surface, render_with_cage
+from cageik_cli.report.render.model_views import (
+    VIEW_TURN,
+    project_surface,
+    render_with_cage,
+    view_axes,
+)
 from cageik_cli.report.render.raster import ParallelCamera, rasterize
 from cageik_cli.report.render.shading import (
     SAMPLES_PER_PIXEL,
@@ -30,7 +35,6 @@ from cageik_cli.report.render.shading import (
     overlay,
     parse_colour,
 )
-from cageik_cli.report.render.viewpoints import VIEW_TURN, view_axes
 from cageik_cli.util.arrays import Floats
 
 LIST_MARGIN, LIST_ROW_HEIGHT = 12.0, 15.0
@@ -80,7 +84,7 @@ def _draw_meshes(
     for mark in reversed(marks):
         faces = cage.faces[mark.cage_faces]
         if len(faces):
-            depth = rasterize(camera.project(cage.vertices)[faces], camera.size).depth
+            _, depth = rasterize(camera.project(cage.vertices)[faces], camera.size)
             opacity = np.where(np.isfinite(depth), 0.45, 0.0)
             picture = overlay(picture, parse_colour(mark.colour), opacity)
     return picture

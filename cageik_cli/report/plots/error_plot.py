@@ -16,9 +16,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from cageik_cli.report.figures import ClipRecord, format_percent
-from cageik_cli.report.plots.placement import Box, place_limit_labels
 from cageik_cli.report.plots.series import Series, build_series
-from cageik_cli.report.plots.style import PLOT_COLOURS, make_drawable, use_fixed_style
+from cageik_cli.report.plots.style import (
+    PLOT_COLOURS,
+    Box,
+    make_drawable,
+    place_limit_labels,
+    use_fixed_style,
+)
 from cageik_cli.report.record import Report
 from cageik_cli.report.render.shading import MIN_SCALE_PERCENT
 from cageik_cli.util.arrays import Floats, Integers

@@ -18,18 +18,23 @@ from numpy.typing import NDArray
 
 from cageik_cli.posing.snapshot import PoseSnapshot
 from cageik_cli.report.figures import format_percent
-from cageik_cli.report.plots.placement import place_names
 from cageik_cli.report.plots.style import (
     PANEL_SIDE,
     PLOT_COLOURS,
     make_drawable,
     measure_text_width,
+    place_names,
     use_fixed_style,
 )
-from cageik_cli.report.render.model_views import DEPTH_TOL, project_surface, render_with_cage
+from cageik_cli.report.render.model_views import (
+    DEPTH_TOL,
+    VIEW_TURN,
+    project_surface,
+    render_with_cage,
+    view_axes,
+)
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, downsample
-from cageik_cli.report.render.viewpoints import VIEW_TURN, view_axes
 from cageik_cli.report.views.pose_text import format_miss
 from cageik_cli.util.arrays import Floats
 

@@ -57,41 +57,31 @@ class ParallelCamera:
         return np.asarray(0.5 * self.size * (seen * (1, -1, -1) + (1, 1, 0)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DepthBuffer:
-    """The nearest face in each pixel, and its depth.
-
-    Attributes
-    ----------
-    face : (s, s) int64
-        -1 where there is no face.
-    depth : (s, s) float64
-        Infinite where there is no face.
-    """
-
-    face: Integers
-    depth: Floats
-
-
-def rasterize(corners: Floats, size: int) -> DepthBuffer:
+def rasterize(corners: Floats, size: int) -> tuple[Integers, Floats]:
     """Find the nearest of projected triangles, (t, 3, 3), in each pixel of a square of `size`.
 
     A pixel belongs to a triangle if its centre does; each pixel along a common edge belongs to
     exactly one of the two triangles. Triangles that are not finite are left out.
+
+    Returns
+    -------
+    face : (s, s) int64
+        -1 where there is none.
+    depth : (s, s) float64
+        Infinite where there is none.
     """
-    buffer = DepthBuffer(np.full((size, size), -1), np.full((size, size), np.inf))
+    face, depth = np.full((size, size), -1), np.full((size, size), np.inf)
     if compiled.kernel is not None:
         places = np.ascontiguousarray(corners, np.float64)
-        compiled.kernel.draw_triangles(places, buffer.face, buffer.depth)
+        compiled.kernel.draw_triangles(places, face, depth)
     else:
-        _draw_in_numpy(corners, buffer)
-    return buffer
+        _draw_in_numpy(corners, face, depth)
+    return face, depth
 
 
-def _draw_in_numpy(corners: Floats, buffer: DepthBuffer) -> None:
+def _draw_in_numpy(corners: Floats, face: Integers, depth: Floats) -> None:
     """Draw triangles, (t, 3, 3), where nothing is compiled: the reference."""
-    size = len(buffer.face)
-    flat = DepthBuffer(buffer.face.reshape(-1), buffer.depth.reshape(-1))
+    size, flat = len(face), (face.reshape(-1), depth.reshape(-1))
     places = np.ascontiguousarray(corners.T)
     ends = (places[:2].min(axis=1), places[:2].max(axis=1))
     low, high = (np.clip(np.ceil(end - 0.5), 0, size) for end in ends)
@@ -100,7 +90,7 @@ def _draw_in_numpy(corners: Floats, buffer: DepthBuffer) -> None:
     places, low, high = places[..., kept], low[:, kept], high[:, kept]
     rows = np.stack([low[1], high[1]]).astype(np.int64)
     for block in _split_blocks((high - low).prod(axis=0)):
-        _draw_triangles(places[..., block], rows[:, block], kept[block], flat, size)
+        _draw_triangles(places[..., block], rows[:, block], kept[block], *flat, size)
 
 
 def rasterize_lines(projected: Floats, edges: Integers, width: float, size: int) -> Floats:
@@ -116,7 +106,7 @@ def rasterize_lines(projected: Floats, edges: Integers, width: float, size: int)
     ):
         quads[:, corner, :2] += offset
     triangles = np.concatenate([quads[:, (0, 1, 2)], quads[:, (0, 2, 3)]])
-    return rasterize(triangles, size).depth
+    return rasterize(triangles, size)[1]
 
 
 def cross_products(one: Floats, two: Floats) -> Floats:
@@ -134,9 +124,14 @@ def _split_blocks(areas: Floats, pixels: int = 1 << 18) -> Iterator[slice]:
 
 
 def _draw_triangles(
-    places: Floats, rows: Integers, face_ids: Integers, buffer: DepthBuffer, size: int
+    places: Floats,
+    rows: Integers,
+    face_ids: Integers,
+    nearest_face: Integers,
+    nearest_depth: Floats,
+    size: int,
 ) -> None:
-    """Draw triangles into the buffer, span by span of each of their rows, (2, t).
+    """Draw triangles into flat buffers, (s²,), span by span of each of their rows, (2, t).
 
     `places`, (3, 3, t), are x, y and depth of their three corners.
     """
@@ -157,9 +152,9 @@ def _draw_triangles(
     )
     pixel = (row * size + start)[stretch] + step
     depths = depth_there[stretch] + slope[stretch] * step
-    np.minimum.at(buffer.depth, pixel, depths)
-    nearest = np.flatnonzero(depths == buffer.depth[pixel])
-    buffer.face[pixel[nearest]] = face_ids[triangle[stretch[nearest]]]
+    np.minimum.at(nearest_depth, pixel, depths)
+    nearest = np.flatnonzero(depths == nearest_depth[pixel])
+    nearest_face[pixel[nearest]] = face_ids[triangle[stretch[nearest]]]
 
 
 def _concatenate_ranges(starts: Integers, counts: Integers) -> Integers:

@@ -68,9 +68,9 @@ def rasterize_surface(
     projected: Floats, faces: Integers, size: int, is_smooth: bool = True
 ) -> VisibleSurface:
     """Rasterize a mesh with projected vertices, (m, 3); both sides of its faces are visible."""
-    buffer = rasterize(projected[faces], size)
-    pixels = np.flatnonzero(buffer.face >= 0)
-    face_ids = buffer.face.ravel()[pixels]
+    face, depth = rasterize(projected[faces], size)
+    pixels = np.flatnonzero(face >= 0)
+    face_ids = face.ravel()[pixels]
     corners = faces.T[:, face_ids]
     shares = _barycentric_coordinates(projected, corners, np.stack([pixels % size, pixels // size]))
     face_normals = _face_normals(projected, faces)
@@ -80,7 +80,7 @@ def rasterize_surface(
         vertex_normals = _vertex_normals(face_normals, faces, len(projected))
         normals = np.stack([_weighted_sum(shares, along[corners]) for along in vertex_normals])
     return VisibleSurface(
-        pixels, corners, shares, _normalize(np.where(away, -normals, normals)), buffer.depth
+        pixels, corners, shares, _normalize(np.where(away, -normals, normals)), depth
     )
 
 

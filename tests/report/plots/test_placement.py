@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cageik_cli.report.plots.placement import place_boxes, place_limit_labels, place_names
+from cageik_cli.report.plots.style import place_boxes, place_limit_labels, place_names
 
 NO_POINTS = np.empty((0, 2))
 LEFT, RIGHT = (0.0, 0.0, 1.0, 1.0), (2.0, 0.0, 3.0, 1.0)

@@ -19,8 +19,8 @@ from cageik_cli.report.plots.pose_plot import (
     render_pose_png,
 )
 from cageik_cli.report.plots.style import PANEL_SIDE, PLOT_COLOURS, use_fixed_style
+from cageik_cli.report.render.model_views import VIEW_TURN, view_axes
 from cageik_cli.report.render.raster import ParallelCamera
-from cageik_cli.report.render.viewpoints import VIEW_TURN, view_axes
 from tests.report.hostile import NAMES
 from tests.report.odd_poses import FACTORS
 from tests.shapes import ball, box

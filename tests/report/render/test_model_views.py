@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.report.render.model_views import project_surface, render_with_cage
+from cageik_cli.report.render.model_views import project_surface, render_with_cage, view_axes
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import MESH_COLOURS, parse_colour
-from cageik_cli.report.render.viewpoints import view_axes
 from tests.shapes import ball, box
 
 SIZE = 200

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.report.render.viewpoints import (
+from cageik_cli.report.render.model_views import (
     REGION_TURNS,
     VIEW_TURN,
     choose_turn,

@@ -1,17 +1,20 @@
-"""A cage that was built or repaired, as text and as JSON."""
+"""A cage that was built, repaired or checked with a rest pose in it, as text and as JSON."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cageik_cli import __version__
+from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts
+from cageik_cli.cages.findings import Finding
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.text import format_block, format_count
+from cageik_cli.report.check_marks import FaultMark, list_marks
+from cageik_cli.util.text import format_block, format_count, format_row
 
 if TYPE_CHECKING:  # the builder is slow to import
     from cageik_cli.cages.build import BuiltCage, Candidate
@@ -200,3 +203,126 @@ def format_repair_json(repaired: "RepairedCage", diagonal: float) -> str:
             "warnings": [finding.sentence for finding in repaired.warnings],
         }
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CheckResult:
+    """The meshes that were checked, and their diagnosis.
+
+    Attributes
+    ----------
+    repair_command : str, optional
+        To be typed; None if the cage is fit, or no repair can help.
+    """
+
+    cage: LoadedMesh
+    rest: LoadedMesh | None
+    diagnosis: Diagnosis
+    repair_command: str | None = None
+
+    @property
+    def rest_mesh(self) -> TriMesh | None:
+        """Return the mesh of the rest pose, if there is one."""
+        return None if self.rest is None else self.rest.mesh
+
+    @property
+    def marks(self) -> tuple[FaultMark, ...]:
+        """Return the faults that have a place, numbered as in pictures."""
+        return list_marks(self.diagnosis.findings, self.cage.mesh, self.rest_mesh)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return what was changed in reading, one sentence each."""
+        loaded = [mesh for mesh in (self.cage, self.rest) if mesh is not None]
+        return tuple(f"{mesh.source['name']}: {note}" for mesh in loaded for note in mesh.notes)
+
+
+def format_check_text(result: CheckResult) -> str:
+    """Return the verdict, the facts and the findings, the worst first."""
+    diagnosis = result.diagnosis
+    rows = _cage_rows(diagnosis.cage)
+    if result.rest is not None and diagnosis.rest is not None:
+        rows += _rest_rows(result.rest.source["name"], diagnosis.rest)
+    rows += [(finding.severity, finding.sentence) for finding in diagnosis.findings]
+    rows += [("note", note) for note in result.notes]
+    if result.repair_command is not None:
+        rows.append(("to repair", result.repair_command))
+    return format_block(f"{result.cage.source['name']}: {_format_verdict(diagnosis)}", rows)
+
+
+def format_marks_text(result: CheckResult) -> str:
+    """Return the list of the faults that have a place, by their numbers in pictures."""
+    rows = [(f"fault {mark.number}", mark.text) for mark in result.marks]
+    return "\n".join(map(format_row, rows or [("faults", "none that has a place")]))
+
+
+def _format_verdict(diagnosis: Diagnosis) -> str:
+    """Return the verdict, with the number of warnings if those decide it."""
+    if diagnosis.verdict != "usable":
+        return diagnosis.verdict
+    count = sum(finding.severity == "warning" for finding in diagnosis.findings)
+    return f"usable, {format_count(count, 'warning')}"
+
+
+def format_check_json(result: CheckResult) -> str:
+    """Return the whole record; a finding has all its numbers."""
+    diagnosis = result.diagnosis
+    return format_cage_record(
+        {
+            "verdict": diagnosis.verdict,
+            "cage": result.cage.source | asdict(diagnosis.cage),
+            "rest": _rest_record(result),
+            "notes": result.notes,
+            "repair_command": result.repair_command,
+            "findings": [_finding_record(finding) for finding in diagnosis.findings],
+        }
+    )
+
+
+def _rest_record(result: CheckResult) -> dict[str, Any] | None:
+    if result.rest is None or result.diagnosis.rest is None:
+        return None
+    return result.rest.source | asdict(result.diagnosis.rest)
+
+
+def _finding_record(finding: Finding) -> dict[str, Any]:
+    return asdict(finding) | {"numbers": finding.numbers.tolist()}
+
+
+def _cage_rows(facts: CageFacts) -> list[tuple[str, str]]:
+    surface = (
+        f"{facts.vertices} vertices, {facts.faces} triangles, "
+        f"{format_count(facts.components, 'component')}"
+    )
+    if facts.genus is not None:
+        surface += f", genus {facts.genus}"
+    rows = [
+        ("cage", surface),
+        ("volume", "not defined" if facts.volume is None else f"{facts.volume:.6g}"),
+    ]
+    if facts.smallest_angle is not None:
+        angle = f"{facts.smallest_angle:.3g} degrees at face {facts.smallest_angle_face}"
+        rows.append(("smallest angle", angle))
+    return rows
+
+
+def _rest_rows(name: str, facts: RestFacts) -> list[tuple[str, str]]:
+    counts = f"{facts.vertices} vertices, {facts.faces} triangles, diagonal {facts.diagonal:.6g}"
+    rows = [("rest pose", f"{name}: {counts}")]
+    if facts.outside is None:
+        rows.append(("clearance", "not defined (the cage does not enclose a volume)"))
+    elif facts.outside:
+        rows.append(("clearance", f"none ({facts.outside} vertices are outside)"))
+    else:
+        rows.append(
+            (
+                "clearance",
+                f"{facts.clearance:.3g} % of the diagonal, vertex {facts.clearance_vertex} from "
+                f"face {facts.clearance_face}",
+            )
+        )
+    if facts.weakest_vertices:
+        pairs = zip(facts.weakest_vertices, facts.weakest_weights, strict=True)
+        weakest = ", ".join(f"{vertex} (largest weight {weight:.3g})" for vertex, weight in pairs)
+        rows.append(("influence", f"least influential cage vertices: {weakest}"))
+    return rows
