@@ -1,13 +1,22 @@
-"""Templates: the security policy, and escaped values."""
+"""Templates: the security policy, escaped values, and scripts without what only readers need."""
 
 import base64
 import hashlib
+import re
+import shutil
+import subprocess
+from importlib.resources import files
 
 import pytest
 from jinja2 import DictLoader, UndefinedError
 
 from cageik_cli.report.html import templating
-from cageik_cli.report.html.templating import make_data_url, render_template
+from cageik_cli.report.html.templating import (
+    PLAYER_SCRIPTS,
+    make_data_url,
+    render_template,
+    shorten_script,
+)
 from tests.report.markup import parse_page
 
 
@@ -70,3 +79,69 @@ def test_the_policy_allows_only_our_script_and_no_fetches(template):
 def test_a_picture_becomes_a_data_url():
     kind, content = make_data_url(b"\x89PNG", "png").split(",")
     assert (kind, base64.b64decode(content)) == ("data:image/png;base64", b"\x89PNG")
+
+
+SCRIPTS = [*(files("cageik_cli.report.html") / "templates" / "player").iterdir()]
+
+
+@pytest.mark.parametrize(
+    ("script", "short"),
+    [
+        ("  // a word\nconst  far = 1;\n", "let far=1;"),
+        ("a = b + +c - -d ;", "a=b+ +c- -d;"),
+        ('return  "a  b" + \'c  //d\';', 'return"a  b"+\'c  //d\';'),
+        ("if (a) {\n  b = `x  ${c}`;\n}\nelse d();", "if(a){b=`x  ${c}`}else d();"),
+        ("const a = 1;\nconst b = a;\nf();", "let a=1,b=a;f();"),
+        ("const a = () => { b; };\nconst c = 1;", "let a=()=>{b};let c=1;"),
+        ("f((x) => x, async (y) => y, true, [0.5,],);", "f(x=>x,async(y)=>y,!0,[.5,],);"),
+        ("s = `#version 300 es\nconst int a = 1 ;\nvoid f() { a; }`;",
+         "s=`#version 300 es\nconst int a=1;void f(){a;}`;"),
+        ('say("true;} const (x) => 0.5");', 'say("true;} const (x) => 0.5");'),
+    ],
+)  # fmt: skip
+def test_what_is_left_means_the_same(script, short):
+    assert shorten_script(script) == f"{short}\n"
+
+
+def find_faults(script):
+    """Return the lines of a script that do not keep to what is known."""
+    code = re.sub(r"^\s*//.*\n", "", script, flags=re.MULTILINE)
+    code = re.sub(r"`#version[^`]*`", "0", code)
+    lines = [line.strip() for line in code.splitlines() if line.strip()]
+    faults = [line for line in lines if re.search(r"//|/\*", re.sub(r'"[^"]*"', "", line))]
+    faults += [line for line in lines if re.search(r"\$\{[^}`]*`", line)]
+    for line, after in zip(lines, [*lines[1:], ";"], strict=True):
+        is_whole = line[-1] in "{}([;,=:?&|`"
+        goes_on = after[0] in ".?:&|)]}" or line.startswith(("for ", "if ", "else "))
+        faults += [] if is_whole or goes_on else [line]
+    return faults
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
+def test_our_scripts_keep_to_what_is_known(path):
+    assert find_faults(path.read_text()) == []
+
+
+@pytest.mark.parametrize(
+    "line", ["f(); // a word", "f(/* no */);", "const a = b", "f()", "const a = `${b ? `c` : 0}`;"]
+)
+def test_other_scripts_are_found_out(line):
+    assert set(find_faults(f"const a = 1;\n{line}\ng();\n")) == {line}
+
+
+def parses(script, path):
+    """Whether Node finds no fault in a script."""
+    path.write_text(script)
+    found = subprocess.run(
+        [shutil.which("node"), "--check", path], capture_output=True, check=False
+    )
+    return found.returncode == 0
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="Node reads the script, and is not here")
+def test_the_shortened_scripts_are_one_script(tmp_path):
+    folder = files("cageik_cli.report.html") / "templates" / "player"
+    names = (*PLAYER_SCRIPTS, "apply")
+    whole = "".join(shorten_script((folder / f"{name}.js").read_text()) for name in names)
+    assert parses(whole, tmp_path / "whole.js")
+    assert not parses(whole.replace("}", "", 1), tmp_path / "broken.js")

@@ -10,11 +10,11 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.player import clip as clip_module
 from cageik_cli.report.player import payload
 from cageik_cli.report.player.clip import find_mirror, load_player_clip, make_single_pose
-from cageik_cli.report.player.payload import build_payload
+from cageik_cli.report.player.payload import build_payload, decimate
 from cageik_cli.store.result import read_cages
 from cageik_cli.store.result_frames import read_binding, read_rotations
 from tests.report.player.rebuild import rebuild_frame, unpack_payload
-from tests.shapes import rotation
+from tests.shapes import ball, rotation
 
 
 def _check_frames(result, found):
@@ -152,3 +152,39 @@ def test_the_mirror_of_a_symmetric_cage_is_found(clip):
     bent[0] += [0.3, 0.2, 0.1]
     other = Binding(clip.binding.rest, TriMesh(bent, clip.binding.cage.faces), clip.binding.weights)
     assert find_mirror(other) is None
+
+
+@pytest.mark.parametrize("largest", [4, 50, 300])
+def test_a_ball_keeps_its_shape(largest):
+    mesh = ball(levels=4, size=1.0)
+    vertices, faces = decimate(mesh, largest)
+    assert len(vertices) <= largest < len(mesh.vertices)
+    assert (np.diff(vertices) > 0).all()
+    assert (np.unique(faces) < len(vertices)).all()
+    kept = TriMesh(mesh.vertices[vertices], faces)
+    if largest == 300:
+        assert kept.is_closed
+        assert kept.volume == pytest.approx(mesh.volume, rel=0.1)
+        assert len(vertices) > 0.6 * largest
+
+
+def test_a_mesh_that_is_small_enough_is_kept():
+    mesh = ball(levels=1, size=1.0)
+    vertices, faces = decimate(mesh, len(mesh.vertices))
+    np.testing.assert_array_equal(vertices, np.arange(len(mesh.vertices)))
+    np.testing.assert_array_equal(faces, mesh.faces)
+
+
+def test_no_face_is_drawn_twice_or_without_area():
+    _, faces = decimate(ball(levels=4, size=1.0), 100)
+    assert (np.diff(np.sort(faces, axis=1), axis=1) > 0).all()
+    first = faces.argmin(axis=1)[:, None]
+    turned = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
+    assert len(np.unique(turned, axis=0)) == len(turned)
+
+
+def test_vertices_without_faces_are_left_out():
+    mesh = ball(levels=1, size=1.0)
+    loose = TriMesh(np.vstack([[[9.0, 9, 9]], mesh.vertices]), mesh.faces + 1)
+    vertices, _ = decimate(loose, len(mesh.vertices))
+    np.testing.assert_array_equal(vertices, np.arange(1, len(mesh.vertices) + 1))
