@@ -28,7 +28,10 @@ from scipy import sparse
 
 from cageik_cli.coordinates.bem.boundary_equation import BoundarySolution
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.bem.higher_gradients import HigherGradients
+from cageik_cli.coordinates.bem.higher_gradients import (
+    evaluate_higher_densities,
+    higher_gradients,
+)
 from cageik_cli.coordinates.bem.higher_terms import higher_moments
 from cageik_cli.coordinates.bem.panel_geometry import LINEAR_TERMS
 from cageik_cli.coordinates.bem.panels import (
@@ -68,7 +71,8 @@ class WeightGradients:
         near = find_near_panels(mesh, points)
         if len(near):
             higher = higher_moments(mesh.higher_terms, near, view, linear, workspace)
-            moved = self._higher_gradients.evaluate(near, view, (linear, higher), workspace)
+            moments = linear, higher
+            moved = higher_gradients(mesh.higher_terms, near, view, moments, workspace)
             moved *= compute_strength(mesh, near, points, workspace)
             moved += _strength_slopes(mesh, near, points)[:, None] * higher
             chosen = densities[split:].reshape(mesh.extra_terms, len(mesh.high_panels), -1)[:, near]
@@ -93,8 +97,11 @@ class WeightGradients:
         across = per_panel[0]
         across = across + per_panel[1] * (barycentric[0] - 1 / 3)[:, None]
         across += per_panel[2] * (barycentric[1] - 1 / 3)[:, None]
-        across += self._higher_gradients.evaluate_densities(
-            self.boundary.densities[mesh.linear_unknowns :], chosen, barycentric
+        across += evaluate_higher_densities(
+            mesh.higher_terms,
+            self.boundary.densities[mesh.linear_unknowns :],
+            chosen,
+            barycentric,
         )
         gradients = np.einsum("qn,qx->xnq", across, panels.normals[chosen])
         for k in range(3):
@@ -187,11 +194,6 @@ class WeightGradients:
         found = sparse.csr_array((value, (row, column)), shape=shape)
         found.eliminate_zeros()
         return found
-
-    @cached_property
-    def _higher_gradients(self) -> HigherGradients:
-        mesh = self.boundary.mesh
-        return HigherGradients(mesh.panels, mesh.high_panels, mesh.order)
 
     @cached_property
     def _affine(self) -> tuple[Floats, Floats]:

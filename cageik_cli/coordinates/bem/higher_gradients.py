@@ -15,15 +15,12 @@ and along an edge, with τ, s, ρ and lengths as in `higher_terms`,
 where ρ² + s² is the squared distance of the edge's middle, as there.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import numpy as np
 
+from cageik_cli.coordinates.bem.higher_terms import HigherTerms
 from cageik_cli.coordinates.bem.panel_geometry import (
     LINEAR_TERMS,
     Panels,
-    edge_coefficients,
     exponents,
     monomials,
     orthogonal_basis,
@@ -32,114 +29,100 @@ from cageik_cli.coordinates.bem.panels import PanelView
 from cageik_cli.util.arrays import Floats, Integers, Workspace
 
 
-@dataclass(frozen=True, eq=False)
-class HigherGradients:
-    """Panels with density terms beyond linear; attributes as of `HigherTerms`."""
+def higher_gradients(
+    terms: HigherTerms,
+    near: Integers,
+    view: PanelView,
+    moments: tuple[Floats, Floats],
+    workspace: Workspace,
+) -> Floats:
+    """Return ∇ ∫ ψ/r of the panels `terms.high_panels[near]`, (3, d − 3, k, q).
 
-    panels: Panels
-    high_panels: Integers
-    order: int
+    Parameters
+    ----------
+    moments : (3, p, q) and (d − 3, k, q)
+        From `linear_moments` and `higher_moments`.
+    """
+    panels, chosen = terms.panels, terms.high_panels[near]
+    linear, higher = moments
+    k, q = len(near), linear.shape[2]
+    basis = orthogonal_basis(terms.order)
+    single = np.concatenate([linear[:, chosen], higher])
+    single = (np.linalg.inv(basis) @ single.reshape(len(basis), -1)).reshape(-1, k, q)
+    slopes = _slope_sums(terms, near, view, single)
+    double = _double_moments(terms, chosen, view, slopes)
+    parts = np.concatenate([double[None], slopes]).reshape(3, len(basis), -1)
+    double, along_x, along_y = (basis[LINEAR_TERMS:] @ parts).reshape(3, -1, k, q)
+    corner = panels.vertices[panels.corners[chosen]]
+    found = workspace.array("higher_gradients", 3, len(higher), k, q)
+    product = workspace.array("gradient_product", len(higher), k, q)
+    for axis in range(3):
+        np.multiply(double, panels.normals[chosen, axis, None], out=found[axis])
+        for i, values in enumerate((along_x, along_y)):
+            side = corner[:, i, axis] - corner[:, 2, axis]
+            found[axis] -= np.multiply(values, side[:, None], out=product)
+    return found
 
-    @cached_property
-    def _side_factors(self) -> Floats:
-        """Return the maps from N to Σ_k (∇x, ∇y) · m_k ∫_k P/r, (k, 2d, 3 order + 3)."""
-        panels, chosen = self.panels, self.high_panels
-        along = edge_coefficients(self.order + 1)
-        powers = np.arange(self.order + 1)
-        signs = panels.edge_signs[chosen][:, :, None] ** powers
-        slopes = panels.slopes[:2][:, :, chosen]
-        factors = np.einsum("xsk,sdj,ksj->kxdsj", slopes, along, signs)
-        return np.asarray(factors.reshape(len(chosen), 2 * along.shape[1], -1))
 
-    def evaluate(
-        self,
-        near: Integers,
-        view: PanelView,
-        moments: tuple[Floats, Floats],
-        workspace: Workspace,
-    ) -> Floats:
-        """Return ∇ ∫ ψ/r of the panels `high_panels[near]`, (3, d − 3, k, q).
+def evaluate_higher_densities(
+    terms: HigherTerms, densities: Floats, chosen: Integers, barycentric: Floats
+) -> Floats:
+    """Return the terms beyond linear of densities at points on panels, (q, n).
 
-        Parameters
-        ----------
-        moments : (3, p, q) and (d − 3, k, q)
-            From `linear_moments` and `higher_moments`.
-        """
-        panels, chosen = self.panels, self.high_panels[near]
-        linear, higher = moments
-        k, q = len(near), linear.shape[2]
-        basis = orthogonal_basis(self.order)
-        single = np.concatenate([linear[:, chosen], higher])
-        single = (np.linalg.inv(basis) @ single.reshape(len(basis), -1)).reshape(-1, k, q)
-        slopes = self._slope_sums(near, view, single)
-        double = self._double_moments(chosen, view, slopes)
-        parts = np.concatenate([double[None], slopes]).reshape(3, len(basis), -1)
-        double, along_x, along_y = (basis[LINEAR_TERMS:] @ parts).reshape(3, -1, k, q)
-        corner = panels.vertices[panels.corners[chosen]]
-        found = workspace.array("higher_gradients", 3, len(higher), k, q)
-        product = workspace.array("gradient_product", len(higher), k, q)
-        for axis in range(3):
-            np.multiply(double, panels.normals[chosen, axis, None], out=found[axis])
-            for i, values in enumerate((along_x, along_y)):
-                side = corner[:, i, axis] - corner[:, 2, axis]
-                found[axis] -= np.multiply(values, side[:, None], out=product)
-        return found
-
-    def evaluate_densities(
-        self, densities: Floats, chosen: Integers, barycentric: Floats
-    ) -> Floats:
-        """Return the terms beyond linear of densities at points on panels, (q, n).
-
-        Parameters
-        ----------
-        densities : ((d − 3) k, n)
-            Their coefficients.
-        chosen : (q,) int64
-            The panel of each point.
-        barycentric : (3, q)
-        """
-        total = np.zeros((len(chosen), densities.shape[1]))
-        on_high = np.flatnonzero(np.isin(chosen, self.high_panels))
-        if len(on_high) == 0:
-            return total
-        place = np.searchsorted(self.high_panels, chosen[on_high])
-        values = monomials(self.order, barycentric[:, on_high].T)
-        values = orthogonal_basis(self.order)[LINEAR_TERMS:] @ values
-        coefficients = densities.reshape(len(values), len(self.high_panels), -1)
-        for term, value in enumerate(values):
-            total[on_high] += value[:, None] * coefficients[term, place]
+    Parameters
+    ----------
+    densities : ((d − 3) k, n)
+        Their coefficients.
+    chosen : (q,) int64
+        The panel of each point.
+    barycentric : (3, q)
+    """
+    total = np.zeros((len(chosen), densities.shape[1]))
+    on_high = np.flatnonzero(np.isin(chosen, terms.high_panels))
+    if len(on_high) == 0:
         return total
+    place = np.searchsorted(terms.high_panels, chosen[on_high])
+    values = monomials(terms.order, barycentric[:, on_high].T)
+    values = orthogonal_basis(terms.order)[LINEAR_TERMS:] @ values
+    coefficients = densities.reshape(len(values), len(terms.high_panels), -1)
+    for term, value in enumerate(values):
+        total[on_high] += value[:, None] * coefficients[term, place]
+    return total
 
-    def _slope_sums(self, near: Integers, view: PanelView, single: Floats) -> Floats:
-        """Return U_x and U_y of all monomials, (2, d, k, q), from their K, (d, k, q)."""
-        count, k, q = single.shape
-        sides = self.panels.edges.side_edges[self.high_panels[near]]
-        edges, place = np.unique(sides, return_inverse=True)
-        powers = _edge_powers(self.panels, edges, self.order, view)[place.ravel()]
-        sums = self._side_factors[near] @ powers.reshape(k, -1, q)
-        slopes = np.ascontiguousarray(sums.transpose(1, 0, 2)).reshape(2, count, k, q)
-        places = {exponent: i for i, exponent in enumerate(exponents(self.order))}
-        metric = self.panels.metric[:, :, self.high_panels[near], None]
-        for (a, b), here in places.items():
-            for power, axis, lower in ((a, 0, (a - 1, b)), (b, 1, (a, b - 1))):
-                if power:
-                    below = power * single[places[lower]]
-                    slopes[0, here] -= metric[0, axis] * below
-                    slopes[1, here] -= metric[1, axis] * below
-        return slopes
 
-    def _double_moments(self, chosen: Integers, view: PanelView, slopes: Floats) -> Floats:
-        """Return D of all monomials, (d, k, q)."""
-        places = {exponent: i for i, exponent in enumerate(exponents(self.order))}
-        height, foot = view.height[chosen], view.foot[:, chosen]
-        double = np.empty(slopes.shape[1:])
-        double[0] = view.solid_angle[chosen]
-        for (a, b), here in list(places.items())[1:]:
-            axis, lower = (0, (a - 1, b)) if a else (1, (a, b - 1))
-            below = places[lower]
-            np.multiply(foot[axis], double[below], out=double[here])
-            double[here] -= height * slopes[axis, below]
-        return double
+def _slope_sums(terms: HigherTerms, near: Integers, view: PanelView, single: Floats) -> Floats:
+    """Return U_x and U_y of all monomials, (2, d, k, q), from their K, (d, k, q)."""
+    count, k, q = single.shape
+    sides = terms.panels.edges.side_edges[terms.high_panels[near]]
+    edges, place = np.unique(sides, return_inverse=True)
+    powers = _edge_powers(terms.panels, edges, terms.order, view)[place.ravel()]
+    sums = terms.gradient_factors[near] @ powers.reshape(k, -1, q)
+    slopes = np.ascontiguousarray(sums.transpose(1, 0, 2)).reshape(2, count, k, q)
+    places = {exponent: i for i, exponent in enumerate(exponents(terms.order))}
+    metric = terms.panels.metric[:, :, terms.high_panels[near], None]
+    for (a, b), here in places.items():
+        for power, axis, lower in ((a, 0, (a - 1, b)), (b, 1, (a, b - 1))):
+            if power:
+                below = power * single[places[lower]]
+                slopes[0, here] -= metric[0, axis] * below
+                slopes[1, here] -= metric[1, axis] * below
+    return slopes
+
+
+def _double_moments(
+    terms: HigherTerms, chosen: Integers, view: PanelView, slopes: Floats
+) -> Floats:
+    """Return D of all monomials, (d, k, q)."""
+    places = {exponent: i for i, exponent in enumerate(exponents(terms.order))}
+    height, foot = view.height[chosen], view.foot[:, chosen]
+    double = np.empty(slopes.shape[1:])
+    double[0] = view.solid_angle[chosen]
+    for (a, b), here in list(places.items())[1:]:
+        axis, lower = (0, (a - 1, b)) if a else (1, (a, b - 1))
+        below = places[lower]
+        np.multiply(foot[axis], double[below], out=double[here])
+        double[here] -= height * slopes[axis, below]
+    return double
 
 
 def _edge_powers(panels: Panels, edges: Integers, order: int, view: PanelView) -> Floats:

@@ -64,6 +64,20 @@ class HigherTerms:
         factors = np.einsum("rsk,srj,ksj->krsj", scale[kinds], along, signs)
         return np.asarray(factors.reshape(len(chosen), len(kinds), 3 * order))
 
+    @cached_property
+    def gradient_factors(self) -> Floats:
+        """Return the maps from N of `higher_gradients` to Σ_k (∇x, ∇y) · m_k ∫_k P/r.
+
+        They are (k, 2d, 3 order + 3).
+        """
+        panels, chosen = self.panels, self.high_panels
+        along = edge_coefficients(self.order + 1)
+        powers = np.arange(self.order + 1)
+        signs = panels.edge_signs[chosen][:, :, None] ** powers
+        slopes = panels.slopes[:2][:, :, chosen]
+        factors = np.einsum("xsk,sdj,ksj->kxdsj", slopes, along, signs)
+        return np.asarray(factors.reshape(len(chosen), 2 * along.shape[1], -1))
+
 
 _ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
 
