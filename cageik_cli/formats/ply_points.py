@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from cageik_cli.formats.base.writers import Animation, FrameFileWriter
 from cageik_cli.formats.ply_rows import NORMAL_NAMES, Element, PlyRows, stack_positions
-from cageik_cli.geometry.ellipsoids import Ellipsoids
 from cageik_cli.geometry.oriented import Splats
 from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
 from cageik_cli.util.arrays import Floats
@@ -265,7 +264,7 @@ def read_splats(points: PointFile) -> Splats:
     _stack(points, COLOURS, MAX_COLOUR)  # what is kept is checked, too
     _stack(points, ("opacity",))
     colours = colours.reshape(3, len(rest) // 3, len(points.rows))
-    return Splats(Ellipsoids(np.exp(logs), _read_quaternions(points)), colours)
+    return Splats(np.exp(logs), _read_quaternions(points), colours)
 
 
 def _read_quaternions(points: PointFile) -> Floats:
@@ -303,8 +302,8 @@ def _refuse(
 
 def place_splats(rows: NDArray[Any], splats: Splats) -> None:
     """Put moved splats into rows; logarithms are at least −`MAX_LOG_SCALE`."""
-    logs = np.maximum(np.log(splats.ellipsoids.axes), -MAX_LOG_SCALE)
-    for names, values in ((SCALES, logs), (TURNS, splats.ellipsoids.quaternions)):
+    logs = np.maximum(np.log(splats.axes), -MAX_LOG_SCALE)
+    for names, values in ((SCALES, logs), (TURNS, splats.quaternions)):
         for name, row in zip(names, values, strict=True):
             rows[name] = row
     with np.errstate(over="ignore"):  # only half precision is too narrow

@@ -10,8 +10,6 @@ and without shear nothing is exchanged between frames.
 Arrays hold one ellipsoid per column, entry by entry.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cageik_cli.util.arrays import Floats, Mask
@@ -20,23 +18,16 @@ MIN_AXIS = float(np.exp(-80.0))
 """Shortest semi-axis: the logarithm of each is a number that files of splats may hold."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Ellipsoids:
-    """m ellipsoids: semi-axes (3, m), and unit quaternions w, x, y, z of their rotation, (4, m)."""
+def move_ellipsoids(axes: Floats, quaternions: Floats, maps: Floats) -> tuple[Floats, Floats]:
+    """Return semi-axes and quaternions of the images of ellipsoids under linear maps J, (3, 3, m).
 
-    axes: Floats
-    quaternions: Floats
-
-
-def move_ellipsoids(rest: Ellipsoids, maps: Floats) -> Ellipsoids:
-    """Return the images of ellipsoids under linear maps J, (3, 3, m).
-
+    The semi-axes are (3, m), the unit quaternions w, x, y, z of their rotation (4, m).
     An ellipsoid is the same when its axes are reversed, so that reflections give rotations, too. Of
     the two quaternions of a rotation, that closer to the one at rest is taken. An axis that a map
     takes to nothing, or that is shorter, becomes `MIN_AXIS`.
     """
-    frames = quaternions_to_rotations(rest.quaternions)
-    frames *= rest.axes
+    frames = quaternions_to_rotations(quaternions)
+    frames *= axes
     columns = np.empty_like(frames)
     for i in range(3):
         for k in range(3):
@@ -44,17 +35,17 @@ def move_ellipsoids(rest: Ellipsoids, maps: Floats) -> Ellipsoids:
             columns[i, k] += maps[i, 1] * frames[1, k]
             columns[i, k] += maps[i, 2] * frames[2, k]
     _orthogonalize(columns)
-    axes = np.sqrt(np.einsum("ikm,ikm->km", columns, columns))
+    lengths = np.sqrt(np.einsum("ikm,ikm->km", columns, columns))
     with np.errstate(all="ignore"):  # those without a length are replaced
-        columns /= axes
+        columns /= lengths
     # An axis that is shorter has no direction of its own.
-    is_flat = ~(axes.min(axis=0) > 1e-13 * axes.max(axis=0))
+    is_flat = ~(lengths.min(axis=0) > 1e-13 * lengths.max(axis=0))
     if is_flat.any():
-        _replace_flat(columns, axes, is_flat)
+        _replace_flat(columns, lengths, is_flat)
     columns[:, 2] *= np.where(determinants(columns) < 0, -1.0, 1.0)
-    quaternions = rotations_to_quaternions(columns)
-    quaternions *= np.where((quaternions * rest.quaternions).sum(axis=0) < 0, -1.0, 1.0)
-    return Ellipsoids(np.maximum(axes, MIN_AXIS), quaternions)
+    moved = rotations_to_quaternions(columns)
+    moved *= np.where((moved * quaternions).sum(axis=0) < 0, -1.0, 1.0)
+    return np.maximum(lengths, MIN_AXIS), moved
 
 
 def _orthogonalize(columns: Floats) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.geometry.ellipsoids import Ellipsoids, determinants, move_ellipsoids
+from cageik_cli.geometry.ellipsoids import determinants, move_ellipsoids
 from cageik_cli.geometry.rotations import nearest_rotations_by_entry
 from cageik_cli.geometry.spherical_harmonics import rotate_harmonics
 from cageik_cli.util.arrays import Floats
@@ -17,20 +17,23 @@ class Splats:
 
     Attributes
     ----------
-    ellipsoids : Ellipsoids
-        Standard deviations along their axes, and the rotation of these.
+    axes : (3, m) float64
+        Standard deviations along their axes.
+    quaternions : (4, m) float64
+        The rotation of the axes: w, x, y, z, of length one.
     harmonics : (3, c, m) float32
         Coefficients of the colours beyond the constant ones, see `spherical_harmonics`.
     """
 
-    ellipsoids: Ellipsoids
+    axes: Floats
+    quaternions: Floats
     harmonics: NDArray[np.float32]
 
     def __getitem__(self, chosen: slice) -> "Splats":
         """Return some of them."""
-        axes, quaternions = self.ellipsoids.axes, self.ellipsoids.quaternions
-        held = Ellipsoids(axes[:, chosen], quaternions[:, chosen])
-        return Splats(held, self.harmonics[:, :, chosen])
+        return Splats(
+            self.axes[:, chosen], self.quaternions[:, chosen], self.harmonics[:, :, chosen]
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,7 @@ def move_splats(rest: Splats, maps: Floats) -> Splats:
         entries = np.ascontiguousarray(maps).reshape(9, -1)
         rotations = nearest_rotations_by_entry(entries).reshape(maps.shape)
         harmonics = rotate_harmonics(harmonics, rotations.astype(np.float32))
-    return Splats(move_ellipsoids(rest.ellipsoids, maps), harmonics)
+    return Splats(*move_ellipsoids(rest.axes, rest.quaternions, maps), harmonics)
 
 
 def count_map_faults(maps: Floats) -> MapFaults:

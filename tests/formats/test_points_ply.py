@@ -219,10 +219,10 @@ def test_faults_of_splats_are_named(fault):
 def test_quaternions_of_any_length_are_read(length):
     """Their squares are not numbers."""
     rows = change("rot_0", 0, "<f8")
-    expected = read_splats(parse_points(encode_rows(change("rot_0", 1e-9)))).ellipsoids.quaternions
+    expected = read_splats(parse_points(encode_rows(change("rot_0", 1e-9)))).quaternions
     for k, entry in enumerate((1, -1, 0, 1)):
         rows[f"rot_{k}"][4] = length * entry
-    found = read_splats(parse_points(encode_rows(rows))).ellipsoids.quaternions
+    found = read_splats(parse_points(encode_rows(rows))).quaternions
     np.testing.assert_allclose(found[:, 4], np.array([1, -1, 0, 1]) / np.sqrt(3), rtol=1e-15)
     others = np.arange(20) != 4
     np.testing.assert_allclose(found[:, others], expected[:, others], rtol=1e-15)
@@ -252,7 +252,7 @@ def test_splats_without_extent_are_read_again(linear):
     moved = move_splats(splats, np.repeat(linear[:, :, None], 20, axis=2))
     place_splats(rows, moved)
     found = read_splats(parse_points(encode_rows(rows)))
-    np.testing.assert_allclose(found.ellipsoids.axes, np.exp(-MAX_LOG_SCALE), rtol=1e-12)
+    np.testing.assert_allclose(found.axes, np.exp(-MAX_LOG_SCALE), rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["cloud", "text", "splats"])
