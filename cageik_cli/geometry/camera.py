@@ -88,27 +88,45 @@ class Camera:
 
     @classmethod
     def from_look_at(
-        cls, viewpoint: "LookAt", fov_degrees: float, width: float, height: float
+        cls,
+        position: Floats,
+        target: Floats,
+        *,
+        up: Floats,
+        fov_degrees: float,
+        width: float,
+        height: float,
     ) -> Self:
-        """Make a perspective camera without a far plane.
+        """Make a perspective camera without a far plane, which looks at a point.
 
         Parameters
         ----------
+        position, target : (3,) float64
+            Of the viewer, and the point in the middle of the picture.
+        up : (3,) float64
+            The direction that is up in the picture.
         fov_degrees : float
             Angle between the upper and the lower edge of the picture, above 0 and below 180.
         width, height : float
             Pixels.
+
+        Raises
+        ------
+        SettingError
+            When position and target are the same, `up` is parallel to the viewing direction, or
+            another number is out of its bounds.
         """
+        view = _look_at(position, target, up)
         if not 0 < fov_degrees < 180:
             raise SettingError(
                 f"fov_degrees is {fov_degrees:g}, expected more than 0 and less than 180"
             )
-        near = 1e-6 * float(np.linalg.norm(viewpoint.target - viewpoint.position))
+        near = 1e-6 * float(np.linalg.norm(target - position))
         scale = 1 / np.tan(np.radians(fov_degrees) / 2)
         projection = np.zeros((4, 4))
         projection[0, 0], projection[1, 1] = scale * height / width, scale
         projection[2, 2:], projection[3, 2] = (-1, -2 * near), -1
-        return cls(viewpoint.view, projection, width, height)
+        return cls(view, projection, width, height)
 
     def project(self, points: Floats) -> Floats:
         """Project points, (…, 3), to x and y in pixels and a depth from −1 to 1, (…, 3).
@@ -157,43 +175,20 @@ class Camera:
         return np.asarray(rays.origins + ahead[:, None] * rays.directions)
 
 
-@dataclass(frozen=True, eq=False)
-class LookAt:
-    """A viewpoint and the point that it looks at.
-
-    Attributes
-    ----------
-    position, target : (3,) float64
-    up : (3,) float64
-        The direction that is up in the picture.
-
-    Raises
-    ------
-    SettingError
-        When position and target are the same, or `up` is parallel to the viewing direction.
-    """
-
-    position: Floats
-    target: Floats
-    up: Floats
-
-    def __post_init__(self) -> None:
-        away, sizes = self.position - self.target, np.linalg.norm(self.up)
-        distance = np.linalg.norm(away)
-        if not distance > 0:
-            raise SettingError("position and look_at are the same point; move one of them")
-        if not np.linalg.norm(np.cross(away, self.up)) > 1e-9 * distance * sizes:
-            raise SettingError("up is parallel to the viewing direction; choose another up")
-
-    @property
-    def view(self) -> Floats:
-        """The matrix from world to eye, (4, 4)."""
-        back = _normalize(self.position - self.target)
-        right = _normalize(np.cross(self.up, back))
-        axes = np.stack([right, np.cross(back, right), back])
-        view = np.eye(4)
-        view[:3, :3], view[:3, 3] = axes, -axes @ self.position
-        return view
+def _look_at(position: Floats, target: Floats, up: Floats) -> Floats:
+    """Return the matrix from world to eye, (4, 4), of a viewer who looks at a target."""
+    away = position - target
+    distance = np.linalg.norm(away)
+    if not distance > 0:
+        raise SettingError("position and look_at are the same point; move one of them")
+    if not np.linalg.norm(np.cross(away, up)) > 1e-9 * distance * np.linalg.norm(up):
+        raise SettingError("up is parallel to the viewing direction; choose another up")
+    back = _normalize(away)
+    right = _normalize(np.cross(up, back))
+    axes = np.stack([right, np.cross(back, right), back])
+    view = np.eye(4)
+    view[:3, :3], view[:3, 3] = axes, -axes @ position
+    return view
 
 
 def _validate_matrix(name: str, values: Floats) -> Floats:

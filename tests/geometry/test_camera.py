@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.geometry.camera import Camera, LookAt
+from cageik_cli.geometry.camera import Camera
 from cageik_cli.util.errors import SettingError
 from tests.shapes import rotation
 
@@ -38,11 +38,20 @@ def view(seed=1, shift=(0.3, -0.2, -6.0)):
 
 FRUSTUM = frustum(-0.4, 0.6, -0.3, 0.5, 1.0, 20.0)
 PARALLEL = orthographic(-4.0, 3.0, -2.0, 4.0, 1.0, 20.0)
-STAND = LookAt(np.array([4.0, 5.0, 3.0]), np.array([0.1, 0, -0.2]), np.array([0.0, 0, 2.0]))
+POSITION, TARGET, UP = np.array([4.0, 5.0, 3.0]), np.array([0.1, 0, -0.2]), np.array([0.0, 0, 2.0])
+
+
+def stand(position=POSITION, target=TARGET, up=UP, degrees=40.0, width=WIDTH, height=HEIGHT):
+    """A camera that looks from a place at another."""
+    return Camera.from_look_at(
+        position, target, up=up, fov_degrees=degrees, width=width, height=height
+    )
+
+
 CAMERAS = {
     "frustum": Camera(view(), FRUSTUM, WIDTH, HEIGHT),
     "parallel": Camera(view(), PARALLEL, WIDTH, HEIGHT),
-    "without a far plane": Camera.from_look_at(STAND, 40.0, WIDTH, HEIGHT),
+    "without a far plane": stand(),
 }
 POINTS = np.random.default_rng(0).normal(size=(50, 3))
 
@@ -82,14 +91,14 @@ def test_a_frustum_is_seen_as_by_similar_triangles():
 
 def test_a_stand_sees_what_it_looks_at_in_the_middle_and_up_upright():
     camera = CAMERAS["without a far plane"]
-    middle, above = camera.project(np.array([STAND.target, STAND.target + np.array([0, 0, 0.1])]))
+    middle, above = camera.project(np.array([TARGET, TARGET + np.array([0, 0, 0.1])]))
     np.testing.assert_allclose(middle[:2], [WIDTH / 2, HEIGHT / 2], atol=1e-10)
     assert above[0] == pytest.approx(WIDTH / 2)
     assert above[1] < middle[1]
-    axes = STAND.view[:3, :3]
+    axes = camera.view[:3, :3]
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(axes) == pytest.approx(1)
-    right = STAND.target + 0.1 * np.cross(STAND.target - STAND.position, STAND.up)
+    right = TARGET + 0.1 * np.cross(TARGET - POSITION, UP)
     assert camera.project(right)[0] > WIDTH / 2
 
 
@@ -97,19 +106,19 @@ def test_a_stand_sees_what_it_looks_at_in_the_middle_and_up_upright():
 @pytest.mark.parametrize("degrees", [1e-3, 40.0, 179.0])
 def test_the_field_of_view_is_the_angle_from_edge_to_edge(width, height, degrees):
     """Vertically; and pixels are square."""
-    camera = Camera.from_look_at(STAND, degrees, width, height)
-    up, right = STAND.view[1, :3], STAND.view[0, :3]
-    ahead = STAND.target - STAND.position
+    camera = stand(degrees=degrees, width=width, height=height)
+    up, right = camera.view[1, :3], camera.view[0, :3]
+    ahead = TARGET - POSITION
     reach = np.linalg.norm(ahead) * np.tan(np.radians(degrees) / 2)
-    seen = camera.project(STAND.target + reach * np.array([up, -up, right]))
+    seen = camera.project(TARGET + reach * np.array([up, -up, right]))
     expected = [[width / 2, 0], [width / 2, height], [(width + height) / 2, height / 2]]
     np.testing.assert_allclose(seen[:, :2], expected, atol=1e-8)
 
 
 def test_there_is_no_far_plane_and_a_near_one_that_is_very_near():
     camera = CAMERAS["without a far plane"]
-    ahead = STAND.target - STAND.position
-    depths = camera.project(STAND.position + np.outer([1e-6, 1.0, 1e9], ahead))[:, 2]
+    ahead = TARGET - POSITION
+    depths = camera.project(POSITION + np.outer([1e-6, 1.0, 1e9], ahead))[:, 2]
     assert depths[0] == pytest.approx(-1, abs=1e-9)
     assert depths[0] < depths[1] < depths[2] <= 1
     assert camera.cast_rays(np.array([[3.0, 4.0]])).lengths[0] > 1e9
@@ -242,7 +251,7 @@ def test_units_and_far_planes_make_no_matrix_singular(scale):
 @pytest.mark.parametrize("degrees", [0.0, -1.0, 180.0, np.nan])
 def test_fields_of_view_that_see_nothing_are_refused(degrees):
     with pytest.raises(SettingError, match=f"fov_degrees is {degrees:g}, expected more than 0"):
-        Camera.from_look_at(STAND, degrees, WIDTH, HEIGHT)
+        stand(degrees=degrees)
 
 
 @pytest.mark.parametrize(
@@ -256,7 +265,7 @@ def test_fields_of_view_that_see_nothing_are_refused(degrees):
 )
 def test_stands_that_look_nowhere_are_refused(position, up, says):
     with pytest.raises(SettingError, match=says):
-        LookAt(np.array(position), np.array([1.0, 2, 3]), np.array(up))
+        stand(np.array(position), np.array([1.0, 2, 3]), np.array(up))
 
 
 def test_matrices_that_were_inverted_in_single_precision_are_taken():

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.geometry.camera import Camera, LookAt
+from cageik_cli.geometry.camera import Camera
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import (
     Anchor,
@@ -19,7 +19,7 @@ from cageik_cli.posing.anchors import (
     point_on_face,
 )
 from cageik_cli.util.errors import HandlesError
-from tests.geometry.test_camera import orthographic
+from tests.geometry.test_camera import orthographic, stand
 from tests.shapes import ball, box, changed, finer, octahedron, rotation
 
 WALKER = Path(__file__).parents[2] / "data_fixtures/walker/frames/walker_1.obj"
@@ -30,7 +30,7 @@ def distant_camera(mesh, direction, width=200, height=150):
     """A camera that sees all of a mesh from a direction."""
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     place = middle + 1.5 * mesh.diagonal * np.asarray(direction) / np.linalg.norm(direction)
-    return Camera.from_look_at(LookAt(place, middle, np.array([0.1, 1.0, 0.2])), 40, width, height)
+    return stand(place, middle, np.array([0.1, 1.0, 0.2]), width=width, height=height)
 
 
 def parallel_camera(mesh, direction):
@@ -271,8 +271,8 @@ def test_the_message_on_a_miss_says_where_the_mesh_is():
 
 
 def test_a_camera_with_the_mesh_behind_it_is_named():
-    away = LookAt(np.array([0.0, 0, 5]), np.array([0.0, 0, 9]), np.array([0.0, 1, 0]))
-    camera = Camera.from_look_at(away, 40, 100, 100)
+    position, target, up = np.array([[0.0, 0, 5], [0, 0, 9], [0, 1, 0]])
+    camera = stand(position, target, up, width=100, height=100)
     with pytest.raises(HandlesError, match="part of the mesh is behind it"):
         pick(BALL, camera, np.array([50.0, 50.0]))
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.geometry.camera import Camera, LookAt
+from cageik_cli.geometry.camera import Camera
 from cageik_cli.posing.constraints import CageConstraints, Mirror
 from cageik_cli.posing.handles.model import Handle, Handles, HandleSet, Motion, Place, Track
 from cageik_cli.posing.handles.schema import HANDLES_FORMAT, check_schema
@@ -164,8 +164,14 @@ def _parse_camera(raw: dict[str, Any], default: Camera | None) -> Camera | None:
             view, projection = _to_array(values["view"]), _to_array(values["projection"])
             camera = Camera(view, projection, width, height)
         else:
-            look_at = LookAt(*(_to_array(values[name]) for name in ("position", "look_at", "up")))
-            camera = Camera.from_look_at(look_at, float(values["fov_degrees"]), width, height)
+            camera = Camera.from_look_at(
+                _to_array(values["position"]),
+                _to_array(values["look_at"]),
+                up=_to_array(values["up"]),
+                fov_degrees=float(values["fov_degrees"]),
+                width=width,
+                height=height,
+            )
         if not np.isfinite(np.linalg.cond(camera.projection @ camera.view)):
             raise HandlesError(
                 "view times projection is singular or not finite; check the numbers or the units"

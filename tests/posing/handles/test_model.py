@@ -5,18 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.geometry.camera import Camera, LookAt
+from cageik_cli.geometry.camera import Camera
 from cageik_cli.posing.handles.model import Motion, Track
 from cageik_cli.util.errors import HandlesError
+from tests.geometry.test_camera import stand
 
 FRAMES = np.arange(12)
 KEYS = np.array([2, 5, 9])
 VALUES = np.array([[1.0, 2, 3], [2, 0, 3], [2.5, 1, 3]])
 POSITIONS = np.random.default_rng(5).normal(0, 0.5, (12, 3))
 
-STANDING = Camera.from_look_at(
-    LookAt(np.array([1.0, 2, 9]), np.zeros(3), np.array([0.0, 1, 0])), 40, 640, 480
-)
+STANDING = stand(np.array([1.0, 2, 9]), np.zeros(3), np.array([0.0, 1, 0]), width=640, height=480)
 _PARALLEL = np.diag([0.3, 0.4, -0.05, 1.0])
 PARALLEL = Camera(STANDING.view, _PARALLEL, 640, 480)
 _FAR = np.array([[1.2, 0, 0.1, 0], [0, 1.6, 0.05, 0], [0, 0, -1.02, -0.2], [0, 0, -1, 0]])

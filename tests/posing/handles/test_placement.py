@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.camera import LookAt
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import anchor_positions
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.model import HandleSet, PosedSurface
 from cageik_cli.posing.handles.placement import describe_place
 from cageik_cli.util.errors import HandlesError, SettingError
+from tests.geometry.test_camera import stand
 from tests.posing.handles.files import (
     CAMERA,
     CLIP,
@@ -125,13 +125,16 @@ def test_a_face_without_area_has_a_nearest_point(tmp_path):
         np.testing.assert_allclose(place, nearest, rtol=0, atol=1e-12)
 
 
+EYE, TARGET, UP = (np.array(CAMERA[name], float) for name in ("position", "look_at", "up"))
+AXES = stand(EYE, TARGET, UP).view[:3, :3]
+
+
 def ray_of(pixel):
     """From the eye through a pixel, by the angles of the picture."""
-    place = LookAt(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
-    right, up, back = place.view[:3, :3]
+    right, up, back = AXES
     half = np.tan(np.radians(CAMERA["fov_degrees"]) / 2)
     x, y = (pixel[0] - 320) / 240 * half, (240 - pixel[1]) / 240 * half
-    return place.position, x * right + y * up - back
+    return EYE, x * right + y * up - back
 
 
 @pytest.mark.parametrize(
@@ -149,9 +152,8 @@ def test_a_screen_target_is_followed_in_every_frame(tmp_path):
     found = drag(read_set(tmp_path, with_screen(target=[300, 200])))
     frames = np.arange(FRAMES)
     positions = np.array([anchor_positions(found.anchors, CLIP.pose_at(k)) for k in frames])
-    place = LookAt(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
     targets, (eye, way) = found.targets(frames, positions)[:, 0], ray_of([300, 200])
-    ahead = (positions[:, 0] - eye) @ place.view[2, :3] / (way @ place.view[2, :3])
+    ahead = (positions[:, 0] - eye) @ AXES[2] / (way @ AXES[2])
     np.testing.assert_allclose(targets, eye + ahead[:, None] * way, rtol=0, atol=1e-9)
 
 

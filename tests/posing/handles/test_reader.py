@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.geometry.camera import Camera, LookAt
+from cageik_cli.geometry.camera import Camera
 from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.util.errors import CageikError, InputError
+from tests.geometry.test_camera import stand
 from tests.posing.handles.files import CAMERA, CLIP, HAND, KEYS, STILL, read, read_set
 
 EYE = np.eye(4).tolist()
@@ -68,8 +69,8 @@ def test_constraints_are_read(tmp_path):
 
 
 def test_cameras_are_read(tmp_path):
-    place = LookAt(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
-    standing = Camera.from_look_at(place, 40, 640, 480)
+    stance = (np.array(CAMERA[name], float) for name in ("position", "look_at", "up"))
+    standing = stand(*stance, width=640, height=480)
     for said, camera in ((CAMERA, standing), (MATRICES, Camera(np.eye(4), np.eye(4), 640, 480))):
         (seen,) = read(tmp_path, {"handles": [SCREEN], "camera": said}).sets[0].handles
         found = seen.place.camera
