@@ -6,7 +6,6 @@ gradients are computed once.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,25 +24,6 @@ MAX_GRADIENT_BYTES = 1 << 26
 """Bytes of gradients that are computed together: neighbours among them share near panels."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MovedBlock:
-    """Some points in k frames.
-
-    Attributes
-    ----------
-    chosen : slice
-        Which of all points.
-    places : (k, 3, b) float64
-    oriented : list of Oriented
-        Of each frame.
-    """
-
-    chosen: slice
-    places: Floats
-    oriented: list[Oriented]
-    faults: MapFaults
-
-
 class PointMotion:
     """Moves points with a cage, and what turns with them.
 
@@ -57,6 +37,11 @@ class PointMotion:
         Threads.
     progress : callable
         Called with (points done, points).
+
+    Attributes
+    ----------
+    blocks : list of slice
+        The points that are moved together.
 
     Raises
     ------
@@ -81,7 +66,7 @@ class PointMotion:
             )
         self._oriented = oriented
         count, n = binding.weights.shape
-        self._blocks = [
+        self.blocks = [
             slice(start, min(start + MAX_MOVED_POINTS, count))
             for start in range(0, count, MAX_MOVED_POINTS)
         ]
@@ -94,13 +79,18 @@ class PointMotion:
         """Whether the points are splats."""
         return self._oriented.splats is not None
 
-    def __len__(self) -> int:
-        """Return the number of blocks."""
-        return len(self._blocks)
+    def move(self, chosen: slice, cages: Floats) -> tuple[Floats, list[Oriented], MapFaults]:
+        """Move the points of one of the `blocks` with cages, (k, n, 3).
 
-    def move(self, number: int, cages: Floats) -> MovedBlock:
-        """Return the points of a block in the frames of cages, (k, n, 3)."""
-        chosen = self._blocks[number]
+        Returns
+        -------
+        (k, 3, b) float64
+            Places of the b points in the k frames.
+        list of Oriented
+            What turns with them, in each frame.
+        MapFaults
+            Of all frames.
+        """
         middle = cages.mean(axis=1)
         rows = (cages - middle[:, None]).transpose(0, 2, 1).reshape(-1, self._cage_count)
         products = (rows @ self._block(chosen)).reshape(4, len(cages), 3, -1)
@@ -110,7 +100,7 @@ class PointMotion:
             maps = np.ascontiguousarray(products[1:, frame].swapaxes(0, 1))
             faults += count_map_faults(maps)
             moved.append(rest.move(maps))
-        return MovedBlock(chosen, places, moved, faults)
+        return places, moved, faults
 
     def _block(self, chosen: slice) -> Floats:
         """Return the weights and their gradients of a block, (4, n, b)."""
@@ -122,8 +112,8 @@ class PointMotion:
         points = _find_places(binding)
         field = HarmonicField.solve(binding.cage, points, binding.settings.accuracy, jobs)
         together = max(1, MAX_GRADIENT_BYTES // (24 * self._cage_count * MAX_MOVED_POINTS))
-        for first in range(0, len(self._blocks), together):
-            group = self._blocks[first : first + together]
+        for first in range(0, len(self.blocks), together):
+            group = self.blocks[first : first + together]
             start, stop = group[0].start, group[-1].stop
             gradients = field.gradient(points[start:stop], jobs)
             for chosen in group:

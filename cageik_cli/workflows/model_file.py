@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
-from cageik_cli.coordinates.point_motion import MovedBlock, PointMotion
+from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.formats.base.files import decompress, describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.open import load_mesh
@@ -237,7 +237,7 @@ class PointReconstruction:
     def fill_rows(self, rows: NDArray[Any], cages: Floats) -> None:
         """Fill the rows (k, m) of the frames of cages (k, n, 3), block by block in threads."""
         move = partial(_move_block, self._motion, rows, cages)
-        with OrderedMap(move, range(len(self._motion)), self._jobs, 2 * self._jobs) as blocks:
+        with OrderedMap(move, self._motion.blocks, self._jobs, 2 * self._jobs) as blocks:
             for found in blocks:
                 self.faults += found
 
@@ -259,13 +259,13 @@ class PointReconstruction:
                 )
 
 
-def _move_block(motion: PointMotion, rows: NDArray[Any], cages: Floats, number: int) -> MapFaults:
-    moved: MovedBlock = motion.move(number, cages)
-    for frame, (places, oriented) in enumerate(zip(moved.places, moved.oriented, strict=True)):
-        part = rows[frame, moved.chosen]
-        place_positions(part, places.T)
-        if oriented.normals is not None:
-            place_normals(part, oriented.normals)
-        if oriented.splats is not None:
-            place_splats(part, oriented.splats)
-    return moved.faults
+def _move_block(motion: PointMotion, rows: NDArray[Any], cages: Floats, chosen: slice) -> MapFaults:
+    places, oriented, faults = motion.move(chosen, cages)
+    for row, place, turned in zip(rows, places, oriented, strict=True):
+        part = row[chosen]
+        place_positions(part, place.T)
+        if turned.normals is not None:
+            place_normals(part, turned.normals)
+        if turned.splats is not None:
+            place_splats(part, turned.splats)
+    return faults

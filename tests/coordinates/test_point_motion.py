@@ -45,12 +45,24 @@ def small_blocks(monkeypatch):
 def move(motion, points, cage):
     out = points.rows.copy()
     faults = []
-    for number in range(len(motion)):
-        block = motion.move(number, cage[None])
-        place_positions(out[block.chosen], block.places[0].T)
-        place_splats(out[block.chosen], block.oriented[0].splats)
-        faults.append(block.faults)
+    for chosen in motion.blocks:
+        places, oriented, found = motion.move(chosen, cage[None])
+        place_positions(out[chosen], places[0].T)
+        place_splats(out[chosen], oriented[0].splats)
+        faults.append(found)
     return out, faults
+
+
+def move_splats(binding, points, cage, jobs=1):
+    """The rows of splats that a cage moves, and the faults of its maps."""
+    return move(
+        PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, jobs), points, cage
+    )
+
+
+def assert_covariances(found, expected, tolerance=1e-9):
+    size = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(covariances(found) / size, expected / size, rtol=0, atol=tolerance)
 
 
 AFFINE = {
@@ -62,14 +74,12 @@ AFFINE = {
 
 @pytest.mark.parametrize("name", AFFINE)
 def test_affine_motions_move_covariances(small_blocks, binding, points, rows, name):
-    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 2)
     linear, shift = AFFINE[name], np.array([10.0, -3, 5])
-    out, _ = move(motion, points, CAGE.vertices @ linear.T + shift)
+    out, _ = move_splats(binding, points, CAGE.vertices @ linear.T + shift, jobs=2)
     places = np.stack([out[axis] for axis in "xyz"], axis=1)
     np.testing.assert_allclose(places, points.positions @ linear.T + shift, rtol=0, atol=1e-11)
     expected = linear @ covariances(rows) @ linear.T
-    size = np.abs(expected).max(axis=(1, 2), keepdims=True)
-    np.testing.assert_allclose(covariances(out) / size, expected / size, rtol=0, atol=1e-9)
+    assert_covariances(out, expected)
 
 
 def bend(cage):
@@ -89,13 +99,11 @@ def difference_maps(binding, some, bent):
 
 
 def test_a_bent_cage_moves_them_by_its_derivative(binding, points, rows):
-    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 2)
     bent = bend(CAGE.vertices)
-    out, faults = move(motion, points, bent)
+    out, faults = move_splats(binding, points, bent, jobs=2)
     maps = difference_maps(binding, points.positions[:50], bent)
     expected = maps @ covariances(rows[:50]) @ maps.swapaxes(1, 2)
-    size = np.abs(expected).max(axis=(1, 2), keepdims=True)
-    np.testing.assert_allclose(covariances(out[:50]) / size, expected / size, rtol=0, atol=1e-5)
+    assert_covariances(out[:50], expected, 1e-5)
     assert sum(fault.mirrored + fault.flat for fault in faults) == 0
 
 
@@ -108,8 +116,8 @@ def normals():
 def turn_normals(binding, normals, cage):
     motion = PointMotion(binding, Oriented(normals), 1 << 30, 2)
     assert not motion.moves_splats
-    blocks = [motion.move(number, cage[None]) for number in range(len(motion))]
-    return np.concatenate([block.oriented[0].normals for block in blocks], axis=1)
+    blocks = [motion.move(chosen, cage[None]) for chosen in motion.blocks]
+    return np.concatenate([oriented[0].normals for _, oriented, _ in blocks], axis=1)
 
 
 @pytest.mark.parametrize("name", AFFINE)
@@ -132,9 +140,8 @@ def test_a_bent_cage_turns_normals_by_its_derivative(binding, normals):
 
 
 def test_colours_turn_with_the_splats(binding, points, rows):
-    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 2)
     turn = AFFINE["turn"]
-    out, _ = move(motion, points, CAGE.vertices @ turn.T)
+    out, _ = move_splats(binding, points, CAGE.vertices @ turn.T, jobs=2)
     # In the first band, the coefficients are the components -y, z, -x of a vector.
     before = np.stack([-rows["f_rest_2"], -rows["f_rest_0"], rows["f_rest_1"]])
     after = np.stack([-out["f_rest_2"], -out["f_rest_0"], out["f_rest_1"]])
@@ -146,8 +153,7 @@ def test_colours_turn_with_the_splats(binding, points, rows):
     [(np.diag([1, 1, -1.0]), (COUNT, 0)), (np.diag([1, 1, 0.0]), (0, COUNT))],
 )
 def test_lost_shapes_are_counted(binding, points, linear, expected):
-    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 1)
-    out, faults = move(motion, points, CAGE.vertices @ linear)
+    out, faults = move_splats(binding, points, CAGE.vertices @ linear)
     found = sum(fault.mirrored for fault in faults), sum(fault.flat for fault in faults)
     assert found == expected
     assert all(np.isfinite(out[name]).all() for name in out.dtype.names)
@@ -174,12 +180,10 @@ def test_splats_outside_by_rounding_move_as_those_on_the_cage(rows, depth):
         near[axis][: len(centre)] = values
     points = parse_points(encode_rows(near))
     binding = bind(PointCloud.from_points(points.positions), CAGE, BindSettings(accuracy="preview"))
-    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 1)
     linear = AFFINE["shear"]
-    out, _ = move(motion, points, CAGE.vertices @ linear.T)
+    out, _ = move_splats(binding, points, CAGE.vertices @ linear.T)
     expected = linear @ covariances(near) @ linear.T
-    size = np.abs(expected).max(axis=(1, 2), keepdims=True)
-    np.testing.assert_allclose(covariances(out) / size, expected / size, rtol=0, atol=1e-9)
+    assert_covariances(out, expected)
 
 
 def test_splats_outside_move_with_the_nearest_point_of_the_cage(rows):
@@ -190,18 +194,16 @@ def test_splats_outside_move_with_the_nearest_point_of_the_cage(rows):
     cloud = PointCloud.from_points(points.positions)
     binding = bind(cloud, CAGE, BindSettings(accuracy="preview", outside="project"))
     assert binding.projected == 1
-    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 1)
     linear = AFFINE["shear"]
-    out, _ = move(motion, points, CAGE.vertices @ linear.T)
+    out, _ = move_splats(binding, points, CAGE.vertices @ linear.T)
     expected = linear @ covariances(outer) @ linear.T
-    size = np.abs(expected).max(axis=(1, 2), keepdims=True)
-    np.testing.assert_allclose(covariances(out) / size, expected / size, rtol=0, atol=1e-9)
+    assert_covariances(out, expected)
 
 
 def test_weights_without_gradients_are_refused(points):
     cloud = PointCloud.from_points(points.positions)
     binding = bind(cloud, CAGE, BindSettings("mean-value"))
-    with pytest.raises(SettingError, match="--coordinates harmonic"):
+    with pytest.raises(SettingError, match="`coordinates=harmonic`"):
         PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 1)
 
 
