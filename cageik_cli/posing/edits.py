@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,13 +125,6 @@ class EditTarget:
         base = self._turn(anchor_positions(anchors, self.base_mesh), frames)
         return np.asarray(base + rows @ (cages - self.base_cage))
 
-    def pose_at(self, frame: int, layers: Sequence["Layer"]) -> Floats:
-        """Return the mesh of a frame, (m, 3), after layers."""
-        frames, cages = np.array([frame]), self.cage_at(frame)[None]
-        if layers:
-            cages, _, _ = apply_layers(layers, self, frames, cages)
-        return np.asarray(self.deform(frames, cages)[0])
-
     def _turn(self, points: Floats, frames: Integers) -> Floats:
         """Return points of the base mesh, (p, 3), in each frame: (k, p, 3), or as they are."""
         return points if self.rotations is None else np.asarray(points @ self.rotations[frames])
@@ -150,8 +142,6 @@ class Layer:
         For those of its anchors that act.
     acts : (l,) bool
         All anchors, but those that stay because they are beyond the reach.
-    rigidity : int
-        Rounds of rigid rotations.
     name : str
         Its place in the handles file, such as "sets[1]"; "" for the only layer.
     is_beyond : (m,) bool
@@ -161,40 +151,8 @@ class Layer:
     schedule: HandleSchedule
     poser: Poser
     acts: NDArray[np.bool_]
-    rigidity: int
     name: str
     is_beyond: NDArray[np.bool_]
-
-
-def build_layers(
-    handles: Handles, edit_target: EditTarget, settings: PosingSettings
-) -> list[Layer]:
-    """Build a layer for each set of handles; points are picked on the result of those before.
-
-    Raises
-    ------
-    HandlesError
-        When a handle cannot be placed; the message names it.
-    NumericalError
-        When hard handles conflict.
-    """
-    layers: list[Layer] = []
-    for k, handle_set in enumerate(handles.sets):
-        pose_at = partial(edit_target.pose_at, layers=tuple(layers))
-        surface = PosedSurface(edit_target.binding.rest, pose_at, edit_target.frame_count)
-        name = f"sets[{k}]" if len(handles.sets) > 1 else ""
-        with _set_context(name):
-            schedule = place_handles(
-                handle_set,
-                surface,
-                snap=settings.snap,
-                allow_conflicts=settings.allow_conflicts,
-                hard=settings.hard,
-            )
-            layers.append(
-                _build_layer(schedule, handles.constraints, edit_target.binding, settings, name)
-            )
-    return layers
 
 
 def _build_layer(
@@ -215,57 +173,7 @@ def _build_layer(
         )
     anchors = [anchor for anchor, is_acting in zip(scheduled, acts, strict=True) if is_acting]
     poser = Poser(binding, anchors, settings.alpha, settings.beta, constraints)
-    return Layer(schedule, poser, acts, settings.rigidity, name, is_beyond)
-
-
-def collect_anchors(layers: Sequence[Layer]) -> list[Anchor]:
-    """Return the anchors of all layers, l of them."""
-    return [anchor for layer in layers for anchor in layer.schedule.anchors]
-
-
-def active_anchors(layers: Sequence[Layer], frames: Integers) -> NDArray[np.bool_]:
-    """Return which anchors act in frames (k,), as (k, l): those of layers that change the frame."""
-    strengths = [layer.schedule.blend(frames) for layer in layers for _ in layer.schedule.anchors]
-    return np.stack(strengths, axis=1) > 0
-
-
-def deciding_anchors(layers: Sequence[Layer], frame: int) -> list[int]:
-    """Return the numbers of the anchors that decide a frame, ascending.
-
-    Layers that do not change the frame are left out; of several anchors at one point, the last one
-    decides.
-    """
-    is_active = active_anchors(layers, np.array([frame]))[0]
-    points = [anchor.point for anchor in collect_anchors(layers)]
-    keys = [(point.corners.tobytes(), point.barycentric.tobytes()) for point in points]
-    last = {key: k for k, key in enumerate(keys) if is_active[k]}
-    return sorted(last.values())
-
-
-def apply_layers(
-    layers: Sequence[Layer], edit_target: EditTarget, frames: Integers, cages: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Apply all layers to the cages (k, n, 3) of frames (k,).
-
-    A frame that no layer changes keeps its cage bit for bit.
-
-    Returns
-    -------
-    cages : (k, n, 3) float64
-    starts : (k, l, 3) float64
-        Positions of the anchors of all layers, each before its own layer.
-    targets : (k, l, 3) float64
-        Their targets, at the strength that their layer has in each frame.
-    """
-    starts, targets = [], []
-    for layer in layers:
-        start = edit_target.anchor_positions(layer.schedule.anchors, frames, cages)
-        with _set_context(layer.name):
-            displacements = layer.schedule.displacements(frames, start)
-        cages = layer.poser.edit_cages(cages, displacements[:, layer.acts], layer.rigidity)
-        starts.append(start)
-        targets.append(start + displacements)
-    return cages, np.concatenate(starts, axis=1), np.concatenate(targets, axis=1)
+    return Layer(schedule, poser, acts, name, is_beyond)
 
 
 def _set_context(name: str) -> AbstractContextManager[None]:
@@ -283,7 +191,7 @@ class EditedFrames:
         Frame numbers, ascending.
     cages_before, cages_after : (k, n, 3) float64
     starts, targets : (k, l, 3) float64
-        As of `apply_layers`.
+        As of `LayeredEdit.apply`.
     meshes_before, meshes_after : (k, m, 3) float64
     anchors_before, anchors_after : (k, l, 3) float64
     metrics : FrameMetrics
@@ -305,29 +213,131 @@ class EditedFrames:
     squared_displacements: Floats
 
 
-def edit_frames(
-    layers: Sequence[Layer], edit_target: EditTarget, frames: Integers, cages: Floats
-) -> EditedFrames:
-    """Apply layers to the cages (k, n, 3) of frames (k,), and measure the changes."""
-    edited, starts, targets = apply_layers(layers, edit_target, frames, cages)
-    meshes = edit_target.deform(frames, cages)
-    after = meshes.copy()
-    is_changed = (edited != cages).any(axis=(1, 2))
-    # Only the difference is added: nothing cancels, and unchanged frames stay bit for bit.
-    after[is_changed] += reconstruct(edit_target.binding.weights, (edited - cages)[is_changed])
-    rest = edit_target.binding.rest
-    measured = measure(rest, meshes, after, rest.used_vertices)
-    anchors = collect_anchors(layers)
-    return EditedFrames(
-        frames=frames,
-        cages_before=cages,
-        cages_after=edited,
-        starts=starts,
-        targets=targets,
-        meshes_before=meshes,
-        meshes_after=after,
-        anchors_before=edit_target.anchor_positions(anchors, frames, cages),
-        anchors_after=edit_target.anchor_positions(anchors, frames, edited),
-        metrics=measured.metrics,
-        squared_displacements=measured.squared_errors,
-    )
+class LayeredEdit:
+    """The layers of a handles file, and the pose or the animation that they are applied to.
+
+    Parameters
+    ----------
+    handles : Handles
+        Points are picked on the result of the layers before theirs.
+
+    Attributes
+    ----------
+    layers : list of Layer
+        One for each set of handles.
+    rigidity : int
+        Rounds of rigid rotations.
+
+    Raises
+    ------
+    HandlesError
+        When a handle cannot be placed; the message names it.
+    NumericalError
+        When hard handles conflict.
+    """
+
+    def __init__(self, handles: Handles, target: EditTarget, settings: PosingSettings) -> None:
+        self.target, self.rigidity = target, settings.rigidity
+        self.layers: list[Layer] = []
+        binding = target.binding
+        for k, handle_set in enumerate(handles.sets):
+            surface = PosedSurface(binding.rest, self._pose_at, target.frame_count)
+            name = f"sets[{k}]" if len(handles.sets) > 1 else ""
+            with _set_context(name):
+                schedule = place_handles(
+                    handle_set,
+                    surface,
+                    snap=settings.snap,
+                    allow_conflicts=settings.allow_conflicts,
+                    hard=settings.hard,
+                )
+                layer = _build_layer(schedule, handles.constraints, binding, settings, name)
+            self.layers.append(layer)
+
+    @property
+    def anchors(self) -> list[Anchor]:
+        """The anchors of all layers, l of them."""
+        return [anchor for layer in self.layers for anchor in layer.schedule.anchors]
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes for the user on how the handles were placed."""
+        return [note for layer in self.layers for note in layer.schedule.notes]
+
+    @property
+    def is_beyond(self) -> NDArray[np.bool_]:
+        """Which vertices, (m,), are beyond the reach of all layers."""
+        return np.asarray(np.all([layer.is_beyond for layer in self.layers], axis=0))
+
+    def find_active(self, frames: Integers) -> NDArray[np.bool_]:
+        """Return which anchors act in frames (k,), as (k, l): those of layers that change it."""
+        strengths = [
+            layer.schedule.blend(frames) for layer in self.layers for _ in layer.schedule.anchors
+        ]
+        return np.stack(strengths, axis=1) > 0
+
+    def find_deciding(self, frame: int) -> list[int]:
+        """Return the numbers of the anchors that decide a frame, ascending.
+
+        Layers that do not change the frame are left out; of several anchors at one point, the last
+        one decides.
+        """
+        is_active = self.find_active(np.array([frame]))[0]
+        points = [anchor.point for anchor in self.anchors]
+        keys = [(point.corners.tobytes(), point.barycentric.tobytes()) for point in points]
+        last = {key: k for k, key in enumerate(keys) if is_active[k]}
+        return sorted(last.values())
+
+    def apply(self, frames: Integers, cages: Floats) -> tuple[Floats, Floats, Floats]:
+        """Apply all layers to the cages (k, n, 3) of frames (k,).
+
+        A frame that no layer changes keeps its cage bit for bit.
+
+        Returns
+        -------
+        cages : (k, n, 3) float64
+        starts : (k, l, 3) float64
+            Positions of the anchors of all layers, each before its own layer.
+        targets : (k, l, 3) float64
+            Their targets, at the strength that their layer has in each frame.
+        """
+        starts, targets = [], []
+        for layer in self.layers:
+            start = self.target.anchor_positions(layer.schedule.anchors, frames, cages)
+            with _set_context(layer.name):
+                displacements = layer.schedule.displacements(frames, start)
+            cages = layer.poser.edit_cages(cages, displacements[:, layer.acts], self.rigidity)
+            starts.append(start)
+            targets.append(start + displacements)
+        return cages, np.concatenate(starts, axis=1), np.concatenate(targets, axis=1)
+
+    def edit_frames(self, frames: Integers, cages: Floats) -> EditedFrames:
+        """Apply all layers to the cages (k, n, 3) of frames (k,), and measure the changes."""
+        edited, starts, targets = self.apply(frames, cages)
+        meshes = self.target.deform(frames, cages)
+        after = meshes.copy()
+        is_changed = (edited != cages).any(axis=(1, 2))
+        # Only the difference is added: nothing cancels, and unchanged frames stay bit for bit.
+        after[is_changed] += reconstruct(self.target.binding.weights, (edited - cages)[is_changed])
+        rest = self.target.binding.rest
+        measured = measure(rest, meshes, after, rest.used_vertices)
+        return EditedFrames(
+            frames=frames,
+            cages_before=cages,
+            cages_after=edited,
+            starts=starts,
+            targets=targets,
+            meshes_before=meshes,
+            meshes_after=after,
+            anchors_before=self.target.anchor_positions(self.anchors, frames, cages),
+            anchors_after=self.target.anchor_positions(self.anchors, frames, edited),
+            metrics=measured.metrics,
+            squared_displacements=measured.squared_errors,
+        )
+
+    def _pose_at(self, frame: int) -> Floats:
+        """Return the mesh of a frame, (m, 3), after the layers so far."""
+        frames, cages = np.array([frame]), self.target.cage_at(frame)[None]
+        if self.layers:
+            cages, _, _ = self.apply(frames, cages)
+        return np.asarray(self.target.deform(frames, cages)[0])

@@ -1,18 +1,11 @@
 """One frame before and after an edit, for pictures of it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.posing.edits import (
-    EditedFrames,
-    EditTarget,
-    Layer,
-    collect_anchors,
-    deciding_anchors,
-)
+from cageik_cli.posing.edits import EditedFrames, LayeredEdit
 from cageik_cli.posing.summary import PoseSummary
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -75,16 +68,14 @@ class PoseResult:
     snapshot: PoseSnapshot
 
 
-def take_snapshot(
-    layers: Sequence[Layer], edit_target: EditTarget, block: EditedFrames, summary: PoseSummary
-) -> PoseSnapshot:
+def take_snapshot(edit: LayeredEdit, block: EditedFrames, summary: PoseSummary) -> PoseSnapshot:
     """Return the first frame of a block as a snapshot, with the summary of all frames."""
-    frame, binding = int(block.frames[0]), edit_target.binding
-    anchors, chosen = collect_anchors(layers), deciding_anchors(layers, frame)
+    frame, target = int(block.frames[0]), edit.target
+    binding, anchors, chosen = target.binding, edit.anchors, edit.find_deciding(frame)
     starts, targets = block.starts[0, chosen], block.targets[0, chosen]
     residuals = [summary.anchors[k].residual_percent for k in chosen]
     return PoseSnapshot(
-        frame=edit_target.frame_names[frame] if edit_target.frame_names else "",
+        frame=target.frame_names[frame] if target.frame_names else "",
         faces=binding.rest.faces,
         cage_faces=binding.cage.faces,
         before=block.meshes_before[0],
@@ -96,7 +87,7 @@ def take_snapshot(
         ends=block.anchors_after[0, chosen],
         names=tuple(anchors[k].name for k in chosen),
         pinned=(targets == starts).all(axis=1),
-        up_axis=edit_target.up_axis,
+        up_axis=target.up_axis,
         rms_percent=summary.rms_percent,
         max_residual_percent=max(residuals, default=0.0),
     )

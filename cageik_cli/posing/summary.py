@@ -7,13 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.edits import (
-    EditedFrames,
-    Layer,
-    active_anchors,
-    collect_anchors,
-)
+from cageik_cli.posing.edits import EditedFrames, LayeredEdit
 from cageik_cli.posing.handles.placement import describe_place
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -120,26 +114,19 @@ class PoseSummary:
 
 
 class PoseStatistics:
-    """Running statistics of an edit, updated block by block.
+    """Running statistics of an edit, updated block by block."""
 
-    Parameters
-    ----------
-    rest : TriMesh
-        The model at rest.
-    """
-
-    def __init__(self, layers: Sequence[Layer], rest: TriMesh) -> None:
-        self._layers, self._diagonal = layers, rest.diagonal
-        self._has_surface = len(rest.faces) > 0
-        self._anchors = collect_anchors(layers)
-        self._layer_names = [layer.name for layer in layers for _ in layer.schedule.anchors]
+    def __init__(self, edit: LayeredEdit) -> None:
+        self._edit, self._rest = edit, edit.target.binding.rest
+        self._anchors = edit.anchors
+        self._layer_names = [layer.name for layer in edit.layers for _ in layer.schedule.anchors]
         self._moved, self._residual = np.zeros((2, len(self._anchors)))
         self._residual_frame = np.zeros(len(self._anchors), np.int64)
         self._squares, self._frame_count = 0.0, 0
         self._farthest, self._vertex, self._frame = 0.0, 0, 0
         self._smallest_motion = 0.0
         self._cage_farthest, self._cage_vertex = 0.0, 0
-        self._is_beyond = _find_beyond_all(layers)
+        self._is_beyond = edit.is_beyond
         self._beyond_moved = 0.0
         self._volume_change: float | None = None
         self._changed: list[int] = []
@@ -150,7 +137,7 @@ class PoseStatistics:
         """Add the next frames, if there are any."""
         if not len(block.frames):
             return
-        acts = active_anchors(self._layers, block.frames)
+        acts = self._edit.find_active(block.frames)
         distances = np.linalg.norm(block.anchors_after - block.anchors_before, axis=2) * acts
         self._moved = np.maximum(self._moved, distances.max(axis=0))
         residuals = np.linalg.norm(block.anchors_after - block.targets, axis=2) * acts
@@ -203,15 +190,16 @@ class PoseStatistics:
             return names[frame] if names else ""
 
         rms = float(np.sqrt(self._squares / max(1, self._frame_count)))
+        diagonal = self._rest.diagonal
         beyond = self._beyond_moved if self._is_beyond.any() else None
         return PoseSummary(
-            diagonal=self._diagonal,
+            diagonal=diagonal,
             anchors=tuple(
                 self._summarize_anchor(k, name(int(frame)))
                 for k, frame in enumerate(self._residual_frame)
             ),
             rms=rms,
-            rms_percent=100 * rms / self._diagonal,
+            rms_percent=100 * rms / diagonal,
             moved=self._farthest,
             moved_least=self._smallest_motion,
             vertex=self._vertex,
@@ -219,13 +207,13 @@ class PoseStatistics:
             cage_moved=self._cage_farthest,
             cage_vertex=self._cage_vertex,
             volume_change_percent=self._volume_change,
-            condition_number=max(layer.poser.condition_number for layer in self._layers),
-            rigidity=max(layer.rigidity for layer in self._layers),
+            condition_number=max(layer.poser.condition_number for layer in self._edit.layers),
+            rigidity=self._edit.rigidity,
             changed=(name(self._changed[0]), name(self._changed[-1])) if self._changed else None,
             beyond_moved=beyond,
-            beyond_moved_percent=None if beyond is None else 100 * beyond / self._diagonal,
+            beyond_moved_percent=None if beyond is None else 100 * beyond / diagonal,
             **self._summarize_acceleration(),
-            has_surface=self._has_surface,
+            has_surface=len(self._rest.faces) > 0,
         )
 
     def _summarize_acceleration(self) -> dict[str, Any]:
@@ -244,7 +232,7 @@ class PoseStatistics:
 
     def _summarize_anchor(self, k: int, frame: str) -> AnchorSummary:
         before, after = (tracker.max_acceleration for tracker in self._acceleration_trackers)
-        place = describe_place(self._layers[0].poser.binding.rest, self._anchors[k].point)
+        place = describe_place(self._rest, self._anchors[k].point)
         is_vertex = place.kind == "vertex"
         return AnchorSummary(
             name=self._anchors[k].name,
@@ -254,19 +242,11 @@ class PoseStatistics:
             barycentric=None if place.values is None else tuple(place.values.tolist()),
             moved=float(self._moved[k]),
             residual=float(self._residual[k]),
-            residual_percent=float(100 * self._residual[k] / self._diagonal),
+            residual_percent=float(100 * self._residual[k] / self._rest.diagonal),
             frame=frame,
             acceleration=None if after is None else float(after[k]),
             acceleration_before=None if before is None else float(before[k]),
         )
-
-
-def _find_beyond_all(layers: Sequence[Layer]) -> NDArray[np.bool_]:
-    """Return which vertices, (m,), are beyond the reach of all layers."""
-    is_beyond = np.ones(len(layers[0].poser.binding.rest.vertices), bool)
-    for layer in layers:
-        is_beyond &= layer.is_beyond
-    return is_beyond
 
 
 class _AccelerationTracker:

@@ -9,14 +9,7 @@ import numpy as np
 
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
-from cageik_cli.posing.edits import (
-    EditedFrames,
-    EditTarget,
-    Layer,
-    PosingSettings,
-    build_layers,
-    edit_frames,
-)
+from cageik_cli.posing.edits import EditedFrames, EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.snapshot import PoseResult, take_snapshot
@@ -36,7 +29,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import single_line, to_unicode
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.caged_model import CagedModel
-from cageik_cli.workflows.pose import report_layer_notes
+from cageik_cli.workflows.pose import report_placement
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 
@@ -84,15 +77,14 @@ def edit(
         target = _build_target(CagedModel.of_result(result), rotations)
     # One thread: the last digits depend on how many.
     with progress.stage("pose"), error_context(handles.path), limit_blas_threads(1):
-        layers = build_layers(handles, target, settings.posing)
-    report_layer_notes(layers, handles.path, progress)
+        layered = LayeredEdit(handles, target, settings.posing)
+    report_placement(layered, handles.path, progress)
     edit_run = _EditRun(
         result=result,
         handles=handles.path,
-        target=target,
         rotations=rotations,
-        layers=layers,
-        statistics=PoseStatistics(layers, result.rest),
+        edit=layered,
+        statistics=PoseStatistics(layered),
     )
     size = choose_block_size(len(result.rest.vertices))
     writer = open_result_writer(
@@ -115,7 +107,7 @@ def edit(
         with progress.stage("write"):
             file.complete(ending, key_frames=key_frames, key_frame_errors=offsets)
     pose_summary = edit_run.statistics.summarize(result.frames)
-    return PoseResult(pose_summary, take_snapshot(layers, target, posed[0], pose_summary))
+    return PoseResult(pose_summary, take_snapshot(layered, posed[0], pose_summary))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,9 +126,8 @@ class _EditRun:
 
     result: Result
     handles: Path
-    target: EditTarget
     rotations: Floats
-    layers: list[Layer]
+    edit: LayeredEdit
     statistics: PoseStatistics
 
     def write_blocks(
@@ -155,11 +146,11 @@ class _EditRun:
 
     def edit_frame(self, frame: int) -> EditedFrames:
         """Return one frame before and after."""
-        return self._edit_frames(np.array([frame]), self.target.cage_at(frame)[None])
+        return self._edit_frames(np.array([frame]), self.edit.target.cage_at(frame)[None])
 
     def _edit_frames(self, frames: Integers, cages: Floats) -> EditedFrames:
         with error_context(self.handles):
-            return edit_frames(self.layers, self.target, frames, cages)
+            return self.edit.edit_frames(frames, cages)
 
     def _edit_block(self, cages: Floats, start: int) -> SolvedBlock:
         """Apply all layers to the frames from `start` on; skipped frames stay gaps."""

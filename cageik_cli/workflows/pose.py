@@ -1,6 +1,5 @@
 """Pose a model in its cage by the handles of a file."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,13 +13,7 @@ from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.open import clip_suffixes, mesh_suffixes
 from cageik_cli.formats.ply_points import place_positions
 from cageik_cli.formats.write import check_mesh_output, write_mesh
-from cageik_cli.posing.edits import (
-    EditTarget,
-    Layer,
-    PosingSettings,
-    build_layers,
-    edit_frames,
-)
+from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.snapshot import PoseResult, take_snapshot
@@ -136,23 +129,21 @@ def pose_model(
     HandlesError, NumericalError
         Naming the file of the handles, as `pose`.
     """
-    cage, target = binding.cage.vertices, EditTarget.of_model(binding)
     # One thread: the last digits depend on how many.
     with error_context(handles.path), limit_blas_threads(1):
-        layers = build_layers(handles, target, posing)
-        block = edit_frames(layers, target, np.zeros(1, np.int64), cage[None])
-    report_layer_notes(layers, handles.path, progress)
-    statistics = PoseStatistics(layers, binding.rest)
+        edit = LayeredEdit(handles, EditTarget.of_model(binding), posing)
+        block = edit.edit_frames(np.zeros(1, np.int64), binding.cage.vertices[None])
+    report_placement(edit, handles.path, progress)
+    statistics = PoseStatistics(edit)
     statistics.update(block)
     summary = statistics.summarize([])
-    return PoseResult(summary, take_snapshot(layers, target, block, summary))
+    return PoseResult(summary, take_snapshot(edit, block, summary))
 
 
-def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: ProgressListener) -> None:
+def report_placement(edit: LayeredEdit, handles: Path, progress: ProgressListener) -> None:
     """Note how handles were understood."""
-    for layer in layers:
-        for note in layer.schedule.notes:
-            progress.note("note", f"{handles.name}: {note}")
+    for note in edit.notes:
+        progress.note("note", f"{handles.name}: {note}")
 
 
 def check_target_kind(target: Path, purpose: str) -> None:

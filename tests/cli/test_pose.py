@@ -1,7 +1,6 @@
 """`cageik pose`, from the files to the files: a model, and the animation of a result."""
 
 import gzip
-import importlib
 import json
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from cageik_cli.formats.open import load_mesh
+from cageik_cli.posing.edits import LayeredEdit
 from cageik_cli.store.result import read_result, read_weights
 from tests.assets import parse_asset
 from tests.cli.terminal import on_a_terminal
@@ -75,16 +75,16 @@ def test_the_same_input_gives_the_same_bytes(run, handles, clip):
         assert Path(first).read_bytes() == Path(f"again_{first}").read_bytes()
 
 
-@pytest.mark.parametrize(("module", "words"), [("pose", REST), ("edit", EDIT)])
-def test_one_thread_multiplies(run, handles, clip, monkeypatch, module, words):
+@pytest.mark.parametrize("words", [REST, EDIT])
+def test_one_thread_multiplies(run, handles, clip, monkeypatch, words):
     """The last digits of a product depend on how many do."""
-    edit_frames, counts = importlib.import_module(f"cageik_cli.workflows.{module}").edit_frames, []
+    edit_frames, counts = LayeredEdit.edit_frames, []
 
     def counted(*arguments):
         counts.extend(p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas")
         return edit_frames(*arguments)
 
-    monkeypatch.setattr(f"cageik_cli.workflows.{module}.edit_frames", counted)
+    monkeypatch.setattr(LayeredEdit, "edit_frames", counted)
     assert run(*words).code == 0
     assert counts
     assert set(counts) == {1}

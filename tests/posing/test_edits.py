@@ -8,13 +8,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.posing.edits import (
-    EditTarget,
-    PosingSettings,
-    apply_layers,
-    build_layers,
-    collect_anchors,
-)
+from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.util.errors import HandlesError, SettingError
 from tests.shapes import ball, box, rotation
@@ -40,13 +34,13 @@ def clip(binding, cages):
 
 
 @pytest.fixture
-def layers(tmp_path, clip):
-    """The layers of a document."""
+def make_edit(tmp_path, clip):
+    """The edit of a document."""
 
     def make(document, **settings):
         path = tmp_path / "handles.json"
         path.write_text(json.dumps(document))
-        return build_layers(read_handles(path), clip, PosingSettings(**settings))
+        return LayeredEdit(read_handles(path), clip, PosingSettings(**settings))
 
     return make
 
@@ -70,8 +64,8 @@ def test_a_skin_for_reconstruction_is_weights_times_cages(binding, cages):
 
 
 @pytest.mark.parametrize("make", [EditTarget.of_model, animation_of])
-def test_anchors_are_where_their_vertices_are(binding, cages, layers, make):
-    anchors = collect_anchors(layers(moving([1, 0, 0])))
+def test_anchors_are_where_their_vertices_are(binding, cages, make_edit, make):
+    anchors = make_edit(moving([1, 0, 0])).anchors
     skin = make(binding)
     frames = np.arange(COUNT)
     positions = skin.anchor_positions(anchors, frames, cages)
@@ -79,7 +73,7 @@ def test_anchors_are_where_their_vertices_are(binding, cages, layers, make):
     np.testing.assert_allclose(positions[:, 0], meshes[:, 1], rtol=0, atol=1e-14)
 
 
-def test_offsets_turn_with_the_frames(binding, cages, layers):
+def test_offsets_turn_with_the_frames(binding, cages, make_edit):
     """Weights that do not reproduce the rest pose give it for the rest cage, turned."""
     few = replace(binding, weights=np.round(binding.weights, 1), has_offsets=True)
     turns = np.array([rotation(k) for k in range(COUNT)])
@@ -89,40 +83,38 @@ def test_offsets_turn_with_the_frames(binding, cages, layers):
     np.testing.assert_allclose(
         skin.deform(frames, turned), few.rest.vertices @ turns, rtol=0, atol=1e-13
     )
-    anchors = collect_anchors(layers(moving([1, 0, 0])))
+    anchors = make_edit(moving([1, 0, 0])).anchors
     found = skin.anchor_positions(anchors, frames[2:], cages[2:])
     np.testing.assert_allclose(
         found[:, 0], skin.deform(frames[2:], cages[2:])[:, 1], rtol=0, atol=1e-13
     )
 
 
-def test_frames_that_no_layer_changes_keep_their_cages(clip, cages, layers):
-    found, _, _ = apply_layers(
-        layers(moving([0, 1, 0], frames=[2, 3])), clip, np.arange(COUNT), cages
-    )
+def test_frames_that_no_layer_changes_keep_their_cages(cages, make_edit):
+    found, _, _ = make_edit(moving([0, 1, 0], frames=[2, 3])).apply(np.arange(COUNT), cages)
     changed = (found != cages).any(axis=(1, 2))
     assert changed.tolist() == [False, False, True, True, False, False]
 
 
-def test_a_frame_does_not_depend_on_its_block(clip, cages, layers):
-    both = layers({"sets": [moving([0, 1, 0]), moving([1, 0, 0], frames=[1, 3])]}, rigidity=2)
-    cages_together, _, targets_together = apply_layers(both, clip, np.arange(COUNT), cages)
+def test_a_frame_does_not_depend_on_its_block(cages, make_edit):
+    both = make_edit({"sets": [moving([0, 1, 0]), moving([1, 0, 0], frames=[1, 3])]}, rigidity=2)
+    cages_together, _, targets_together = both.apply(np.arange(COUNT), cages)
     for k in range(COUNT):
-        alone, _, targets = apply_layers(both, clip, np.array([k]), cages[[k]])
+        alone, _, targets = both.apply(np.array([k]), cages[[k]])
         np.testing.assert_array_equal(alone[0], cages_together[k])
         np.testing.assert_array_equal(targets[0], targets_together[k])
 
 
-def test_a_later_layer_starts_where_the_first_ended(clip, cages, layers):
+def test_a_later_layer_starts_where_the_first_ended(cages, make_edit):
     target = [3.0, 0.5, 0.25]
     goes = {"handles": [{"name": "a", "vertex": 1, "target": target, "hard": True}]}
-    both = layers({"sets": [goes, moving([0, 1, 0])]})
-    _, starts, targets = apply_layers(both, clip, np.arange(COUNT), cages)
+    both = make_edit({"sets": [goes, moving([0, 1, 0])]})
+    _, starts, targets = both.apply(np.arange(COUNT), cages)
     np.testing.assert_allclose(starts[:, 1] - target, 0, rtol=0, atol=1e-12)
     np.testing.assert_allclose(targets[:, 1] - target, [[0, 1, 0]] * COUNT, rtol=0, atol=1e-12)
 
 
-def test_pixels_are_picked_on_the_result_of_earlier_layers(clip, layers):
+def test_pixels_are_picked_on_the_result_of_earlier_layers(make_edit):
     """The first layer moves the model out of the view, so that a pixel meets nothing."""
     camera = {
         "position": [0, 0, 9], "look_at": [0, 0, 0], "up": [0, 1, 0],
@@ -132,12 +124,12 @@ def test_pixels_are_picked_on_the_result_of_earlier_layers(clip, layers):
         "handles": [{"name": "eye", "screen": {"source": [50, 50], "target": [60, 50]}}],
         "camera": camera,
     }
-    assert len(layers(seen)) == 1
+    assert len(make_edit(seen).layers) == 1
     with pytest.raises(HandlesError, match=r"^sets\[1\]: handle 'eye'.*misses the mesh"):
-        layers({"sets": [moving([100, 0, 0]), seen]})
+        make_edit({"sets": [moving([100, 0, 0]), seen]})
 
 
-def test_frames_behind_the_camera_are_allowed_where_the_handle_does_not_act(clip, cages, layers):
+def test_frames_behind_the_camera_are_allowed_where_the_handle_does_not_act(cages, make_edit):
     """The clip walks behind the camera; the handle is let go before."""
     behind = {
         "position": [0, 0, 9], "look_at": [0, 0, 0], "up": [0, 1, 0],
@@ -146,11 +138,11 @@ def test_frames_behind_the_camera_are_allowed_where_the_handle_does_not_act(clip
     away = cages + np.array([0, 0, 20.0]) * (np.arange(COUNT) > 3)[:, None, None]
     eye = {"name": "eye", "screen": {"source": [50, 50], "offset": [9, 0]}}
     held = {"handles": [eye], "camera": behind, "frames": [0, 2]}
-    found, _, _ = apply_layers(layers(held), clip, np.arange(COUNT), away)
+    found, _, _ = make_edit(held).apply(np.arange(COUNT), away)
     assert (found != away).any(axis=(1, 2)).tolist() == [True] * 3 + [False] * 3
     always = held | {"frames": [0, COUNT - 1]}
     with pytest.raises(HandlesError, match=r"frame 4.*behind the camera"):
-        apply_layers(layers(always), clip, np.arange(COUNT), away)
+        make_edit(always).apply(np.arange(COUNT), away)
 
 
 def test_a_too_large_ratio_of_weights_is_refused():

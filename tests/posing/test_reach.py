@@ -11,12 +11,7 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.posing import reach
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
 from cageik_cli.posing.constraints import Mirror, mirror_pairs
-from cageik_cli.posing.edits import (
-    EditTarget,
-    PosingSettings,
-    build_layers,
-    edit_frames,
-)
+from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.reach import MAX_LEAK, find_reach
 from cageik_cli.posing.summary import PoseStatistics
@@ -44,9 +39,9 @@ def pose(tmp_path, binding):
         path.write_text(json.dumps(document))
         cage = binding.cage.vertices
         target = EditTarget.of_model(binding)
-        layers = build_layers(read_handles(path), target, PosingSettings(**settings))
-        block = edit_frames(layers, target, np.zeros(1, np.int64), cage[None])
-        statistics = PoseStatistics(layers, binding.rest)
+        layered = LayeredEdit(read_handles(path), target, PosingSettings(**settings))
+        block = layered.edit_frames(np.zeros(1, np.int64), cage[None])
+        statistics = PoseStatistics(layered)
         statistics.update(block)
         return block, statistics.summarize([])
 

@@ -7,7 +7,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.posing.edits import EditTarget, PosingSettings, build_layers, edit_frames
+from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import PoseStatistics
 from tests.shapes import ball, box, changed
@@ -38,31 +38,31 @@ def closed():
 
 
 @pytest.fixture
-def layers(tmp_path):
+def make_edit(tmp_path):
     def make(clip, document=DOCUMENT, **settings):
         (tmp_path / "handles.json").write_text(json.dumps(document))
         handles = read_handles(tmp_path / "handles.json")
-        return build_layers(handles, clip, PosingSettings(**settings))
+        return LayeredEdit(handles, clip, PosingSettings(**settings))
 
     return make
 
 
-def summarize(layers, clip, cages, size, names=NAMES, frames=None):
+def summarize(edit, cages, size, names=NAMES, frames=None):
     """By blocks of a size."""
     frames = np.arange(COUNT) if frames is None else frames
-    statistics = PoseStatistics(layers, clip.binding.rest)
+    statistics = PoseStatistics(edit)
     for start in range(0, len(frames), size):
         chosen = frames[start : start + size]
-        statistics.update(edit_frames(layers, clip, chosen, cages[chosen]))
+        statistics.update(edit.edit_frames(chosen, cages[chosen]))
     return statistics.summarize(names)
 
 
-def test_the_summary_does_not_depend_on_blocks(closed, layers):
+def test_the_summary_does_not_depend_on_blocks(closed, make_edit):
     clip, cages = closed
-    made = layers(clip, rigidity=1)
-    whole = summarize(made, clip, cages, COUNT)
+    made = make_edit(clip, rigidity=1)
+    whole = summarize(made, cages, COUNT)
     for size in (1, 2, 5):
-        found = summarize(made, clip, cages, size)
+        found = summarize(made, cages, size)
         assert found.rms == pytest.approx(whole.rms, rel=1e-12)
         assert found.anchors == whole.anchors
         assert (found.moved, found.vertex, found.frame) == (whole.moved, whole.vertex, whole.frame)
@@ -70,11 +70,11 @@ def test_the_summary_does_not_depend_on_blocks(closed, layers):
         assert found.changed == whole.changed == ("f_2", "f_8")
 
 
-def test_the_summary_equals_its_definitions(closed, layers):
+def test_the_summary_equals_its_definitions(closed, make_edit):
     clip, cages = closed
-    made = layers(clip, alpha=1.0)
-    found = summarize(made, clip, cages, 4)
-    block = edit_frames(made, clip, np.arange(COUNT), cages)
+    made = make_edit(clip, alpha=1.0)
+    found = summarize(made, cages, 4)
+    block = made.edit_frames(np.arange(COUNT), cages)
     weights, diagonal = clip.binding.weights, clip.binding.rest.diagonal
     before, after = weights @ cages, weights @ block.cages_after
     distances = np.linalg.norm(after - before, axis=2)
@@ -110,15 +110,15 @@ def test_the_summary_equals_its_definitions(closed, layers):
     assert found.acceleration == pytest.approx(every[1][vertex], rel=1e-9)
 
 
-def test_acceleration_needs_consecutive_frames(closed, layers):
+def test_acceleration_needs_consecutive_frames(closed, make_edit):
     clip, cages = closed
-    found = summarize(layers(clip), clip, cages, 3, frames=np.array([0, 1, 3, 4, 6, 7]))
+    found = summarize(make_edit(clip), cages, 3, frames=np.array([0, 1, 3, 4, 6, 7]))
     assert found.anchors[0].acceleration is None
-    apart = summarize(layers(clip), clip, cages, 3, frames=np.array([0, 1, 2, 4]))
+    apart = summarize(make_edit(clip), cages, 3, frames=np.array([0, 1, 2, 4]))
     assert apart.anchors[0].acceleration is not None
 
 
-def test_acceleration_counts_near_changed_frames_only(closed, layers):
+def test_acceleration_counts_near_changed_frames_only(closed, make_edit):
     """A jerk two frames off the edit counts, one three frames off does not."""
     clip, _ = closed
     late = {**DOCUMENT, "frames": [8, 11]}
@@ -126,54 +126,54 @@ def test_acceleration_counts_near_changed_frames_only(closed, layers):
         cages = np.repeat(clip.binding.cage.vertices[None], COUNT, axis=0)
         cages[jerk] += 5.0
         still = EditTarget.of_animation(clip.binding, cages.__getitem__, NAMES)
-        found = summarize(layers(still, late), still, cages, 4)
+        found = summarize(make_edit(still, late), cages, 4)
         assert found.changed == ("f_6", "f_11")
         assert (found.anchors[2].acceleration_before > 1) == counts
 
 
-def test_anchors_name_their_sets(closed, layers):
+def test_anchors_name_their_sets(closed, make_edit):
     clip, cages = closed
-    both = layers(clip, {"sets": [DOCUMENT, {**DOCUMENT, "handles": DOCUMENT["handles"][:1]}]})
-    found = summarize(both, clip, cages, COUNT)
+    both = make_edit(clip, {"sets": [DOCUMENT, {**DOCUMENT, "handles": DOCUMENT["handles"][:1]}]})
+    found = summarize(both, cages, COUNT)
     assert [anchor.layer for anchor in found.anchors] == [*["sets[0]"] * 3, "sets[1]"]
-    assert {anchor.layer for anchor in summarize(layers(clip), clip, cages, 4).anchors} == {""}
+    assert {anchor.layer for anchor in summarize(make_edit(clip), cages, 4).anchors} == {""}
 
 
-def test_anchors_count_in_the_frames_of_their_set_only(closed, layers):
+def test_anchors_count_in_the_frames_of_their_set_only(closed, make_edit):
     """One vertex goes up by 0.1 in some frames, and down by 0.3 in others."""
     clip, cages = closed
     sets = [
         {"handles": [{"name": "a", "vertex": 1, "offset": [0, offset, 0]}], "frames": frames}
         for offset, frames in ((0.1, [0, 2]), (-0.3, [6, 9]))
     ]
-    found = summarize(layers(clip, {"sets": sets}), clip, cages, 4)
+    found = summarize(make_edit(clip, {"sets": sets}), cages, 4)
     assert [anchor.moved for anchor in found.anchors] == pytest.approx([0.1, 0.3], rel=1e-4)
     assert max(anchor.residual for anchor in found.anchors) < 1e-5
 
 
-def test_only_closed_models_have_a_volume_change(closed, layers):
+def test_only_closed_models_have_a_volume_change(closed, make_edit):
     clip, cages = closed
-    block = edit_frames(layers(clip), clip, np.arange(COUNT), cages)
+    block = make_edit(clip).edit_frames(np.arange(COUNT), cages)
     changes = 100 * (block.metrics.volume_reconstructed / block.metrics.volume - 1)
-    found = summarize(layers(clip), clip, cages, 5)
+    found = summarize(make_edit(clip), cages, 5)
     assert abs(found.volume_change_percent) == pytest.approx(np.abs(changes).max(), rel=1e-12)
     rest = clip.binding.rest
     opened, open_cages = make_target(changed(rest, faces=rest.faces[1:]))
-    assert summarize(layers(opened), opened, open_cages, 5).volume_change_percent is None
+    assert summarize(make_edit(opened), open_cages, 5).volume_change_percent is None
 
 
-def test_a_pin_that_does_not_move_gives_zeros(closed, layers):
+def test_a_pin_that_does_not_move_gives_zeros(closed, make_edit):
     clip, cages = closed
     pins = {"handles": [{"name": "p", "vertex": 3, "pin": True}]}
-    found = summarize(layers(clip, pins), clip, cages, 5)
+    found = summarize(make_edit(clip, pins), cages, 5)
     assert (found.rms, found.moved, found.cage_moved, found.changed) == (0, 0, 0, None)
     assert found.anchors[0].residual == 0
     assert found.volume_change_percent == 0
 
 
-def test_no_frames_change_nothing(closed, layers):
+def test_no_frames_change_nothing(closed, make_edit):
     clip, cages = closed
-    made = layers(clip)
-    statistics = PoseStatistics(made, clip.binding.rest)
-    statistics.update(edit_frames(made, clip, np.arange(0), cages[:0]))
+    made = make_edit(clip)
+    statistics = PoseStatistics(made)
+    statistics.update(made.edit_frames(np.arange(0), cages[:0]))
     assert statistics.summarize(NAMES).changed is None
