@@ -8,11 +8,7 @@ from typing import IO
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import StoredFrames
-from cageik_cli.formats.base.readers import (
-    ArrayClip,
-    ArrayClipFile,
-    check_zero_based,
-)
+from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile, check_zero_based
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.npz_archive import FileArray, NpzArchive, open_npy
@@ -84,7 +80,12 @@ class Reader(ArrayClipFile):
         path = request.path
         if path.suffix.lower() == ".npy":
             return ArrayClip(_open_frames(open_npy(path), None, request))
-        archive = _open_clip_archive(path)
+        archive = NpzArchive(path)
+        if not archive.names.intersection(VERTEX_NAMES) and "poses" in archive.names:
+            raise FormatError(
+                "holds body parameters (AMASS or SMPL: poses, betas, trans), not vertices; "
+                "evaluate the body model and write its vertices"
+            )
         positions, faces = _find_array(archive, VERTEX_NAMES), None
         if archive.names.intersection(FACE_NAMES):
             faces = _read_faces(_find_array(archive, FACE_NAMES))
@@ -92,16 +93,6 @@ class Reader(ArrayClipFile):
         return ArrayClip(
             _open_frames(positions, faces, request), faces, *parse_scene_metadata(metadata)
         )
-
-
-def _open_clip_archive(path: Path) -> NpzArchive:
-    archive = NpzArchive(path)
-    if not archive.names.intersection(VERTEX_NAMES) and "poses" in archive.names:
-        raise FormatError(
-            "holds body parameters (AMASS or SMPL: poses, betas, trans), not vertices; evaluate "
-            "the body model and write its vertices"
-        )
-    return archive
 
 
 def _find_array(archive: NpzArchive, names: tuple[str, ...]) -> FileArray:

@@ -1,6 +1,7 @@
 """UVs, normals, names of faces and colours of vertices in an OBJ text."""
 
 import codecs
+import os
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.obj_numbers import convert_words
 from cageik_cli.formats.obj_text import FACE, VERTEX, Tokens, blank_out, tokenize
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
 from cageik_cli.geometry.surface_parts import NONE, PLAIN_COLOUR, FaceLabels, UvMap
@@ -155,11 +157,14 @@ def _read_corner_indices(tokens: Tokens, is_value: NDArray[np.bool_], place: int
     is_face, sizes = tokens.line_kinds == FACE, tokens.token_counts
     is_corner = np.repeat(is_face, sizes)
     is_corner[tokens.first_tokens] = False
-    begins, ends = _find_part(tokens, tokens.bounds[is_corner], place)
-    found = np.zeros(len(begins), np.int64)
-    is_given = ends > begins
+    parts = tokens.find_part(tokens.bounds[is_corner], place)
+    is_given = parts[:, 1] > parts[:, 0]
     given = np.flatnonzero(is_given)
-    found[given] = _to_integers(tokens.codes, begins[given], ends[given])
+    numbers = convert_words(tokens.text, parts[given], np.int64)
+    if numbers is None:
+        raise ValueError("an index is no number")
+    found = np.zeros(len(parts), np.int64)
+    found[given] = numbers
     known = np.repeat(np.cumsum(is_value)[is_face], sizes[is_face] - 1)
     indices = np.where(found > 0, found - 1, known + found)
     indices[~is_given] = NONE
@@ -168,43 +173,6 @@ def _read_corner_indices(tokens: Tokens, is_value: NDArray[np.bool_], place: int
     if len(wrong):
         raise ValueError(f"a corner names number {found[wrong[0]]} of {count}")
     return indices
-
-
-def _to_integers(
-    codes: NDArray[np.uint8], begins: Integers, ends: Integers, max_digits: int = 18
-) -> Integers:
-    """Convert whole numbers between places, digit by digit.
-
-    Raises
-    ------
-    ValueError
-        When one is none, or has more digits than fit 64 bits.
-    """
-    is_negative = codes[begins] == ord("-")
-    begins = begins + is_negative
-    lengths = ends - begins
-    if len(lengths) and not 0 < lengths.min() <= lengths.max() <= max_digits:
-        raise ValueError("an index is no number")
-    values = np.zeros(len(begins), np.int64)
-    for k in range(int(lengths.max(initial=0))):
-        is_there = k < lengths
-        digits = codes[begins[is_there] + k].astype(np.int64) - ord("0")
-        if not ((digits >= 0) & (digits <= 9)).all():
-            raise ValueError("an index is no number")
-        values[is_there] = 10 * values[is_there] + digits
-    return np.where(is_negative, -values, values)
-
-
-def _find_part(
-    tokens: Tokens, bounds: NDArray[np.integer], place: int
-) -> tuple[Integers, Integers]:
-    """Return where part `place` of each word begins and ends, the parts being cut at slashes."""
-    slashes = np.append(np.flatnonzero(tokens.codes == ord("/")), len(tokens.text))
-    first = np.searchsorted(slashes, bounds[:, 0])
-    ends = bounds[:, 1].astype(np.int64)
-    last = len(slashes) - 1
-    before, after = (slashes[np.minimum(first + k, last)] for k in (place - 1, place))
-    return np.minimum(before + 1, ends), np.minimum(after, ends)
 
 
 MAX_LIBRARY_BYTES = 1 << 24
@@ -245,20 +213,12 @@ def _find_libraries(folder: Path, text: str) -> list[Path]:
     FileAccessError
         When one is outside the folder of the mesh.
     """
-    names = [text] if _is_there(folder / text) else text.split()
+    names = [text] if os.path.exists(folder / text) else text.split()
     libraries = [folder / name.replace("\\", "/") for name in dict.fromkeys(names)]
     for library in libraries:
         if not library.resolve().is_relative_to(folder.resolve()):
             raise FileAccessError("is in another folder, expected one beside the mesh")
-    return [library for library in libraries if _is_there(library)]
-
-
-def _is_there(path: Path) -> bool:
-    """Tell whether there is a file; there is none of a name that the system does not accept."""
-    try:
-        return path.exists()
-    except OSError:
-        return False
+    return [library for library in libraries if os.path.exists(library)]
 
 
 def _parse_library(data: bytes) -> dict[str, list[float]]:

@@ -72,6 +72,23 @@ class Tokens:
             found[found] = self.codes[begins[found] + k] == letter
         return found
 
+    def find_part(self, bounds: Offsets, place: int) -> Offsets:
+        """Return where part `place` of each word begins and ends, cut at slashes, (k, 2).
+
+        A part that a word does not have is empty.
+        """
+        slashes = np.append(np.flatnonzero(self.codes == ord("/")), len(self.text))
+        if len(slashes) == 1 and place == 0:
+            return bounds
+        next_slash = np.searchsorted(slashes, bounds[:, 0])
+        parts = bounds.copy()
+        if place > 0:
+            before = slashes[np.minimum(next_slash + place - 1, len(slashes) - 1)]
+            parts[:, 0] = np.minimum(before + 1, bounds[:, 1])
+        after = slashes[np.minimum(next_slash + place, len(slashes) - 1)]
+        parts[:, 1] = np.minimum(after, bounds[:, 1])
+        return parts
+
     def line_bounds(self, lines: NDArray[Any]) -> Integers:
         """Return where lines begin, and where they end behind their newline, (k, 2)."""
         ends = np.flatnonzero(self.codes == ord("\n")) + 1
@@ -172,7 +189,7 @@ def parse_polygons(tokens: Tokens) -> tuple[Integers, Integers] | None:
     is_corner = np.repeat(is_face, sizes)
     is_corner[tokens.first_tokens] = False
     counts = sizes[is_face] - 1
-    bounds = _cut_at_slashes(tokens.codes, tokens.bounds[is_corner])
+    bounds = tokens.find_part(tokens.bounds[is_corner], 0)
     values = convert_words(tokens.text, bounds, np.int64)
     if values is None or len(counts) == 0 or counts.min() < 3 or (values == 0).any():
         return None
@@ -180,16 +197,6 @@ def parse_polygons(tokens: Tokens) -> tuple[Integers, Integers] | None:
     corners = np.where(values > 0, values - 1, values + np.repeat(known, counts))
     is_there = (corners >= 0) & (corners < np.count_nonzero(tokens.line_kinds == VERTEX))
     return (corners, counts) if is_there.all() else None
-
-
-def _cut_at_slashes(codes: NDArray[np.uint8], bounds: Offsets) -> Offsets:
-    """Return the bounds of what each word has before its first slash."""
-    slashes = np.append(np.flatnonzero(codes == ord("/")), len(codes))
-    if len(slashes) == 1:
-        return bounds
-    first = slashes[np.searchsorted(slashes, bounds[:, 0])]
-    ends = np.minimum(bounds[:, 1], first, dtype=bounds.dtype, casting="same_kind")
-    return np.stack([bounds[:, 0], ends], axis=1)
 
 
 def parse_obj(data: bytes) -> FileMesh:

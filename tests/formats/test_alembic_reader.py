@@ -9,9 +9,7 @@ from alembic3d.AbcGeom import OPolyMeshSchemaSample
 
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import SceneHints
-from cageik_cli.util.errors import (
-    FormatError,
-)
+from cageik_cli.util.errors import FormatError
 from tests.clips import frames_of
 from tests.formats.scenes import FRAMES, AlembicScene, translation
 

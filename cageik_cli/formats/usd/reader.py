@@ -11,11 +11,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.files import check_unpacked_size, hash_file
-from cageik_cli.formats.base.scene_graph import (
-    Polygons,
-    SceneReader,
-    round_frame_step,
-)
+from cageik_cli.formats.base.scene_graph import Polygons, SceneReader, round_frame_step
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.usd.library import (
     USD_SUFFIXES,

@@ -7,13 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.writers import Animation
-from cageik_cli.formats.ply_points import (
-    COLOURS,
-    SCALES,
-    TURNS,
-    PointFile,
-    rest_names,
-)
+from cageik_cli.formats.ply_points import COLOURS, SCALES, TURNS, PointFile, rest_names
 from cageik_cli.formats.usd.library import capture_diagnostics, require_usd
 from cageik_cli.formats.usd.surface_writer import compute_extent
 from cageik_cli.formats.usd.writer import UsdWriter

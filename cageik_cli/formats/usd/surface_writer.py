@@ -8,11 +8,7 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.writers import to_float32
 from cageik_cli.formats.usd.surface_reader import LIBRARY_KEY, UV_NAME
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import (
-    FALLBACK_NORMAL,
-    compute_corner_normals,
-    has_vertex_normals,
-)
+from cageik_cli.geometry.normals import FALLBACK_NORMAL, compute_corner_normals, has_vertex_normals
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import NONE, FaceLabels
 from cageik_cli.util.arrays import Floats, Integers

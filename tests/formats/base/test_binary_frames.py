@@ -5,11 +5,7 @@ import io
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.binary_frames import (
-    BinaryFile,
-    StoredFrames,
-    check_file_size,
-)
+from cageik_cli.formats.base.binary_frames import BinaryFile, StoredFrames, check_file_size
 from cageik_cli.util.errors import FileAccessError, FormatError
 
 VALUES = np.arange(24, dtype=">f8")
