@@ -246,18 +246,6 @@ def test_a_product_in_single_precision_changes_the_seventh_digit(order, margin):
     assert np.abs(uncorrected @ cage.vertices - points).max() > 1e-10
 
 
-@pytest.mark.usefixtures("core")
-def test_weights_on_the_surface_are_barycentric():
-    cage = concave()
-    barycentric = np.random.default_rng(1).dirichlet(np.ones(3), len(cage.faces))
-    barycentric[0] = [1, 0, 0]
-    barycentric[1] = [0.5, 0.5, 0]
-    points = np.einsum("fk,fkx->fx", barycentric, cage.vertices[cage.faces])
-    expected = np.zeros((len(points), len(cage.vertices)))
-    np.put_along_axis(expected, cage.faces, barycentric, axis=1)
-    np.testing.assert_allclose(harmonic_weights(cage, points).values, expected, rtol=0, atol=1e-14)
-
-
 @pytest.mark.slow
 def test_weights_near_the_surface_approach_barycentric_ones():
     """The equations hold in the mean, so that a gap of the size of the error is left."""
@@ -277,18 +265,6 @@ def test_weights_near_the_surface_approach_barycentric_ones():
         gaps.append(np.abs(near - at).max())
     assert gaps[0] > gaps[1] > gaps[2]
     assert gaps[2] < 5e-4
-
-
-def test_weights_do_not_depend_on_jobs_and_progress_is_reported():
-    points = inside(concave(), 2000, margin=0.01)
-    calls = []
-    one = harmonic_weights(
-        concave(), points, jobs=1, progress=lambda *done: calls.append(done)
-    ).values
-    np.testing.assert_array_equal(harmonic_weights(concave(), points, jobs=3).values, one)
-    assert len(calls) > 2
-    assert calls[-1] == (len(points), len(points))
-    assert [done for done, _ in calls] == sorted(done for done, _ in calls)
 
 
 @pytest.mark.slow

@@ -176,19 +176,6 @@ def test_some_weights_behind_a_concave_edge_are_negative():
     assert mean_value_weights(concave(), inside(concave(), 100)).values.min() < -1e-3
 
 
-def test_weights_on_the_surface_are_barycentric():
-    cage = concave()
-    barycentric = np.random.default_rng(1).dirichlet(np.ones(3), len(cage.faces))
-    barycentric[0] = [1, 0, 0]
-    barycentric[1] = [0.5, 0.5, 0]
-    points = np.einsum("fk,fkx->fx", barycentric, cage.vertices[cage.faces])
-    expected = np.zeros((len(points), len(cage.vertices)))
-    np.put_along_axis(expected, cage.faces, barycentric, axis=1)
-    np.testing.assert_allclose(
-        mean_value_weights(cage, points).values, expected, rtol=0, atol=1e-14
-    )
-
-
 @pytest.mark.parametrize("depth", [1e-3, 1e-5, 1e-7, 1e-9, 1e-11])
 def test_weights_converge_to_the_hats_at_the_surface(depth):
     """Their slopes have a logarithm at edges; towards the surface |w − φ| is of order δ log δ."""
@@ -271,16 +258,6 @@ def test_a_mirrored_point_has_mirrored_weights():
     np.testing.assert_allclose(
         found, mean_value_weights(cage, points).values[:, mirrored], rtol=0, atol=1e-15
     )
-
-
-def test_weights_do_not_depend_on_jobs_and_progress_is_reported(monkeypatch):
-    monkeypatch.setattr(mean_value, "MAX_RAY_ENTRIES", 100)
-    points = inside(concave(), 300, margin=0.01)
-    calls = []
-    one = mean_value_weights(concave(), points, 1, lambda *done: calls.append(done)).values
-    np.testing.assert_array_equal(mean_value_weights(concave(), points, jobs=3).values, one)
-    assert calls[-1] == (len(points), len(points))
-    assert [done for done, _ in calls] == sorted(done for done, _ in calls)
 
 
 @settings(max_examples=30)

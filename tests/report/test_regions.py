@@ -20,7 +20,7 @@ from cageik_cli.solver.regions import Cause
 from tests.report.html.test_page import pictures_of_one_point
 from tests.report.markup import find_faults, parse_page
 from tests.report.views.test_markdown import list_items
-from tests.store.fits import record
+from tests.store.bindings import record
 
 
 @pytest.fixture(scope="module")

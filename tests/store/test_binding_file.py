@@ -10,27 +10,21 @@ import pytest
 
 from cageik_cli import __version__
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.store import binding_file as store
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import InputError
 from tests.shapes import TETRAHEDRON, ball, box
+from tests.store.bindings import barycentric_binding
+from tests.store.damages import assert_refused, attribute, replaced, value, without_attribute
 
 SETTINGS = BindSettings(accuracy="fine", outside="project")
 SOURCES = {"cage": {"name": "é.obj", "sha256": "0"}, "rest": {"name": "rest.obj", "sha256": "1"}}
 
 
-def _binding():
-    """Barycentric weights in a tetrahedron, whose affine precision is rounding."""
-    shares = np.abs(ball(1).vertices) + 0.1
-    weights = np.column_stack([shares, np.ones(len(shares))])
-    weights /= weights.sum(axis=1, keepdims=True)
-    rest = type(TETRAHEDRON)(weights @ TETRAHEDRON.vertices, ball(1).faces)
-    return Binding(rest, TETRAHEDRON, weights, SETTINGS, 944, 7e-4, 0, ("a nöte",))
-
-
-BINDING = _binding()
+BINDING = barycentric_binding(
+    settings=SETTINGS, panels=944, estimated_error=7e-4, notes=("a nöte",)
+)
 STORED = StoredBinding(BINDING, SOURCES)
 
 
@@ -117,27 +111,6 @@ def test_a_full_disk_is_an_error_that_names_the_file(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"b\.h5: .*No space left on device"):
         store.write_binding(tmp_path / "b.h5", STORED, overwrite=False)
     assert not list(tmp_path.iterdir())
-
-
-def attribute(name, value):
-    return lambda file: file.attrs.__setitem__(name, value)
-
-
-def without_attribute(name):
-    return lambda file: file.attrs.__delitem__(name)
-
-
-def replaced(name, *values):
-    def change(file):
-        del file[name]
-        if values:
-            file[name] = values[0]
-
-    return change
-
-
-def value(name, place, number):
-    return lambda file: file[name].__setitem__(place, number)
 
 
 def quality(**changes):
@@ -232,12 +205,7 @@ DAMAGES = {
 
 @pytest.mark.parametrize(("damage", "says"), DAMAGES.values(), ids=DAMAGES)
 def test_a_damaged_binding_is_refused_by_name(path, damage, says):
-    with h5py.File(path, "r+") as file:
-        damage(file)
-    with pytest.raises(InputError) as caught:
-        store.read_binding(path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert says in str(caught.value)
+    assert_refused(path, damage, says, store.read_binding)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])

@@ -32,18 +32,6 @@ KEY, OTHER = "1" * 64, "2" * 64
 ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
 
 
-@pytest.fixture
-def said():
-    """What the cache remarked."""
-    return []
-
-
-@pytest.fixture
-def kept(cache, said):
-    """A cache in this test's folder, which is not there yet."""
-    return EntryCache(cache, said.append)
-
-
 def path_of(cache, key=KEY):
     return cache.folder / f"{key}.weights"
 

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
@@ -22,17 +21,6 @@ from tests.store.entries import entry as weights_entry
 BUILT = CachedCage(box().vertices / 3, box().faces, "built, of ä shell", ("a note", "another"))
 SETTINGS = BuildSettings()
 KEY = "1" * 64
-
-
-@pytest.fixture
-def said():
-    """What the cache remarked."""
-    return []
-
-
-@pytest.fixture
-def kept(cache, said):
-    return EntryCache(cache, said.append)
 
 
 def same(found):

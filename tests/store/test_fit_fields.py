@@ -11,19 +11,11 @@ from cageik_cli.solver.summary import VertexBound
 from cageik_cli.store import binding_file, result_frames
 from cageik_cli.store import result as results
 from cageik_cli.util.errors import FormatError, InputError
-from tests.store.fits import as_fitted, record
+from tests.store.bindings import as_fitted, record
+from tests.store.damages import assert_refused, attribute, replaced, rewritten, value
 from tests.store.test_binding_file import BINDING, SOURCES
-from tests.store.test_result import (
-    BINDING as MODEL,
-)
-from tests.store.test_result import (
-    CAGES,
-    ENDING,
-    FIGURES,
-    KEY_FRAMES,
-    ROTATIONS,
-    open_writer,
-)
+from tests.store.test_result import BINDING as MODEL
+from tests.store.test_result import CAGES, ENDING, ROTATIONS, written, written_with_gaps
 
 FORMS = ("dense", "low rank", "few")
 
@@ -34,11 +26,9 @@ def write_binding(path, form):
     return stored
 
 
-def write_result(path, form, **changes):
-    with open_writer(path, binding=as_fitted(MODEL, form), **changes) as result:
-        result.append(CAGES, ROTATIONS, FIGURES)
-        result.complete(replace(ENDING, bound=VertexBound(0.01, 4, 18)), **KEY_FRAMES)
-    return path
+def write_result(path, form, **options):
+    summary = replace(ENDING, bound=VertexBound(0.01, 4, 18))
+    return written(path, binding=as_fitted(MODEL, form), summary=summary, overwrite=True, **options)
 
 
 def assert_same_fit(found, expected):
@@ -96,23 +86,7 @@ def test_weights_that_are_not_fitted_have_no_fit(tmp_path):
 
 
 def test_the_rotation_of_a_skipped_frame_is_that_of_the_nearest(tmp_path):
-    rotations, cages = ROTATIONS.copy(), CAGES.copy()
-    rotations[1] = cages[1] = np.nan
-    columns = {
-        name: column.astype(float)
-        for name, column in zip(
-            FIGURES.__dataclass_fields__,
-            (getattr(FIGURES, n) for n in FIGURES.__dataclass_fields__),
-            strict=True,
-        )
-    }
-    for column in columns.values():
-        column[1] = np.nan
-    columns["worst_vertex"] = np.where(np.arange(5) == 1, -1, FIGURES.worst_vertex)
-    path = tmp_path / "cages.h5"
-    with open_writer(path) as result:
-        result.append(cages, rotations, replace(FIGURES, **columns))
-        result.complete(replace(ENDING, skipped={1: "gone"}), **KEY_FRAMES)
+    path = written_with_gaps(tmp_path / "cages.h5", {1: "gone"})
     found = result_frames.read_rotations(results.read_result(path))
     np.testing.assert_array_equal(found, ROTATIONS[[0, 0, 2, 3, 4]])
 
@@ -133,40 +107,22 @@ def fit_attribute(path, value):
     return damage
 
 
-def swapped(name, change):
-    def damage(file):
-        held = file[name][:]
-        del file[name]
-        file[name] = change(held)
-
-    return damage
-
-
-def at(place, number):
-    def change(held):
-        held = held.copy()
-        held[place] = number
-        return held
-
-    return change
-
-
 CSR_DAMAGES = [
-    (swapped("weights_csr/indices", at(3, 4)), "weights_csr/indices` name vertices"),
-    (swapped("weights_csr/indices", at(3, -1)), "weights_csr/indices` name vertices"),
-    (swapped("weights_csr/indices", at(0, 3)), "do not ascend"),
-    (swapped("weights_csr/indices", lambda held: held[:-1]), "weights_csr/indices` has shape"),
-    (swapped("weights_csr/indices", lambda held: held.astype(float)), "holds float64"),
-    (swapped("weights_csr/indptr", at(-1, 10**9)), "does not divide"),
-    (swapped("weights_csr/indptr", at(0, 1)), "does not divide"),
-    (swapped("weights_csr/indptr", at(4, 0)), "does not divide"),
-    (swapped("weights_csr/indptr", at(4, 2**62)), "does not divide"),
-    (swapped("weights_csr/indptr", lambda held: held[:-1]), "weights_csr/indptr` has shape"),
-    (swapped("weights_csr/data", at(5, np.nan)), "not finite, or too large, at vertex 2"),
-    (swapped("weights_csr/data", at(5, 1e200)), "not finite, or too large, at vertex 2"),
-    (swapped("weights_csr/data", lambda held: held[:, None]), "weights_csr/data` has shape"),
-    (lambda file: file.__delitem__("weights_csr/data"), "weights_csr/data`"),
-    (lambda file: file.attrs.__setitem__("has_offsets", "yes"), "`has_offsets` is 'yes'"),
+    (value("weights_csr/indices", 3, 4), "weights_csr/indices` name vertices"),
+    (value("weights_csr/indices", 3, -1), "weights_csr/indices` name vertices"),
+    (value("weights_csr/indices", 0, 3), "do not ascend"),
+    (rewritten("weights_csr/indices", lambda held: held[:-1]), "weights_csr/indices` has shape"),
+    (rewritten("weights_csr/indices", lambda held: held.astype(float)), "holds float64"),
+    (value("weights_csr/indptr", -1, 10**9), "does not divide"),
+    (value("weights_csr/indptr", 0, 1), "does not divide"),
+    (value("weights_csr/indptr", 4, 0), "does not divide"),
+    (value("weights_csr/indptr", 4, 2**62), "does not divide"),
+    (rewritten("weights_csr/indptr", lambda held: held[:-1]), "weights_csr/indptr` has shape"),
+    (value("weights_csr/data", 5, np.nan), "not finite, or too large, at vertex 2"),
+    (value("weights_csr/data", 5, 1e200), "not finite, or too large, at vertex 2"),
+    (rewritten("weights_csr/data", lambda held: held[:, None]), "weights_csr/data` has shape"),
+    (replaced("weights_csr/data"), "weights_csr/data`"),
+    (attribute("has_offsets", "yes"), "`has_offsets` is 'yes'"),
 ]
 RECORD_DAMAGES = [
     (fit_attribute(["report", "min_weight"], "x"), '`fit.report.min_weight` is "x"'),
@@ -180,14 +136,14 @@ RECORD_DAMAGES = [
     (fit_attribute(["settings", "smoothness"], -1.0), "smoothness is -1.0"),
     (fit_attribute(["settings", "influences"], [1]), "`fit.settings.influences` is a list"),
     (fit_attribute(["clips", 0, "name"], 3), "`fit.clips[0].name` is 3"),
-    (lambda file: file.attrs.__setitem__("fit", "{"), "`fit` is not a JSON dict"),
+    (attribute("fit", "{"), "`fit` is not a JSON dict"),
 ]
 RANK_DAMAGES = [
-    (swapped("fit/columns", at((2, 1), np.inf)), "`fit/columns` are not finite"),
-    (swapped("fit/basis", at((2, 1), np.nan)), "`fit/basis` are not finite"),
-    (swapped("fit/basis", lambda held: held[:, :1]), "`fit/basis` has shape"),
-    (swapped("fit/columns", lambda held: held[1:]), "`fit/columns` has shape"),
-    (lambda file: file.__delitem__("fit/basis"), "`fit/basis`"),
+    (value("fit/columns", (2, 1), np.inf), "`fit/columns` are not finite"),
+    (value("fit/basis", (2, 1), np.nan), "`fit/basis` are not finite"),
+    (rewritten("fit/basis", lambda held: held[:, :1]), "`fit/basis` has shape"),
+    (rewritten("fit/columns", lambda held: held[1:]), "`fit/columns` has shape"),
+    (replaced("fit/basis"), "`fit/basis`"),
     (fit_attribute(["settings", "rank"], 0), "rank is 0"),
 ]
 
@@ -203,12 +159,7 @@ RANK_DAMAGES = [
 def test_a_damaged_fit_is_refused(tmp_path, form, damage, says):
     path = tmp_path / "binding.h5"
     write_binding(path, form)
-    with h5py.File(path, "r+") as file:
-        damage(file)
-    with pytest.raises(FormatError) as caught:
-        binding_file.read_binding(path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert says in str(caught.value)
+    assert_refused(path, damage, says, binding_file.read_binding, FormatError)
 
 
 def test_a_form_that_the_record_does_not_state_is_refused(tmp_path):
@@ -224,20 +175,18 @@ def test_a_form_that_the_record_does_not_state_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("damage", "says"),
     [
-        (swapped("rotations", at((2, 0, 0), np.nan)), "`rotations` of frame 2"),
-        (swapped("rotations", at((2, 0, 0), 1e300)), "`rotations` of frame 2"),
-        (swapped("rotations", at(3, -np.eye(3))), "`rotations` of frame 3"),
-        (swapped("rotations", lambda held: held[1:]), "`rotations` has shape"),
-        (lambda file: file.__delitem__("rotations"), "`rotations`"),
+        (value("rotations", (2, 0, 0), np.nan), "`rotations` of frame 2"),
+        (value("rotations", (2, 0, 0), 1e300), "`rotations` of frame 2"),
+        (value("rotations", 3, -np.eye(3)), "`rotations` of frame 3"),
+        (rewritten("rotations", lambda held: held[1:]), "`rotations` has shape"),
+        (replaced("rotations"), "`rotations`"),
     ],
 )
 def test_damaged_rotations_are_refused(tmp_path, damage, says):
     path = write_result(tmp_path / "cages.h5", "few")
-    with h5py.File(path, "r+") as file:
-        damage(file)
-    with pytest.raises(InputError) as caught:
-        result_frames.read_rotations(results.read_result(path))
-    assert says in str(caught.value)
+    assert_refused(
+        path, damage, says, lambda path: result_frames.read_rotations(results.read_result(path))
+    )
 
 
 @pytest.mark.parametrize("bad", ["{}", '{"rms_percent": "x", "points": 4, "vertices": 5}', "["])

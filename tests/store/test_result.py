@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from cageik_cli import __version__
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.solver.dual_laplacian import SolveQuality
@@ -20,7 +19,9 @@ from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_frames import read_key_frames
 from cageik_cli.store.result_writer import open_result_writer
 from cageik_cli.util.errors import InputError, NumericalError
-from tests.shapes import TETRAHEDRON, ball, rotation
+from tests.shapes import ball, rotation
+from tests.store.bindings import barycentric_binding
+from tests.store.damages import assert_refused, attribute, replaced, value, without_attribute
 
 SCENE = Scene(30.0, 101.0, "Z", 0.01)
 FRAMES, SETTINGS, SOURCES = 5, {"alpha": 0.5, "align": True}, {"cage": {"name": "é", "sha256": ""}}
@@ -30,15 +31,7 @@ CAGES = GENERATOR.normal(size=(FRAMES, 4, 3))
 ROTATIONS = np.array([rotation(k) for k in range(FRAMES)])
 
 
-def _binding():
-    shares = np.abs(ball(1).vertices) + 0.1
-    weights = np.column_stack([shares, np.ones(len(shares))])
-    weights /= weights.sum(axis=1, keepdims=True)
-    rest = type(TETRAHEDRON)(weights @ TETRAHEDRON.vertices, ball(1).faces)
-    return Binding(rest, TETRAHEDRON, weights)
-
-
-BINDING = _binding()
+BINDING = barycentric_binding()
 FIGURES = FrameMetrics(
     *(
         np.arange(FRAMES) if field.name == "worst_vertex" else GENERATOR.uniform(1, 2, FRAMES)
@@ -68,11 +61,24 @@ def open_writer(path, header=HEADER, **options):
     return open_result_writer(path, header, **usual | options)
 
 
-def written(path, cuts=(0, 2, 5), overwrite=False, **options):
-    with open_writer(path, overwrite=overwrite, **options) as result:
+def written(path, cuts=(0, 2, 5), summary=ENDING, unfitted=None, **options):
+    with open_writer(path, **{"overwrite": False} | options) as result:
         for first, last in pairwise(cuts):
             result.append(CAGES[first:last], ROTATIONS[first:last], part(slice(first, last)))
-        result.complete(ENDING, **KEY_FRAMES)
+        result.complete(summary, **KEY_FRAMES, unfitted=unfitted)
+    return path
+
+
+def written_with_gaps(path, gaps, order=(*range(FRAMES),), **options):
+    """A result of some frames; those in `gaps` are skipped, and have neither cage nor metrics."""
+    cages, rotations, figures = CAGES[[*order]], ROTATIONS[[*order]], part([*order])
+    columns = {field.name: getattr(figures, field.name) for field in fields(FrameMetrics)}
+    for name, column in columns.items():
+        column[list(gaps)] = -1 if name == "worst_vertex" else np.nan
+    cages[list(gaps)] = rotations[list(gaps)] = np.nan
+    with open_writer(path, **options) as writer:
+        writer.append(cages, rotations, FrameMetrics(**columns))
+        writer.complete(replace(ENDING, skipped=gaps), **KEY_FRAMES)
     return path
 
 
@@ -277,27 +283,6 @@ def test_a_result_that_lacks_frames_is_never_complete(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def attribute(name, value):
-    return lambda file: file.attrs.__setitem__(name, value)
-
-
-def without_attribute(name):
-    return lambda file: file.attrs.__delitem__(name)
-
-
-def replaced(name, *values, **how):
-    def change(file):
-        del file[name]
-        if values:
-            file.create_dataset(name, data=values[0], **how)
-
-    return change
-
-
-def value(name, place, number):
-    return lambda file: file[name].__setitem__(place, number)
-
-
 SEQUENCES = h5py.vlen_dtype(np.dtype("i4"))
 NUMBERS_FOR_NAMES = np.empty(FRAMES, object)
 for k in range(FRAMES):
@@ -406,20 +391,13 @@ DAMAGES = [
 
 @pytest.mark.parametrize(("damage", "says"), DAMAGES)
 def test_a_damaged_result_is_refused_by_name(path, damage, says):
-    with h5py.File(path, "r+") as file:
-        damage(file)
-    with pytest.raises(InputError) as caught:
-        store.read_result(path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert says in str(caught.value)
+    assert_refused(path, damage, says, store.read_result)
 
 
 def test_an_edit_names_its_result(tmp_path, path):
     assert store.read_result(path).edited_from is None
-    with open_writer(tmp_path / "edited.h5", replace(HEADER, edited_from="ä.h5")) as result:
-        result.append(CAGES, ROTATIONS, FIGURES)
-        result.complete(ENDING, **KEY_FRAMES)
-    assert store.read_result(tmp_path / "edited.h5").edited_from == "ä.h5"
+    edited = written(tmp_path / "edited.h5", header=replace(HEADER, edited_from="ä.h5"))
+    assert store.read_result(edited).edited_from == "ä.h5"
 
 
 def test_a_version_with_invalid_text_is_shown(path):
@@ -488,37 +466,17 @@ def test_weights_are_compressed_without_loss(tmp_path, monkeypatch, rows):
 
 def test_gaps_are_read_in_the_order_of_the_frames(tmp_path):
     """As numbers: the attribute is sorted as text, where 10 is before 9."""
-    count = 12
-    cages = np.repeat(CAGES[:1], count, axis=0)
-    figures = [
-        np.repeat(getattr(part(slice(None)), field.name)[:1], count)
-        for field in fields(FrameMetrics)
-    ]
+    frames = tuple(f"{k}.obj" for k in range(12))
     gaps = {9: "cut", 10: "cut", 2: "cut"}
-    cages[list(gaps)] = np.nan
-    for field, column in zip(fields(FrameMetrics), figures, strict=True):
-        column[list(gaps)] = -1 if field.name == "worst_vertex" else np.nan
-    frames = tuple(f"{k}.obj" for k in range(count))
-    path = tmp_path / "cages.h5"
-    with open_writer(path, frames=frames) as writer:
-        writer.append(cages, np.repeat(ROTATIONS[:1], count, axis=0), FrameMetrics(*figures))
-        writer.complete(replace(ENDING, skipped=gaps), **KEY_FRAMES)
+    path = written_with_gaps(tmp_path / "cages.h5", gaps, order=[0] * 12, frames=frames)
     assert list(store.read_result(path).skipped) == [2, 9, 10]
 
 
 @pytest.mark.parametrize("size", [1, 2, 5])
 def test_gaps_are_interpolated(tmp_path, size):
     """A gap at the start, two within, in blocks that part them."""
-    cages, figures = CAGES.copy(), part(slice(None))
     gaps = {0: "missing", 2: "cut", 3: "cut"}
-    columns = {field.name: getattr(figures, field.name).copy() for field in fields(FrameMetrics)}
-    for name, column in columns.items():
-        column[list(gaps)] = -1 if name == "worst_vertex" else np.nan
-    cages[list(gaps)] = np.nan
-    path = tmp_path / "cages.h5"
-    with open_writer(path, overwrite=False) as writer:
-        writer.append(cages, ROTATIONS, FrameMetrics(**columns))
-        writer.complete(replace(ENDING, skipped=gaps), **KEY_FRAMES)
+    path = written_with_gaps(tmp_path / "cages.h5", gaps, overwrite=False)
     result = store.read_result(path)
     assert result.skipped == gaps
     found = np.concatenate(list(store.read_cages(result, size)))

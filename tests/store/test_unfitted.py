@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import h5py
 import numpy as np
 import pytest
 
@@ -10,17 +9,9 @@ from cageik_cli.store.fit_fields import UnfittedClip
 from cageik_cli.store.result import read_result
 from cageik_cli.store.result_frames import read_unfitted
 from cageik_cli.util.errors import FormatError
-from tests.store.fits import as_fitted
-from tests.store.test_result import (
-    BINDING,
-    CAGES,
-    ENDING,
-    FIGURES,
-    FRAMES,
-    KEY_FRAMES,
-    ROTATIONS,
-    open_writer,
-)
+from tests.store.bindings import as_fitted
+from tests.store.damages import assert_refused, replaced, rewritten
+from tests.store.test_result import BINDING, FRAMES, written
 
 M, N = BINDING.weights.shape
 GENERATOR = np.random.default_rng(4)
@@ -33,12 +24,9 @@ CLIP = UnfittedClip(
 )
 
 
-def write_result(path, clip=CLIP, keep_weights=True):
+def write_result(path, unfitted=CLIP, keep_weights=True):
     fitted = as_fitted(BINDING, "dense")
-    with open_writer(path, binding=fitted, keep_weights=keep_weights) as result:
-        result.append(CAGES, ROTATIONS, FIGURES)
-        result.complete(ENDING, **KEY_FRAMES, unfitted=clip)
-    return path
+    return written(path, binding=fitted, keep_weights=keep_weights, unfitted=unfitted)
 
 
 def test_what_is_written_comes_back(tmp_path):
@@ -50,7 +38,7 @@ def test_what_is_written_comes_back(tmp_path):
     assert found.cage_vertex == 2
 
 
-@pytest.mark.parametrize("kept", [{"clip": None}, {"keep_weights": False}])
+@pytest.mark.parametrize("kept", [{"unfitted": None}, {"keep_weights": False}])
 def test_a_result_may_hold_nothing(tmp_path, kept):
     assert read_unfitted(read_result(write_result(tmp_path / "cages.h5", **kept))) is None
 
@@ -76,28 +64,26 @@ def test_a_result_may_hold_nothing(tmp_path, kept):
     ],
 )
 def test_damage_is_refused(tmp_path, name, values, words):
-    path = write_result(tmp_path / "cages.h5")
-    with h5py.File(path, "r+") as file:
-        del file[f"unfitted/{name}"]
-        file[f"unfitted/{name}"] = values
-    with pytest.raises(FormatError, match=words):
-        read_unfitted(replace(read_result(path), skipped={3: "bad"}))
+    assert_damage_is_refused(tmp_path, replaced(f"unfitted/{name}", values), words)
+
+
+def assert_damage_is_refused(folder, damage, words):
+    """In a result that skipped frame 3."""
+    path = write_result(folder / "cages.h5")
+
+    def read(path):
+        return read_unfitted(replace(read_result(path), skipped={3: "bad"}))
+
+    assert_refused(path, damage, words, read, FormatError)
 
 
 def test_no_frames_are_refused(tmp_path):
-    path = write_result(tmp_path / "cages.h5")
-    with h5py.File(path, "r+") as file:
+    def damage(file):
         for name in ("frame", "rms"):
-            kind = file[f"unfitted/{name}"].dtype
-            del file[f"unfitted/{name}"]
-            file.create_dataset(f"unfitted/{name}", (0,), kind)
-    with pytest.raises(FormatError, match="unfitted/frame"):
-        read_unfitted(read_result(path))
+            rewritten(f"unfitted/{name}", lambda held: held[:0])(file)
+
+    assert_damage_is_refused(tmp_path, damage, "unfitted/frame")
 
 
 def test_a_missing_part_is_refused(tmp_path):
-    path = write_result(tmp_path / "cages.h5")
-    with h5py.File(path, "r+") as file:
-        del file["unfitted/influence"]
-    with pytest.raises(FormatError, match="influence"):
-        read_unfitted(read_result(path))
+    assert_damage_is_refused(tmp_path, replaced("unfitted/influence"), "influence")

@@ -1,4 +1,4 @@
-"""A fit of each form, with a record that no run made."""
+"""A small binding, and a fit of each form, with a record that no run made."""
 
 from dataclasses import replace
 
@@ -14,6 +14,7 @@ from cageik_cli.solver.fitting.record import (
     FittedClip,
 )
 from cageik_cli.solver.settings import SolveSettings
+from tests.shapes import TETRAHEDRON, ball
 
 COMPARISON = Comparison(Distances(0.1, 0.3, 0.9), Distances(0.9, 4.0, 9.0), 24)
 REPORT = FitReport(
@@ -33,6 +34,15 @@ REPORT = FitReport(
     curve=((1.0, 0.3), (0.3, 0.2)),
 )
 CLIPS = (FittedClip("walk_1.obj ... walk_48.obj", "ab", 48),)
+
+
+def barycentric_binding(**details: object) -> Binding:
+    """Barycentric weights in a tetrahedron, whose affine precision is rounding."""
+    shares = np.abs(ball(1).vertices) + 0.1
+    weights = np.column_stack([shares, np.ones(len(shares))])
+    weights /= weights.sum(axis=1, keepdims=True)
+    rest = type(TETRAHEDRON)(weights @ TETRAHEDRON.vertices, ball(1).faces)
+    return Binding(rest, TETRAHEDRON, weights, **details)
 
 
 def record(**settings: object) -> FitRecord:
