@@ -54,7 +54,8 @@ def read_baseline(path: Path, max_regression: Decimal) -> Baseline:
     """
     with error_context(path):
         metrics: dict[str, dict[str, float | None]] = {}
-        for name, found in _iterate_results(_read_report(path)):
+        document = read_json(path, JsonFormat("the JSON of an earlier report", MAX_BASELINE_BYTES))
+        for name, found in _iterate_results(document):
             if name in metrics:
                 raise FormatError(
                     f"holds two results named {name}, expected one; give the results different "
@@ -67,10 +68,6 @@ def read_baseline(path: Path, max_regression: Decimal) -> Baseline:
                 "cageik report or cageik batch"
             )
     return Baseline(path, metrics, max_regression)
-
-
-def _read_report(path: Path) -> Any:
-    return read_json(path, JsonFormat("the JSON of an earlier report", MAX_BASELINE_BYTES))
 
 
 def _iterate_results(document: Any) -> Iterator[tuple[str, dict[str, float | None]]]:

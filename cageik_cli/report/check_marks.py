@@ -116,11 +116,7 @@ def _describe(found: Finding) -> str:
 def encode_marked_ply(cage: TriMesh, rest: TriMesh | None, marks: tuple[FaultMark, ...]) -> bytes:
     """Encode the cage, then the rest pose if there is one, as binary PLY.
 
-    Returns
-    -------
-    bytes
-        Vertices in the order of the meshes; a vertex has the colour of the first fault that
-        concerns it.
+    A vertex has the colour of the first fault that concerns it.
     """
     meshes = {"cage": cage} if rest is None else {"cage": cage, "rest": rest}
     points = np.concatenate([mesh.vertices for mesh in meshes.values()])

@@ -197,13 +197,7 @@ class UnfittedRecord:
 
 
 def build_unfitted(result: Result) -> UnfittedRecord | None:
-    """Build the record of a result; None if it does not hold the errors before a fit.
-
-    Raises
-    ------
-    InputError
-        When they are damaged.
-    """
+    """Build the record of a result; None if it does not hold the errors before a fit."""
     if result.fit is None:
         return None
     clip = read_unfitted(result)

@@ -32,13 +32,7 @@ MIN_STANDOUT_FRAMES = 8
 def list_notes(
     result: Result, name: str, summary: ReportSummary, limits: Limits
 ) -> tuple[str, ...]:
-    """List all notes on a result, first those that it holds itself.
-
-    Parameters
-    ----------
-    name : str
-        Of the result, by which a baseline knows it.
-    """
+    """List all notes on a result, first those that it holds; a baseline knows it by `name`."""
     return (
         *result.notes,
         *([] if result.fit is None else list_fit_notes(result.fit)),

@@ -69,21 +69,18 @@ class Report:
     filled: tuple[str, ...] = ()
 
     @property
+    def has_offsets(self) -> bool:
+        """Whether offsets beside the weights make the rest pose exact."""
+        return self.fit is not None and self.fit.settings.influences is not None
+
+    @property
     def vocabulary(self) -> Vocabulary:
         """The words for the result."""
         return choose_vocabulary(self.edited_from)
 
 
 def build_report(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:
-    """Compute the report of a result.
-
-    Parameters
-    ----------
-    limits : Limits, optional
-        Limits on its metrics; none by default.
-    name : str, optional
-        Name of the result; by default that of its file.
-    """
+    """Compute the report of a result, which has the name of its file unless another is given."""
     rest, result_name = result.rest, to_unicode(name or result.path.name)
     _, radius = smallest_enclosing_sphere(rest.vertices[rest.used_vertices])
     limits = limits or Limits()

@@ -12,12 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.sequence import Block, MeshSequence
-from cageik_cli.solver.captured import (
-    FrameWeights,
-    KeptBlock,
-    complete_frames,
-    measure_tolerances,
-)
+from cageik_cli.solver.captured import FrameWeights, KeptBlock, complete_frames, measure_tolerances
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.solver.metrics import (
     FrameMetrics,

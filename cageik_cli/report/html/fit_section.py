@@ -102,13 +102,7 @@ class FitPictures:
 
 
 def load_fit_shapes(result: Result, poses: PoseSet) -> FitShapes | None:
-    """Load what is drawn of a fit; None if the result does not hold the weights before it.
-
-    Raises
-    ------
-    InputError
-        When the file is damaged.
-    """
+    """Load what is drawn of a fit; None if the result does not hold the weights before it."""
     binding = None if result.fit is None else read_binding(result)
     clip = None if binding is None else read_unfitted(result)
     if binding is None or clip is None:

@@ -84,10 +84,9 @@ def format_cells(frame: FrameRecord, columns: Sequence[Column]) -> list[str]:
 def build_quality_rows(report: Report) -> list[WeightRow]:
     """Build the rows on a report's weights, then the one on its system."""
     quality, settings = report.binding, report.settings
-    has_offsets = report.fit is not None and report.fit.settings.influences is not None
     kind = "fitted" if report.fit is not None else settings.get("coordinates")
     return [
-        *_exactness_rows(quality)[: 1 if has_offsets else None],
+        *_exactness_rows(quality)[: 1 if report.has_offsets else None],
         _smallest_weight_row(quality, kind),
         *_accuracy_rows(quality, str(settings.get("accuracy"))),
         (

@@ -7,10 +7,7 @@ from urllib.parse import quote
 
 from cageik_cli.report.figures import ReportSummary, format_change, format_percent
 from cageik_cli.report.html.templating import render_template
-from cageik_cli.report.limits import (
-    Verdict,
-    make_overall_verdict,
-)
+from cageik_cli.report.limits import Verdict, make_overall_verdict
 from cageik_cli.report.overview import ClipEntry, Curve, Overview
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import Vocabulary

@@ -21,23 +21,11 @@ from cageik_cli.report.html.fit_section import (
     load_fit_shapes,
     render_fit_pictures,
 )
-from cageik_cli.report.html.frames_table import (
-    build_quality_rows,
-    choose_columns,
-    format_cells,
-)
+from cageik_cli.report.html.frames_table import build_quality_rows, choose_columns, format_cells
 from cageik_cli.report.html.pictures import Pictures, build_picture_values, render_pictures
 from cageik_cli.report.html.player_page import build_player_values
-from cageik_cli.report.html.templating import (
-    PLAYER_SCRIPTS,
-    make_data_url,
-    render_template,
-)
-from cageik_cli.report.limits import (
-    PERCENT,
-    LimitCheck,
-    make_overall_verdict,
-)
+from cageik_cli.report.html.templating import PLAYER_SCRIPTS, make_data_url, render_template
+from cageik_cli.report.limits import PERCENT, LimitCheck, make_overall_verdict
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip
 from cageik_cli.report.plots.error_plot import render_page_plot
 from cageik_cli.report.record import Report
@@ -50,10 +38,7 @@ from cageik_cli.report.regions import (
 )
 from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.report.views.data import format_json
-from cageik_cli.report.vocabulary import (
-    SETTING_MEANINGS,
-    Vocabulary,
-)
+from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary
 from cageik_cli.store.result import Result
 from cageik_cli.util.files import open_input
 from cageik_cli.util.text import format_count
@@ -81,7 +66,7 @@ def render_page(
     fit_pictures: FitPictures | None = None,
     player: PlayerClip | None = None,
 ) -> str:
-    """Render the page of a report.
+    """Render the page of a report; the same text for the same arguments.
 
     Parameters
     ----------
@@ -91,11 +76,6 @@ def render_page(
         None for a result that does not hold the weights before a fit.
     player : PlayerClip, optional
         None for a page without a player.
-
-    Returns
-    -------
-    str
-        The same text for the same arguments.
     """
     columns, words = choose_columns(report), report.vocabulary
     digest = compute_record_digest(report)
@@ -204,11 +184,6 @@ def render_result_page(result: Result, report: Report, has_player: bool = True) 
     """Render the page of a result and its report, with pictures.
 
     Without weights a page has neither pictures nor a player.
-
-    Raises
-    ------
-    InputError
-        When the file is damaged.
     """
     poses = load_poses(result)
     if poses is None:

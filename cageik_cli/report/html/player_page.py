@@ -34,7 +34,7 @@ def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]
 def render_view_page(
     clip: PlayerClip, apply_url: str = "", handles: str = "", edited_from: str | None = None
 ) -> str:
-    """Render a page that plays a clip and poses its model.
+    """Render a page that plays a clip and poses its model; the same text for the same arguments.
 
     Parameters
     ----------
@@ -45,11 +45,6 @@ def render_view_page(
         The text of a handles file that the page begins with, which has to be JSON; "" for none.
     edited_from : str, optional
         The result that the clip was edited from, if it was.
-
-    Returns
-    -------
-    str
-        The same text for the same arguments.
     """
     *scripts, start = PLAYER_SCRIPTS
     return render_template(

@@ -47,14 +47,8 @@ PLAYER_SCRIPTS = (
 def render_template(template: str, *, player_scripts: Sequence[str] = (), **values: Any) -> str:
     """Render a page from a template and its values.
 
-    All values are escaped. The page's security policy allows only the script of this digest.
-
-    Parameters
-    ----------
-    player_scripts : sequence of str
-        Names of scripts of the player that the page has, too, with its style.
-    **values
-        Of the template.
+    All values are escaped. The page's security policy allows only the script of this digest. With
+    `player_scripts`, names of scripts of the player, it has these too, and the player's style.
     """
     styles = ["style.css"]
     script = _join_scripts(tuple(player_scripts))

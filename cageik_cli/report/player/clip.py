@@ -80,13 +80,8 @@ def make_single_pose(
 ) -> PlayerClip:
     """Make the clip of a model in its rest pose, to be posed.
 
-    Parameters
-    ----------
-    words : sequence of str
-        What `cageik pose` is told to pose: the name of a file, and options; none for a model that
-        is in no file.
-    up_axis : str
-        "Y" or "Z".
+    `words` are what `cageik pose` is told to pose: the name of a file, and options; none for a
+    model that is in no file.
     """
     unnamed = ("MODEL.obj", "--cage", UNNAMED_CAGE)
     return PlayerClip(
@@ -110,13 +105,7 @@ def _join_words(words: Sequence[str]) -> str:
 
 
 def load_player_clip(result: Result) -> PlayerClip | None:
-    """Load what a player shows of a result; None if it was written without weights.
-
-    Raises
-    ------
-    InputError
-        When the file is damaged.
-    """
+    """Load what a player shows of a result; None if it was written without weights."""
     binding = read_binding(result)
     if binding is None:
         return None

@@ -113,15 +113,10 @@ class Predictor:
 
     That is the mean over the corners of its faces that come before it, rounded down, or else the
     number of the vertex before it; 0 for the first.
-
-    Parameters
-    ----------
-    faces : (t, 3) int
-    count : int
-        The number m of vertices.
     """
 
     def __init__(self, faces: Integers, count: int) -> None:
+        """Prepare for the faces, (t, 3), of a mesh of `count` vertices."""
         corners = np.concatenate([np.roll(faces, turn, axis=1).ravel() for turn in (1, 2)])
         own = np.concatenate([faces.ravel()] * 2)
         is_before = corners < own
@@ -151,19 +146,9 @@ class Predictor:
 
 
 def pack_arrays(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> str:
-    """Pack a header and arrays.
+    """Pack a header of values that JSON can hold, all finite, and arrays of `PACKED_TYPES`.
 
-    Parameters
-    ----------
-    header : mapping
-        Values that JSON can hold; no number that is not finite.
-    arrays : mapping of str to array
-        Of a type that `PACKED_TYPES` has.
-
-    Returns
-    -------
-    str
-        Letters, digits, `+`, `/` and `=`: the same for the same arguments.
+    The text has letters, digits, `+`, `/` and `=`, and is the same for the same arguments.
     """
     listed, parts = [], []
     for name, array in arrays.items():

@@ -33,17 +33,8 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     """Build the data of a player.
 
     Lengths are in diagonals of the rest model, and positions relative to the middle of its cage, so
-    that single precision is enough anywhere.
-
-    Parameters
-    ----------
-    apply_url : str
-        Where the page sends its handles when they are applied; "" if they are only saved.
-
-    Returns
-    -------
-    str
-        Letters, digits, `+`, `/` and `=`: the same for the same clip.
+    that single precision is enough anywhere. The page sends its handles to `apply_url` when they
+    are applied; if it is "", they are only saved. The text is as of `pack_arrays`.
     """
     rest, cage = clip.binding.rest, clip.binding.cage
     diagonal, origin = rest.diagonal or 1.0, cage.vertices.mean(axis=0)

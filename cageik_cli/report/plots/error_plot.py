@@ -269,12 +269,8 @@ def _draw_legend(figure: Figure, curves: Sequence[tuple[Axes, Series]]) -> None:
 def _draw_limit_labels(curves: Sequence[tuple[Axes, Series]], occupied: Box) -> None:
     """Label the limits, above or below their lines, where the labels cover little.
 
-    Parameters
-    ----------
-    curves : sequence of (Axes, Series)
-        The left axes, which are in front, and the right ones, each with its curve.
-    occupied : Box
-        A box that labels must not touch, as shares of the axes.
+    The left axes come first, and are in front. Labels do not touch the box `occupied`, in shares of
+    the axes.
     """
     points = np.concatenate([_sample_curve(axes, series) for axes, series in curves])
     limits = [

@@ -134,13 +134,7 @@ def _arrow_vectors(view: PoseSnapshot) -> Floats:
 
 
 class _PanelDrawing:
-    """A panel on its way into the figure, whose axes cover the whole figure.
-
-    Parameters
-    ----------
-    number : int
-        Index of the panel, from the left.
-    """
+    """Panel `number`, from the left, on its way into the figure, all of which the axes cover."""
 
     def __init__(
         self, axes: Axes, camera: ParallelCamera, view: PoseSnapshot, panel: Panel, number: int

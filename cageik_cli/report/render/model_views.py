@@ -87,13 +87,7 @@ def find_region_vertices(
 ) -> NDArray[np.bool_]:
     """The vertices around the worst one that deviate more than half as much in a frame, (m,).
 
-    Parameters
-    ----------
-    rest : (m, 3) float64
-    deviation : (m,) float64
-        Of the frame; nan for missing data.
-    size : float
-        Of the region, in the units of `rest`.
+    `deviation` is nan for missing data, and `size`, that of the region, is in the units of `rest`.
     """
     near = np.linalg.norm(rest - rest[worst], axis=1) <= size
     chosen = np.asarray(near & (deviation >= 0.5 * deviation[worst]))
@@ -120,25 +114,10 @@ def choose_turn(
     pixels: int = 64,
     min_share: float = 0.8,
 ) -> float:
-    """Choose from which of `REGION_TURNS` vertices are seen best.
+    """Choose from which of `REGION_TURNS` the chosen vertices, (m,), are seen best.
 
-    Parameters
-    ----------
-    vertices : (m, 3) float64
-    faces : (t, 3) int64
-    chosen : (m,) bool
-        The vertices to be seen.
-    up_axis : str
-        "Y" or "Z".
-    pixels : int
-        Width and height of the small pictures that are compared.
-    min_share : float
-        A view is as good as the best if it shows so much of what that shows.
-
-    Returns
-    -------
-    float
-        The first turn from which nearly as many pixels of their faces are seen as from the best.
+    Pictures of a few `pixels` are compared. It is the first turn from which nearly as many pixels
+    of their faces are seen as from the best: at least `min_share` of them.
     """
     wanted = np.asarray(chosen[faces].any(axis=1))
     if not wanted.any():  # vertices in no face are seen from nowhere
@@ -237,13 +216,7 @@ class PoseSet:
 
 
 def load_poses(result: Result) -> PoseSet | None:
-    """Load the poses of a result; None if it was written without weights.
-
-    Raises
-    ------
-    InputError
-        When the file is damaged.
-    """
+    """Load the poses of a result; None if it was written without weights."""
     binding = read_binding(result)
     if binding is None:
         return None

@@ -156,12 +156,7 @@ def _describe_candidate(candidate: "Candidate") -> str:
 def format_repair_text(path: Path, repaired: "RepairedCage", diagonal: float) -> str:
     """Return what was done, step by step, and how far vertices moved.
 
-    Parameters
-    ----------
-    path : Path
-        The file of the cage.
-    diagonal : float
-        Of the model, in file units.
+    `path` is the file of the cage, and `diagonal` that of the model, in file units.
     """
     count, corners = len(repaired.mesh.vertices), repaired.mesh.corner_counts
     rows = [("cage", f"fit, {count} vertices, {len(corners)} faces")]

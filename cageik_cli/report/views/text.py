@@ -12,9 +12,7 @@ from cageik_cli.report.figures import (
     format_percent,
 )
 from cageik_cli.report.fit_figures import format_fit_rows
-from cageik_cli.report.limits import (
-    LimitCheck,
-)
+from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import describe_region, explain_regions, list_remedies
 from cageik_cli.report.vocabulary import Vocabulary
@@ -177,8 +175,7 @@ def _quality_rows(report: Report, words: Vocabulary) -> list[tuple[str, str]]:
         f"beta {_format_number(report.settings.get('beta'))}"
     )
     accuracy = format_accuracy_row(quality, report.settings.get("accuracy"))
-    has_offsets = report.fit is not None and report.fit.settings.influences is not None
-    return [format_weights_row(quality, has_offsets), accuracy, (words.system, system)]
+    return [format_weights_row(quality, report.has_offsets), accuracy, (words.system, system)]
 
 
 def _format_volume(report: Report, words: Vocabulary) -> str:

@@ -12,11 +12,7 @@ import pytest
 from PIL import Image
 
 from cageik_cli.report.limits import Limit
-from cageik_cli.report.plots.error_plot import (
-    render_page_plot,
-    render_plot_png,
-    render_plot_svg,
-)
+from cageik_cli.report.plots.error_plot import render_page_plot, render_plot_png, render_plot_svg
 from cageik_cli.report.record import build_report
 from tests.report.drawings import drawn, lines, texts
 
