@@ -22,6 +22,17 @@ def summary(rms_percent: float = 0.25, **others) -> ReportSummary:
     return ReportSummary(**figures | others)
 
 
+def percent_metrics(figures: ReportSummary) -> dict[str, float | None]:
+    """The metrics that a baseline holds of a summary."""
+    change = figures.volume_change_percent_max
+    return {
+        "rms": figures.rms_percent,
+        "frame_rms": figures.worst_frame_rms_percent,
+        "max_deviation": figures.max_deviation_percent,
+        "volume_change": None if change is None else abs(change),
+    }
+
+
 def gate(passed: bool | None, **others) -> LimitCheck:
     """A check of the clip's rms against 0.5 %."""
     found = {True: 0.25, False: 0.75, None: None}[passed]

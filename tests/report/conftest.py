@@ -10,7 +10,8 @@ import pytest
 
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.report.limits import Limits, check_limits
-from cageik_cli.report.record import build_report
+from cageik_cli.report.player.clip import PlayerClip, load_player_clip
+from cageik_cli.report.record import Report, build_report
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.store.result import Result, read_result
 from cageik_cli.workflows.edit import EditSettings, edit
@@ -50,6 +51,17 @@ def make_case(tmp_path_factory, animation, write_obj, weights_cache):
 @pytest.fixture(scope="session")
 def closed(make_case, animation) -> Case:
     return make_case(animation.frames, animation.rest.faces)
+
+
+@pytest.fixture(scope="session")
+def report(closed) -> Report:
+    return build_report(closed.result)
+
+
+@pytest.fixture(scope="session")
+def clip(closed) -> PlayerClip:
+    """What a player shows of a closed model."""
+    return load_player_clip(closed.result)
 
 
 @pytest.fixture(scope="session")
@@ -112,9 +124,8 @@ def _edited(result: Result) -> Result:
 
 
 @pytest.fixture(scope="session")
-def make_report(closed):
+def make_report(report):
     """A function that makes a report of errors and volume changes; None is a skipped frame."""
-    report = build_report(closed.result)
 
     def make(errors, changes=None, names="frame_{}", limits=(), **time):
         clip = replace(report.clip, **time)

@@ -1,6 +1,8 @@
-"""Names that contain code."""
+"""Names that contain code, and factors that make models and cages degenerate."""
 
 from dataclasses import replace
+
+import numpy as np
 
 NAMES = (
     "<script>window.struck = 1</script>.obj",
@@ -11,6 +13,17 @@ NAMES = (
     "line\nfeed\ttab\r\u2028\u202e{{ 7 * 7 }}{% raw %}<!--",
     "javascript:window.struck=1//&lt;&amp;",
 )
+
+FACTORS = {
+    "flat": (np.array([1.0, 1, 0]), 1.0),
+    "thin": (np.array([1e-12, 1, 0]), 1.0),
+    "a point": (np.zeros(3), 1.0),
+    "nothing but a point": (np.zeros(3), 0.0),
+    "huge": (np.full(3, 1e30), 1e30),
+    "tiny": (np.full(3, 1e-30), 1e-30),
+    "a cage far away": (np.ones(3), 1e30),
+    "a cage turned inside out": (np.ones(3), -0.3),
+}
 
 
 def with_hostile_names(report):

@@ -32,6 +32,21 @@ class Element:
         return found
 
     @property
+    def rows(self) -> list[list[str]]:
+        """The texts of the cells of each row of a table in it."""
+        return [[cell.text for cell in row.all("th", "td")] for row in self.all("tr")]
+
+    @property
+    def policy(self) -> str:
+        """The security policy of a page."""
+        (found,) = (
+            meta.attributes["content"]
+            for meta in self.all("meta")
+            if meta.attributes.get("http-equiv") == "Content-Security-Policy"
+        )
+        return found
+
+    @property
     def text(self) -> str:
         """What is read in it, spaces set once; nothing of scripts and styles."""
         if self.tag in ("script", "style"):

@@ -21,7 +21,7 @@ from cageik_cli.report.limits import (
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY
-from tests.report.clips import summary
+from tests.report.clips import percent_metrics, summary
 
 FIELDS = {
     ("rms", PERCENT): "rms_percent",
@@ -92,16 +92,6 @@ def test_lines_name_metric_value_limit_and_frame():
     assert format_check_row(check_limits("a", summary(0.25), limits)[0], EXTRACTION_VOCABULARY) == (
         "over limit", "rms 0.2500 %, limit 0.2200 % (baseline 0.2000 %), worst frame f_7.obj",
     )  # fmt: skip
-
-
-def percent_metrics(figures: ReportSummary) -> dict[str, float | None]:
-    change = figures.volume_change_percent_max
-    return {
-        "rms": figures.rms_percent,
-        "frame_rms": figures.worst_frame_rms_percent,
-        "max_deviation": figures.max_deviation_percent,
-        "volume_change": None if change is None else abs(change),
-    }
 
 
 def baseline(figures, regression) -> Baseline:

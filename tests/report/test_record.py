@@ -16,11 +16,6 @@ def volumes(positions, faces):
     return np.array([trimesh.Trimesh(v, faces, process=False).volume for v in positions])
 
 
-@pytest.fixture(scope="module")
-def report(closed):
-    return build_report(closed.result)
-
-
 def column(report, name):
     return np.array([getattr(frame, name) for frame in report.frames])
 

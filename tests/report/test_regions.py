@@ -30,11 +30,6 @@ def result(closed):
     return closed.result
 
 
-@pytest.fixture(scope="module")
-def report(result):
-    return build_report(result)
-
-
 def within_the_usual(result):
     """The same result with a tenth of its deviations, and no regions."""
     metrics = replace(result.metrics, max_deviation=0.01 * result.metrics.max_deviation)
@@ -140,7 +135,7 @@ def test_an_edit_has_no_regions_and_does_not_miss_them(edited):
 def test_the_page_has_a_table_and_a_close_up(result, report):
     text = render_result_page(result, report)
     section = parse_page(text).by_id("regions")
-    rows = [[cell.text for cell in row.all("th", "td")] for row in section.all("tr")][1:]
+    rows = section.rows[1:]
     assert [row[0] for row in rows] == [str(k + 1) for k in range(len(report.regions))]
     assert rows[0][1] == f"{report.regions[0].max_deviation_percent:.4f}"
     assert rows[0][2] == report.regions[0].frame

@@ -18,13 +18,12 @@ from tests.report.markup import find_faults, parse_page
 FAULT = "frame_3.obj: line 7: `v 0.5` has 1 coordinate, expected 3; export it again"
 
 
-@pytest.fixture
-def report(closed):
-    return build_report(closed.result)
-
-
 def _with_error(entry, name, rms_percent):
     return change(entry, name, rms_percent=rms_percent)
+
+
+def _show(*entries):
+    return render_index(build_overview(entries))
 
 
 def _rows(page):
@@ -48,16 +47,12 @@ def _over_limit(report):
 
 def test_failed_clips_come_first_then_those_over_a_limit_then_the_worst(report):
     fine, over = build_clip_entry(report), build_clip_entry(_over_limit(report))
-    page = render_index(
-        build_overview(
-            [
-                _with_error(fine, "small", 0.1),
-                _with_error(fine, "large", 2.0),
-                _with_error(over, "over, small", 0.2),
-                _with_error(over, "over, large", 0.3),
-                ClipEntry("broken", fault=FAULT),
-            ]
-        )
+    page = _show(
+        _with_error(fine, "small", 0.1),
+        _with_error(fine, "large", 2.0),
+        _with_error(over, "over, small", 0.2),
+        _with_error(over, "over, large", 0.3),
+        ClipEntry("broken", fault=FAULT),
     )
     assert _names(page) == ["broken", "over, large", "over, small", "large", "small"]
     assert _rows(page)[0].text.endswith(FAULT)
@@ -74,13 +69,13 @@ def test_failed_clips_come_first_then_those_over_a_limit_then_the_worst(report):
     ],
 )
 def test_the_verdict_of_a_batch_follows_the_limits(report, most, verdict):
-    page = render_index(build_overview([build_clip_entry(_with_limit(report, most))]))
+    page = _show(build_clip_entry(_with_limit(report, most)))
     assert verdict in parse_page(page).text
 
 
 def test_a_row_shows_the_metrics_as_printed(report):
     over = build_clip_entry(_over_limit(report))
-    (row,) = _rows(render_index(build_overview([over])))
+    (row,) = _rows(_show(over))
     summary, cells = report.summary, [cell.text for cell in row.all("td")]
     rms = format_percent(summary.rms_percent)
     assert cells == [
@@ -97,7 +92,7 @@ def test_a_row_shows_the_metrics_as_printed(report):
 
 
 def test_an_open_model_has_no_volume_change(opened):
-    (row,) = _rows(render_index(build_overview([build_clip_entry(build_report(opened.result))])))
+    (row,) = _rows(_show(build_clip_entry(build_report(opened.result))))
     assert [cell.text for cell in row.all("td")][5] == "open"
     (svg,) = (svg for svg in row.all("svg") if svg.attributes.get("class") == "thumb")
     assert "max deviation up to" in svg.attributes["aria-label"]
@@ -106,14 +101,14 @@ def test_an_open_model_has_no_volume_change(opened):
 def test_skipped_frames_are_counted(report):
     entry = build_clip_entry(report)
     skipping = change(entry, frames_skipped=2)
-    (row,) = _rows(render_index(build_overview([skipping])))
+    (row,) = _rows(_show(skipping))
     assert [cell.text for cell in row.all("td")][6] == "5 2 skipped"
 
 
 def test_a_closed_model_with_missing_data_has_no_volume_change(report):
     entry = build_clip_entry(report)
     unknown = change(entry, volume_change_percent_max=None)
-    (row,) = _rows(render_index(build_overview([unknown])))
+    (row,) = _rows(_show(unknown))
     assert [cell.text for cell in row.all("td")][5] == "unknown"
 
 
@@ -130,7 +125,7 @@ def test_a_thumbnail_is_the_curve(report):
         other=(0.0, -1.0, 1.0, None, None, 0.0, 0.0),
         worst=3,
     )
-    paths = _paths(render_index(build_overview([replace(entry, curve=curve)])))
+    paths = _paths(_show(replace(entry, curve=curve)))
     # From 4, the largest value, to 44, zero or the smallest; two units a point; gaps; lone points.
     assert paths["rms"] == "M0 44 2 24M6 4h0M10 24 12 34"
     assert paths["other"] == "M0 24 2 44 4 4M10 24 12 24"
@@ -140,7 +135,7 @@ def test_a_thumbnail_is_the_curve(report):
 def test_a_thumbnail_of_nothing_but_zeros_is_flat(report):
     entry = build_clip_entry(report)
     curve = replace(entry.curve, rms_percent=(0.0, 0.0), other=(None, None), worst=0)
-    paths = _paths(render_index(build_overview([replace(entry, curve=curve)])))
+    paths = _paths(_show(replace(entry, curve=curve)))
     assert (paths["rms"], paths["other"]) == ("M0 4 2 4", "")
 
 
@@ -148,7 +143,7 @@ def test_a_thumbnail_of_nothing_but_zeros_is_flat(report):
     "page", ["a/b c.html", "javascript:x.html", "a%20b#c?d.html", "ü/“.html", "a/\udce9.html"]
 )
 def test_links_are_relative_and_quoted(report, page):
-    (row,) = _rows(render_index(build_overview([build_clip_entry(report, page=page)])))
+    (row,) = _rows(_show(build_clip_entry(report, page=page)))
     (link,) = row.all("a")
     href = link.attributes["href"]
     assert unquote(href, errors="surrogateescape") == f"./{page}"
@@ -157,7 +152,7 @@ def test_links_are_relative_and_quoted(report, page):
 
 
 def test_a_clip_without_a_page_has_no_link(report):
-    (row,) = _rows(render_index(build_overview([build_clip_entry(report)])))
+    (row,) = _rows(_show(build_clip_entry(report)))
     assert list(row.all("a")) == []
 
 
@@ -169,16 +164,16 @@ def test_the_page_fetches_nothing_and_is_accessible(report, kinds):
         else [build_clip_entry(report, page="a.html"), build_clip_entry(_over_limit(report))]
     )
     failed = [] if kinds == "done" else [ClipEntry("broken", fault=FAULT)]
-    page = render_index(build_overview(failed + done))
+    page = _show(*failed, *done)
     assert find_faults(page) == []
-    assert page == render_index(build_overview(failed + done))
+    assert page == _show(*failed, *done)
 
 
 def test_hostile_names_are_shown_as_text(report):
     hostile = build_clip_entry(with_hostile_names(report), page=NAMES[3])
     entries = [replace(hostile, name=name) for name in NAMES]
     entries += [ClipEntry(name, fault=name) for name in NAMES]
-    page = render_index(build_overview(entries))
+    page = _show(*entries)
     assert find_faults(page) == []
     assert len(list(parse_page(page).all("script"))) == 1
     shown = [" ".join(name.split()) for name in NAMES]
@@ -186,4 +181,4 @@ def test_hostile_names_are_shown_as_text(report):
 
 
 def test_five_hundred_clips_are_a_small_file(report):
-    assert len(render_index(build_overview(make_500_clips(report))).encode()) < 2_000_000
+    assert len(_show(*make_500_clips(report)).encode()) < 2_000_000

@@ -79,11 +79,6 @@ def page(report):
     return render_page(report, pictures_of_one_point())
 
 
-def _rows(page, name):
-    table = parse_page(page).by_id(name)
-    return [[cell.text for cell in row.all("th", "td")] for row in table.all("tr")]
-
-
 def test_the_verdict_and_the_error_come_first(page, report):
     main = parse_page(page).by_id("main").text
     rms = format_percent(report.summary.rms_percent)
@@ -93,8 +88,7 @@ def test_the_verdict_and_the_error_come_first(page, report):
 def test_each_limit_has_its_row(page, report):
     summary = report.summary
     table = next(parse_page(page).by_id("verdict").all("table"))
-    rows = [[cell.text for cell in row.all("th", "td")] for row in table.all("tr")]
-    assert rows[1:] == [
+    assert table.rows[1:] == [
         [
             "RMS error of the clip",
             "0.0001",
@@ -202,7 +196,7 @@ def test_every_number_of_the_record_is_on_the_page(page, report):
 
 
 def test_the_table_of_frames_shows_the_record(page, report):
-    titles, *rows = _rows(page, "frames-table")
+    titles, *rows = parse_page(page).by_id("frames-table").rows
     assert titles[:4] == ["#", "Frame", "RMS, %", "RMS, file units"]
     assert rows == [
         [
@@ -231,7 +225,7 @@ def test_the_page_shows_all_numbers_of_the_text(page, report):
 
 def test_an_open_model_has_no_volume_columns(opened):
     page = render_page(build_report(opened.result), None)
-    titles = _rows(page, "frames-table")[0]
+    titles = parse_page(page).by_id("frames-table").rows[0]
     assert titles[-1] == "At vertex"
     assert "Volume change not defined the model is open" in parse_page(page).by_id("verdict").text
     assert "the model is open" in parse_page(page).by_id("notes").text
@@ -264,7 +258,7 @@ def test_skipped_frames_show_their_reason(report):
     )
     page = render_page(skipping, None)
     assert find_faults(page) == []
-    assert _rows(page, "frames-table")[-1][2] == f"skipped: {NAMES[1]}"
+    assert parse_page(page).by_id("frames-table").rows[-1][2] == f"skipped: {NAMES[1]}"
     assert "1 of 5 frames skipped" in parse_page(page).text
 
 
@@ -351,7 +345,7 @@ def test_hostile_names_are_shown_as_text(report):
     assert len(list(parse_page(page).all("script"))) == 1
     assert not {element.tag for element in parse_page(page).all()} & {"b", "iframe", "object"}
     shown = [" ".join(frame.name.split()) for frame in hostile.frames]
-    assert [row[1] for row in _rows(page, "frames-table")[1:]] == shown
+    assert [row[1] for row in parse_page(page).by_id("frames-table").rows[1:]] == shown
 
 
 def test_two_thousand_frames_with_pictures_are_under_5_mb(report):

@@ -10,7 +10,7 @@ from PIL import Image
 from cageik_cli.report.html.pictures import render_pictures
 from cageik_cli.report.render.model_views import Pose, PoseSet, load_poses
 from cageik_cli.report.render.shading import COLOUR_SCALE, MESH_COLOURS
-from tests.report.odd_poses import FACTORS
+from tests.report.hostile import FACTORS
 from tests.shapes import ball, box
 
 PIXELS = 60

@@ -9,23 +9,11 @@ import pytest
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS
 from cageik_cli.report.player import payload
-from cageik_cli.report.player.clip import load_player_clip
-from cageik_cli.report.record import build_report
 from tests.report.html.test_page import pictures_of_one_point
 from tests.report.markup import find_faults, parse_page
 from tests.report.player.rebuild import unpack_payload
 
 MAX_SCRIPT_BYTES = 60_000
-
-
-@pytest.fixture(scope="module")
-def clip(closed):
-    return load_player_clip(closed.result)
-
-
-@pytest.fixture(scope="module")
-def report(closed):
-    return build_report(closed.result)
 
 
 @pytest.fixture(scope="module")
@@ -49,11 +37,7 @@ def test_only_one_script_runs_and_the_policy_names_it(page):
     assert data.attributes == {"type": "application/octet-stream", "id": "player-data"}
     assert script.attributes == {}
     digest = base64.b64encode(hashlib.sha256(script.source.encode()).digest()).decode()
-    (policy,) = (
-        one.attributes["content"]
-        for one in parse_page(page).all("meta")
-        if one.attributes.get("http-equiv") == "Content-Security-Policy"
-    )
+    policy = parse_page(page).policy
     assert f"script-src 'sha256-{digest}'" in policy
     assert policy.startswith("default-src 'none'; ")
     assert "connect-src" not in policy

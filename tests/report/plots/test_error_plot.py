@@ -19,11 +19,6 @@ from tests.report.drawings import drawn, lines, texts
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def report(closed):
-    return build_report(closed.result)
-
-
 def test_the_curves_are_the_metrics_of_the_record(report):
     (error,), (change,) = lines(report, "rms"), lines(report, "volume_change")
     frames = report.frames
@@ -180,13 +175,6 @@ def test_the_same_report_gives_the_same_bytes_whatever_the_settings(report):
     assert image.size == (1440, 720)
     assert set(image.info) <= {"dpi"}
     assert "date" not in svg
-
-
-def test_pyplot_is_not_needed(run_process):
-    code = (
-        "import sys, cageik_cli.report.plots.error_plot; print('matplotlib.pyplot' in sys.modules)"
-    )
-    assert run_process("-c", code).out == "False\n"
 
 
 def test_the_page_plot_has_the_position_of_the_axes(report):

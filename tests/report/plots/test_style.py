@@ -25,6 +25,15 @@ def test_matplotlib_settings_of_the_user_are_ignored_and_restored():
         assert mpl.rcParams["font.size"] == 31.0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("module", ["cage_plot", "error_plot", "pose_plot"])
+def test_pyplot_is_not_imported(run_process, module):
+    code = (
+        f"import sys, cageik_cli.report.plots.{module}; print('matplotlib.pyplot' in sys.modules)"
+    )
+    assert run_process("-c", code).out == "False\n"
+
+
 @pytest.mark.parametrize(
     ("name", "expected"),
     [

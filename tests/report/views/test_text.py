@@ -11,11 +11,6 @@ from cageik_cli.report.views.text import format_text
 from tests.shapes import rotation
 
 
-@pytest.fixture
-def report(closed):
-    return build_report(closed.result)
-
-
 def test_the_text_shows_the_numbers_of_the_record(report):
     lines = format_text(replace(report, regions=())).splitlines()
     summary = report.summary
