@@ -100,11 +100,12 @@ test-browser: $(READY)  ## Open the pages in Chromium, and use them by mouse and
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright axe-playwright-python
 	CHROMIUM="$$(command -v $(CHROMIUM))" $(BIN)/python -m pytest tests/browser -m browser
 
-check: $(READY)  ## Format, lint, types, and who imports what
+check: $(READY)  ## Format, lint, types, who imports what, and the rules of CONTRIBUTING.md
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m tests.rules
 
 format: $(READY)  ## Format the code and sort the imports
 	$(BIN)/ruff format .

@@ -2,7 +2,14 @@
 
 import pytest
 
-from tests.rules import find_option_words, find_repeated_constants, find_sizes
+from tests.rules import (
+    MIN_LINES,
+    find_option_words,
+    find_repeated_constants,
+    find_sizes,
+    read_modules,
+)
+from tests.rules import SHORT as SHORT_MODULES
 
 SHORT, LONG, FINE = "x = 1\n" * 59, "x = 1\n" * 351, "x = 1\n" * 60
 
@@ -21,6 +28,11 @@ def test_constants_of_other_names_and_locals_pass():
 def test_crumbs_and_giants_are_found():
     modules = [("a.py", SHORT), ("b.py", LONG), ("c.py", FINE), ("formats/pc2.py", SHORT)]
     assert [fault.split(":")[0] for fault in find_sizes(modules)] == ["a.py", "b.py"]
+
+
+def test_modules_that_may_be_short_are_there_and_short():
+    lines = {path: source.count("\n") for path, source in read_modules()}
+    assert all(lines[path] < MIN_LINES for path in SHORT_MODULES)
 
 
 def test_options_below_the_command_line_are_found():
