@@ -1,14 +1,12 @@
 """`cageik batch`: every clip under some folders, and one report over all."""
 
 import os
-from collections.abc import Callable
-from functools import update_wrapper
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from cageik_cli.cli.batch_plan import (
-    PER_CLIP_OPTIONS,
+    SHARED_OPTIONS,
     BatchOptions,
     SharedOptions,
     plan_batch,
@@ -33,20 +31,6 @@ from cageik_cli.util.text import format_count
 if TYPE_CHECKING:
     from cageik_cli.report.overview import Overview
     from cageik_cli.workflows.batch.jobs import Scheduler
-
-
-def per_clip_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of one clip to a command, which gets them as `shared`."""
-    names = {str(option.name) for option in PER_CLIP_OPTIONS}
-
-    def invoke(**values: Any) -> Any:
-        others = {name: value for name, value in values.items() if name not in names}
-        return command(**others, shared=SharedOptions.from_context(click.get_current_context()))
-
-    update_wrapper(invoke, command)
-    params = getattr(command, "__click_params__", [])
-    invoke.__dict__["__click_params__"] = [*reversed(PER_CLIP_OPTIONS), *params]
-    return invoke
 
 
 @click.command("batch")
@@ -103,7 +87,7 @@ def per_clip_options(command: Callable[..., Any]) -> Callable[..., Any]:
     help="Number of processes; each extracts one clip at a time.",
 )
 @common_options
-@per_clip_options
+@SHARED_OPTIONS
 def batch_command(
     options: BatchOptions,
     shared: SharedOptions,

@@ -1,5 +1,6 @@
 """The plan of a batch: the clips that are found, each with the options that apply to it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ from click.core import ParameterSource
 from cageik_cli.cli.config import CONFIG_NAME, ClipTables, is_auxiliary_path, list_commands
 from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
 from cageik_cli.cli.group import word_options
+from cageik_cli.cli.options import Decorator, OptionGroup
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS
 from cageik_cli.util.errors import CageikError, SettingError
 
@@ -35,12 +37,6 @@ BATCH_OPTIONS = (
     "verbose",
 )
 """Options of `extract` that apply to the whole batch, or to no batch."""
-
-PER_CLIP_OPTIONS = [
-    option
-    for option in extract_command.params
-    if isinstance(option, click.Option) and option.name not in BATCH_OPTIONS
-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,16 +68,15 @@ class SharedOptions:
     config_file: dict[str, Any]
 
     @staticmethod
-    def from_context(context: click.Context) -> "SharedOptions":
-        """Collect them from what click has parsed; paths become absolute."""
-        names = [str(option.name) for option in PER_CLIP_OPTIONS]
+    def collect(**values: Any) -> "SharedOptions":
+        """Collect those that are given, from where they are; paths become absolute."""
+        context = click.get_current_context()
 
         def collect(source: ParameterSource) -> dict[str, Any]:
-            chosen = [name for name in names if context.get_parameter_source(name) is source]
-            values = {name: context.params[name] for name in chosen}
             return {
                 name: str(value.absolute()) if isinstance(value, Path) else value
                 for name, value in values.items()
+                if context.get_parameter_source(name) is source
             }
 
         return SharedOptions(
@@ -95,6 +90,27 @@ class SharedOptions:
             for name, file in (self.config_file | self.command_line).items()
             if file is not None and is_auxiliary_path(extract_command, name, file)
         }
+
+
+def _repeat_option(option: click.Option) -> Decorator:
+    """Make the decorator that adds an option of another command."""
+
+    def add(command: Callable[..., Any]) -> Callable[..., Any]:
+        command.__dict__.setdefault("__click_params__", []).append(option)
+        return command
+
+    return add
+
+
+SHARED_OPTIONS = OptionGroup(
+    "shared",
+    SharedOptions.collect,
+    *(
+        _repeat_option(option)
+        for option in extract_command.params
+        if isinstance(option, click.Option) and option.name not in BATCH_OPTIONS
+    ),
+)
 
 
 def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":

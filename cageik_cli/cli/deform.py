@@ -13,6 +13,7 @@ from cageik_cli.cli.options import (
     jobs_option,
     make_binding_options,
     memory_option,
+    negate,
     output_options,
 )
 from cageik_cli.cli.options.clip import (
@@ -40,11 +41,6 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
     has_morphs = values["morphs"] != MorphSettings(has_normals=True)
     check_morph_usage("--morphs, --tolerance and --flat", has_morphs, values["output"].path)
     return DeformSettings(compares=get_verbosity() > 0, **values)
-
-
-def has_normals(flat: bool) -> bool:
-    """Return whether morph targets have normals."""
-    return not flat
 
 
 @click.command("deform")
@@ -93,7 +89,7 @@ def has_normals(flat: bool) -> bool:
         *MORPH_MEMBERS,
         OptionGroup(
             "has_normals",
-            has_normals,
+            negate,
             click.option(
                 "--flat",
                 is_flag=True,

@@ -18,6 +18,7 @@ from cageik_cli.cli.options import (
     is_on_command_line,
     jobs_option,
     memory_option,
+    negate,
     overwrite_option,
     refuse_options,
     timings_option,
@@ -70,11 +71,6 @@ def make_extract_settings(**values: Any) -> "ExtractSettings":
         message = "{} is for a cage that is built; leave out {} or " + given
         refuse_options(("vertices", "cage_output"), message)
     return ExtractSettings(**values)
-
-
-def keep_weights(no_weights: bool) -> bool:
-    """Return whether the result holds the weights."""
-    return not no_weights
 
 
 def _check_binding_settings(binding: Path, requested: BindSettings) -> None:
@@ -138,7 +134,7 @@ EXTRACT_OPTIONS = OptionGroup(
     SCENE_OPTIONS,
     OptionGroup(
         "keep_weights",
-        keep_weights,
+        negate,
         click.option(
             "--no-weights",
             is_flag=True,

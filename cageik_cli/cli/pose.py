@@ -59,6 +59,7 @@ POSING_OPTIONS: OptionGroup[Any] = OptionGroup(
         ),
         is_flag=False,
         flag_value=DEFAULT_SNAP,
+        metavar="NUMBER[%]",
         help="Move handles with a position to the nearest point of the surface, if it is at "
         f"most this far away; {DEFAULT_SNAP} of the diagonal if no number is given.",
     ),

@@ -284,6 +284,12 @@ def refuse_options(
         raise click.UsageError(message.replace("{}", name_option(name)))
 
 
+def negate(**flag: bool) -> bool:
+    """Return the opposite of a flag: `--no-X` sets X."""
+    (is_set,) = flag.values()
+    return not is_set
+
+
 def choose_cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
     """Return the folder of the cache; None for none.
 

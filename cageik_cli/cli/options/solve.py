@@ -70,9 +70,15 @@ def _make_fit_option(setting: "Field[Any]") -> Decorator:
     unset = setting.metadata.get("unset")
     if setting.default is None:
         return click.option(flag, setting.name, type=kind, help=f"{text}  [default: {unset}]")
-    number = OrWord(kind, "auto", "a number, such as 0.1") if unset == "auto" else kind
+    is_found = unset == "auto"
     return click.option(
-        flag, setting.name, type=number, default=str(setting.default), show_default=True, help=text
+        flag,
+        setting.name,
+        type=OrWord(kind, "auto", "a number, such as 0.1") if is_found else kind,
+        metavar="NUMBER|AUTO" if is_found else None,
+        default=str(setting.default),
+        show_default=True,
+        help=text,
     )
 
 

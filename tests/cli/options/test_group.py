@@ -79,11 +79,7 @@ def test_every_argument_of_a_command_has_an_option(name):
         callback = callback.__wrapped__
     cells = [cell.cell_contents for closure in groups for cell in closure]
     found = [cell for cell in cells if isinstance(cell, OptionGroup)]
-    names = set(signature(callback).parameters) - {group.name for group in found} - {"shared"}
+    names = set(signature(callback).parameters) - {group.name for group in found}
     for group in found:
         names |= group.option_names
-    if name == "batch":
-        from cageik_cli.cli.batch_plan import PER_CLIP_OPTIONS
-
-        names |= {option.name for option in PER_CLIP_OPTIONS}
     assert names == options
