@@ -111,6 +111,10 @@ class EditTarget:
         """The number of frames; None for a single pose."""
         return None if self.frame_names is None else len(self.frame_names)
 
+    def name_frame(self, frame: int) -> str:
+        """Return the name of a frame; "" for a single pose."""
+        return self.frame_names[frame] if self.frame_names else ""
+
     def deform(self, frames: Integers, cages: Floats) -> Floats:
         """Return the meshes (k, m, 3) of the cages (k, n, 3) of frames (k,)."""
         meshes = reconstruct(self.binding.weights, cages - self.base_cage)

@@ -75,7 +75,7 @@ def take_snapshot(edit: LayeredEdit, block: EditedFrames, summary: PoseSummary) 
     starts, targets = block.starts[0, chosen], block.targets[0, chosen]
     residuals = [summary.anchors[k].residual_percent for k in chosen]
     return PoseSnapshot(
-        frame=target.frame_names[frame] if target.frame_names else "",
+        frame=target.name_frame(frame),
         faces=binding.rest.faces,
         cage_faces=binding.cage.faces,
         before=block.meshes_before[0],

@@ -1,6 +1,5 @@
 """Summary of a pose or an edited animation: anchors, motion, volume, smoothness."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -183,12 +182,9 @@ class PoseStatistics:
             largest = float(known[np.abs(known).argmax()])
             self._volume_change = max(self._volume_change or 0.0, largest, key=abs)
 
-    def summarize(self, names: Sequence[str]) -> PoseSummary:
-        """Return the summary; `names` are those of all frames, or empty for a single pose."""
-
-        def name(frame: int) -> str:
-            return names[frame] if names else ""
-
+    def summarize(self) -> PoseSummary:
+        """Return the summary of the frames so far."""
+        name = self._edit.target.name_frame
         rms = float(np.sqrt(self._squares / max(1, self._frame_count)))
         diagonal = self._rest.diagonal
         beyond = self._beyond_moved if self._is_beyond.any() else None

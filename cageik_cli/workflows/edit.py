@@ -106,7 +106,7 @@ def edit(
         )
         with progress.stage("write"):
             file.complete(ending, key_frames=key_frames, key_frame_errors=offsets)
-    pose_summary = edit_run.statistics.summarize(result.frames)
+    pose_summary = edit_run.statistics.summarize()
     return PoseResult(pose_summary, take_snapshot(layered, posed[0], pose_summary))
 
 

@@ -136,7 +136,7 @@ def pose_model(
     report_placement(edit, handles.path, progress)
     statistics = PoseStatistics(edit)
     statistics.update(block)
-    summary = statistics.summarize([])
+    summary = statistics.summarize()
     return PoseResult(summary, take_snapshot(edit, block, summary))
 
 

@@ -43,7 +43,7 @@ def pose(tmp_path, binding):
         block = layered.edit_frames(np.zeros(1, np.int64), cage[None])
         statistics = PoseStatistics(layered)
         statistics.update(block)
-        return block, statistics.summarize([])
+        return block, statistics.summarize()
 
     return edit
 

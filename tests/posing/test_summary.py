@@ -47,14 +47,14 @@ def make_edit(tmp_path):
     return make
 
 
-def summarize(edit, cages, size, names=NAMES, frames=None):
+def summarize(edit, cages, size, frames=None):
     """By blocks of a size."""
     frames = np.arange(COUNT) if frames is None else frames
     statistics = PoseStatistics(edit)
     for start in range(0, len(frames), size):
         chosen = frames[start : start + size]
         statistics.update(edit.edit_frames(chosen, cages[chosen]))
-    return statistics.summarize(names)
+    return statistics.summarize()
 
 
 def test_the_summary_does_not_depend_on_blocks(closed, make_edit):
@@ -176,4 +176,4 @@ def test_no_frames_change_nothing(closed, make_edit):
     made = make_edit(clip)
     statistics = PoseStatistics(made)
     statistics.update(made.edit_frames(np.arange(0), cages[:0]))
-    assert statistics.summarize(NAMES).changed is None
+    assert statistics.summarize().changed is None
