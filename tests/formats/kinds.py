@@ -84,7 +84,9 @@ def _write_npz(path, frames):
 
 def _write_h5(path, frames):
     with h5py.File(path, "w") as file:
-        file["verts"], file["tris"] = (frames - [1, 2, 3]) / 2, FACES.astype(np.int32)
+        scaled = ((frames - [1, 2, 3]) / 2).astype("f4")
+        file.create_dataset("verts", data=scaled, compression="gzip", shuffle=True)
+        file["tris"] = FACES.astype(np.int32)
         file.attrs.update(scale=2.0, mean=[1.0, 2.0, 3.0])
 
 

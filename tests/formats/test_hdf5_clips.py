@@ -46,13 +46,6 @@ def test_scale_and_mean_are_undone(path, attributes, on_dataset):
     )
 
 
-def test_single_precision_and_compression_are_read(path):
-    with h5py.File(path, "r+") as file:
-        del file["verts"]
-        file.create_dataset("verts", data=FRAMES.astype("f4"), compression="gzip", shuffle=True)
-    np.testing.assert_array_equal(frames_of(open_sequence([str(path)])), FRAMES)
-
-
 class Counting:
     """A dataset that remembers what was read of it."""
 
@@ -345,10 +338,6 @@ DAMAGES = {
     "counted from 1": (
         lambda f: f["tris"].write_direct(FACES + 1),
         "faces name vertices 1 to 4 of 4",
-    ),
-    "first frame not finite": (
-        lambda f: f["verts"].__setitem__((0, 1, 2), np.nan),
-        "vertex 1 is (9, 16, nan)",
     ),
     "scale of text": (lambda f: f.attrs.update(scale="big"), "attribute `scale` is 'big'"),
     "scale of two": (lambda f: f.attrs.update(scale=[1.0, 2.0]), "is float64 of shape (2,)"),

@@ -116,7 +116,6 @@ PC2_DAMAGES = {
 }
 MDD_DAMAGES = {
     "header cut": (b"1234567", "7 bytes, an MDD file has at least 8"),
-    "cut": (mdd()[:-1], "take 268 bytes, but has 267; it is cut short"),
     "longer": (mdd() + b"\0", "take 268 bytes, but has 269; it is damaged"),
     "no frame": (mdd(counts=(0, 4)), "announces 0 frames, 4 vertices"),
     "no vertex": (mdd(counts=(5, 0)), "announces 5 frames, 0 vertices"),
@@ -131,7 +130,6 @@ MDD_DAMAGES = {
 }
 ANIME_DAMAGES = {
     "header cut": (anime()[:11], "11 bytes, an .anime file has at least 12"),
-    "cut": (anime()[:-1], "announces 5 frames, 4 vertices, 4 triangles, which take 300 bytes"),
     "longer": (anime() + b"\0", "has 301; it is damaged"),
     "no frame": (anime(counts=(0, 4, 4)), "announces 0 frames, 4 vertices, 4 triangles"),
     "no vertex": (anime(counts=(5, 0, 4)), "announces 5 frames, 0 vertices"),

@@ -133,10 +133,9 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-def test_faults_are_named(fault):
-    data, expected = FAULTS[fault]
-    with refused(FormatError, expected):
+@pytest.mark.parametrize(("data", "says"), FAULTS.values(), ids=FAULTS)
+def test_faults_are_named(data, says):
+    with refused(FormatError, says):
         parse_points(data) or Reader.parse(data)
 
 
@@ -208,10 +207,9 @@ SPLAT_FAULTS = {
 }
 
 
-@pytest.mark.parametrize("fault", SPLAT_FAULTS)
-def test_faults_of_splats_are_named(fault):
-    rows, expected = SPLAT_FAULTS[fault]
-    with refused(FormatError, expected):
+@pytest.mark.parametrize(("rows", "says"), SPLAT_FAULTS.values(), ids=SPLAT_FAULTS)
+def test_faults_of_splats_are_named(rows, says):
+    with refused(FormatError, says):
         read_splats(parse_points(encode_rows(rows)))
 
 

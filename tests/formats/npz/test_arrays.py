@@ -168,7 +168,6 @@ def test_hints_that_cannot_be_are_noted_and_others_passed_by(opened):
         ),
         ({"verts": FRAMES, "faces": FACES + 2}, "face 0 names vertices 2, 3, 4"),
         ({"verts": FRAMES, "faces": FACES - 1}, "face 0 names vertices -1, 0, 1"),
-        ({"verts": FRAMES * np.nan, "faces": FACES}, "vertex 0 is (nan, nan, nan)"),
         (
             {"poses": FRAMES, "betas": FRAMES, "trans": FRAMES},
             "holds body parameters (AMASS or SMPL",
@@ -207,11 +206,7 @@ def _array_file(path):
 @pytest.mark.parametrize(
     "damage",
     [
-        pytest.param(lambda data, path: b"", id="empty"),
-        pytest.param(lambda data, path: b"no archive", id="text"),
         pytest.param(lambda data, path: data[:-30], id="cut short"),
-        pytest.param(lambda data, path: data[: len(data) // 2], id="half"),
-        pytest.param(lambda data, path: b"\x80\x04N.", id="pickle"),
         pytest.param(lambda data, path: _with(data, b"(2, 4, 3)", b"(9, 9, 9)"), id="claim"),
         pytest.param(lambda data, path: _with(data, b"{'descr'", b"({descr'"), id="header"),
         pytest.param(lambda data, path: _array_file(path), id="npy"),

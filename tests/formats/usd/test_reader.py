@@ -193,14 +193,6 @@ def blocked_points(stage):
     add_mesh(stage).GetPointsAttr().Set(Sdf.ValueBlock(), 2)
 
 
-def too_few_corners(stage):
-    add_mesh(stage).GetFaceVertexCountsAttr().Set([3] * 9)
-
-
-def negative_counts(stage):
-    add_mesh(stage).GetFaceVertexCountsAttr().Set([-3, 27])
-
-
 def points_of_text(stage):
     add_mesh(stage)
     points = stage.GetRootLayer().GetPrimAtPath("/hero/mesh").properties["points"]
@@ -215,8 +207,6 @@ def points_of_text(stage):
     [
         (no_points, "the mesh has no points at time"),
         (blocked_points, "the mesh has no points at time 2; export it again"),
-        (too_few_corners, "9 faces need 27 corners, found 24"),
-        (negative_counts, "2 faces need 24 corners, found 24"),
         (points_of_text, "`points` is not of type point3f[] at time 0; export it again"),
     ],
 )
