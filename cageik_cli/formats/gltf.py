@@ -152,11 +152,7 @@ def choose_modes(
     The rms error, which is known for any number, is a lower bound; between it and all modes the
     number is found by bisection.
 
-    Returns
-    -------
-    modes : Modes
-    errors : tuple of float
-        As of `measure_modes`.
+    Their errors are returned as of `measure_modes`.
     """
     errors = measure_modes(spool, modes)
     if errors[1] > tolerance:

@@ -143,7 +143,10 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
     for index in np.unique(material).tolist():
         start, stop = np.searchsorted(kept[:, 0], [index, index + 1]).tolist()
         parts.append(Part(index, start, stop, cut[material == index] - start))
-    uv = None if values is None else _flip_v(values[kept[:, 3]])
+    uv = None
+    if values is not None:
+        u, v = values[kept[:, 3]].T
+        uv = np.stack([u, 1 - v], axis=1).astype(np.float32)
     colours = np.tile(PLAIN_COLOUR, (len(materials), 1))
     if look.material_colours is not None:
         colours[: len(look.material_colours)] = look.material_colours
@@ -166,8 +169,3 @@ def _complete_materials(look: TriangleAttributes, count: int) -> tuple[Integers,
     if (look.materials >= 0).all():
         return look.materials, names
     return np.where(look.materials < 0, len(names), look.materials), (*names, PLAIN)
-
-
-def _flip_v(uv: Floats) -> Singles:
-    """Return UVs (k, 2) with v downward."""
-    return np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).astype(np.float32)

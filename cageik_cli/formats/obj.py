@@ -174,7 +174,8 @@ def make_obj_template(mesh: TriMesh, digits: int = MIN_DIGITS) -> bytes:
     vertex = "v " + " ".join([f"%.{digits}g"] * 3)
     attributes = mesh.attributes
     if attributes is None:
-        return f"{vertex}\n".encode() * len(mesh.vertices) + encode_faces(mesh.faces)
+        faces = b"f %d %d %d\n" * len(mesh.faces) % tuple((mesh.faces + 1).ravel().tolist())
+        return f"{vertex}\n".encode() * len(mesh.vertices) + faces
     library = _clean_name(attributes.material_library).replace("%", "%%")
     head = f"mtllib {library}\n" if library else ""
     head += "".join(_write_vertices(vertex, len(mesh.vertices), attributes.colours))
@@ -184,11 +185,6 @@ def make_obj_template(mesh: TriMesh, digits: int = MIN_DIGITS) -> bytes:
         head += "vn %.6g %.6g %.6g\n" * (int(attributes.normal_fans.max()) + 1)
     lines = _write_polygons(attributes)
     return head.encode() + "".join(lines).replace("%", "%%").encode()
-
-
-def encode_faces(faces: Integers) -> bytes:
-    """Return the lines of triangles (f, 3)."""
-    return b"f %d %d %d\n" * len(faces) % tuple((faces + 1).ravel().tolist())
 
 
 def encode_exact_obj(vertices: Floats, polygons: Iterable[Integers]) -> bytes:

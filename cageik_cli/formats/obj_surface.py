@@ -52,10 +52,8 @@ def _is_bare(data: bytes) -> bool:
 
 def _read_uvs(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
     is_value = tokens.find_lines(b"vt")
-    if not is_value.any():
-        return attributes
     indices = _read_corner_indices(tokens, is_value, 1)
-    if (indices == NONE).all():
+    if indices is None:
         return attributes
     heads, sizes = tokens.first_tokens[is_value], tokens.token_counts[is_value]
     if sizes.min() < 2:
@@ -68,10 +66,8 @@ def _read_uvs(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttribute
 
 def _read_normals(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
     is_value = tokens.find_lines(b"vn")
-    if not is_value.any():
-        return attributes
     indices = _read_corner_indices(tokens, is_value, 2)
-    if (indices == NONE).all():
+    if indices is None:
         return attributes
     # Some programs write a normal anew for each corner.
     heads, sizes = tokens.first_tokens[is_value], tokens.token_counts[is_value]
@@ -139,13 +135,15 @@ def _join_words(tokens: Tokens, line: int) -> str:
         return single_line(text.decode("latin-1"))
 
 
-def _read_corner_indices(tokens: Tokens, is_value: NDArray[np.bool_], place: int) -> Integers:
-    """Return index `place` of every corner, from 0; `NONE` where there is none.
+def _read_corner_indices(
+    tokens: Tokens, is_value: NDArray[np.bool_], place: int
+) -> Integers | None:
+    """Return index `place` of every corner, from 0, or `NONE`; None if no corner has one.
 
     Parameters
     ----------
     is_value : (l,) bool
-        The lines that are counted.
+        The lines that are counted; without any, indices have no meaning and are not read.
     place : int
         1 for texture coordinates, 2 for normals.
 
@@ -159,19 +157,18 @@ def _read_corner_indices(tokens: Tokens, is_value: NDArray[np.bool_], place: int
     is_corner[tokens.first_tokens] = False
     parts = tokens.find_part(tokens.bounds[is_corner], place)
     is_given = parts[:, 1] > parts[:, 0]
-    given = np.flatnonzero(is_given)
-    numbers = convert_words(tokens.text, parts[given], np.int64)
-    if numbers is None:
+    if not is_value.any() or not is_given.any():
+        return None
+    found = convert_words(tokens.text, parts[is_given], np.int64)
+    if found is None:
         raise ValueError("an index is no number")
-    found = np.zeros(len(parts), np.int64)
-    found[given] = numbers
-    known = np.repeat(np.cumsum(is_value)[is_face], sizes[is_face] - 1)
-    indices = np.where(found > 0, found - 1, known + found)
-    indices[~is_given] = NONE
-    count = np.count_nonzero(is_value)
-    wrong = given[(found[given] == 0) | (indices[given] < 0) | (indices[given] >= count)]
-    if len(wrong):
-        raise ValueError(f"a corner names number {found[wrong[0]]} of {count}")
+    known = np.repeat(np.cumsum(is_value)[is_face], sizes[is_face] - 1)[is_given]
+    given, count = np.where(found > 0, found - 1, known + found), np.count_nonzero(is_value)
+    is_wrong = (found == 0) | (given < 0) | (given >= count)
+    if is_wrong.any():
+        raise ValueError(f"a corner names number {found[is_wrong][0]} of {count}")
+    indices = np.full(len(parts), NONE)
+    indices[is_given] = given
     return indices
 
 

@@ -98,7 +98,6 @@ def get_dataset(
 
     Parameters
     ----------
-    file : h5py.File
     name : str
         Path within the file.
     kinds : str

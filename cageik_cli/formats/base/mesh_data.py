@@ -126,7 +126,7 @@ def share_normals(
     ----------
     values : (k, 3)
     indices : (c,)
-        Which of them each corner has.
+        Which of the values each corner has.
     """
     same = np.unique(values.round(decimals), axis=0, return_inverse=True)[1].ravel()
     fans = number_normal_fans(attributes.corners, same[indices])
