@@ -138,23 +138,8 @@ def mean_value_weights(
 ) -> Weights:
     """Compute mean value coordinates of points inside or on a cage.
 
-    They are positive inside convex cages; in concave cages some may be negative.
-
-    Parameters
-    ----------
-    cage : TriMesh
-        Closed, manifold, outward, of one component (`cages.soundness.validate_cage`).
-    points : (m, 3)
-        Inside or on the cage, file units. A point on it gets barycentric weights.
-    jobs : int, optional
-        Threads; the number of processors by default. They do not change the result.
-    progress : callable
-        Called with (points done, points) after every block.
-
-    Returns
-    -------
-    Weights
-        In closed form: exact but for rounding.
+    They are positive inside convex cages; in concave cages some may be negative. In closed form,
+    they are exact but for rounding. Arguments are as of `harmonic_weights`.
     """
     weights, within = weights_on_surface(cage, points)
     origin = cage.vertices.mean(axis=0)

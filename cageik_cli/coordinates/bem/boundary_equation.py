@@ -58,7 +58,7 @@ class BoundarySolution:
     @cached_property
     def affine_correction(self) -> Floats:
         """Return the least change of n weights per unit of their errors for 1 and x, (4, n)."""
-        return np.asarray(np.linalg.pinv(_affine_values(self.mesh)), np.float64)
+        return np.asarray(np.linalg.pinv(affine_values(self.mesh)), np.float64)
 
 
 def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
@@ -107,14 +107,14 @@ def _enforce_affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
     Σ_k q_k = 0 and Σ_k q_k c_k = n with the cage vertices c_k, because the normal derivatives of 1
     and x are 0 and n.
     """
-    affine = _affine_values(mesh)
+    affine = affine_values(mesh)
     excess = densities @ affine
     excess[: len(mesh.panels.corners), 1:] -= mesh.panels.normals
     densities -= excess @ np.linalg.pinv(affine)
     return densities
 
 
-def _affine_values(mesh: BoundaryMesh) -> Floats:
+def affine_values(mesh: BoundaryMesh) -> Floats:
     """Return 1 and x at the vertices of the cage, (n, 4)."""
     vertices = mesh.panels.vertices[: mesh.hats.count]
     return np.column_stack([np.ones(len(vertices)), vertices])
@@ -137,7 +137,7 @@ def rounded_interior_weights(boundary: BoundarySolution, points: Floats) -> Floa
     potentials = compute_potentials(boundary.mesh, points, is_inside=True)
     total = single_layer(boundary.mesh, boundary.rounded_densities, potentials)
     weights = (total + potentials.double).T / (4 * np.pi)
-    excess = weights @ _affine_values(boundary.mesh)
+    excess = weights @ affine_values(boundary.mesh)
     excess[:, 0] -= 1
     excess[:, 1:] -= points
     weights -= excess @ boundary.affine_correction

@@ -26,7 +26,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.coordinates.bem.boundary_equation import BoundarySolution
+from cageik_cli.coordinates.bem.boundary_equation import BoundarySolution, affine_values
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.bem.higher_gradients import (
     evaluate_higher_densities,
@@ -89,7 +89,7 @@ class WeightGradients:
         """
         mesh, panels = self.boundary.mesh, self.boundary.mesh.panels
         corner = panels.vertices[panels.corners[chosen]]
-        hat_slopes = (-panels.side_normals / panels.altitudes[:, :, None])[:, chosen]
+        hat_slopes = panels.hat_slopes[:, chosen]
         rise = np.einsum("kqx,qkx->kq", hat_slopes, points[:, None] - corner)
         densities = self.boundary.densities[: mesh.linear_unknowns]
         per_panel = densities.reshape(LINEAR_TERMS, len(panels.corners), -1)[:, chosen]
@@ -133,14 +133,13 @@ class WeightGradients:
         panels = self.boundary.mesh.panels
         p = len(panels.corners)
         own = np.arange(p)
-        slopes = -panels.side_normals[:2] / panels.altitudes[:2, :, None]
         entries = []
         for axis in range(3):
             for term in range(LINEAR_TERMS):
                 row = (axis * LINEAR_TERMS + term) * p + own
                 entries.append((row, term * p + own, panels.normals[:, axis]))
                 if term:
-                    entries.append((row, 3 * p + own, slopes[term - 1, :, axis]))
+                    entries.append((row, 3 * p + own, panels.hat_slopes[term - 1, :, axis]))
                 for k in range(3):
                     side = -panels.side_normals[k, :, axis]
                     log, moment = self._edge_columns(k)
@@ -155,13 +154,12 @@ class WeightGradients:
         mesh = self.boundary.mesh
         panels = mesh.panels
         v, own = len(panels.vertices), np.arange(len(panels.corners))
-        hat_slopes = -panels.side_normals / panels.altitudes[:, :, None]
         entries = []
         for i in range(3):
-            turned = np.cross(panels.normals, hat_slopes[i])
+            turned = np.cross(panels.normals, panels.hat_slopes[i])
             for axis in range(3):
                 row = axis * v + panels.corners[:, i]
-                entries.append((row, own, hat_slopes[i][:, axis]))
+                entries.append((row, own, panels.hat_slopes[i][:, axis]))
                 for k in range(3):
                     side = -np.cross(turned, panels.side_normals[k])[:, axis]
                     entries.append((row, self._edge_columns(k)[0], side))
@@ -195,20 +193,12 @@ class WeightGradients:
         found.eliminate_zeros()
         return found
 
-    @cached_property
-    def _affine(self) -> tuple[Floats, Floats]:
-        """Return 1 and the cage vertices, (n, 4), and their pseudoinverse, (4, n)."""
-        count = self.boundary.densities.shape[1]
-        affine = np.column_stack([np.ones(count), self.boundary.mesh.panels.vertices[:count]])
-        return affine, np.linalg.pinv(affine)
-
     def _enforce_affine(self, gradients: Floats) -> None:
         """Change gradients, (3, n, q), least, so that Σ_k ∇w_k = 0 and Σ_k c_k ⊗ ∇w_k = 1."""
-        affine, inverse = self._affine
-        excess = affine.T @ gradients
+        excess = affine_values(self.boundary.mesh).T @ gradients
         for axis in range(3):
             excess[axis, 1 + axis] -= 1
-        gradients -= inverse.T @ excess
+        gradients -= self.boundary.affine_correction.T @ excess
 
 
 def _strength_slopes(mesh: BoundaryMesh, near: Integers, points: Floats) -> Floats:

@@ -17,11 +17,10 @@ where ρ² + s² is the squared distance of the edge's middle, as there.
 
 import numpy as np
 
-from cageik_cli.coordinates.bem.higher_terms import HigherTerms
+from cageik_cli.coordinates.bem.higher_terms import HigherTerms, monomial_places
 from cageik_cli.coordinates.bem.panel_geometry import (
     LINEAR_TERMS,
     Panels,
-    exponents,
     monomials,
     orthogonal_basis,
 )
@@ -98,7 +97,7 @@ def _slope_sums(terms: HigherTerms, near: Integers, view: PanelView, single: Flo
     powers = _edge_powers(terms.panels, edges, terms.order, view)[place.ravel()]
     sums = terms.gradient_factors[near] @ powers.reshape(k, -1, q)
     slopes = np.ascontiguousarray(sums.transpose(1, 0, 2)).reshape(2, count, k, q)
-    places = {exponent: i for i, exponent in enumerate(exponents(terms.order))}
+    places = monomial_places(terms.order)
     metric = terms.panels.metric[:, :, terms.high_panels[near], None]
     for (a, b), here in places.items():
         for power, axis, lower in ((a, 0, (a - 1, b)), (b, 1, (a, b - 1))):
@@ -113,7 +112,7 @@ def _double_moments(
     terms: HigherTerms, chosen: Integers, view: PanelView, slopes: Floats
 ) -> Floats:
     """Return D of all monomials, (d, k, q)."""
-    places = {exponent: i for i, exponent in enumerate(exponents(terms.order))}
+    places = monomial_places(terms.order)
     height, foot = view.height[chosen], view.foot[:, chosen]
     double = np.empty(slopes.shape[1:])
     double[0] = view.solid_angle[chosen]

@@ -83,7 +83,7 @@ _ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
 
 
 @cache
-def _monomial_places(order: int) -> dict[tuple[int, int], int]:
+def monomial_places(order: int) -> dict[tuple[int, int], int]:
     """Return the index of each monomial x^a y^b by (a, b)."""
     return {exponent: i for i, exponent in enumerate(exponents(order))}
 
@@ -91,7 +91,7 @@ def _monomial_places(order: int) -> dict[tuple[int, int], int]:
 @cache
 def _side_sum_places(order: int) -> dict[tuple[int, int], int]:
     """Return the index of each side sum that the recurrences use, by (kind, monomial)."""
-    place = _monomial_places(order - 1)
+    place = monomial_places(order - 1)
     wanted = []
     for degree in range(2, order + 1):
         kinds = (_RADIAL, _RADIAL_X, _RADIAL_Y)
@@ -172,7 +172,7 @@ class _Recurrences:
 
     def fill_radial(self, degree: int) -> None:
         """Compute R of the monomials of one degree, from K of this degree."""
-        place, sum_places = _monomial_places(self.order), _side_sum_places(self.order)
+        place, sum_places = monomial_places(self.order), _side_sum_places(self.order)
         for a, b in exponents_at_degree(degree):
             here = place[a, b]
             found = np.multiply(self.square, self.single[here], out=self.radial[here])
@@ -186,7 +186,7 @@ class _Recurrences:
 
     def fill_single(self, degree: int) -> None:
         """Compute K of the monomials of one degree, from K and R of lower degrees."""
-        place, sum_places = _monomial_places(self.order), _side_sum_places(self.order)
+        place, sum_places = monomial_places(self.order), _side_sum_places(self.order)
         for a, b in exponents_at_degree(degree):
             axis, below = (0, (a - 1, b)) if a else (1, (a, b - 1))
             here = place[below]

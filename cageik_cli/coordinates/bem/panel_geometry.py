@@ -151,15 +151,20 @@ class Panels:
         return np.asarray(2 * self.areas / np.linalg.norm(self._sides, axis=2))
 
     @cached_property
+    def hat_slopes(self) -> Floats:
+        """Return ∇φ_k = −m_k / A_k, (3, p, 3)."""
+        return np.asarray(-self.side_normals / self.altitudes[:, :, None])
+
+    @cached_property
     def slopes(self) -> Floats:
-        """Return ∇φ_i · m_k, (3, 3, p) indexed [i, k]; ∇φ_i = −m_i / A_i."""
+        """Return ∇φ_i · m_k, (3, 3, p) indexed [i, k]."""
         cosines = np.einsum("ipx,kpx->ikp", self.side_normals, self.side_normals)
         return np.asarray(-cosines / self.altitudes[:, None])
 
     @cached_property
     def metric(self) -> Floats:
         """Return ∇φ_i · ∇φ_j of the first two hats, (2, 2, p)."""
-        gradients = -self.side_normals[:2] / self.altitudes[:2, :, None]
+        gradients = self.hat_slopes[:2]
         return np.asarray(np.einsum("ipx,jpx->ijp", gradients, gradients))
 
     @cached_property
@@ -217,10 +222,9 @@ class Panels:
         first, last = self.vertices[self.edges.ends].swapaxes(0, 1)
         tangents = (last - first) / self.edge_lengths[:, None]
         corner = self.vertices[self.corners].swapaxes(0, 1)
-        gradients = -self.side_normals[:2] / self.altitudes[:2, :, None]
         anchored = [
             (self.normals, corner[0]),
-            *((-gradient, self.centroids) for gradient in gradients),
+            *((-gradient, self.centroids) for gradient in self.hat_slopes[:2]),
             (tangents, first),
         ]
         return np.concatenate(
