@@ -16,9 +16,9 @@ from cageik_cli.coordinates.binding import Binding, Correction
 from cageik_cli.formats.base.hdf5 import get_dataset, read_array, read_attribute
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import are_lengths
-from cageik_cli.store.hdf5_fields import parse_record, read_json_attr, to_json, write_deflated
+from cageik_cli.store.hdf5_fields import read_record_attr, to_json, write_deflated
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.errors import FormatError
 
 MAX_STORED_ERROR = float(np.finfo(np.float32).max)
 """Longer errors of vertices, in diagonals, are stored as this."""
@@ -121,12 +121,8 @@ def read_fit_record(file: h5py.File) -> FitRecord | None:
     FormatError
         When it is not the record of a fit.
     """
-    if "fit" not in file.attrs:
-        return None
-    held = read_json_attr(file, "fit", dict)
-    with error_context("attribute `fit`"):
-        record: FitRecord = parse_record(FitRecord, held, "fit")
-    if not record.clips:
+    record: FitRecord | None = read_record_attr(file, "fit", FitRecord)
+    if record is not None and not record.clips:
         raise FormatError("attribute `fit` names no clip that the weights were fitted to")
     return record
 

@@ -20,7 +20,7 @@ from cageik_cli.formats.base.hdf5 import (
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError, SettingError
+from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.json_files import format_value
 from cageik_cli.util.outputs import DeferredErrorFile
 from cageik_cli.util.text import single_line, to_unicode
@@ -43,12 +43,7 @@ def has_format(file: h5py.File, format_name: str) -> bool:
 
 
 def check_format(file: h5py.File, format_name: str, schema: int, description: str) -> None:
-    """Refuse a file that is not `description`, of this format and schema.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a file that is not `description`, of this format and schema."""
     if not has_format(file, format_name):
         raise FormatError(f"is not {description}; give one")
     found = read_attribute(file, "schema")
@@ -265,6 +260,21 @@ def parse_record(kind: Any, value: Any, name: str) -> Any:
     if not isinstance(value, kind) or (kind is int and not is_number):
         raise FormatError(f"`{name}` is {format_value(value)}, expected {_KIND_NAMES[kind]}")
     return value
+
+
+def read_record_attr(file: h5py.File, name: str, kind: Any) -> Any:
+    """Read an attribute of JSON as the dataclass `kind`; None if it is missing.
+
+    Raises
+    ------
+    FormatError
+        Naming the value that is not of its kind.
+    """
+    if name not in file.attrs:
+        return None
+    held = read_json_attr(file, name, dict)
+    with error_context(f"attribute `{name}`"):
+        return parse_record(kind, held, name)
 
 
 def _parse_enum(kind: type[StrEnum], value: Any, name: str) -> StrEnum:

@@ -26,13 +26,14 @@ from cageik_cli.store.hdf5_fields import (
     read_json_attr,
     read_notes,
     read_quality,
+    read_record_attr,
     read_scene,
     read_sources,
     read_text_attr,
     to_json,
 )
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import to_unicode
 
 
@@ -207,15 +208,6 @@ def _make_region_error(fault: str) -> FormatError:
     return FormatError(f"attribute `regions` {fault}; extract it again")
 
 
-def _read_bound(file: h5py.File, _: ResultSizes) -> VertexBound | None:
-    if "bound" not in file.attrs:
-        return None
-    held = read_json_attr(file, "bound", dict)
-    with error_context("attribute `bound`"):
-        bound: VertexBound = parse_record(VertexBound, held, "bound")
-    return bound
-
-
 def _write_filled(file: h5py.File, name: str, filled: tuple[int, ...]) -> None:
     _write_json(file, name, filled or None)
 
@@ -252,7 +244,7 @@ RESULT_FIELDS = {
     "edited_from": ResultField(lambda file, _: read_text_attr(file, "edited_from"), _write_text),
     "vertex_rms": ResultField(_read_vertex_rms, _write_vertex_rms),
     "regions": ResultField(_read_regions),
-    "bound": ResultField(_read_bound),
+    "bound": ResultField(lambda file, _: read_record_attr(file, "bound", VertexBound)),
     "filled": ResultField(_read_filled, _write_filled),
     "sources": ResultField(lambda file, _: read_sources(file)),
     "skipped": ResultField(lambda _, sizes: sizes.skipped, _write_skipped),
