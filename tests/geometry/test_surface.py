@@ -11,6 +11,8 @@ from cageik_cli.geometry.surface import (
 from cageik_cli.util import compiled
 from tests.shapes import ball, box, concave
 
+needs_core = pytest.mark.skipif(compiled.kernel is None, reason="the core was not compiled")
+
 
 def test_nearest_point_of_a_box_is_that_of_the_formula(core):
     points = np.random.default_rng(0).uniform(-2, 2, (200, 3))
@@ -63,14 +65,13 @@ def shuffled(mesh):
     return TriMesh(mesh.vertices, np.random.default_rng(8).permutation(mesh.faces))
 
 
+@needs_core
 @pytest.mark.parametrize(
     "mesh",
     [box(), concave(), ball(1), shuffled(ball(4))],
     ids=["box", "concave", "ball", "shuffled"],
 )
 def test_the_compiled_bodies_give_what_the_trees_give(mesh, monkeypatch):
-    if compiled.kernel is None:
-        pytest.skip("the core was not compiled")
     points = places_around(mesh)
     off = closest_points(mesh, points).distance > 1e-9
     found, windings = closest_points(mesh, points), winding_numbers(mesh, points[off])
@@ -85,9 +86,8 @@ def test_the_compiled_bodies_give_what_the_trees_give(mesh, monkeypatch):
     np.testing.assert_allclose(windings, winding_numbers(mesh, points[off]), atol=1e-12)
 
 
+@needs_core
 def test_blocks_of_points_change_nothing(monkeypatch):
-    if compiled.kernel is None:
-        pytest.skip("the core was not compiled")
     mesh = ball(2)
     points = places_around(mesh)
     whole = closest_points(mesh, points), winding_numbers(mesh, points)
@@ -99,9 +99,8 @@ def test_blocks_of_points_change_nothing(monkeypatch):
     np.testing.assert_array_equal(whole[1], parts[1])
 
 
+@needs_core
 def test_of_faces_that_are_equally_close_the_first_is_named():
-    if compiled.kernel is None:
-        pytest.skip("the core was not compiled")
     mesh = box()
     for faces in (mesh.faces, mesh.faces[::-1]):
         turned = TriMesh(mesh.vertices, faces)
@@ -110,10 +109,9 @@ def test_of_faces_that_are_equally_close_the_first_is_named():
         np.testing.assert_array_equal(closest_points(turned, corners).face, first)
 
 
+@needs_core
 def test_faces_in_far_boxes_are_not_looked_at():
     """A box that says that its faces are far hides them."""
-    if compiled.kernel is None:
-        pytest.skip("the core was not compiled")
     mesh = ball(2)
     faces, (names, boxes) = surface._box_faces(mesh)
     points = 1.01 * mesh.vertices[:64]
@@ -164,10 +162,9 @@ def test_weights_in_thin_faces_give_the_nearest_point(core, kind):
         assert weights.max() < 1 + 1e-9
 
 
+@needs_core
 @pytest.mark.parametrize("kind", ["line", "two at one place", "one place", "sliver", "needle"])
 def test_points_of_thin_faces_are_closest_to_themselves(kind):
-    if compiled.kernel is None:
-        pytest.skip("the core was not compiled")
     generator = np.random.default_rng(12)
     for _ in range(200):
         mesh = thin_face(kind, generator)

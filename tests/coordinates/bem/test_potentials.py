@@ -18,6 +18,8 @@ from cageik_cli.coordinates.bem.potentials import FADE_FACTOR, compute_potential
 from cageik_cli.util import compiled
 from tests.shapes import ball, box, concave, inside
 
+needs_core = pytest.mark.skipif(compiled.kernel is None, reason="the core was not compiled")
+
 FAR = 1e3
 """A reach at which nothing has faded out."""
 
@@ -147,9 +149,8 @@ def test_both_bodies_agree_around_their_limits(monkeypatch, ratio, limit):
                 np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
+@needs_core
 def test_the_logarithm_and_the_arctangent_are_exact_to_two_units():
-    if compiled.kernel is None:
-        pytest.skip("the core was not compiled")
     generator = np.random.default_rng(0)
     x = np.concatenate(
         [
@@ -169,9 +170,8 @@ def test_the_logarithm_and_the_arctangent_are_exact_to_two_units():
     assert _units(angles, np.arctan2(y.astype(np.longdouble), -x)).max() < 2
 
 
+@needs_core
 def test_the_arctangent_of_axes_is_exact():
-    if compiled.kernel is None:
-        pytest.skip("the core was not compiled")
     y = np.array([0.0, -0.0, 0.0, 1.0, -1.0, 1.0, 5e-324, 0.0])
     x = np.array([1.0, 1.0, -1.0, 0.0, 0.0, 1.0, 1.0, 0.0])
     logs, angles = np.empty_like(x), np.empty_like(x)
