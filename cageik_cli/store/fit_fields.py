@@ -16,7 +16,7 @@ from cageik_cli.coordinates.binding import Binding, Correction
 from cageik_cli.formats.base.hdf5 import get_dataset, read_array, read_attribute
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import are_lengths
-from cageik_cli.store.hdf5_fields import read_record_attr, to_json, write_deflated
+from cageik_cli.store.hdf5_fields import read_floats, read_record_attr, to_json, write_deflated
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 
@@ -63,14 +63,14 @@ def read_weights(file: h5py.File, m: int, n: int) -> Floats:
     """
     if "weights_csr" in file:
         return _read_sparse_weights(file, m, n)
-    weights = read_array(file, "weights", "f", (m, n)).astype(np.float64, copy=False)
+    weights = read_floats(file, "weights", (m, n))
     _check_sizes("weights", weights)
     return weights
 
 
 def _read_sparse_weights(file: h5py.File, m: int, n: int) -> Floats:
     """Read weights with few influences; what they name is checked before it is used."""
-    data = read_array(file, "weights_csr/data", "f", (None,)).astype(np.float64, copy=False)
+    data = read_floats(file, "weights_csr/data", (None,))
     indices = read_array(file, "weights_csr/indices", "iu", data.shape)
     bounds = read_array(file, "weights_csr/indptr", "iu", (m + 1,))
     if not ((indices >= 0) & (indices < n)).all():
@@ -144,9 +144,8 @@ def read_low_rank(file: h5py.File, record: FitRecord | None, m: int, n: int) -> 
         _check_form("influences", settings.influences, "weights_csr", is_stored=is_sparse)
     if settings.rank is None:
         return None
-    columns = read_array(file, "fit/columns", "f", (m, None)).astype(np.float64, copy=False)
-    basis = read_array(file, "fit/basis", "f", (n, columns.shape[1]))
-    basis = basis.astype(np.float64, copy=False)
+    columns = read_floats(file, "fit/columns", (m, None))
+    basis = read_floats(file, "fit/basis", (n, columns.shape[1]))
     _check_sizes("fit/columns", columns)
     _check_sizes("fit/basis", basis)
     return Correction(columns, basis)
@@ -230,11 +229,11 @@ def read_unfitted(
     if "unfitted" not in file:
         return None
     numbers = read_array(file, "unfitted/frame", "iu", (None,)).astype(np.int64)
-    rms = read_array(file, "unfitted/rms", "f", numbers.shape).astype(np.float64)
+    rms = read_floats(file, "unfitted/rms", numbers.shape)
     count = len(get_dataset(file, "poses/frame", "iu", (None,)))
-    misses = read_array(file, "unfitted/misses", "f", (count, m, 3)).astype(np.float64)
+    misses = read_floats(file, "unfitted/misses", (count, m, 3))
     vertex = int(read_array(file, "unfitted/cage_vertex", "iu", (1,))[0])
-    influence = read_array(file, "unfitted/influence", "f", (m,)).astype(np.float64)
+    influence = read_floats(file, "unfitted/influence", (m,))
     inside = ((numbers >= 0) & (numbers < frames)).all()
     ascends = (np.diff(numbers) > 0).all()
     if not inside or not ascends or np.isin(numbers, list(skipped)).any():

@@ -84,6 +84,11 @@ def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
     return rest, read_surface(file, "attributes/cage", cage)
 
 
+def read_floats(file: h5py.File, name: str, shape: tuple[int | None, ...]) -> Floats:
+    """Read a whole dataset of numbers, of any precision, as float64."""
+    return read_array(file, name, "f", shape).astype(np.float64, copy=False)
+
+
 def read_version(file: h5py.File) -> str:
     """Read the version of the program that wrote the file."""
     return to_unicode(str(read_attribute(file, "version", "unknown")))

@@ -23,6 +23,7 @@ from cageik_cli.solver.regions import MAX_CAGE_FACES, MAX_REGIONS, Region
 from cageik_cli.solver.summary import VertexBound
 from cageik_cli.store.hdf5_fields import (
     parse_record,
+    read_floats,
     read_json_attr,
     read_notes,
     read_quality,
@@ -152,7 +153,7 @@ def _write_vertex_rms(file: h5py.File, name: str, values: Floats) -> None:
 
 
 def _read_vertex_rms(file: h5py.File, sizes: ResultSizes) -> Floats:
-    values = read_array(file, "metrics/vertex_rms", "f", (sizes.vertices,)).astype(np.float64)
+    values = read_floats(file, "metrics/vertex_rms", (sizes.vertices,))
     is_missing = np.isnan(values)
     if is_missing.all() or not (is_missing | are_lengths(values)).all():
         raise FormatError("`metrics/vertex_rms` is not a length everywhere; extract it again")

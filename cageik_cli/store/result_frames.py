@@ -9,6 +9,7 @@ from cageik_cli.formats.base.hdf5 import get_dataset, open_checked, read_array
 from cageik_cli.solver.metrics import are_lengths
 from cageik_cli.store import fit_fields
 from cageik_cli.store.fit_fields import UnfittedClip
+from cageik_cli.store.hdf5_fields import read_floats
 from cageik_cli.store.result import Result, read_weights
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
@@ -102,7 +103,7 @@ def read_rotations(result: Result) -> Floats:
     count = len(result.frames)
     known = np.setdiff1d(np.arange(count), result.gaps)
     with open_checked(result.path) as file:
-        rotations = read_array(file, "rotations", "f", (count, 3, 3)).astype(np.float64, copy=False)
+        rotations = read_floats(file, "rotations", (count, 3, 3))
         with np.errstate(over="ignore", invalid="ignore"):
             products = rotations @ rotations.swapaxes(1, 2)
             wrong = ~(np.abs(products - np.eye(3)) < 1e-9).all(axis=(1, 2))  # RRᵀ is not I
@@ -133,7 +134,7 @@ def read_key_frames(result: Result, binding: Binding) -> KeyFrames:
                 f"`poses/frame` names {len(frames)} frames, expected {MIN_KEY_FRAMES} or "
                 f"{MAX_KEY_FRAMES}; extract it again"
             )
-        misses = read_array(file, "poses/misses", "f", (len(frames), m, 3)).astype(np.float64)
+        misses = read_floats(file, "poses/misses", (len(frames), m, 3))
         if not ((frames >= 0) & (frames < count)).all():
             raise FormatError(
                 f"`poses/frame` names frames that are not in the clip ({count} frames); extract it "
