@@ -218,13 +218,7 @@ class DualLaplacianSolver:
         return np.asarray(self._inverse_factor.T @ (self._inverse_factor @ columns))
 
     def _validate_condition(self, data: Floats) -> float:
-        """Return the condition number of the smoothness plus `data`, (n, n).
-
-        Raises
-        ------
-        NumericalError
-            When it is too large.
-        """
+        """Return the condition number of the smoothness plus `data`, (n, n)."""
         eigenvalues = np.linalg.eigvalsh(self.smoothness + data)
         smallest, largest = float(eigenvalues[0]), float(eigenvalues[-1])
         condition = largest / smallest if smallest > 0 else float("inf")

@@ -238,12 +238,7 @@ def find_invalid_metric(metrics: FrameMetrics) -> str | None:
 
 
 def check_finite(start: int, cages: Floats, metrics: FrameMetrics) -> None:
-    """Check that the cages and metrics of frames from `start` on are finite and not too large.
-
-    Raises
-    ------
-    NumericalError
-    """
+    """Check that the cages and metrics of frames from `start` on are finite and not too large."""
     fault = find_invalid_metric(metrics)
     if fault is not None or not np.isfinite(cages).all():
         raise NumericalError(

@@ -325,13 +325,7 @@ def weigh(relative: Floats, is_huber: bool) -> Floats:
 
 
 def solve_definite(matrix: Floats, right: Floats) -> Floats:
-    """Solve a symmetric positive definite system, (n, n) and (n, k).
-
-    Raises
-    ------
-    NumericalError
-        When it is singular to working precision.
-    """
+    """Solve a symmetric positive definite system, (n, n) and (n, k)."""
     import scipy.linalg
 
     try:

@@ -39,13 +39,7 @@ STRENGTHS = 10.0 ** np.arange(-9, 1.01, 0.25)
 
 
 def check_smoothing_period(period: float | str | None, fps: float) -> None:
-    """Refuse a period, in seconds, of more frames than the windows of long clips can smooth.
-
-    Raises
-    ------
-    SettingError
-        With the longest period at this number of frames per second.
-    """
+    """Refuse a period, in seconds, of more frames than the windows of long clips can smooth."""
     if isinstance(period, float | int) and period * fps > MAX_SMOOTHING_PERIOD:
         raise SettingError(
             f"smooth is {period:.6g} seconds, expected at most {MAX_SMOOTHING_PERIOD / fps:.4g} "

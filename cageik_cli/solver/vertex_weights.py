@@ -11,13 +11,7 @@ from cageik_cli.util.errors import FormatError, SettingError
 
 
 def weigh_by_area(mesh: TriMesh) -> Floats:
-    """Return weights of mean one, (m,), by the area around each vertex; 0 for those in no face.
-
-    Raises
-    ------
-    FormatError
-        When the model has no area.
-    """
+    """Return weights of mean one, (m,), by the area around each vertex; 0 for those in no face."""
     areas = lumped_areas(mesh)
     largest = areas.max()
     if not largest > 0:
@@ -29,15 +23,7 @@ def weigh_by_area(mesh: TriMesh) -> Floats:
 
 
 def make_vertex_weights(given: ArrayLike | None, mesh: TriMesh) -> Floats | None:
-    """Return weights of mean one from an array (m,), or from the word "area"; None from none.
-
-    Raises
-    ------
-    SettingError
-        When it is another word.
-    FormatError
-        When the array does not hold a weight per vertex, or the model has no area.
-    """
+    """Return weights of mean one from an array (m,), or from the word "area"; None from none."""
     if given is None:
         return None
     if isinstance(given, str):
@@ -73,13 +59,7 @@ def normalize_weights(weights: Floats, count: int) -> Floats:
 
 
 def drop_unused_vertices(weights: Floats | None, mesh: TriMesh) -> Floats | None:
-    """Return vertex weights (m,) with 0 for vertices in no face; None if all weights are one.
-
-    Raises
-    ------
-    FormatError
-        When no other vertex has a weight above 0.
-    """
+    """Return vertex weights (m,) with 0 for vertices in no face; None if all weights are one."""
     unused = mesh.unused_vertices
     if len(unused) == 0 or (weights is not None and not weights[unused].any()):
         return weights
