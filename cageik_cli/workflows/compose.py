@@ -25,7 +25,7 @@ from cageik_cli.solver.summary import ClipSummary
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result_fields import ResultHeader, ResultSummary
-from cageik_cli.store.result_writer import open_result_writer
+from cageik_cli.store.result_writer import ResultWriter, open_result_writer
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.progress import locate_note
@@ -88,12 +88,7 @@ def compose_result(
         temporary_path=path.with_name(f"{path.name}.whole.partial"),
     )
     with writer as result:
-        key_meshes: dict[int, Floats] = {}
-        for block in checkpoint.blocks():
-            kept = None if block.kept is None else block.kept.metrics
-            result.append(block.cages, block.rotations, block.metrics, kept)
-            inside = [k for k in key_frames if block.start <= k < block.stop]
-            key_meshes |= {k: _rebuild_frame(binding, block, k) for k in inside}
+        key_meshes = _append_blocks(result, checkpoint, binding, key_frames)
         errors = [reread(k) - key_meshes[k] for k in key_frames]
         compared = None
         if unfitted is not None:
@@ -113,6 +108,19 @@ def compose_result(
             key_frame_errors=np.array(errors),
             unfitted=compared,
         )
+
+
+def _append_blocks(
+    result: ResultWriter, checkpoint: Checkpoint, binding: Binding, key_frames: list[int]
+) -> dict[int, Floats]:
+    """Append all frames to a result; return the reconstructions of the key frames, (m, 3) each."""
+    key_meshes: dict[int, Floats] = {}
+    for block in checkpoint.blocks():
+        kept = None if block.kept is None else block.kept.metrics
+        result.append(block.cages, block.rotations, block.metrics, kept)
+        inside = [k for k in key_frames if block.start <= k < block.stop]
+        key_meshes |= {k: _rebuild_frame(binding, block, k) for k in inside}
+    return key_meshes
 
 
 def _find_key_frames(
