@@ -11,8 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.alembic_surface import AlembicSurface, find_cause, list_parts, read_sample
-from cageik_cli.formats.base.scene_graph import Polygons, SceneReader, round_frame_step
+from cageik_cli.formats.alembic_surface import AlembicSurface, find_cause, list_layers, read_sample
+from cageik_cli.formats.base.scene_graph import (
+    Polygons,
+    SceneMesh,
+    SceneMeshes,
+    SceneReader,
+    round_frame_step,
+)
 from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.settings import SceneHints, find_frame_step
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
@@ -25,10 +31,9 @@ FPS_KEY = "cageik_fps"
 
 
 class Reader(SceneReader):
-    """Frames of one polygon mesh in the space of its archive; times are seconds."""
+    """Frames of the polygon meshes of an archive; times are seconds."""
 
     suffixes = (".abc",)
-    is_clockwise = True  # in all files
 
     def check_file(self, path: Path) -> None:
         """Refuse what the library would open as an empty archive, or not at all."""
@@ -46,33 +51,24 @@ class Reader(SceneReader):
             cause = find_cause(error)
             raise FormatError(f"is not a sound Alembic file ({cause}); export it again") from error
 
-    def list_meshes(self, path: Path) -> dict[str, Any]:
+    def list_meshes(self, path: Path) -> SceneMeshes:
         """Open the archive."""
         from alembic3d.Abc import IArchive
         from alembic3d.AbcGeom import IPolyMesh
 
         self._archive = IArchive(str(path))
+        self._stated_rates: list[str] = []
         objects = _iterate_descendants(self._archive.getTop())
-        return {
-            thing.getFullName(): thing for thing in objects if IPolyMesh.matches(thing.getHeader())
-        }
+        meshes = [thing for thing in objects if IPolyMesh.matches(thing.getHeader())]
+        hidden = [thing.getFullName() for thing in meshes if _is_hidden(thing)]
+        return SceneMeshes(
+            {thing.getFullName(): thing for thing in meshes}, dict.fromkeys(hidden, "invisible")
+        )
 
-    def open_mesh(self, mesh: Any) -> None:
-        """Take an object."""
-        from alembic3d.Abc import WrapExistingFlag
-        from alembic3d.AbcGeom import IPolyMesh
-
-        self._mesh = mesh
-        self._schema = IPolyMesh(mesh, WrapExistingFlag.kWrapExisting).getSchema()
-        self._points = self._schema.getPositionsProperty()
-        self._transforms = _find_transforms(mesh)
-
-    def list_times(self) -> set[float]:
-        """List the times of the points, or of the transforms if the points do not move."""
-        times = _sample_times(self._points)
-        if len(times) < 2:
-            times = set().union(*map(_sample_times, self._transforms), times)
-        return times
+    def open_mesh(self, found: Any) -> "AlembicMesh":
+        """Open an object."""
+        self._stated_rates.append(found.getMetaData().get(FPS_KEY))
+        return AlembicMesh(found)
 
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Keep uneven samples."""
@@ -87,13 +83,34 @@ class Reader(SceneReader):
         """
         if step is None:
             return SceneHints()
-        fps, seconds = _read_frame_rate(self._archive, self._mesh), float(times[0])
+        fps, seconds = _read_frame_rate(self._archive, self._stated_rates), float(times[0])
         frame_step = round_frame_step(step * fps) if fps is not None else None
         if fps is None or (frame_step is not None and frame_step != int(frame_step)):
             fps = round(1 / step, 9)  # without the digits of rounding errors
             frame_step = find_frame_step(seconds * fps, tolerance=1e-4)
             fps *= frame_step or 1
         return SceneHints(fps=fps, start=round(seconds * fps, 6), frame_step=frame_step)
+
+
+class AlembicMesh(SceneMesh):
+    """A polygon mesh; times are seconds."""
+
+    is_clockwise = True  # in all files
+
+    def __init__(self, thing: Any) -> None:
+        from alembic3d.Abc import WrapExistingFlag
+        from alembic3d.AbcGeom import IPolyMesh
+
+        self._schema = IPolyMesh(thing, WrapExistingFlag.kWrapExisting).getSchema()
+        self._points = self._schema.getPositionsProperty()
+        self._transforms = _find_transforms(thing)
+
+    def list_times(self) -> set[float]:
+        """List the times of the points, or of the transforms if the points do not move."""
+        times = _sample_times(self._points)
+        if len(times) < 2:
+            times = set().union(*map(_sample_times, self._transforms), times)
+        return times
 
     def compute_matrix(self, time: float) -> Floats:
         """Return the product of the transforms."""
@@ -124,11 +141,11 @@ class Reader(SceneReader):
         )
         return counts, corners
 
-    def list_surface_parts(
+    def list_surface_layers(
         self, vertex_count: int, time: float
     ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
         """Return what reads UVs, normals and face sets, in the first sample."""
-        return list_parts(self._schema)
+        return list_layers(self._schema)
 
     @property
     def _polygon_properties(self) -> tuple[Any, Any]:
@@ -207,12 +224,22 @@ def _interpolate_matrix(transform: Any, time: float) -> Floats:
     return np.asarray(before + min(max(part, 0.0), 1.0) * (after - before))
 
 
-def _read_frame_rate(archive: Any, mesh: Any) -> float | None:
-    """Return the frames per second that cageik or another program states; None if none does."""
+def _is_hidden(thing: Any) -> bool:
+    """Return whether an object, or one that it is below, is invisible in its first sample."""
+    from alembic3d.Abc import ISampleSelector
+    from alembic3d.AbcGeom import IsAncestorInvisible
+
+    return bool(IsAncestorInvisible(thing, ISampleSelector(0)))
+
+
+def _read_frame_rate(archive: Any, stated: list[str]) -> float | None:
+    """Return the frames per second that cageik or another program states; None if none does.
+
+    `stated` is what the meshes say.
+    """
     from alembic3d.Abc import GetArchiveInfo
 
-    stated = (mesh.getMetaData().get(FPS_KEY), GetArchiveInfo(archive).get("dccFPS"))
-    for value in stated:
+    for value in (*stated, GetArchiveInfo(archive).get("dccFPS")):
         try:
             fps = float(value or 0)
         except ValueError:

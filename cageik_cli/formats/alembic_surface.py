@@ -18,8 +18,8 @@ from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import single_line
 
 
-def list_parts(schema: Any) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
-    """Return what reads the parts of a surface in its first sample, for `FileMesh.read_parts`."""
+def list_layers(schema: Any) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+    """Return what reads the layers of a surface in its first sample, for `FileMesh.read_layers`."""
     return {
         "its texture coordinates": partial(_read_safely, _read_uvs, schema),
         "its normals": partial(_read_safely, _read_normals, schema),

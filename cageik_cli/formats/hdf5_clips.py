@@ -17,10 +17,10 @@ from cageik_cli.formats.base.hdf5 import (
     open_file,
     read_array,
     read_attribute,
-    read_surface,
     scalar_attributes,
     wrap_hdf5_errors,
 )
+from cageik_cli.formats.base.hdf5_surface import read_surface
 from cageik_cli.formats.base.readers import ClipFile, check_zero_based
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import SceneHints, parse_scene_metadata

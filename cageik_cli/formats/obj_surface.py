@@ -31,7 +31,7 @@ def read_obj_attributes(data: bytes, mesh: FileMesh) -> FileMesh:
     if _is_bare(data):
         return mesh
     tokens = tokenize(blank_out(data.removeprefix(codecs.BOM_UTF8)))
-    return mesh.read_parts(
+    return mesh.read_layers(
         {
             "its texture coordinates are": partial(_read_uvs, tokens),
             "its normals are": partial(_read_normals, tokens),

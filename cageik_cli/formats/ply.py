@@ -74,7 +74,7 @@ class Reader(FrameFileReader):
         except FormatError as error:
             note = f"its colours, normals and texture coordinates are left out ({error.__cause__})"
             return replace(mesh, left_out=(note,))
-        return mesh.read_parts(
+        return mesh.read_layers(
             {
                 "its texture coordinates": partial(_read_uvs, columns, corner_uvs),
                 "its normals": partial(_read_normals, columns),

@@ -170,12 +170,16 @@ class ClipSettings:
         without files; or closed, so that the frames follow one another.
     missing : bool
         Take vertices whose position is not a number as missing.
+    exclude : tuple of str
+        Patterns of the parts that are left out: of their paths, of a path above them, or of a name
+        in it.
     """
 
     selection: slice = field(default_factory=lambda: slice(None))
     layout: str | None = None
     gaps: Gaps = "refuse"
     missing: bool = False
+    exclude: tuple[str, ...] = ()
 
 
 DEFAULT_MORPHS = 60

@@ -8,6 +8,7 @@ from cageik_cli.geometry.surface_parts import (
     MAX_NAME_LENGTH,
     NONE,
     FaceLabels,
+    Parts,
     Subdivision,
     UvMap,
     freeze_indices,
@@ -39,6 +40,8 @@ class SurfaceAttributes:
         Linear red, green, blue and opacity of each of the materials' names.
     material_library : str
         The file of the materials, as it is named.
+    parts : Parts, optional
+        The meshes that it was joined from; None for a mesh that came as one.
 
     Raises
     ------
@@ -58,6 +61,7 @@ class SurfaceAttributes:
     material_colours: Floats | None = None
     material_library: str = ""
     subdivision: Subdivision = field(default_factory=Subdivision)
+    parts: Parts | None = None
 
     def __post_init__(self) -> None:
         for name, lowest in (("corner_counts", 3), ("corners", 0)):
@@ -86,13 +90,16 @@ class SurfaceAttributes:
             names = () if self.materials is None else self.materials.names
             _check_length("colours of materials", len(colours), "materials", len(names))
             object.__setattr__(self, "material_colours", colours)
+        if self.parts is not None:
+            total = int(self.parts.polygon_counts.sum())
+            _check_length("polygons of parts", total, "polygons", len(self.corner_counts))
         if len(self.material_library) > MAX_NAME_LENGTH or not self.material_library.isprintable():
             raise FormatError("the name of the material library is no line that can be printed")
 
     @property
     def is_plain(self) -> bool:
         """Whether it is triangles and nothing else."""
-        given = (self.uvs, self.normal_fans, self.colours)
+        given = (self.uvs, self.normal_fans, self.colours, self.parts)
         return (
             bool((self.corner_counts == 3).all())
             and all(part is None for part in given)
@@ -110,6 +117,7 @@ class SurfaceAttributes:
             "normals" if self.normal_fans is not None else "",
             "colours" if self.colours is not None else "",
             *(format_count(len(held.names), noun) if held else "" for held, noun in labels),
+            format_count(len(self.parts.names), "part") if self.parts else "",
             f"scheme {self.subdivision.scheme}" if self.subdivision.scheme != "none" else "",
         ]
         given = ", ".join(part for part in parts if part)
@@ -148,6 +156,13 @@ class SurfaceAttributes:
         )
         if self.colours is not None:
             _check_length("colours", len(self.colours), "vertices", vertex_count)
+        if self.parts is not None:
+            total = int(self.parts.vertex_counts.sum())
+            _check_length("vertices of parts", total, "vertices", vertex_count)
+            owners = np.repeat(np.arange(len(self.parts.names)), self.parts.vertex_counts)
+            corners = [int(self.corner_counts[k].sum()) for k in self.parts.polygon_slices]
+            if (owners[self.corners] != np.repeat(np.arange(len(corners)), corners)).any():
+                raise FormatError("a face of one part has a vertex of another")
 
     def check_cut(self, faces: Integers) -> None:
         """Refuse triangles (t, 3) that are not cut from the polygons.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FormatError
 
 MAX_NAMES = 100_000
@@ -17,6 +17,9 @@ MAX_NAME_LENGTH = 1024
 
 MAX_VALUE = 1e9
 """Larger texture coordinates, colours and sharpnesses are refused."""
+
+MIN_TRANSFORM_VOLUME = 1e-9
+"""A transform below this share of the volume of a box of its rows flattens what it moves."""
 
 NONE = -1
 """The index of a corner or a face that has no value."""
@@ -82,16 +85,7 @@ class FaceLabels:
     indices: Integers
 
     def __post_init__(self) -> None:
-        if len(self.names) > MAX_NAMES:
-            raise FormatError(f"{len(self.names)} names of faces, expected at most {MAX_NAMES}")
-        for name in self.names:
-            if not 0 < len(name) <= MAX_NAME_LENGTH or not name.isprintable():
-                raise FormatError(
-                    f"a name of faces has {len(name)} characters, expected 1 to {MAX_NAME_LENGTH} "
-                    "on one line, which can be printed"
-                )
-        if len(set(self.names)) < len(self.names):
-            raise FormatError("a name of faces is there twice")
+        check_names(self.names, "faces")
         indices = freeze_indices("face names", self.indices, NONE, len(self.names))
         object.__setattr__(self, "indices", indices)
 
@@ -110,6 +104,72 @@ class FaceLabels:
         for k, name in enumerate(self.names):
             if bounds[k] < bounds[k + 1]:
                 yield name, order[bounds[k] : bounds[k + 1]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parts:
+    """The meshes that one mesh was joined from, in the order of its vertices and polygons.
+
+    Attributes
+    ----------
+    names : tuple of str
+        All different: names, or paths in a scene such as `/hero/geo/body`.
+    vertex_counts, polygon_counts : (k,) int64
+    transforms : (k, 4, 4) float64
+        Of each part at rest: rows of its own space times it are in the space of the scene.
+    schemes : tuple of str
+        How each is subdivided, of `SUBDIVISION_SCHEMES`.
+
+    Raises
+    ------
+    FormatError
+        When they do not agree, a name cannot be printed, or a transform cannot be inverted.
+    """
+
+    names: tuple[str, ...]
+    vertex_counts: Integers
+    polygon_counts: Integers
+    transforms: Floats
+    schemes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        check_names(self.names, "parts")
+        for name in ("vertex_counts", "polygon_counts"):
+            counts = freeze_indices(name, getattr(self, name), 1, None)
+            object.__setattr__(self, name, counts)
+        values = freeze_values("transforms of parts", np.reshape(self.transforms, (-1,)), None)
+        lengths = {len(self.names), len(self.vertex_counts), len(self.polygon_counts)}
+        if lengths | {len(self.schemes)} != {len(values) // 16} or len(values) % 16:
+            raise FormatError("the parts have other counts than names, transforms or schemes")
+        if not set(self.schemes) <= set(SUBDIVISION_SCHEMES):
+            raise FormatError(f"a part has none of the schemes {', '.join(SUBDIVISION_SCHEMES)}")
+        transforms = values.reshape(-1, 4, 4)
+        if not is_invertible(transforms).all():
+            raise FormatError("the transform of a part cannot be inverted")
+        object.__setattr__(self, "transforms", transforms)
+
+    @property
+    def vertex_slices(self) -> list[slice]:
+        """The vertices of each part."""
+        return _make_slices(self.vertex_counts)
+
+    @property
+    def polygon_slices(self) -> list[slice]:
+        """The polygons of each part."""
+        return _make_slices(self.polygon_counts)
+
+
+def _make_slices(counts: Integers) -> list[slice]:
+    stops = np.cumsum(counts).tolist()
+    return [slice(start, stop) for start, stop in zip([0, *stops], stops, strict=False)]
+
+
+def is_invertible(matrices: Floats) -> Mask:
+    """Return which transforms (k, 4, 4) of rows move points without flattening them, (k,)."""
+    columns = np.linalg.norm(matrices[:, :3, :3], axis=2)
+    volumes = np.abs(np.linalg.det(matrices[:, :3, :3]))
+    is_affine = (matrices[:, :, 3] == [0, 0, 0, 1]).all(axis=1)
+    return np.asarray(is_affine & (volumes > MIN_TRANSFORM_VOLUME * columns.prod(axis=1)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,6 +224,25 @@ class Subdivision:
                 f"{len(self.corner_vertices)} sharp vertices have {len(self.corner_sharpness)} "
                 "values of sharpness"
             )
+
+
+def check_names(names: tuple[str, ...], noun: str) -> None:
+    """Refuse names of faces or parts, the `noun`, that are too many, alike or not one line.
+
+    Raises
+    ------
+    FormatError
+    """
+    if len(names) > MAX_NAMES:
+        raise FormatError(f"{len(names)} names of {noun}, expected at most {MAX_NAMES}")
+    for name in names:
+        if not 0 < len(name) <= MAX_NAME_LENGTH or not name.isprintable():
+            raise FormatError(
+                f"a name of {noun} has {len(name)} characters, expected 1 to {MAX_NAME_LENGTH} "
+                "on one line, which can be printed"
+            )
+    if len(set(names)) < len(names):
+        raise FormatError(f"a name of {noun} is there twice")
 
 
 def freeze_indices(noun: str, values: ArrayLike, lowest: int, count: int | None) -> Integers:

@@ -28,9 +28,9 @@ class BuiltScene:
         self.close()
         return open_sequence([f"{self.path}{member}"], ClipSettings(**how))
 
-    def refused(self, member=""):
+    def refused(self, member="", **how):
         with pytest.raises(InputError) as caught:
-            frames_of(self.opened(member))
+            frames_of(self.opened(member, **how))
         place, _, sentence = str(caught.value).partition(": ")
         assert self.path.name in place
         return sentence

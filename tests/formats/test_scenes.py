@@ -62,21 +62,66 @@ def test_polygons_are_cut_and_compared_as_fans(scene):
     assert sequence.notes == (note,)
 
 
+@pytest.fixture
+def clothed(scene):
+    """A scene of a mesh that moves, and a static hat and shoe that are moved to x = 1."""
+    scene.mesh()
+    scene.transform([translation(1, 0, 0)])
+    scene.mesh("hat", "move", frames=FRAMES[:1])
+    scene.mesh("shoe", "move", frames=FRAMES[:1])
+    return scene
+
+
+def test_several_meshes_are_parts_of_one(clothed):
+    sequence = clothed.opened()
+    parts = sequence.first.attributes.parts
+    assert parts.names == ("/mesh", "/move/hat", "/move/shoe")
+    assert parts.vertex_counts.tolist() == [6, 6, 6]
+    np.testing.assert_array_equal(parts.transforms[1], translation(1, 0, 0))
+    still = np.tile(FRAMES[0] + np.array([1.0, 0, 0]), (len(FRAMES), 1, 1))
+    expected = np.concatenate([FRAMES, still, still], axis=1)
+    np.testing.assert_array_equal(frames_of(sequence), expected)
+    assert sequence.notes == (
+        f"{clothed.path.name}: /move/hat, /move/shoe: "
+        "moved by its transform into the scene's space",
+    )
+
+
 @pytest.mark.parametrize(
-    ("member", "says"),
+    ("member", "exclude", "names"),
     [
-        ("", "holds 2 meshes, expected one: /mesh, /move/hat; choose one, as in FILE::/mesh"),
-        ("::/shoe", "no mesh `/shoe`; choose one of /mesh, /move/hat"),
+        ("::/move/hat", (), ["/move/hat"]),
+        ("::/move", (), ["/move/hat", "/move/shoe"]),
+        ("::/move/", (), ["/move/hat", "/move/shoe"]),
+        ("", ("/move",), ["/mesh"]),
+        ("", ("sh*",), ["/mesh", "/move/hat"]),
+        ("", ("/move/s*", "mesh"), ["/move/hat"]),
     ],
 )
-def test_one_of_several_meshes_must_be_named(scene, member, says):
-    scene.mesh()
-    scene.transform([np.eye(4)])
-    scene.mesh("hat", "move", frames=FRAMES + 1)
-    assert says in scene.refused(member)
-    sequence = scene.opened("::/move/hat")
-    np.testing.assert_array_equal(frames_of(sequence), FRAMES + np.float32(1))
-    assert sequence.names[0] == f"{scene.path.name}::/move/hat[0]"
+def test_meshes_are_chosen_by_paths_and_patterns(clothed, member, exclude, names):
+    sequence = clothed.opened(member, exclude=exclude)
+    assert list(sequence.first.attributes.parts.names) == names
+    assert len(frames_of(sequence)[0]) == 6 * len(names)
+
+
+@pytest.mark.parametrize(
+    ("member", "exclude", "says"),
+    [
+        ("::/boot", (), "no mesh `/boot`; choose one of /mesh, /move/hat, /move/shoe"),
+        ("::/mov", (), "no mesh `/mov`"),
+        ("", ("boot",), "`exclude=boot` matches none of its meshes: /mesh"),
+        ("", ("*",), "leaves none"),
+    ],
+)
+def test_a_choice_of_no_mesh_is_refused(clothed, member, exclude, says):
+    assert says in clothed.refused(member, exclude=exclude)
+
+
+def test_a_part_whose_vertices_change_in_number_is_named(scene):
+    scene.mesh("one", frames=[*FRAMES[:2], FRAMES[2][:5]])
+    scene.mesh("two", frames=[*FRAMES[:2], np.vstack([FRAMES[2], FRAMES[2][:1]])])
+    with pytest.raises(ConnectivityError, match="5 vertices of /one, the rest pose has 6"):
+        frames_of(scene.opened())
 
 
 def test_a_scene_without_a_mesh_is_refused(scene):
@@ -86,7 +131,7 @@ def test_a_scene_without_a_mesh_is_refused(scene):
 
 def test_vertices_that_change_in_number_are_refused(scene):
     scene.mesh(frames=[*FRAMES[:2], FRAMES[2][:5]])
-    with pytest.raises(ConnectivityError, match=r"clip\.\w+\[2\]: 5 vertices, the rest pose has 6"):
+    with pytest.raises(ConnectivityError, match=r"clip\.\w+\[2\]: 5 vertices of /mesh"):
         frames_of(scene.opened())
 
 

@@ -66,19 +66,19 @@ class FileMesh:
         """Number of faces with more than three corners."""
         return int(np.count_nonzero(self.corner_counts > 3))
 
-    def read_parts(
-        self, parts: dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]
+    def read_layers(
+        self, layers: dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]
     ) -> "FileMesh":
-        """Return it with all that its file says of the surface; a damaged part is left out.
+        """Return it with all that its file says of the surface; a damaged layer is left out.
 
         Parameters
         ----------
-        parts : dict
-            What adds each part to the attributes that were read before, by the name of the part in
-            a note: "its normals".
+        layers : dict
+            What adds each layer to the attributes that were read before, by the name of the layer
+            in a note: "its normals".
         """
         attributes, left_out = SurfaceAttributes(self.corner_counts, self.corners), []
-        for noun, read in parts.items():
+        for noun, read in layers.items():
             try:
                 attributes = read(attributes)
             except (FormatError, ValueError) as error:
@@ -111,8 +111,12 @@ class FileMesh:
         """What was changed, one sentence each."""
         if not self.polygon_count:
             return self.left_out
-        cut = f"{format_count(self.polygon_count, 'polygon')} cut into triangles to compute with"
-        return (cut, *self.left_out)
+        return (describe_cut(self.polygon_count), *self.left_out)
+
+
+def describe_cut(polygon_count: int) -> str:
+    """Return a note on polygons with more than three corners."""
+    return f"{format_count(polygon_count, 'polygon')} cut into triangles to compute with"
 
 
 def share_normals(

@@ -164,7 +164,7 @@ class ClipFile(MeshSequence):
 
     path: Path
     frame_indices: range
-    _reading: tuple[str | None, str | None] = (None, None)
+    _reading: tuple[object, ...] = ()
 
     def set_frames(self, request: ClipRequest, count: int, scene: SceneHints | None = None) -> None:
         """Select the requested frames of the `count` in the file, and name them.
@@ -173,7 +173,8 @@ class ClipFile(MeshSequence):
         """
         self.path = request.path
         self.frame_indices = request.select_frames(count)
-        self._reading = (request.member, request.settings.layout)
+        settings = request.settings
+        self._reading = (request.member, settings.layout, *settings.exclude)
         self.scene = (scene or SceneHints()).restrict_to_frames(self.frame_indices)
         member = f"::{request.member}" if request.member is not None else ""
         name = to_unicode(self.path.name + member)

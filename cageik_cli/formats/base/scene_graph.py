@@ -1,20 +1,25 @@
 """Meshes in scenes: polygons of either winding, moved by transforms, sampled in time."""
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.mesh_data import FileMesh, describe_cut
 from cageik_cli.formats.base.readers import ClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.parts import join_meshes
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
+from cageik_cli.geometry.surface_parts import is_invertible
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,
@@ -31,51 +36,20 @@ EVEN_STEP_TOL = 1e-4
 """Steps that differ by more than this fraction of their mean are uneven."""
 
 
-class SceneReader(ClipFile):
-    """Frames of one mesh in the space of its scene, evaluated on demand.
-
-    Formats open a scene, list its meshes, and say what one of them is at a time, in seconds or in
-    time codes.
+class SceneMesh(ABC):
+    """One mesh of a scene, at a time in seconds or in time codes.
 
     Attributes
     ----------
     is_clockwise : bool
-        Whether the faces of the mesh wind clockwise; set by `open_mesh`.
-    winding_note : str
-        What a user is told of such faces; nothing where all files of the format have them.
+        Whether its faces wind clockwise.
     """
 
-    has_members = True
     is_clockwise: bool
-    winding_note = ""
-
-    @abstractmethod
-    def check_file(self, path: Path) -> None:
-        """Refuse a file, or a missing library, before the library opens the file."""
-
-    @abstractmethod
-    def guard(self) -> AbstractContextManager[list[str]]:
-        """Turn what the library raises inside into a FormatError; yield its warnings at the end."""
-
-    @abstractmethod
-    def list_meshes(self, path: Path) -> dict[str, Any]:
-        """Open the file; return its meshes by their paths in the scene."""
-
-    @abstractmethod
-    def open_mesh(self, mesh: Any) -> None:
-        """Take one of these meshes: what follows is about it."""
 
     @abstractmethod
     def list_times(self) -> set[float]:
         """List when the points are sampled, or the transforms; nothing if none of them moves."""
-
-    @abstractmethod
-    def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
-        """Return the times of frames in place of uneven ones, and a note."""
-
-    @abstractmethod
-    def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
-        """Return what the file says of the scene; `step` is None for one frame, or uneven ones."""
 
     @abstractmethod
     def compute_matrix(self, time: float) -> Floats:
@@ -91,20 +65,150 @@ class SceneReader(ClipFile):
 
     @abstractmethod
     def list_polygon_times(self) -> Sequence[float]:
-        """List when faces are sampled: at least one time, or the number of one sample."""
+        """List when faces are sampled, or the numbers of samples; nothing if they never change."""
 
     @abstractmethod
     def read_polygons(self, time: float) -> Polygons:
         """Read the faces at one of these times."""
 
     @abstractmethod
-    def list_surface_parts(
+    def list_surface_layers(
         self, vertex_count: int, time: float
     ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
-        """Return what reads the parts of the surface, for `FileMesh.read_parts`."""
+        """Return what reads the layers of the surface, for `FileMesh.read_layers`."""
+
+    def read_moved(self, time: float) -> Floats:
+        """Read the points in the space of the scene, (m, 3)."""
+        return transform_points(self.read_points(time), self.compute_matrix(time))
+
+    def read_mesh(self, points: Floats, time: float) -> FileMesh:
+        """Return the mesh with these points, in the scene, and its surface at a time."""
+        times = self.list_polygon_times() or [time]
+        counts, corners = read_constant_polygons(self.read_polygons, times)
+        check_corner_counts(counts, corners)
+        mesh = FileMesh(points, corners.astype(np.int64), counts.astype(np.int64))
+        TriMesh(points, mesh.fans)  # names vertices that are not there
+        mesh = mesh.read_layers(self.list_surface_layers(len(points), time))
+        is_inside_out = self.is_clockwise != is_mirroring(self.compute_matrix(time))
+        return mesh.turn_faces() if is_inside_out else mesh
+
+    def describe_transform(self, time: float) -> list[str]:
+        """Return a note on a mesh that its transform has moved."""
+        if self.has_moving_transform():
+            return ["moved by its animated transform into the scene's space"]
+        if not np.array_equal(self.compute_matrix(time), np.eye(4)):
+            return ["moved by its transform into the scene's space"]
+        return []
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneMeshes:
+    """The meshes of a scene.
+
+    Attributes
+    ----------
+    found : dict
+        What a format opens as a `SceneMesh`, by its path, in the order of the file.
+    hidden : dict
+        Why some of them are not seen, by path: "invisible".
+    """
+
+    found: dict[str, Any]
+    hidden: dict[str, str] = field(default_factory=dict)
+
+    def choose(self, member: str | None, exclude: tuple[str, ...]) -> tuple[list[str], list[str]]:
+        """Return the paths of the meshes that are read, and notes on those that are left out.
+
+        Parameters
+        ----------
+        member : str, optional
+            A mesh, or what they are below; all that are seen if absent.
+        exclude : tuple of str
+            Patterns of paths and of names in them: what is at or below one is left out.
+
+        Raises
+        ------
+        InputError
+            Listing the meshes to choose from.
+        """
+        paths = list(self.found)
+        if not paths:
+            raise FormatError("holds no mesh; export an animated mesh")
+        chosen = [path for path in paths if member is None or is_below(path, member)]
+        if not chosen:
+            raise SettingError(f"holds no mesh `{member}`; choose one of {join_truncated(paths)}")
+        reasons: dict[str, list[str]] = {}
+        for pattern in exclude:
+            matching = [path for path in chosen if matches_path(path, pattern)]
+            if not matching:
+                raise SettingError(
+                    f"`exclude={pattern}` matches none of its meshes: {join_truncated(chosen)}"
+                )
+            reasons[f"`exclude={pattern}`"] = matching
+        excluded = set(chain.from_iterable(reasons.values()))
+        chosen = [path for path in chosen if path not in excluded]
+        if not chosen:
+            raise SettingError("`exclude=` leaves none of its meshes; give fewer patterns")
+        seen = [path for path in chosen if path not in self.hidden or path == member]
+        for path in chosen if seen else ():
+            if path not in seen:
+                reasons.setdefault(self.hidden[path], []).append(path)
+        notes = [f"left out {join_truncated(which)} ({why})" for why, which in reasons.items()]
+        return seen or chosen, notes
+
+
+def is_below(path: str, top: str) -> bool:
+    """Return whether a path is another one, or below it."""
+    return path == top or path.startswith(f"{top.rstrip('/')}/")
+
+
+def matches_path(path: str, pattern: str) -> bool:
+    """Return whether a pattern is that of a path, of one above it, or of a name in it."""
+    names = path.strip("/").split("/")
+    above = ["/" * path.startswith("/") + "/".join(names[: k + 1]) for k in range(len(names))]
+    return any(fnmatchcase(each, pattern) for each in (*above, *names))
+
+
+class SceneReader(ClipFile):
+    """Frames of the meshes of a scene, as parts of one mesh in its space, evaluated on demand.
+
+    Formats open a scene, list its meshes and open each.
+
+    Attributes
+    ----------
+    winding_note : str
+        What a user is told of clockwise faces; nothing where all files of the format have them.
+    """
+
+    has_members = True
+    winding_note = ""
+
+    @abstractmethod
+    def check_file(self, path: Path) -> None:
+        """Refuse a file, or a missing library, before the library opens the file."""
+
+    @abstractmethod
+    def guard(self) -> AbstractContextManager[list[str]]:
+        """Turn what the library raises inside into a FormatError; yield its warnings at the end."""
+
+    @abstractmethod
+    def list_meshes(self, path: Path) -> SceneMeshes:
+        """Open the file, and list its meshes."""
+
+    @abstractmethod
+    def open_mesh(self, found: Any) -> SceneMesh:
+        """Open one of the meshes that were found."""
+
+    @abstractmethod
+    def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
+        """Return the times of frames in place of uneven ones, and a note."""
+
+    @abstractmethod
+    def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
+        """Return what the file says of the scene; `step` is None for one frame, or uneven ones."""
 
     def __init__(self, request: ClipRequest) -> None:
-        path = request.path
+        self.path = path = request.path
         with error_context(path):
             self.check_file(path)
             with self.guard() as warnings:
@@ -114,13 +218,31 @@ class SceneReader(ClipFile):
     def read_positions(self, index: int) -> Floats:
         """Read the vertices of one frame."""
         with error_context(self.location(index)), self.guard():
-            return self._read_moved(self._times[index])
+            return self._read_joined(self._times[index])
+
+    def _read_joined(self, time: float) -> Floats:
+        """Read the points of all meshes, whose numbers must be those of the first frame."""
+        points = [mesh.read_moved(time) for mesh in self._meshes.values()]
+        parts = self.first.polygons.parts
+        assert parts is not None
+        for name, own, count in zip(parts.names, points, parts.vertex_counts, strict=True):
+            if len(own) != count:
+                raise ConnectivityError(
+                    f"{len(own)} vertices of {name}, the rest pose has {count}; all must share "
+                    "one connectivity"
+                )
+        return np.concatenate(points)
 
     def _open_clip(self, path: Path, request: ClipRequest) -> list[str]:
-        """Find the mesh and its frames; return notes on what was changed."""
-        meshes, notes = self.list_meshes(path), []
-        self.open_mesh(meshes[choose_mesh(list(meshes), request.member)])
-        times = np.array(sorted(self.list_times() or {0.0}))
+        """Find the meshes and their frames; return notes on what was changed."""
+        listed = self.list_meshes(path)
+        names, notes = listed.choose(request.member, request.settings.exclude)
+        self._meshes: dict[str, SceneMesh] = {}
+        for name in names:
+            with error_context(name):
+                self._meshes[name] = self.open_mesh(listed.found[name])
+        sampled = set(chain.from_iterable(mesh.list_times() for mesh in self._meshes.values()))
+        times = np.array(sorted(sampled or {0.0}))
         step = find_step(times)
         if step is None and len(times) > 1:
             times, note = self.replace_uneven(times)
@@ -128,33 +250,38 @@ class SceneReader(ClipFile):
             notes.append(note)
         self.set_frames(request, len(times), self.describe_scene(times, step))
         self._times = times[list(self.frame_indices)].tolist()
-        mesh = self._read_mesh(request.complete_first(self._read_moved(self._times[0])))
-        self.first = mesh.make_mesh()
-        if self.is_clockwise and self.winding_note:
-            notes.append(self.winding_note)
-        return [*notes, *self._describe_transform(), *mesh.notes]
+        self.first = self._read_first(request, notes)
+        return notes
 
-    def _read_moved(self, time: float) -> Floats:
-        return transform_points(self.read_points(time), self.compute_matrix(time))
+    def _read_first(self, request: ClipRequest, notes: list[str]) -> TriMesh:
+        """Read the meshes of the first frame as parts of one, and note what was changed."""
+        time, polygons = self._times[0], 0
+        meshes, transforms = [], []
+        changes: dict[str, list[str]] = {}
+        for name, mesh in self._meshes.items():
+            with error_context(name):
+                read = mesh.read_mesh(request.complete_first(mesh.read_moved(time)), time)
+                meshes.append(read.make_mesh())
+            transforms.append(make_part_transform(mesh.compute_matrix(time)))
+            polygons += read.polygon_count
+            turned = [self.winding_note] if mesh.is_clockwise and self.winding_note else []
+            for change in (*turned, *mesh.describe_transform(time), *read.left_out):
+                changes.setdefault(change, []).append(name)
+        for change, names in changes.items():
+            which = "" if len(names) == len(meshes) else f"{join_truncated(names)}: "
+            notes.append(f"{which}{change}")
+        if polygons:
+            notes.append(describe_cut(polygons))
+        return join_meshes(meshes, list(self._meshes), transforms)
 
-    def _read_mesh(self, points: Floats) -> FileMesh:
-        """Return the mesh of the first frame, its surface included."""
-        time = self._times[0]
-        counts, corners = read_constant_polygons(self.read_polygons, self.list_polygon_times())
-        check_corner_counts(counts, corners)
-        mesh = FileMesh(points, corners.astype(np.int64), counts.astype(np.int64))
-        TriMesh(points, mesh.fans)  # names vertices that are not there
-        mesh = mesh.read_parts(self.list_surface_parts(len(points), time))
-        is_inside_out = self.is_clockwise != is_mirroring(self.compute_matrix(time))
-        return mesh.turn_faces() if is_inside_out else mesh
 
-    def _describe_transform(self) -> list[str]:
-        """Return a note on a mesh that its transform has moved."""
-        if self.has_moving_transform():
-            return ["moved by its animated transform into the scene's space"]
-        if not np.array_equal(self.compute_matrix(self._times[0]), np.eye(4)):
-            return ["moved by its transform into the scene's space"]
-        return []
+def make_part_transform(matrix: Floats) -> Floats:
+    """Return the transform (4, 4) of a part; none if points cannot be moved back from it."""
+    if not np.allclose(matrix[:, 3], [0, 0, 0, 1]) or not np.isfinite(matrix).all():
+        return np.eye(4)
+    affine = matrix.copy()
+    affine[:, 3] = [0, 0, 0, 1]
+    return affine if is_invertible(affine[None])[0] else np.eye(4)
 
 
 def read_constant_polygons(
@@ -213,23 +340,3 @@ def round_frame_step(step: float | None) -> float | None:
     """Return a step of frame numbers without the digits of rounding errors; None for 1."""
     rounded = None if step is None else round(step, 6)
     return None if rounded == 1 else rounded
-
-
-def choose_mesh(meshes: list[str], member: str | None) -> str:
-    """Return the mesh that `member` names, or the only one.
-
-    Raises
-    ------
-    InputError
-        Listing the meshes to choose from.
-    """
-    if not meshes:
-        raise FormatError("holds no mesh; export an animated mesh")
-    if member is not None and member not in meshes:
-        raise SettingError(f"holds no mesh `{member}`; choose one of {join_truncated(meshes)}")
-    if member is None and len(meshes) > 1:
-        raise SettingError(
-            f"holds {len(meshes)} meshes, expected one: {join_truncated(meshes)}; "
-            f"choose one, as in FILE::{meshes[0]}"
-        )
-    return meshes[0] if member is None else member

@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.files import check_unpacked_size, hash_file
-from cageik_cli.formats.base.scene_graph import Polygons, SceneReader, round_frame_step
+from cageik_cli.formats.base.scene_graph import (
+    Polygons,
+    SceneMesh,
+    SceneMeshes,
+    SceneReader,
+    round_frame_step,
+)
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.usd.library import (
     USD_SUFFIXES,
@@ -29,7 +35,7 @@ MAX_TIME_CODES = 100_000
 
 
 class Reader(SceneReader):
-    """Frames of one mesh in the space of its stage; times are time codes."""
+    """Frames of the meshes of a stage; times are time codes."""
 
     suffixes = USD_SUFFIXES
     winding_note = "left-handed faces turned"
@@ -44,27 +50,22 @@ class Reader(SceneReader):
             lambda cause: FormatError(f"is not a sound USD file ({cause}); export it again")
         )
 
-    def list_meshes(self, path: Path) -> dict[str, Any]:
+    def list_meshes(self, path: Path) -> SceneMeshes:
         """Open the stage, whose files are checked first."""
         from pxr import Usd, UsdGeom
 
         _ = check_layers(path)  # held, so that they are not read twice
         self._stage = Usd.Stage.Open(str(path))
         prims = Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies())
-        return {str(prim.GetPath()): prim for prim in prims if prim.IsA(UsdGeom.Mesh)}
+        meshes = {str(prim.GetPath()): prim for prim in prims if prim.IsA(UsdGeom.Mesh)}
+        reasons = {path: _find_hidden_reason(prim) for path, prim in meshes.items()}
+        return SceneMeshes(meshes, {path: why for path, why in reasons.items() if why})
 
-    def open_mesh(self, mesh: Any) -> None:
-        """Take a prim, which must not be moved by a skeleton."""
-        from pxr import UsdGeom
-
-        _check_not_skinned(mesh)
-        self._mesh = UsdGeom.Mesh(mesh)
-        self._transform_times = _find_transform_times(mesh)
-        self.is_clockwise = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
-
-    def list_times(self) -> set[float]:
-        """List the time samples of points and transforms."""
-        return {*self._mesh.GetPointsAttr().GetTimeSamples(), *self._transform_times}
+    def open_mesh(self, found: Any) -> "UsdSceneMesh":
+        """Open a prim, which must not be moved by a skeleton."""
+        _check_not_skinned(found)
+        file_size = sum(file.stat().st_size for file in self._composed_files)
+        return UsdSceneMesh(found, file_size)
 
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the whole time codes in place of uneven samples."""
@@ -99,6 +100,40 @@ class Reader(SceneReader):
             metres_per_unit=UsdGeom.GetStageMetersPerUnit(stage) if has_unit else None,
         )
 
+    def describe_source(self) -> dict[str, Any]:
+        """Return the file's name, how many files it is composed of, and a digest over all."""
+        count = len(self._composed_files)
+        return super().describe_source() | ({"files": count} if count > 1 else {})
+
+    @cached_property
+    def _composed_files(self) -> list[Path]:
+        """All files that the stage is composed of, its own first."""
+        from pxr import Ar
+
+        layers = [layer.realPath for layer in self._stage.GetUsedLayers() if layer.realPath]
+        files = {Ar.SplitPackageRelativePathOuter(layer)[0] for layer in layers}
+        return [self.path, *(Path(file) for file in sorted(files - {str(self.path.resolve())}))]
+
+    @cached_property
+    def _digest(self) -> bytes:
+        digests = [hash_file(file) for file in self._composed_files]
+        return digests[0] if len(digests) == 1 else hashlib.sha256(b"".join(digests)).digest()
+
+
+class UsdSceneMesh(SceneMesh):
+    """A mesh prim; times are time codes."""
+
+    def __init__(self, prim: Any, file_size: int) -> None:
+        from pxr import UsdGeom
+
+        self._mesh, self._file_size = UsdGeom.Mesh(prim), file_size
+        self._transform_times = _find_transform_times(prim)
+        self.is_clockwise = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+
+    def list_times(self) -> set[float]:
+        """List the time samples of points and transforms."""
+        return {*self._mesh.GetPointsAttr().GetTimeSamples(), *self._transform_times}
+
     def compute_matrix(self, time: float) -> Floats:
         """Return the transform of the prim into the stage."""
         return np.array(self._mesh.ComputeLocalToWorldTransform(time), np.float64)
@@ -115,50 +150,29 @@ class Reader(SceneReader):
         return points
 
     def list_polygon_times(self) -> list[float]:
-        """List the time samples of the faces; the first frame if they have none."""
+        """List the time samples of the faces."""
         attributes = self._polygon_attributes
-        sampled = {time for attribute in attributes for time in attribute.GetTimeSamples()}
-        return sorted(sampled or {self._times[0]})
+        return sorted({time for attribute in attributes for time in attribute.GetTimeSamples()})
 
     def read_polygons(self, time: float) -> Polygons:
         """Read the faces, whose numbers the files may hold compressed."""
-        file_size = sum(file.stat().st_size for file in self._composed_files)
         found = []
         for attribute in self._polygon_attributes:
             found.append(_read_array(attribute, time, "i", ()))
             with error_context(f"`{attribute.GetName()}`"):
-                check_unpacked_size(found[-1].nbytes, file_size)
+                check_unpacked_size(found[-1].nbytes, self._file_size)
         counts, corners = found
         return counts, corners
 
-    def list_surface_parts(
+    def list_surface_layers(
         self, vertex_count: int, time: float
     ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
         """Return what reads UVs, normals, colours, materials, groups and subdivision."""
-        return SurfaceReader(self._mesh, vertex_count, time).list_parts()
-
-    def describe_source(self) -> dict[str, Any]:
-        """Return the file's name, how many files it is composed of, and a digest over all."""
-        count = len(self._composed_files)
-        return super().describe_source() | ({"files": count} if count > 1 else {})
+        return SurfaceReader(self._mesh, vertex_count, time).list_layers()
 
     @property
     def _polygon_attributes(self) -> tuple[Any, Any]:
         return self._mesh.GetFaceVertexCountsAttr(), self._mesh.GetFaceVertexIndicesAttr()
-
-    @cached_property
-    def _composed_files(self) -> list[Path]:
-        """All files that the stage is composed of, its own first."""
-        from pxr import Ar
-
-        layers = [layer.realPath for layer in self._stage.GetUsedLayers() if layer.realPath]
-        files = {Ar.SplitPackageRelativePathOuter(layer)[0] for layer in layers}
-        return [self.path, *(Path(file) for file in sorted(files - {str(self.path.resolve())}))]
-
-    @cached_property
-    def _digest(self) -> bytes:
-        digests = [hash_file(file) for file in self._composed_files]
-        return digests[0] if len(digests) == 1 else hashlib.sha256(b"".join(digests)).digest()
 
 
 def _read_array(attribute: Any, time: float, dtype_kind: str, shape: tuple[int, ...]) -> np.ndarray:
@@ -183,6 +197,19 @@ def _check_not_skinned(prim: Any) -> None:
             f"the mesh {prim.GetPath()} is moved by a skeleton or blend shapes, which cageik "
             "does not evaluate; bake it to points first"
         )
+
+
+def _find_hidden_reason(prim: Any) -> str:
+    """Return why a renderer does not show a mesh at its first time; empty if it does."""
+    from pxr import Usd, UsdGeom
+
+    shown = UsdGeom.Imageable(prim)
+    purpose = shown.ComputePurpose()
+    if purpose not in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render):
+        return f"purpose {purpose}"
+    times = shown.GetVisibilityAttr().GetTimeSamples()
+    time = times[0] if times else Usd.TimeCode.EarliestTime()
+    return "invisible" if shown.ComputeVisibility(time) == UsdGeom.Tokens.invisible else ""
 
 
 def _find_transform_times(prim: Any) -> set[float]:

@@ -23,7 +23,7 @@ _PER_VERTEX, _PER_CORNER, _PER_FACE = ("vertex", "varying"), ("faceVarying",), (
 
 
 class SurfaceReader:
-    """Reads the parts of the surface of one mesh, at a time."""
+    """Reads the layers of the surface of one mesh, at a time."""
 
     def __init__(self, mesh: Any, vertex_count: int, time: float) -> None:
         from pxr import UsdGeom
@@ -31,8 +31,8 @@ class SurfaceReader:
         self._mesh, self._vertex_count, self._time = mesh, vertex_count, time
         self._primvars = UsdGeom.PrimvarsAPI(mesh)
 
-    def list_parts(self) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
-        """Return what reads each part, for `FileMesh.read_parts`."""
+    def list_layers(self) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+        """Return what reads each layer, for `FileMesh.read_layers`."""
         return {
             "its texture coordinates": self.read_uvs,
             "its normals": self.read_normals,

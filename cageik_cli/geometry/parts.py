@@ -1,0 +1,319 @@
+"""Models of several meshes: joined into one mesh for the solve, and split again for outputs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface_attributes import (
+    LABEL_NAMES,
+    SurfaceAttributes,
+    number_normal_fans,
+)
+from cageik_cli.geometry.surface_parts import (
+    NONE,
+    PLAIN_COLOUR,
+    FaceLabels,
+    Parts,
+    Subdivision,
+    UvMap,
+)
+from cageik_cli.util.arrays import Floats, Integers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One of the meshes that a model was joined from.
+
+    Attributes
+    ----------
+    name : str
+        Its name, or its path in a scene; empty for a model that came as one mesh.
+    mesh : TriMesh
+        In the space of the scene.
+    vertices : slice
+        Of the model.
+    transform : (4, 4) float64
+        Rows of its own space times it are in the space of the scene.
+    """
+
+    name: str
+    mesh: TriMesh
+    vertices: slice
+    transform: Floats
+
+    def select(self, positions: Floats) -> Floats:
+        """Return its positions (..., k, 3) in its own space, of those of the model (..., m, 3)."""
+        own = positions[..., self.vertices, :]
+        if np.array_equal(self.transform, np.eye(4)):
+            return own
+        inverse = np.linalg.inv(self.transform)
+        return np.asarray(own @ inverse[:3, :3] + inverse[3, :3])
+
+
+def split_parts(mesh: TriMesh) -> list[Part]:
+    """Split a mesh into the parts that it was joined from: itself alone if it came as one."""
+    attributes = mesh.attributes
+    if attributes is None or attributes.parts is None:
+        return [Part("", mesh, slice(0, len(mesh.vertices)), np.eye(4))]
+    parts = attributes.parts
+    triangle_stops = np.cumsum(attributes.corner_counts - 2)
+    found = []
+    for k, (vertices, polygons) in enumerate(
+        zip(parts.vertex_slices, parts.polygon_slices, strict=True)
+    ):
+        first = int(triangle_stops[polygons.start - 1]) if polygons.start else 0
+        faces = mesh.faces[first : int(triangle_stops[polygons.stop - 1])] - vertices.start
+        own = _select_attributes(attributes, vertices, polygons, parts.schemes[k])
+        part = TriMesh(mesh.vertices[vertices], faces, None if own.is_plain else own)
+        found.append(Part(parts.names[k], part, vertices, parts.transforms[k]))
+    return found
+
+
+def list_part_names(mesh: TriMesh) -> tuple[str, ...]:
+    """List the names of the parts of a mesh; nothing if it came as one."""
+    attributes = mesh.attributes
+    return () if attributes is None or attributes.parts is None else attributes.parts.names
+
+
+def _select_attributes(
+    whole: SurfaceAttributes, vertices: slice, polygons: slice, scheme: str
+) -> SurfaceAttributes:
+    """Return the attributes of the polygons of one part, whose vertices count from its first."""
+    stops = np.cumsum(whole.corner_counts)
+    first = int(stops[polygons.start - 1]) if polygons.start else 0
+    own = slice(first, int(stops[polygons.stop - 1]))
+    corners = whole.corners[own] - vertices.start
+    fans = None if whole.normal_fans is None else whole.normal_fans[own]
+    labels: dict[str, Any] = {
+        name: _select_labels(getattr(whole, name), polygons) for name in LABEL_NAMES
+    }
+    material_colours = None
+    materials, kept = whole.materials, labels["materials"]
+    if whole.material_colours is not None and materials is not None and kept is not None:
+        rows = [materials.names.index(name) for name in kept.names]
+        material_colours = whole.material_colours[rows]
+    colours = None if whole.colours is None else whole.colours[vertices]
+    if colours is not None and (colours == 1).all():
+        colours = None  # white is what a part without colours was given
+    return SurfaceAttributes(
+        corner_counts=whole.corner_counts[polygons],
+        corners=corners,
+        uvs=_select_uvs(whole.uvs, own),
+        normal_fans=(
+            None if fans is None or (fans == NONE).all() else number_normal_fans(corners, fans)
+        ),
+        colours=colours,
+        material_colours=material_colours,
+        material_library=whole.material_library if kept is not None else "",
+        subdivision=_select_subdivision(whole.subdivision, vertices, scheme),
+        **labels,
+    )
+
+
+def _select_uvs(uvs: UvMap | None, corners: slice) -> UvMap | None:
+    if uvs is None:
+        return None
+    used, numbers = np.unique(uvs.indices[corners], return_inverse=True)
+    if used[-1] == NONE:
+        return None
+    is_absent = int(used[0] == NONE)
+    return UvMap(uvs.values[used[is_absent:]], numbers - is_absent)
+
+
+def _select_labels(labels: FaceLabels | None, polygons: slice) -> FaceLabels | None:
+    if labels is None:
+        return None
+    used, numbers = np.unique(labels.indices[polygons], return_inverse=True)
+    if used[-1] == NONE:
+        return None
+    is_absent = int(used[0] == NONE)
+    return FaceLabels(tuple(labels.names[k] for k in used[is_absent:]), numbers - is_absent)
+
+
+def _select_subdivision(whole: Subdivision, vertices: slice, scheme: str) -> Subdivision:
+    creases = np.repeat(np.arange(len(whole.crease_lengths)), whole.crease_lengths)
+    is_own = _is_within(whole.crease_vertices, vertices)
+    own = np.unique(creases[is_own])
+    sharpness = whole.crease_sharpness
+    if len(sharpness) == len(whole.crease_lengths):
+        sharpness = sharpness[own]
+    else:
+        edges = np.repeat(np.arange(len(whole.crease_lengths)), whole.crease_lengths - 1)
+        sharpness = sharpness[np.isin(edges, own)]
+    is_sharp = _is_within(whole.corner_vertices, vertices)
+    return Subdivision(
+        scheme,
+        whole.crease_vertices[is_own] - vertices.start,
+        whole.crease_lengths[own],
+        sharpness,
+        whole.corner_vertices[is_sharp] - vertices.start,
+        whole.corner_sharpness[is_sharp],
+    )
+
+
+def _is_within(numbers: Integers, vertices: slice) -> np.ndarray:
+    return np.asarray((numbers >= vertices.start) & (numbers < vertices.stop))
+
+
+def join_meshes(
+    meshes: Sequence[TriMesh], names: Sequence[str], transforms: Sequence[Floats] | None = None
+) -> TriMesh:
+    """Join meshes of one space into a model of as many parts.
+
+    Parameters
+    ----------
+    names : sequence of str
+        A name that is there before gets a number.
+    transforms : sequence of (4, 4), optional
+        Of the parts at rest, see `Parts`; a part whose transform flattens it has none.
+    """
+    bounds = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    attributes = [mesh.polygons for mesh in meshes]
+    parts = Parts(
+        names=_number_names(names),
+        vertex_counts=np.diff(bounds),
+        polygon_counts=np.array([len(each.corner_counts) for each in attributes]),
+        transforms=np.stack([np.eye(4)] * len(meshes) if transforms is None else transforms),
+        schemes=tuple(each.subdivision.scheme for each in attributes),
+    )
+    return TriMesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + at for mesh, at in zip(meshes, bounds[:-1], strict=True)]),
+        replace(_join_attributes(attributes, bounds), parts=parts),
+    )
+
+
+def _number_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names that are all different: one that is there before gets a number."""
+    taken: dict[str, None] = {}
+    for name in names:
+        chosen, number = name, 2
+        while chosen in taken:
+            chosen, number = f"{name}_{number}", number + 1
+        taken[chosen] = None
+    return tuple(taken)
+
+
+def _join_attributes(
+    attributes: Sequence[SurfaceAttributes], bounds: Integers
+) -> SurfaceAttributes:
+    """Join attributes whose vertices are from one of the bounds, (k + 1,), to the next."""
+    materials, material_colours = _join_materials(attributes)
+    labels: dict[str, Any] = {
+        name: _join_labels([getattr(each, name) for each in attributes], attributes)
+        for name in LABEL_NAMES
+        if name != "materials"
+    }
+    libraries = {each.material_library for each in attributes} - {""}
+    return SurfaceAttributes(
+        corner_counts=np.concatenate([each.corner_counts for each in attributes]),
+        corners=_shift_and_join([each.corners for each in attributes], bounds),
+        uvs=_join_uvs(attributes),
+        normal_fans=_join_fans(attributes),
+        colours=_join_colours(attributes, np.diff(bounds)),
+        materials=materials,
+        material_colours=material_colours,
+        material_library=libraries.pop() if len(libraries) == 1 else "",
+        subdivision=_join_subdivisions([each.subdivision for each in attributes], bounds),
+        **labels,
+    )
+
+
+def _shift_and_join(numbers: Sequence[Integers], bounds: Integers) -> Integers:
+    """Join numbers that count from 0 in each part; `NONE` stays."""
+    pairs = zip(numbers, bounds[: len(numbers)], strict=True)
+    return np.concatenate([np.where(own == NONE, NONE, own + start) for own, start in pairs])
+
+
+def _join_uvs(attributes: Sequence[SurfaceAttributes]) -> UvMap | None:
+    if all(each.uvs is None for each in attributes):
+        return None
+    absent = [UvMap(np.zeros((0, 2)), np.full(len(each.corners), NONE)) for each in attributes]
+    maps = [each.uvs or none for each, none in zip(attributes, absent, strict=True)]
+    bounds = np.cumsum([0, *(len(each.values) for each in maps)])
+    indices = _shift_and_join([each.indices for each in maps], bounds)
+    return UvMap(np.concatenate([each.values for each in maps]), indices)
+
+
+def _join_fans(attributes: Sequence[SurfaceAttributes]) -> Integers | None:
+    if all(each.normal_fans is None for each in attributes):
+        return None
+    fans = [
+        np.full(len(each.corners), NONE) if each.normal_fans is None else each.normal_fans
+        for each in attributes
+    ]
+    return _shift_and_join(fans, np.cumsum([0, *(int(own.max()) + 1 for own in fans)]))
+
+
+def _join_colours(attributes: Sequence[SurfaceAttributes], counts: Integers) -> Floats | None:
+    """Join the colours of vertices; white where a part has none."""
+    given = [each.colours for each in attributes]
+    width = max((own.shape[1] for own in given if own is not None), default=0)
+    if not width:
+        return None
+    colours = np.ones((int(counts.sum()), width))
+    for own, stop, count in zip(given, np.cumsum(counts), counts, strict=True):
+        if own is not None:
+            colours[stop - count : stop, : own.shape[1]] = own
+    return colours
+
+
+def _join_labels(
+    labels: Sequence[FaceLabels | None], attributes: Sequence[SurfaceAttributes]
+) -> FaceLabels | None:
+    """Join names of faces; the same name in two parts is one."""
+    names = tuple(dict.fromkeys(name for own in labels if own for name in own.names))
+    numbers = {name: k for k, name in enumerate(names)}
+    indices = [
+        np.full(len(each.corner_counts), NONE)
+        if own is None
+        else np.array([*(numbers[name] for name in own.names), NONE])[own.indices]
+        for own, each in zip(labels, attributes, strict=True)
+    ]
+    return FaceLabels(names, np.concatenate(indices)) if names else None
+
+
+def _join_materials(
+    attributes: Sequence[SurfaceAttributes],
+) -> tuple[FaceLabels | None, Floats | None]:
+    """Join materials and their colours; one of the same name and another colour gets a number."""
+    colours: dict[str, tuple[float, ...]] = {}
+    labels = []
+    for each in attributes:
+        own, names = each.materials, []
+        for k, name in enumerate(() if own is None else own.names):
+            known = each.material_colours
+            colour = PLAIN_COLOUR if known is None else tuple(known[k].tolist())
+            chosen, number = name, 2
+            while colours.get(chosen, colour) != colour or chosen in names:
+                chosen, number = f"{name}_{number}", number + 1
+            colours[chosen] = colour
+            names.append(chosen)
+        labels.append(None if own is None else replace(own, names=tuple(names)))
+    joined = _join_labels(labels, attributes)
+    if joined is None or all(each.material_colours is None for each in attributes):
+        return joined, None
+    return joined, np.array([colours[name] for name in joined.names])
+
+
+def _join_subdivisions(given: Sequence[Subdivision], bounds: Integers) -> Subdivision:
+    """Join creases and sharp vertices; the scheme is that of all, or else "none"."""
+    schemes = {each.scheme for each in given}
+    return Subdivision(
+        schemes.pop() if len(schemes) == 1 else "none",
+        _shift_and_join([each.crease_vertices for each in given], bounds),
+        np.concatenate([each.crease_lengths for each in given]),
+        np.concatenate([_list_edge_sharpness(each) for each in given]),
+        _shift_and_join([each.corner_vertices for each in given], bounds),
+        np.concatenate([each.corner_sharpness for each in given]),
+    )
+
+
+def _list_edge_sharpness(given: Subdivision) -> Floats:
+    """Return the sharpness of each edge of the creases."""
+    if len(given.crease_sharpness) != len(given.crease_lengths):
+        return given.crease_sharpness
+    return np.repeat(given.crease_sharpness, given.crease_lengths - 1)
