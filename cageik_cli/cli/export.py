@@ -15,7 +15,6 @@ from cageik_cli.cli.options.clip import MORPH_OPTIONS, SCENE_OPTIONS, check_morp
 from cageik_cli.formats.settings import MorphSettings
 
 if TYPE_CHECKING:
-    from cageik_cli.formats.usd.writer import CageDisplay
     from cageik_cli.workflows.export import ExportSettings
 
 
@@ -26,6 +25,8 @@ def make_export_settings(**values: Any) -> "ExportSettings":
     is_skeleton = values["skeleton"]
     if values["influences"] is not None and not is_skeleton:
         raise click.UsageError("--influences needs --skeleton; give both, or neither")
+    if values["guide"] and not values["with_model"]:
+        raise click.UsageError("--guide needs --with-model; give both, or neither")
     has_morphs = values["morphs"] != MorphSettings()
     if has_morphs and is_skeleton:
         raise click.UsageError(
@@ -33,15 +34,6 @@ def make_export_settings(**values: Any) -> "ExportSettings":
         )
     check_morph_usage("--morphs and --tolerance", has_morphs, values["output"].path)
     return ExportSettings(compares=get_verbosity() > 0, **values)
-
-
-def choose_display(with_model: bool, guide: bool) -> "CageDisplay | None":
-    """Return how the cage is shown beside the model; None without a model."""
-    from cageik_cli.formats.usd.writer import CageDisplay
-
-    if guide and not with_model:
-        raise click.UsageError("--guide needs --with-model; give both, or neither")
-    return (CageDisplay.GUIDE if guide else CageDisplay.MESH) if with_model else None
 
 
 @click.command("export")
@@ -68,21 +60,17 @@ def choose_display(with_model: bool, guide: bool) -> "CageDisplay | None":
         help="Fit the weights again, with at most this number of joints per vertex.  [default: "
         "the weights of the result]",
     ),
-    OptionGroup(
-        "with_model",
-        choose_display,
-        click.option(
-            "--with-model",
-            is_flag=True,
-            help="Write the cage and the model that it moves in one file (.usd*). With "
-            "--skeleton, the model is skinned.",
-        ),
-        click.option(
-            "--guide",
-            is_flag=True,
-            help="Give the cage of --with-model the purpose `guide`, which programs hide and do "
-            "not render.",
-        ),
+    click.option(
+        "--with-model",
+        is_flag=True,
+        help="Write the cage and the model that it moves in one file (.usd*, .abc, .glb, .obj). "
+        "With --skeleton, the model is skinned.",
+    ),
+    click.option(
+        "--guide",
+        is_flag=True,
+        help="Give the cage of --with-model the purpose `guide`, which programs hide and do not "
+        "render (.usd*).",
     ),
     MORPH_OPTIONS,
 )

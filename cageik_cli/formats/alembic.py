@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.alembic_surface import AlembicSurface, find_cause, list_layers, read_sample
+from cageik_cli.formats.alembic_tree import TransformTree, place_parts
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     SceneMesh,
-    SceneMeshes,
     SceneReader,
     round_frame_step,
 )
@@ -51,7 +51,7 @@ class Reader(SceneReader):
             cause = find_cause(error)
             raise FormatError(f"is not a sound Alembic file ({cause}); export it again") from error
 
-    def list_meshes(self, path: Path) -> SceneMeshes:
+    def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Open the archive."""
         from alembic3d.Abc import IArchive
         from alembic3d.AbcGeom import IPolyMesh
@@ -61,9 +61,8 @@ class Reader(SceneReader):
         objects = _iterate_descendants(self._archive.getTop())
         meshes = [thing for thing in objects if IPolyMesh.matches(thing.getHeader())]
         hidden = [thing.getFullName() for thing in meshes if _is_hidden(thing)]
-        return SceneMeshes(
-            {thing.getFullName(): thing for thing in meshes}, dict.fromkeys(hidden, "invisible")
-        )
+        found = {thing.getFullName(): thing for thing in meshes}
+        return found, dict.fromkeys(hidden, "invisible")
 
     def open_mesh(self, found: Any) -> "AlembicMesh":
         """Open an object."""
@@ -250,10 +249,14 @@ def _read_frame_rate(archive: Any, stated: list[str]) -> float | None:
 
 
 class Writer(AnimationWriter):
-    """Each frame at its number / fps seconds of the mesh `/NAME`; faces turn clockwise there."""
+    """Each frame at its number / fps seconds, of each part at its path; faces turn clockwise there.
+
+    A mesh that came as one is `/NAME`.
+    """
 
     suffixes = (".abc",)
     is_single = True
+    keeps_parts = True
 
     @classmethod
     def require_libraries(cls) -> None:
@@ -267,7 +270,7 @@ class Writer(AnimationWriter):
         from alembic3d.AbcGeom import OPolyMesh
 
         _check_disk_space(target, animation)
-        scene, self._surface = animation.scene, AlembicSurface(animation.rest)
+        scene, parts = animation.scene, animation.split()
         try:
             # With a name of the program, the archive would hold the time, too.
             archive = OArchive(str(target))
@@ -275,25 +278,32 @@ class Writer(AnimationWriter):
             times = archive.addTimeSampling(TimeSampling(step, start))
             stated = MetaData()
             stated.set(FPS_KEY, f"{scene.fps:.12g}")
-            mesh = OPolyMesh(archive.getTop(), animation.name, stated, times)
+            placed = place_parts(parts)
+            tree = TransformTree(archive.getTop(), placed)
+            # The last references to the file: it is closed with these.
+            self._meshes = []
+            for place in placed:
+                above = tree.define(place.above)
+                schema = OPolyMesh(above, place.name, stated, times).getSchema()
+                self._meshes.append((schema, AlembicSurface(place.part.mesh), place.part))
         except RuntimeError as error:
             raise OSError(str(error)) from error
-        # The last reference to the file: it is closed with this.
-        self._schema = mesh.getSchema()
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
         for positions in frames:
-            self._schema.set(self._surface.make_sample(positions))
+            for schema, surface, part in self._meshes:
+                schema.set(surface.make_sample(part.select(positions)))
 
     def complete(self) -> None:
         """Write what is of all frames, and close the file."""
-        self._surface.write_face_sets(self._schema)
-        del self._schema
+        for schema, surface, _ in self._meshes:
+            surface.write_face_sets(schema)
+        self.abandon()
 
     def abandon(self) -> None:
         """Close the file."""
-        self.__dict__.pop("_schema", None)
+        self.__dict__.pop("_meshes", None)
 
 
 def _check_disk_space(target: Path, animation: Animation) -> None:

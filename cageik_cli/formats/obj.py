@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.files import with_gzip
 from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.base.readers import FrameFileReader
-from cageik_cli.formats.base.writers import Animation, FrameFileWriter
+from cageik_cli.formats.base.writers import Animation, FrameFileWriter, choose_short_names
 from cageik_cli.formats.obj_numbers import read_vertex_lines
 from cageik_cli.formats.obj_surface import read_material_colours, read_obj_attributes
 from cageik_cli.formats.obj_text import (
@@ -32,6 +32,7 @@ class Reader(FrameFileReader):
     """Frames from OBJ files."""
 
     suffixes = with_gzip(".obj")
+    has_members = True
 
     @classmethod
     def parse(cls, data: bytes) -> FileMesh:
@@ -138,6 +139,7 @@ class Writer(FrameFileWriter):
     """
 
     suffixes = (".obj",)
+    keeps_parts = True
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
@@ -231,7 +233,7 @@ def _write_label_changes(attributes: SurfaceAttributes) -> dict[int, list[str]]:
     """Return the lines of names before the polygons at which they change, by its number."""
     found: dict[int, list[str]] = {}
     for labels, keyword, none in (
-        (attributes.objects, "o", "default"),
+        (_label_parts(attributes), "o", "default"),
         (attributes.groups, "g", "default"),
         (attributes.materials, "usemtl", "default"),
         (attributes.smoothing, "s", "off"),
@@ -239,6 +241,15 @@ def _write_label_changes(attributes: SurfaceAttributes) -> dict[int, list[str]]:
         for number, name in _find_changes(labels) if labels is not None else ():
             found.setdefault(number, []).append(f"{keyword} {_clean_name(name) or none}\n")
     return found
+
+
+def _label_parts(attributes: SurfaceAttributes) -> FaceLabels | None:
+    """Return the names of the parts, as short as they can be; else those of the objects."""
+    parts = attributes.parts
+    if parts is None:
+        return attributes.objects
+    indices = np.repeat(np.arange(len(parts.names)), parts.polygon_counts)
+    return FaceLabels(tuple(choose_short_names(parts.names)), indices)
 
 
 def _find_changes(labels: FaceLabels) -> Iterator[tuple[int, str]]:

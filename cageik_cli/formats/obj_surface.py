@@ -13,7 +13,7 @@ from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.obj_numbers import convert_words
 from cageik_cli.formats.obj_text import FACE, VERTEX, Tokens, blank_out, tokenize
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
-from cageik_cli.geometry.surface_parts import NONE, PLAIN_COLOUR, FaceLabels, UvMap
+from cageik_cli.geometry.surface_parts import NONE, PLAIN_COLOUR, FaceLabels, Parts, UvMap
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.files import read_input
@@ -80,13 +80,44 @@ def _read_normals(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttri
 
 def _read_labels(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
     faces = np.flatnonzero(tokens.line_kinds == FACE)
+    objects = _label_faces(tokens, b"o", faces)
+    parts = None if objects is None else _find_parts(tokens, attributes, objects)
     return replace(
         attributes,
         materials=_label_faces(tokens, b"usemtl", faces),
         groups=_label_faces(tokens, b"g", faces),
-        objects=_label_faces(tokens, b"o", faces),
+        objects=objects if parts is None else None,
         smoothing=_label_faces(tokens, b"s", faces),
+        parts=parts,
     )
+
+
+def _find_parts(tokens: Tokens, attributes: SurfaceAttributes, objects: FaceLabels) -> Parts | None:
+    """Return the objects as parts; None if one shares vertices with another, or they alternate."""
+    indices = objects.indices
+    starts = np.flatnonzero(np.diff(indices, prepend=NONE))
+    if indices.min() == NONE or len(starts) != len(objects.names):
+        return None
+    is_vertex = tokens.line_kinds == VERTEX
+    named = np.flatnonzero(tokens.find_lines(b"o"))
+    before = np.cumsum(is_vertex)[named]  # vertices that are above the name of an object
+    faces = np.flatnonzero(tokens.line_kinds == FACE)[starts]
+    above = before[np.searchsorted(named, faces) - 1]
+    lowest = np.minimum.reduceat(attributes.corners, attributes.starts[starts])
+    count = int(np.count_nonzero(is_vertex))
+    for first in (above, lowest):
+        bounds = np.array([0, *first[1:], count])
+        owners = np.searchsorted(bounds, attributes.corners, side="right") - 1
+        if (np.diff(bounds) > 0).all() and (
+            owners == np.repeat(indices, attributes.corner_counts)
+        ).all():
+            return Parts(
+                names=objects.names,
+                vertex_counts=np.diff(bounds),
+                polygon_counts=np.diff(starts, append=len(indices)),
+                transforms=np.tile(np.eye(4), (len(starts), 1, 1)),
+            )
+    return None
 
 
 def _label_faces(tokens: Tokens, keyword: bytes, faces: Integers) -> FaceLabels | None:

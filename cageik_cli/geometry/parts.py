@@ -66,7 +66,7 @@ def split_parts(mesh: TriMesh) -> list[Part]:
     ):
         first = int(triangle_stops[polygons.start - 1]) if polygons.start else 0
         faces = mesh.faces[first : int(triangle_stops[polygons.stop - 1])] - vertices.start
-        own = _select_attributes(attributes, vertices, polygons, parts.schemes[k])
+        own = _select_attributes(attributes, vertices, polygons, k)
         part = TriMesh(mesh.vertices[vertices], faces, None if own.is_plain else own)
         found.append(Part(parts.names[k], part, vertices, parts.transforms[k]))
     return found
@@ -79,7 +79,7 @@ def list_part_names(mesh: TriMesh) -> tuple[str, ...]:
 
 
 def _select_attributes(
-    whole: SurfaceAttributes, vertices: slice, polygons: slice, scheme: str
+    whole: SurfaceAttributes, vertices: slice, polygons: slice, number: int
 ) -> SurfaceAttributes:
     """Return the attributes of the polygons of one part, whose vertices count from its first."""
     stops = np.cumsum(whole.corner_counts)
@@ -108,7 +108,7 @@ def _select_attributes(
         colours=colours,
         material_colours=material_colours,
         material_library=whole.material_library if kept is not None else "",
-        subdivision=_select_subdivision(whole.subdivision, vertices, scheme),
+        subdivision=_select_subdivision(whole.subdivision, vertices, number),
         **labels,
     )
 
@@ -133,7 +133,7 @@ def _select_labels(labels: FaceLabels | None, polygons: slice) -> FaceLabels | N
     return FaceLabels(tuple(labels.names[k] for k in used[is_absent:]), numbers - is_absent)
 
 
-def _select_subdivision(whole: Subdivision, vertices: slice, scheme: str) -> Subdivision:
+def _select_subdivision(whole: Subdivision, vertices: slice, number: int) -> Subdivision:
     creases = np.repeat(np.arange(len(whole.crease_lengths)), whole.crease_lengths)
     is_own = _is_within(whole.crease_vertices, vertices)
     own = np.unique(creases[is_own])
@@ -145,7 +145,7 @@ def _select_subdivision(whole: Subdivision, vertices: slice, scheme: str) -> Sub
         sharpness = sharpness[np.isin(edges, own)]
     is_sharp = _is_within(whole.corner_vertices, vertices)
     return Subdivision(
-        scheme,
+        whole.part_schemes[number] if whole.part_schemes else whole.scheme,
         whole.crease_vertices[is_own] - vertices.start,
         whole.crease_lengths[own],
         sharpness,
@@ -177,12 +177,11 @@ def join_meshes(
         vertex_counts=np.diff(bounds),
         polygon_counts=np.array([len(each.corner_counts) for each in attributes]),
         transforms=np.stack([np.eye(4)] * len(meshes) if transforms is None else transforms),
-        schemes=tuple(each.subdivision.scheme for each in attributes),
     )
     return TriMesh(
         np.concatenate([mesh.vertices for mesh in meshes]),
         np.concatenate([mesh.faces + at for mesh, at in zip(meshes, bounds[:-1], strict=True)]),
-        replace(_join_attributes(attributes, bounds), parts=parts),
+        _join_attributes(attributes, bounds, parts),
     )
 
 
@@ -198,7 +197,7 @@ def _number_names(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _join_attributes(
-    attributes: Sequence[SurfaceAttributes], bounds: Integers
+    attributes: Sequence[SurfaceAttributes], bounds: Integers, parts: Parts
 ) -> SurfaceAttributes:
     """Join attributes whose vertices are from one of the bounds, (k + 1,), to the next."""
     materials, material_colours = _join_materials(attributes)
@@ -218,6 +217,7 @@ def _join_attributes(
         material_colours=material_colours,
         material_library=libraries.pop() if len(libraries) == 1 else "",
         subdivision=_join_subdivisions([each.subdivision for each in attributes], bounds),
+        parts=parts,
         **labels,
     )
 
@@ -300,20 +300,28 @@ def _join_materials(
 
 
 def _join_subdivisions(given: Sequence[Subdivision], bounds: Integers) -> Subdivision:
-    """Join creases and sharp vertices; the scheme is that of all, or else "none"."""
-    schemes = {each.scheme for each in given}
+    """Join schemes, creases and sharp vertices."""
+    schemes = tuple(each.scheme for each in given)
+    is_alike = len(set(schemes)) == 1
     return Subdivision(
-        schemes.pop() if len(schemes) == 1 else "none",
+        schemes[0] if is_alike else "none",
         _shift_and_join([each.crease_vertices for each in given], bounds),
         np.concatenate([each.crease_lengths for each in given]),
-        np.concatenate([_list_edge_sharpness(each) for each in given]),
+        _join_sharpness(given),
         _shift_and_join([each.corner_vertices for each in given], bounds),
         np.concatenate([each.corner_sharpness for each in given]),
+        () if is_alike else schemes,
     )
 
 
-def _list_edge_sharpness(given: Subdivision) -> Floats:
-    """Return the sharpness of each edge of the creases."""
-    if len(given.crease_sharpness) != len(given.crease_lengths):
-        return given.crease_sharpness
-    return np.repeat(given.crease_sharpness, given.crease_lengths - 1)
+def _join_sharpness(given: Sequence[Subdivision]) -> Floats:
+    """Join the sharpness of creases; that of each of their edges, if one has it so."""
+    is_by_crease = [len(each.crease_sharpness) == len(each.crease_lengths) for each in given]
+    return np.concatenate(
+        [
+            np.repeat(each.crease_sharpness, each.crease_lengths - 1)
+            if by_crease and not all(is_by_crease)
+            else each.crease_sharpness
+            for each, by_crease in zip(given, is_by_crease, strict=True)
+        ]
+    )

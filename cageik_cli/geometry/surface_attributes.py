@@ -90,6 +90,9 @@ class SurfaceAttributes:
             names = () if self.materials is None else self.materials.names
             _check_length("colours of materials", len(colours), "materials", len(names))
             object.__setattr__(self, "material_colours", colours)
+        count = 0 if self.parts is None else len(self.parts.names)
+        if self.subdivision.part_schemes and len(self.subdivision.part_schemes) != count:
+            raise FormatError(f"{len(self.subdivision.part_schemes)} schemes of {count} parts")
         if self.parts is not None:
             total = int(self.parts.polygon_counts.sum())
             _check_length("polygons of parts", total, "polygons", len(self.corner_counts))

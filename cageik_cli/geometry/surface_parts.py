@@ -117,8 +117,6 @@ class Parts:
     vertex_counts, polygon_counts : (k,) int64
     transforms : (k, 4, 4) float64
         Of each part at rest: rows of its own space times it are in the space of the scene.
-    schemes : tuple of str
-        How each is subdivided, of `SUBDIVISION_SCHEMES`.
 
     Raises
     ------
@@ -130,7 +128,6 @@ class Parts:
     vertex_counts: Integers
     polygon_counts: Integers
     transforms: Floats
-    schemes: tuple[str, ...]
 
     def __post_init__(self) -> None:
         check_names(self.names, "parts")
@@ -139,10 +136,8 @@ class Parts:
             object.__setattr__(self, name, counts)
         values = freeze_values("transforms of parts", np.reshape(self.transforms, (-1,)), None)
         lengths = {len(self.names), len(self.vertex_counts), len(self.polygon_counts)}
-        if lengths | {len(self.schemes)} != {len(values) // 16} or len(values) % 16:
-            raise FormatError("the parts have other counts than names, transforms or schemes")
-        if not set(self.schemes) <= set(SUBDIVISION_SCHEMES):
-            raise FormatError(f"a part has none of the schemes {', '.join(SUBDIVISION_SCHEMES)}")
+        if lengths != {len(values) // 16} or len(values) % 16:
+            raise FormatError("the parts have other counts than names or transforms")
         transforms = values.reshape(-1, 4, 4)
         if not is_invertible(transforms).all():
             raise FormatError("the transform of a part cannot be inverted")
@@ -186,6 +181,8 @@ class Subdivision:
         Of each crease, or of each of their edges.
     corner_vertices, corner_sharpness : (s,) int64, (s,) float64
         Vertices that stay sharp.
+    part_schemes : tuple of str
+        The scheme of each part, where they differ; `scheme` is "none" then.
 
     Raises
     ------
@@ -199,13 +196,15 @@ class Subdivision:
     crease_sharpness: Floats = field(default_factory=_no_values)
     corner_vertices: Integers = field(default_factory=_no_indices)
     corner_sharpness: Floats = field(default_factory=_no_values)
+    part_schemes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.scheme not in SUBDIVISION_SCHEMES:
-            raise FormatError(
-                f"the subdivision scheme is `{self.scheme}`, expected one of "
-                f"{', '.join(SUBDIVISION_SCHEMES)}"
-            )
+        for scheme in (self.scheme, *self.part_schemes):
+            if scheme not in SUBDIVISION_SCHEMES:
+                raise FormatError(
+                    f"the subdivision scheme is `{scheme}`, expected one of "
+                    f"{', '.join(SUBDIVISION_SCHEMES)}"
+                )
         for name in ("crease_vertices", "crease_lengths", "corner_vertices"):
             lowest = 2 if name == "crease_lengths" else 0
             array = freeze_indices(name, getattr(self, name), lowest, None)

@@ -1,19 +1,19 @@
 """Export the cages of a result in another format."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.base.writers import Animation, name_root, nest_names
 from cageik_cli.formats.gltf_skeleton import MAX_INFLUENCES
 from cageik_cli.formats.gltf_skeleton import SkeletonWriter as GltfSkeletonWriter
 from cageik_cli.formats.settings import MorphSettings, SceneHints
-from cageik_cli.formats.usd.writer import CageDisplay
 from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
-from cageik_cli.formats.usd.writer import Writer as UsdWriter
+from cageik_cli.formats.usd.writer import UsdWriter
 from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
+from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.util.arrays import count_frames
 from cageik_cli.util.errors import SettingError, join_truncated
@@ -42,8 +42,10 @@ class ExportSettings(CommandSettings):
         absent.
     compares : bool
         Note the error of other numbers of influences, too.
-    with_model : CageDisplay, optional
-        Write cage and model in one file, and how the cage is shown there; one of them if absent.
+    with_model : bool
+        Write cage and model in one file.
+    guide : bool
+        With a cage that programs show when they are asked, and never render.
     morphs : MorphSettings
         How morph targets follow the cages, in a format that has them.
     """
@@ -54,7 +56,8 @@ class ExportSettings(CommandSettings):
     skeleton: bool = False
     influences: int | None = None
     compares: bool = False
-    with_model: CageDisplay | None = None
+    with_model: bool = False
+    guide: bool = False
     morphs: MorphSettings = field(default_factory=MorphSettings)
 
 
@@ -81,7 +84,7 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
     report_skipped_frames(result, progress)
     if settings.skeleton:
         return _write_skeleton(settings, result, animation, progress)
-    if settings.with_model is not None:
+    if settings.with_model:
         return _write_with_model(settings, result, animation, progress)
     blocks = read_cages(result, count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices)))
     return write_animation(settings.output, animation, blocks, progress)
@@ -105,7 +108,7 @@ def _write_skeleton(
     if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
         make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=rig.skin)
     else:
-        make_writer = partial(UsdSkeletonWriter, skin=rig.skin, cage=settings.with_model)
+        make_writer = partial(UsdSkeletonWriter, skin=rig.skin, has_cage=settings.with_model)
     with limit_blas_threads(1):  # the last digits of the cages depend on it
         return write_animation(settings.output, animation, cages, progress, make_writer)
 
@@ -115,12 +118,20 @@ def _write_with_model(
 ) -> ExportSummary:
     """Write the cages, and beside them the model that they move."""
     target = CagedModel.of_result(result).read_reconstruction("the model")
-    display = settings.with_model or CageDisplay.MESH
+    parts = split_parts(result.rest)
+    names = nest_names([part.name or "model" for part in parts], animation.name)
+    cage = f"{name_root(names, animation.name)}/{animation.name}"
+    meshes = [result.cage, *(part.mesh for part in parts)]
+    transforms = [np.eye(4), *(part.transform for part in parts)]
+    animation = replace(
+        animation,
+        rest=join_meshes(meshes, [cage, *names], transforms),
+        guide=cage if settings.guide else "",
+    )
     size = count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
     frames = (np.concatenate([block.cages, block.meshes], axis=1) for block in target.blocks(size))
-    make_writer = partial(UsdWriter, model=result.rest, display=display)
     with limit_blas_threads(1):  # the last digits of the model depend on it
-        return write_animation(settings.output, animation, frames, progress, make_writer)
+        return write_animation(settings.output, animation, frames, progress)
 
 
 def _read_skeleton(result: Result, settings: ExportSettings) -> Reconstruction:
@@ -169,9 +180,19 @@ def check_export(settings: ExportSettings) -> None:
             f"{path}: `influences={settings.influences}`, and programs read at most "
             f"{MAX_INFLUENCES} joints per vertex from .glb; give 4, or {MAX_INFLUENCES}"
         )
-    if settings.with_model is not None and path.suffix.lower() not in UsdWriter.suffixes:
+    if settings.guide and suffix not in UsdWriter.suffixes:
         raise SettingError(
-            f"{path}: `with_model=True` works with USD only, expected "
-            f"{', '.join(UsdWriter.suffixes)}"
+            f"{path}: `guide=True` works with USD only, expected {', '.join(UsdWriter.suffixes)}"
         )
+    if settings.with_model:
+        if not settings.output.find_writer().keeps_parts:
+            raise SettingError(
+                f"{path}: `with_model=True` works with formats of several meshes, expected .usdc, "
+                ".abc, .glb or .obj"
+            )
+        if settings.skeleton and is_gltf:
+            raise SettingError(
+                f"{path}: `skeleton=True` with `with_model=True` works with USD only, expected "
+                f"{', '.join(UsdWriter.suffixes)}"
+            )
     settings.output.check_writable()

@@ -66,7 +66,7 @@ def test_faces_that_change_are_refused(archive):
     faces = (corners, imath.IntArray(3, 1))
     archive.objects["mesh"].set(OPolyMeshSchemaSample(imath.V3fArray(6), *faces))
     sentence = "the faces change at time 4; all frames must share one connectivity"
-    assert archive.refused() == sentence
+    assert archive.refused() == f"/mesh: {sentence}"
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_faces_that_change_are_refused(archive):
 )
 def test_what_makes_no_clip_is_a_sentence(archive, spoiled, sentence):
     archive.mesh(**spoiled)
-    assert archive.refused().startswith(sentence)
+    assert sentence in archive.refused()
 
 
 def test_a_file_that_was_never_closed_is_a_sentence(archive):

@@ -30,7 +30,7 @@ KEPT = {"groups": None, "objects": None, "smoothing": None, "material_library": 
 
 def test_alembic_reads_what_the_text_says_corner_by_corner(tmp_path):
     archive = IArchive(str(written(tmp_path / "a.abc", FRAMES, ASSET)))
-    schema = IPolyMesh(archive.getTop(), "hero").getSchema()
+    schema = IPolyMesh(archive.getTop(), "tube").getSchema()
     counts = np.array(schema.getFaceCountsProperty().getValue(0))
     ends = np.cumsum(counts)[:-1]
     polygons = np.split(np.array(schema.getFaceIndicesProperty().getValue(0)), ends)
@@ -52,7 +52,8 @@ def test_what_is_written_is_read(tmp_path):
     read, expected = open_sequence([str(path)]).first, replace(ASSET.attributes, **KEPT)
     np.testing.assert_allclose(read.attributes.uvs.values, expected.uvs.values, atol=1e-7)
     uvs = replace(read.attributes.uvs, values=expected.uvs.values)
-    assert_same(replace(read.attributes, uvs=uvs), expected)
+    assert read.attributes.parts.names == ("/tube",)
+    assert_same(replace(read.attributes, uvs=uvs, parts=expected.parts), expected)
     np.testing.assert_array_equal(read.faces, ASSET.faces)
 
 

@@ -113,16 +113,27 @@ def test_creases_of_two_kinds_are_joined_by_edge():
         ({"polygon_counts": np.array([1, 7])}, "polygons"),
         ({"transforms": np.zeros((2, 4, 4))}, "cannot be inverted"),
         ({"transforms": np.full((2, 4, 4), np.nan)}, "transforms"),
-        ({"schemes": ("none", "odd")}, "schemes"),
     ],
 )
 def test_parts_of_another_mesh_are_refused(change, says):
     joined = join_meshes([BODY, PLAIN], ("a", "b"))
-    with pytest.raises(FormatError, match=says):
+
+    def change_parts():
         parts = replace(joined.attributes.parts, **change)
-        replace(joined, attributes=replace(joined.attributes, parts=parts))
+        return replace(joined, attributes=replace(joined.attributes, parts=parts))
+
+    with pytest.raises(FormatError, match=says):
+        change_parts()
 
 
 def test_parts_need_as_many_of_each():
     with pytest.raises(FormatError, match="other counts"):
-        Parts(("a",), np.array([1]), np.array([1]), np.eye(4)[:3], ("none",))
+        Parts(("a",), np.array([1]), np.array([1]), np.eye(4)[:3])
+
+
+@pytest.mark.parametrize("schemes", [("none",), ("none", "odd"), ("none", "loop", "loop")])
+def test_a_scheme_is_that_of_each_part(schemes):
+    joined = join_meshes([BODY, PLAIN], ("a", "b")).attributes
+    assert joined.subdivision.part_schemes == ("catmullClark", "none")
+    with pytest.raises(FormatError, match="scheme"):
+        replace(joined, subdivision=Subdivision(part_schemes=schemes))

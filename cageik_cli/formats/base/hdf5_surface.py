@@ -25,7 +25,7 @@ from cageik_cli.geometry.surface_parts import (
 )
 from cageik_cli.util.errors import FormatError, error_context
 
-_SUBDIVISION_PARTS = tuple(part.name for part in fields(Subdivision) if part.name != "scheme")
+_SUBDIVISION_PARTS = tuple(part.name for part in fields(Subdivision) if "scheme" not in part.name)
 
 
 def write_surface(file: h5py.File, group: str, mesh: TriMesh) -> None:
@@ -122,7 +122,8 @@ def _list_texts(attributes: SurfaceAttributes) -> list[tuple[str, tuple[str, ...
     texts = [(f"{name}/name", labels.names) for name, labels in held if labels is not None]
     if attributes.parts is not None:
         texts += [("parts/name", attributes.parts.names)]
-        texts += [("parts/subdivision", attributes.parts.schemes)]
+    if attributes.subdivision.part_schemes:
+        texts += [("parts/subdivision", attributes.subdivision.part_schemes)]
     return texts
 
 
@@ -145,6 +146,11 @@ def _read_attributes(file: h5py.File, group: str, mesh: TriMesh) -> SurfaceAttri
         for name in _SUBDIVISION_PARTS
     }
     scheme = _read_text(place, "subdivision")
+    parts = _read_parts(file, f"{group}/parts")
+    schemes: tuple[str, ...] = ()
+    if parts is not None and "subdivision" in file[f"{group}/parts"]:
+        schemes = read_texts(file, f"{group}/parts/subdivision", len(parts.names))
+    sharp = {name: values for name, values in found.items() if values is not None}
     return SurfaceAttributes(
         corner_counts=counts,
         corners=corners,
@@ -153,8 +159,8 @@ def _read_attributes(file: h5py.File, group: str, mesh: TriMesh) -> SurfaceAttri
         colours=colours,
         material_colours=read("material_colours", "f", (None, 4)),
         material_library=_read_text(place, "material_library"),
-        subdivision=Subdivision(scheme, **{k: v for k, v in found.items() if v is not None}),
-        parts=_read_parts(file, f"{group}/parts"),
+        subdivision=Subdivision(scheme, **sharp, part_schemes=schemes),
+        parts=parts,
         **{name: _read_labels(file, f"{group}/{name}", len(counts)) for name in LABEL_NAMES},
     )
 
@@ -168,7 +174,6 @@ def _read_parts(file: h5py.File, group: str) -> Parts | None:
         read_array(file, f"{group}/vertex_counts", "iu", (count,)),
         read_array(file, f"{group}/polygon_counts", "iu", (count,)),
         read_array(file, f"{group}/transforms", "f", (count, 4, 4)),
-        read_texts(file, f"{group}/subdivision", count),
     )
 
 

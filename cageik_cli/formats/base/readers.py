@@ -11,13 +11,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import ChunkedFrames
+from cageik_cli.formats.base.choose_parts import choose_parts
 from cageik_cli.formats.base.file_numbers import FileSeries
 from cageik_cli.formats.base.files import decompress, file_suffix, hash_file
 from cageik_cli.formats.base.mesh_data import FileMesh, check_connectivity, check_not_points
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.arrays import Floats
+from cageik_cli.geometry.parts import join_meshes, split_parts
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,
     FormatError,
@@ -88,9 +90,10 @@ class FrameFileReader(MeshSequence):
             completed = replace(parsed, vertices=request.complete_first(parsed.vertices))
             mesh = self.read_library(paths[0], self.read_attributes(data, completed))
             # Its shape decides how polygons are cut, for all frames.
-            self.first = mesh.make_mesh()
+            self._whole = mesh.make_mesh()
+            self.first, self._kept, left_out = select_parts(self._whole, request)
         notes = (f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
-        self.notes = (*series.notes, *notes)
+        self.notes = (*series.notes, *notes, *left_out)
         self._frame_parser = self.make_frame_parser(data, parsed)
 
     def read_positions(self, index: int) -> Floats:
@@ -99,12 +102,12 @@ class FrameFileReader(MeshSequence):
             data = self._read(index)
             parser = self._frame_parser
             vertices = parser.parse_positions(data) if parser is not None else None
-            if vertices is not None:
-                return vertices
-            mesh = parse_mesh(type(self), data)
-            expected = self.first.fan_triangulated
-            check_connectivity(len(mesh.vertices), mesh.fans, expected, "the rest pose")
-            return mesh.vertices
+            if vertices is None:
+                mesh = parse_mesh(type(self), data)
+                expected = self._whole.fan_triangulated
+                check_connectivity(len(mesh.vertices), mesh.fans, expected, "the rest pose")
+                vertices = mesh.vertices
+            return vertices if self._kept is None else vertices[self._kept]
 
     def location(self, index: int) -> str:
         """Return the frame's path."""
@@ -116,6 +119,13 @@ class FrameFileReader(MeshSequence):
             with error_context(self._paths[index]):
                 self._read(index)
         return self._digests[index]
+
+    def content_digest(self, index: int) -> bytes:
+        """Return the digest of the frame's file, and of which of its parts are read."""
+        digest = self.digest_or_zeros(index)
+        if self._kept is None:
+            return digest
+        return hashlib.sha256(digest + self._kept.tobytes()).digest()
 
     def set_digests(self, start: int, digests: Sequence[bytes]) -> None:
         """Take digests of files that were read elsewhere; zeros stand for an unknown digest."""
@@ -136,6 +146,28 @@ class FrameFileReader(MeshSequence):
         data = read_input(self._paths[index])
         self._digests[index] = hashlib.sha256(data).digest()
         return decompress(data, self._suffix)
+
+
+def select_parts(mesh: TriMesh, request: ClipRequest) -> tuple[TriMesh, Integers | None, list[str]]:
+    """Return the parts of a mesh that are asked for, the numbers of their vertices, and notes.
+
+    Raises
+    ------
+    SettingError
+        When there is no such part, or the mesh has none.
+    """
+    if request.member is None and not request.settings.exclude:
+        return mesh, None, []
+    parts = {part.name: part for part in split_parts(mesh)}
+    if "" in parts:
+        raise SettingError(
+            "has no objects to choose from: each `o` line must be followed by faces whose vertices "
+            "no other object has; export it again, or take all of it"
+        )
+    names, notes = choose_parts(list(parts), request.member, request.settings.exclude)
+    chosen = [parts[name] for name in names]
+    kept = np.concatenate([np.arange(part.vertices.start, part.vertices.stop) for part in chosen])
+    return join_meshes([part.mesh for part in chosen], names), kept, notes
 
 
 def parse_mesh(reader: type[FrameFileReader], data: bytes) -> FileMesh:

@@ -3,8 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.formats.base.choose_parts import choose_parts
 from cageik_cli.formats.base.mesh_data import FileMesh, describe_cut
 from cageik_cli.formats.base.readers import ClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
@@ -24,7 +23,6 @@ from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,
     FormatError,
-    SettingError,
     error_context,
     join_truncated,
 )
@@ -101,74 +99,6 @@ class SceneMesh(ABC):
         return []
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SceneMeshes:
-    """The meshes of a scene.
-
-    Attributes
-    ----------
-    found : dict
-        What a format opens as a `SceneMesh`, by its path, in the order of the file.
-    hidden : dict
-        Why some of them are not seen, by path: "invisible".
-    """
-
-    found: dict[str, Any]
-    hidden: dict[str, str] = field(default_factory=dict)
-
-    def choose(self, member: str | None, exclude: tuple[str, ...]) -> tuple[list[str], list[str]]:
-        """Return the paths of the meshes that are read, and notes on those that are left out.
-
-        Parameters
-        ----------
-        member : str, optional
-            A mesh, or what they are below; all that are seen if absent.
-        exclude : tuple of str
-            Patterns of paths and of names in them: what is at or below one is left out.
-
-        Raises
-        ------
-        InputError
-            Listing the meshes to choose from.
-        """
-        paths = list(self.found)
-        if not paths:
-            raise FormatError("holds no mesh; export an animated mesh")
-        chosen = [path for path in paths if member is None or is_below(path, member)]
-        if not chosen:
-            raise SettingError(f"holds no mesh `{member}`; choose one of {join_truncated(paths)}")
-        reasons: dict[str, list[str]] = {}
-        for pattern in exclude:
-            matching = [path for path in chosen if matches_path(path, pattern)]
-            if not matching:
-                raise SettingError(
-                    f"`exclude={pattern}` matches none of its meshes: {join_truncated(chosen)}"
-                )
-            reasons[f"`exclude={pattern}`"] = matching
-        excluded = set(chain.from_iterable(reasons.values()))
-        chosen = [path for path in chosen if path not in excluded]
-        if not chosen:
-            raise SettingError("`exclude=` leaves none of its meshes; give fewer patterns")
-        seen = [path for path in chosen if path not in self.hidden or path == member]
-        for path in chosen if seen else ():
-            if path not in seen:
-                reasons.setdefault(self.hidden[path], []).append(path)
-        notes = [f"left out {join_truncated(which)} ({why})" for why, which in reasons.items()]
-        return seen or chosen, notes
-
-
-def is_below(path: str, top: str) -> bool:
-    """Return whether a path is another one, or below it."""
-    return path == top or path.startswith(f"{top.rstrip('/')}/")
-
-
-def matches_path(path: str, pattern: str) -> bool:
-    """Return whether a pattern is that of a path, of one above it, or of a name in it."""
-    names = path.strip("/").split("/")
-    above = ["/" * path.startswith("/") + "/".join(names[: k + 1]) for k in range(len(names))]
-    return any(fnmatchcase(each, pattern) for each in (*above, *names))
-
-
 class SceneReader(ClipFile):
     """Frames of the meshes of a scene, as parts of one mesh in its space, evaluated on demand.
 
@@ -192,8 +122,16 @@ class SceneReader(ClipFile):
         """Turn what the library raises inside into a FormatError; yield its warnings at the end."""
 
     @abstractmethod
-    def list_meshes(self, path: Path) -> SceneMeshes:
-        """Open the file, and list its meshes."""
+    def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
+        """Open the file, and list its meshes.
+
+        Returns
+        -------
+        found : dict
+            What `open_mesh` opens, by its path, in the order of the file.
+        hidden : dict
+            Why some of them are not seen, by path: "invisible".
+        """
 
     @abstractmethod
     def open_mesh(self, found: Any) -> SceneMesh:
@@ -235,12 +173,12 @@ class SceneReader(ClipFile):
 
     def _open_clip(self, path: Path, request: ClipRequest) -> list[str]:
         """Find the meshes and their frames; return notes on what was changed."""
-        listed = self.list_meshes(path)
-        names, notes = listed.choose(request.member, request.settings.exclude)
+        found, hidden = self.list_meshes(path)
+        names, notes = choose_parts(list(found), request.member, request.settings.exclude, hidden)
         self._meshes: dict[str, SceneMesh] = {}
         for name in names:
             with error_context(name):
-                self._meshes[name] = self.open_mesh(listed.found[name])
+                self._meshes[name] = self.open_mesh(found[name])
         sampled = set(chain.from_iterable(mesh.list_times() for mesh in self._meshes.values()))
         times = np.array(sorted(sampled or {0.0}))
         step = find_step(times)
@@ -257,7 +195,8 @@ class SceneReader(ClipFile):
         """Read the meshes of the first frame as parts of one, and note what was changed."""
         time, polygons = self._times[0], 0
         meshes, transforms = [], []
-        changes: dict[str, list[str]] = {}
+        moves: dict[str, list[str]] = {}
+        faults: dict[str, list[str]] = {}
         for name, mesh in self._meshes.items():
             with error_context(name):
                 read = mesh.read_mesh(request.complete_first(mesh.read_moved(time)), time)
@@ -265,14 +204,22 @@ class SceneReader(ClipFile):
             transforms.append(make_part_transform(mesh.compute_matrix(time)))
             polygons += read.polygon_count
             turned = [self.winding_note] if mesh.is_clockwise and self.winding_note else []
-            for change in (*turned, *mesh.describe_transform(time), *read.left_out):
-                changes.setdefault(change, []).append(name)
-        for change, names in changes.items():
-            which = "" if len(names) == len(meshes) else f"{join_truncated(names)}: "
-            notes.append(f"{which}{change}")
-        if polygons:
-            notes.append(describe_cut(polygons))
+            for change in (*turned, *mesh.describe_transform(time)):
+                moves.setdefault(change, []).append(name)
+            for fault in read.left_out:
+                faults.setdefault(fault, []).append(name)
+        notes += describe_by_part(moves, len(meshes))
+        notes += [describe_cut(polygons)] if polygons else []
+        notes += describe_by_part(faults, len(meshes))
         return join_meshes(meshes, list(self._meshes), transforms)
+
+
+def describe_by_part(found: dict[str, list[str]], count: int) -> list[str]:
+    """Return sentences with the parts of `count` of which each is true, unless it is of all."""
+    return [
+        sentence if len(names) == count else f"{join_truncated(names)}: {sentence}"
+        for sentence, names in found.items()
+    ]
 
 
 def make_part_transform(matrix: Floats) -> Floats:

@@ -1,6 +1,7 @@
 """Base classes of the writers, and the animation that they are given."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.file_numbers import FrameNames
 from cageik_cli.formats.settings import MorphSettings, Scene
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.parts import Part, split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError
 
@@ -32,6 +34,8 @@ class Animation:
         How a format of morph targets follows the frames.
     origin : tuple of float
         What was subtracted from the rest pose, and is from all positions that are written.
+    guide : str
+        Name of the part that programs are not to render, in formats that can say so; none if empty.
     """
 
     rest: TriMesh
@@ -40,6 +44,11 @@ class Animation:
     name: str
     morphs: MorphSettings = field(default_factory=MorphSettings)
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    guide: str = ""
+
+    def split(self) -> list[Part]:
+        """Split the rest pose into its parts; a rest pose that came as one has its name."""
+        return [replace(part, name=part.name or self.name) for part in split_parts(self.rest)]
 
     def recentre(self) -> "Animation":
         """Return the animation with the rest pose around the origin, but for a round offset."""
@@ -49,6 +58,33 @@ class Animation:
         x, y, z = (float(value) for value in np.rint(middle / step) * step)
         rest = self.rest.move(self.rest.vertices - np.array([x, y, z]))
         return replace(self, rest=rest, origin=(x, y, z))
+
+
+def choose_scene_paths(names: Sequence[str], root: str) -> list[str]:
+    """Return the path of each part in a scene: its own, or below a root if it is a name alone."""
+    return [name if name.startswith("/") else f"/{root}/{name}" for name in names]
+
+
+def name_root(names: Sequence[str], root: str) -> str:
+    """Return the path that all parts are below: what is above them in their paths, or `/root`."""
+    tops = {name.split("/")[1] for name in names if name.startswith("/")}
+    is_below = all(name.startswith("/") and name.count("/") > 1 for name in names)
+    return f"/{tops.pop()}" if is_below and len(tops) == 1 else f"/{root}"
+
+
+def nest_names(names: Sequence[str], root: str) -> list[str]:
+    """Return the paths of parts in a scene of one root: their own if they share one."""
+    top = name_root(names, root)
+    return [name if name.startswith(f"{top}/") else f"{top}/{name.strip('/')}" for name in names]
+
+
+def choose_short_names(names: Sequence[str]) -> list[str]:
+    """Return the last name in the path of each part; the whole path where two have the same."""
+    last = [name.rstrip("/").rpartition("/")[2] or name for name in names]
+    return [
+        short if last.count(short) == 1 else name.strip("/")
+        for short, name in zip(last, names, strict=True)
+    ]
 
 
 class AnimationWriter(ABC):
@@ -66,6 +102,8 @@ class AnimationWriter(ABC):
         Whether it writes a folder with a file per frame, instead of a file.
     is_single : bool
         Whether positions are stored in single precision.
+    keeps_parts : bool
+        Whether the parts of a model are meshes of their own.
     notes : tuple of str
         What a user must know about the output, one sentence each.
     """
@@ -73,6 +111,7 @@ class AnimationWriter(ABC):
     suffixes: tuple[str, ...]
     writes_folder: bool = False
     is_single: bool = False
+    keeps_parts: bool = False
     notes: tuple[str, ...] = ()
 
     @classmethod  # noqa: B027  # most need no other library

@@ -14,7 +14,6 @@ from cageik_cli.formats.base.files import check_unpacked_size, hash_file
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     SceneMesh,
-    SceneMeshes,
     SceneReader,
     round_frame_step,
 )
@@ -50,7 +49,7 @@ class Reader(SceneReader):
             lambda cause: FormatError(f"is not a sound USD file ({cause}); export it again")
         )
 
-    def list_meshes(self, path: Path) -> SceneMeshes:
+    def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Open the stage, whose files are checked first."""
         from pxr import Usd, UsdGeom
 
@@ -59,7 +58,7 @@ class Reader(SceneReader):
         prims = Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies())
         meshes = {str(prim.GetPath()): prim for prim in prims if prim.IsA(UsdGeom.Mesh)}
         reasons = {path: _find_hidden_reason(prim) for path, prim in meshes.items()}
-        return SceneMeshes(meshes, {path: why for path, why in reasons.items() if why})
+        return meshes, {path: why for path, why in reasons.items() if why}
 
     def open_mesh(self, found: Any) -> "UsdSceneMesh":
         """Open a prim, which must not be moved by a skeleton."""

@@ -17,7 +17,7 @@ from cageik_cli.util.arrays import Floats, Integers
 class UsdMesh:
     """A mesh prim with the faces and the attributes of a mesh, and no points yet."""
 
-    def __init__(self, stage: Any, path: str, mesh: TriMesh) -> None:
+    def __init__(self, stage: Any, path: str, mesh: TriMesh, materials: "UsdMaterials") -> None:
         from pxr import UsdGeom
 
         self.prim = UsdGeom.Mesh.Define(stage, path)
@@ -35,7 +35,7 @@ class UsdMesh:
         _write_subdivision(self.prim, attributes)
         _write_uvs(self.prim, attributes)
         _write_colours(self.prim, attributes)
-        _write_materials(self.prim, attributes)
+        _write_materials(self.prim, attributes, materials)
         if attributes.groups is not None:
             _write_subsets(self.prim, attributes.groups, "groups")
         if self._shaded is not None:
@@ -141,25 +141,54 @@ def _write_colours(prim: Any, attributes: SurfaceAttributes) -> None:
         prim.CreateDisplayOpacityPrimvar(UsdGeom.Tokens.vertex).Set(opacity)
 
 
-def _write_materials(prim: Any, attributes: SurfaceAttributes) -> None:
-    """Define the materials, with their colours if those are known, and bind them."""
-    from pxr import UsdGeom, UsdShade
+class UsdMaterials:
+    """The materials of a stage, below a scope: the same for all parts that name it alike.
+
+    Parameters
+    ----------
+    root : str
+        Path of the prim that the scope is in.
+    taken : list of str
+        Paths that the scope must not have.
+    """
+
+    def __init__(self, stage: Any, root: str, taken: list[str]) -> None:
+        self._stage, self._path = stage, f"{root}/materials"
+        while self._path in taken:
+            self._path += "_"
+        self._defined: dict[tuple[str, bytes], Any] = {}
+
+    def define(self, names: list[str], colours: list[Floats | None]) -> dict[str, Any]:
+        """Define materials, with their colours if those are known, by their names."""
+        from pxr import UsdGeom, UsdShade
+
+        scope = UsdGeom.Scope.Define(self._stage, self._path).GetPrim()
+        keys = [
+            (name, b"" if colour is None else colour.tobytes())
+            for name, colour in zip(names, colours, strict=True)
+        ]
+        new = {name: k for k, name in enumerate(names) if keys[k] not in self._defined}
+        for name, path in _choose_paths(scope, list(new)):
+            material, colour = UsdShade.Material.Define(self._stage, path), colours[new[name]]
+            _show_name(material.GetPrim(), name)
+            if colour is not None:
+                _write_colour(material, colour)
+            self._defined[keys[new[name]]] = material
+        return {name: self._defined[key] for name, key in zip(names, keys, strict=True)}
+
+
+def _write_materials(prim: Any, attributes: SurfaceAttributes, defined: UsdMaterials) -> None:
+    """Define the materials, and bind them."""
+    from pxr import UsdShade
 
     if attributes.material_library:
         prim.GetPrim().SetCustomDataByKey(LIBRARY_KEY, attributes.material_library)
-    labels = attributes.materials
+    labels, colours = attributes.materials, attributes.material_colours
     if labels is None:
         return
-    stage, parent = prim.GetPrim().GetStage(), prim.GetPath().GetParentPath()
-    scope = "materials_" if prim.GetPrim().GetName() == "materials" else "materials"
-    root = UsdGeom.Scope.Define(stage, parent.AppendChild(scope))
     bound = dict(labels.list_members())
-    materials = {}
-    for name, path in _choose_paths(root.GetPrim(), list(bound)):
-        materials[name] = UsdShade.Material.Define(stage, path)
-        _show_name(materials[name].GetPrim(), name)
-        if attributes.material_colours is not None:
-            _write_colour(materials[name], attributes.material_colours[labels.names.index(name)])
+    rows = [None if colours is None else colours[labels.names.index(name)] for name in bound]
+    materials = defined.define(list(bound), rows)
     if len(bound) == 1 and len(bound[labels.names[labels.indices[0]]]) == len(labels.indices):
         UsdShade.MaterialBindingAPI.Apply(prim.GetPrim()).Bind(*materials.values())
         return

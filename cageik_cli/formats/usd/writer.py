@@ -1,8 +1,9 @@
 """USD: meshes whose points have a time sample per frame, or a skeleton; in single precision."""
 
 import zipfile
+from collections.abc import Sequence
 from contextlib import ExitStack
-from enum import Enum
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -10,11 +11,18 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
-from cageik_cli.formats.base.writers import Animation, AnimationWriter, to_float32
+from cageik_cli.formats.base.writers import (
+    Animation,
+    AnimationWriter,
+    choose_scene_paths,
+    name_root,
+    nest_names,
+    to_float32,
+)
 from cageik_cli.formats.npz import fixed_date_zipinfo
 from cageik_cli.formats.usd.library import USD_SUFFIXES, capture_diagnostics, require_usd
-from cageik_cli.formats.usd.surface_writer import UsdMesh, count_frame_bytes
-from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.formats.usd.surface_writer import UsdMaterials, UsdMesh, count_frame_bytes
+from cageik_cli.geometry.parts import Part, split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
 
@@ -40,6 +48,7 @@ class UsdWriter(AnimationWriter):
 
     suffixes = USD_SUFFIXES
     is_single = True
+    keeps_parts = True
 
     @classmethod
     def require_libraries(cls) -> None:
@@ -132,61 +141,67 @@ def _write_usdz(path: Path, target: Path, name: str) -> None:
                 file.write(block)
 
 
-class CageDisplay(Enum):
-    """How a cage is shown beside its model."""
-
-    MESH = "mesh"
-    """As any mesh."""
-
-    GUIDE = "guide"
-    """With the purpose `guide`: programs hide it unless they are asked, and never render it."""
-
-
 class Writer(UsdWriter):
-    """Writes each frame at the time code of its number, of the mesh `/NAME/NAME`.
+    """Writes each frame at the time code of its number: each part at its path, in its own space.
 
-    Blender names the object after the mesh, other programs after its parent. If a model is given,
-    the mesh is its cage, and the model `/NAME/model` is beside it: a frame has the vertices of the
-    cage, then those of the model.
+    A mesh that came as one is `/NAME/NAME`: Blender names the object after the mesh, other programs
+    after its parent.
     """
 
-    def __init__(
-        self,
-        target: Path,
-        animation: Animation,
-        model: TriMesh | None = None,
-        display: CageDisplay = CageDisplay.MESH,
-    ) -> None:
-        rests = [animation.rest] if model is None else [animation.rest, model]
-        self.open_stage(target, animation, sum(map(count_frame_bytes, rests)))
-        from pxr import UsdGeom
-
+    def __init__(self, target: Path, animation: Animation) -> None:
+        self._parts = animation.split()
+        size = sum(count_frame_bytes(part.mesh) for part in self._parts)
+        self.open_stage(target, animation, size)
         with capture_diagnostics(OSError):
-            # If a mesh were the default prim, the type of a referencing prim would hide it.
-            UsdGeom.Xform.Define(self.stage, self.root)
-            self._meshes = [define_mesh(self, animation, display)]
-            if model is not None:
-                self._meshes.append(UsdMesh(self.stage, f"{self.root}/model", model))
-        self._bounds = np.cumsum([len(rest.vertices) for rest in rests])[:-1]
+            self._meshes = define_parts(self, animation, self._parts)
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
         for positions in frames:
             time = self.begin_frame()
-            parts = np.split(positions, self._bounds)
             with capture_diagnostics(OSError):
-                for mesh, part in zip(self._meshes, parts, strict=True):
-                    mesh.write_positions(part, time)
+                for mesh, part in zip(self._meshes, self._parts, strict=True):
+                    mesh.write_positions(part.select(positions), time)
 
 
-def define_mesh(writer: UsdWriter, animation: Animation, display: CageDisplay) -> UsdMesh:
-    """Define the mesh of an animation below the root of its stage."""
-    from pxr import UsdGeom
+def define_parts(writer: UsdWriter, animation: Animation, parts: list[Part]) -> list[UsdMesh]:
+    """Define a mesh for each part, at its path and with its transform, and what it is below."""
+    from pxr import Gf, Sdf, Usd, UsdGeom
 
-    mesh = UsdMesh(writer.stage, f"{writer.root}/{animation.name}", animation.rest)
-    if display == CageDisplay.GUIDE:
-        mesh.prim.CreatePurposeAttr(UsdGeom.Tokens.guide)
-    return mesh
+    stage, paths = writer.stage, choose_prim_paths([part.name for part in parts], animation.name)
+    writer.root = str(Sdf.Path(paths[0]).GetPrefixes()[0])
+    stage.SetDefaultPrim(stage.OverridePrim(writer.root))
+    materials = UsdMaterials(stage, writer.root, taken=paths)
+    meshes = []
+    for path, part in zip(paths, parts, strict=True):
+        for above in Sdf.Path(path).GetPrefixes()[:-1]:
+            # If a mesh were the default prim, the type of a referencing prim would hide it.
+            if str(above) not in paths:
+                UsdGeom.Xform.Define(stage, above)
+        meshes.append(UsdMesh(stage, path, part.mesh, materials))
+        if part.name == animation.guide:
+            meshes[-1].prim.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    for mesh, part in zip(meshes, parts, strict=True):
+        above = UsdGeom.Imageable(mesh.prim.GetPrim().GetParent())
+        inverse = above.ComputeLocalToWorldTransform(Usd.TimeCode.Default()).GetInverse()
+        matrix = part.transform @ np.array(inverse)
+        if not np.array_equal(matrix, np.eye(4)):
+            mesh.prim.MakeMatrixXform().Set(Gf.Matrix4d(matrix))
+    return meshes
+
+
+def choose_prim_paths(names: Sequence[str], root: str) -> list[str]:
+    """Return paths that USD accepts, all different, for the parts of these names."""
+    from pxr import Tf
+
+    paths: dict[str, None] = {}
+    for path in choose_scene_paths(names, root):
+        steps = [Tf.MakeValidIdentifier(step) for step in path.split("/") if step]
+        plain = chosen = "/" + "/".join(steps)
+        while chosen in paths:
+            chosen = f"{plain}_{len(paths)}"
+        paths[chosen] = None
+    return list(paths)
 
 
 class SkeletonWriter(UsdWriter):
@@ -197,7 +212,7 @@ class SkeletonWriter(UsdWriter):
     """
 
     def __init__(
-        self, target: Path, animation: Animation, skin: Skin, cage: CageDisplay | None = None
+        self, target: Path, animation: Animation, skin: Skin, has_cage: bool = False
     ) -> None:
         """Start writing to `target`, whose suffix is one of `suffixes`.
 
@@ -205,26 +220,33 @@ class SkeletonWriter(UsdWriter):
         ----------
         animation : Animation
             Of the cage: its `rest` is the rest cage.
-        cage : CageDisplay, optional
-            How the cage is shown beside the mesh; it is not in the file if absent.
+        has_cage : bool
+            Write the cage beside the mesh.
 
         Raises
         ------
         InputError
             When usd-core is not installed, or the format cannot hold the animation.
         """
-        points = skin.rest.vertices - np.array(animation.origin)
-        to_float32(points)  # refused before anything is written
+        rest = skin.rest.move(skin.rest.vertices - np.array(animation.origin))
+        to_float32(rest.vertices)  # refused before anything is written
         self._motion = JointMotion(animation.rest, skin.rotations)
-        size = 0 if cage is None else count_frame_bytes(animation.rest)
+        parts = [replace(part, transform=np.eye(4)) for part in split_parts(rest)]
+        names = nest_names([part.name or "mesh" for part in parts], animation.name)
+        parts = [replace(part, name=name) for part, name in zip(parts, names, strict=True)]
+        if has_cage:
+            name = f"{name_root(names, animation.name)}/{animation.name}"
+            parts.append(replace(animation.split()[0], name=name))
+        moving = count_frame_bytes(animation.rest) if has_cage else 0
         joint_bytes = 12 + 16  # a translation and a rotation in single precision
-        self.open_stage(target, animation, size + joint_bytes * len(self._motion.names))
+        self.open_stage(target, animation, moving + joint_bytes * len(self._motion.names))
         with capture_diagnostics(OSError):
+            meshes = define_parts(self, animation, parts)
+            self._cage_mesh = meshes.pop() if has_cage else None
             self._define_skeleton()
-            mesh = UsdMesh(self.stage, f"{self.root}/mesh", skin.rest)
-            mesh.write_positions(points)
-            self._bind_mesh(mesh.prim, skin.weights)
-            self._cage_mesh = None if cage is None else define_mesh(self, animation, cage)
+            for mesh, part in zip(meshes, parts, strict=False):
+                mesh.write_positions(part.mesh.vertices)
+                self._bind_mesh(mesh.prim, skin.weights, part.vertices)
 
     def append(self, frames: Floats) -> None:
         """Write the cages of the next k frames, (k, n, 3)."""
@@ -261,8 +283,8 @@ class SkeletonWriter(UsdWriter):
         self._turns: Any = animation.CreateRotationsAttr()
         self._translations: Any = animation.CreateTranslationsAttr()
 
-    def _bind_mesh(self, mesh: Any, weights: SkinWeights) -> None:
-        """Bind a mesh to the skeleton."""
+    def _bind_mesh(self, mesh: Any, weights: SkinWeights, vertices: slice) -> None:
+        """Bind a mesh, of some of the vertices that have weights, to the skeleton."""
         from pxr import Gf, UsdSkel, Vt
 
         influences = weights.joints.shape[1]
@@ -270,9 +292,9 @@ class SkeletonWriter(UsdWriter):
         binding.CreateSkeletonRel().SetTargets([f"{self.root}/skeleton"])
         binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1))
         joints = binding.CreateJointIndicesPrimvar(False, influences)
-        joints.Set(Vt.IntArray.FromNumpy((weights.joints + 1).astype(np.int32).ravel()))
+        joints.Set(Vt.IntArray.FromNumpy((weights.joints[vertices] + 1).astype(np.int32).ravel()))
         values = binding.CreateJointWeightsPrimvar(False, influences)
-        values.Set(Vt.FloatArray.FromNumpy(weights.values.astype(np.float32).ravel()))
+        values.Set(Vt.FloatArray.FromNumpy(weights.values[vertices].astype(np.float32).ravel()))
 
 
 def _make_translations(points: Floats) -> Floats:

@@ -165,7 +165,7 @@ def test_faces_that_change_are_refused(stage):
     mesh.GetFaceVertexIndicesAttr().Set(corners, 2)
     assert len(opened(stage)) == 4
     mesh.GetFaceVertexIndicesAttr().Set(corners[::-1], 3)
-    assert refused(stage).startswith("the faces change at time 3; all frames must share")
+    assert "/hero/mesh: the faces change at time 3; all frames must share" in refused(stage)
 
 
 def test_a_skinned_mesh_is_refused_and_a_rig_without_root_is_none(stage):
@@ -175,7 +175,7 @@ def test_a_skinned_mesh_is_refused_and_a_rig_without_root_is_none(stage):
     assert len(opened(stage)) == 4
     UsdSkel.Root.Define(stage, "/hero")
     sentence = "the mesh /hero/mesh is moved by a skeleton or blend shapes"
-    assert refused(stage).startswith(sentence)
+    assert sentence in refused(stage)
 
 
 def test_blend_shapes_are_refused(stage):
@@ -212,7 +212,7 @@ def points_of_text(stage):
 )
 def test_what_makes_no_clip_is_a_sentence(stage, spoil, sentence):
     spoil(stage)
-    assert refused(stage).startswith(sentence)
+    assert sentence in refused(stage)
 
 
 def test_a_mirror_as_thin_as_a_plane_is_no_error(stage):

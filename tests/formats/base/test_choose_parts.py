@@ -1,0 +1,48 @@
+"""Which meshes of a file are read."""
+
+import pytest
+
+from cageik_cli.formats.base.choose_parts import choose_parts
+from cageik_cli.util.errors import InputError
+
+PATHS = ["/hero/geo/body", "/hero/geo/eye_L", "/hero/geo/eye_R", "/hero/rig/guide", "/prop"]
+HIDDEN = {"/hero/rig/guide": "purpose guide", "/prop": "invisible"}
+
+
+@pytest.mark.parametrize(
+    ("member", "exclude", "chosen"),
+    [
+        (None, (), [0, 1, 2]),
+        ("/hero", (), [0, 1, 2]),
+        ("/hero/geo/body", (), [0]),
+        ("/prop", (), [4]),
+        ("/hero/rig", (), [3]),
+        (None, ("eye_?",), [0]),
+        (None, ("geo",), [3, 4]),
+        (None, ("/hero/geo/e*", "/prop"), [0]),
+    ],
+)
+def test_meshes_at_or_below_a_path_but_for_patterns(member, exclude, chosen):
+    assert choose_parts(PATHS, member, exclude, HIDDEN)[0] == [PATHS[k] for k in chosen]
+
+
+def test_notes_name_what_is_left_out_and_why():
+    assert choose_parts(PATHS, None, ("eye_L",), HIDDEN)[1] == [
+        "left out /hero/geo/eye_L (`exclude=eye_L`)",
+        "left out /hero/rig/guide (purpose guide)",
+        "left out /prop (invisible)",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("paths", "member", "exclude", "sentence"),
+    [
+        ([], None, (), "holds no mesh"),
+        (PATHS, "/her", (), "no mesh `/her`.*/hero/geo/body"),
+        (PATHS, None, ("hand",), "`exclude=hand` matches none.*/hero/geo/body"),
+        (PATHS, None, ("*",), "leaves none"),
+    ],
+)
+def test_a_choice_of_nothing_is_refused(paths, member, exclude, sentence):
+    with pytest.raises(InputError, match=sentence):
+        choose_parts(paths, member, exclude)
