@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.writers import Animation, to_float32
+from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
 from cageik_cli.formats.gltf_file import (
     MAX_GLB_BYTES,
     GlbWriter,
@@ -15,7 +15,7 @@ from cageik_cli.formats.gltf_file import (
     VectorSpool,
     describe_excess,
 )
-from cageik_cli.formats.gltf_surface import Part, cut_surface
+from cageik_cli.formats.gltf_surface import Primitive, cut_surface, make_part_nodes
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.text import format_count
@@ -201,9 +201,8 @@ class Writer(GlbWriter):
         """Compute the targets, and compose the file."""
         with limit_blas_threads(1):  # the last digits depend on how many
             modes, rms, largest = self._choose_modes()
-            parts = [self._write_part(part, modes) for part in self._surface.parts]
-        track = self._write_track(modes)
-        self._compose(parts, track, modes.count, rms, largest)
+            primitives = [self._write_primitive(each, modes) for each in self._surface.primitives]
+        self._compose(primitives, modes, rms, largest)
         self._open.close()
 
     def _check_size(self) -> None:
@@ -240,8 +239,8 @@ class Writer(GlbWriter):
         self.notes += (f"{text}; {quality}",)
         return modes, rms, largest
 
-    def _write_part(self, part: Part, modes: Modes) -> Any:
-        """Write the vertices, targets and triangles of one material; return its primitive."""
+    def _write_primitive(self, part: Primitive, modes: Modes) -> Any:
+        """Write the vertices, targets and triangles of one primitive, and return it."""
         import pygltflib as gltf
 
         count = part.stop - part.start
@@ -258,44 +257,62 @@ class Writer(GlbWriter):
             for first, block in spool.read_blocks(part.start, part.stop):
                 self._file.write_targets(written, first - part.start, compute(block))
             targets.append(self._file.add_targets(written, bounds=is_place))
-        primitive = self._surface.make_primitive(self._file, part, attributes)
+        primitive = self._surface.write_primitive(self._file, part, attributes)
         primitive.targets = [
             gltf.Attributes(**dict(zip(kinds, numbers, strict=True)))
             for numbers in zip(*targets, strict=True)
         ]
         return primitive
 
-    def _write_track(self, modes: Modes) -> Any:
-        """Write the weights of all frames, and return their animation."""
+    def _write_track(self, modes: Modes, nodes: list[int]) -> Any:
+        """Write the weights of all frames, which are those of all nodes; return the animation."""
         import pygltflib as gltf
 
         times = self.add_times()
         weights = self._file.add_array(modes.weights.ravel())
-        channel = gltf.AnimationChannel(
-            sampler=0, target=gltf.AnimationChannelTarget(node=0, path="weights")
-        )
+        channels = [
+            gltf.AnimationChannel(
+                sampler=0, target=gltf.AnimationChannelTarget(node=node, path="weights")
+            )
+            for node in nodes
+        ]
         sampler = gltf.AnimationSampler(input=times, output=weights)
-        return gltf.Animation(name=self._animation.name, channels=[channel], samplers=[sampler])
+        return gltf.Animation(name=self._animation.name, channels=channels, samplers=[sampler])
 
-    def _compose(
-        self, parts: list[Any], track: Any, count: int, rms: float, largest: float
-    ) -> None:
+    def _compose(self, primitives: list[Any], modes: Modes, rms: float, largest: float) -> None:
+        """Compose a mesh and a node per part."""
         import pygltflib as gltf
 
-        name = self._animation.name
         extras = {
-            "targetNames": [f"morph_{k:03d}" for k in range(count)],
+            "targetNames": [f"morph_{k:03d}" for k in range(modes.count)],
             "cageik": {
-                "morphs": count,
+                "morphs": modes.count,
                 "rms_percent": float(f"{rms:.3g}"),
                 "largest_percent": float(f"{largest:.3g}"),
             },
         }
+        names = [part.name for part in self._animation.split()]
+        nodes, tops, with_meshes = make_part_nodes(names, 0)
+        for top in tops:
+            for field, value in self.make_node_transform().items():
+                setattr(nodes[top], field, value)
+        owners = [each.part for each in self._surface.primitives]
+        meshes = [
+            gltf.Mesh(
+                name=name,
+                primitives=[
+                    each for each, owner in zip(primitives, owners, strict=True) if owner == k
+                ],
+                weights=[0.0] * modes.count,
+                extras=extras,
+            )
+            for k, name in enumerate(choose_short_names(names))
+        ]
         self._file.complete(
             scene=0,
-            scenes=[gltf.Scene(nodes=[0])],
-            nodes=[gltf.Node(name=name, mesh=0, **self.make_node_transform())],
-            meshes=[gltf.Mesh(name=name, primitives=parts, weights=[0.0] * count, extras=extras)],
+            scenes=[gltf.Scene(nodes=tops)],
+            nodes=nodes,
+            meshes=meshes,
             materials=self._surface.make_materials(),
-            animations=[track],
+            animations=[self._write_track(modes, with_meshes)],
         )

@@ -230,6 +230,7 @@ class GlbWriter(AnimationWriter):
 
     suffixes = (".glb",)
     is_single = True
+    keeps_parts = True
 
     @classmethod
     def require_libraries(cls) -> None:

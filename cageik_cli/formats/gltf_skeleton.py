@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
-from cageik_cli.formats.base.writers import Animation, to_float32
+from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
 from cageik_cli.formats.gltf_file import GlbWriter
-from cageik_cli.formats.gltf_surface import cut_surface
+from cageik_cli.formats.gltf_surface import cut_surface, make_part_nodes
+from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
 
@@ -18,9 +19,6 @@ SET_SIZE = 4
 
 MAX_INFLUENCES = 2 * SET_SIZE
 """Joints per vertex that programs read."""
-
-_PLACED, _ROOT = 1, 2
-"""Nodes: the skinned mesh, what turns z up, the root joint, its children."""
 
 
 class SkeletonWriter(GlbWriter):
@@ -70,36 +68,44 @@ class SkeletonWriter(GlbWriter):
             self._turns.append(turn)
 
     def complete(self) -> None:
-        """Compose the file."""
+        """Compose the file: nodes of the parts, what turns z up, the root joint, its children."""
         import pygltflib as gltf
 
-        name, surface = self._animation.name, self._cut_mesh()
+        names = [part.name or "mesh" for part in split_parts(self._skin.rest)]
+        nodes, tops, _ = make_part_nodes(names, 0, skin=0)
+        self._root = len(nodes) + 1
+        primitives, materials = self._cut_mesh()
+        meshes = [
+            gltf.Mesh(name=name, primitives=primitives[k])
+            for k, name in enumerate(choose_short_names(names))
+        ]
         self._file.complete(
             scene=0,
-            scenes=[gltf.Scene(nodes=[0, _PLACED])],
-            nodes=self._make_nodes(),
-            meshes=[gltf.Mesh(name="mesh", primitives=surface[0])],
-            materials=surface[1],
+            scenes=[gltf.Scene(nodes=[*tops, len(nodes)])],
+            nodes=[*nodes, *self._make_nodes()],
+            meshes=meshes,
+            materials=materials,
             skins=[self._write_skin()],
-            animations=[gltf.Animation(name=name, **self._write_motion())],
+            animations=[gltf.Animation(name=self._animation.name, **self._write_motion())],
         )
         self._open.close()
 
-    def _cut_mesh(self) -> tuple[list[Any], list[object]]:
-        """Write the mesh with its weights; return its primitives and materials."""
+    def _cut_mesh(self) -> tuple[dict[int, list[Any]], list[object]]:
+        """Write the mesh with its weights; return the primitives of each part, and materials."""
         import pygltflib as gltf
 
         surface = cut_surface(self._skin.rest, has_normals=False)
         sets = _make_sets(self._skin.weights)
-        primitives = []
-        for part in surface.parts:
-            chosen = surface.origins[part.start : part.stop]
+        primitives: dict[int, list[Any]] = {}
+        for primitive in surface.primitives:
+            chosen = surface.origins[primitive.start : primitive.stop]
             attributes = {}
             for name, values in {"POSITION": self._vertices, **sets}.items():
                 is_place = name == "POSITION"
                 rows = values[chosen]
                 attributes[name] = self._file.add_array(rows, gltf.ARRAY_BUFFER, bounds=is_place)
-            primitives.append(surface.make_primitive(self._file, part, attributes))
+            written = surface.write_primitive(self._file, primitive, attributes)
+            primitives.setdefault(primitive.part, []).append(written)
         return primitives, surface.make_materials()
 
     def _make_nodes(self) -> list[object]:
@@ -110,10 +116,12 @@ class SkeletonWriter(GlbWriter):
             gltf.Node(name=name, translation=place)
             for name, place in zip(names, places, strict=True)
         ]
-        joints[0].children = list(range(_ROOT + 1, _ROOT + len(names)))
+        joints[0].children = list(range(self._root + 1, self._root + len(names)))
         transform = self.make_node_transform()
-        placed = gltf.Node(name=self._animation.name, children=[_ROOT], **transform)
-        return [gltf.Node(name="mesh", mesh=0, skin=0), placed, *joints]
+        return [
+            gltf.Node(name=self._animation.name, children=[self._root], **transform),
+            *joints,
+        ]
 
     def _write_skin(self) -> object:
         import pygltflib as gltf
@@ -122,8 +130,8 @@ class SkeletonWriter(GlbWriter):
         matrices = np.tile(np.eye(4), (len(places), 1, 1))
         matrices[:, 3, :3] = -places  # glTF has them column by column
         inverse = self._file.add_array(to_float32(matrices.reshape(-1, 16)))
-        joints = list(range(_ROOT, _ROOT + len(places)))
-        return gltf.Skin(inverseBindMatrices=inverse, skeleton=_ROOT, joints=joints)
+        joints = list(range(self._root, self._root + len(places)))
+        return gltf.Skin(inverseBindMatrices=inverse, skeleton=self._root, joints=joints)
 
     def _write_motion(self) -> dict[str, list[object]]:
         """Write the translations of all joints, and the rotation of the root."""
@@ -139,10 +147,10 @@ class SkeletonWriter(GlbWriter):
             channels.append(gltf.AnimationChannel(sampler=len(samplers), target=target))
             samplers.append(gltf.AnimationSampler(input=times, output=output))
 
-        add(_ROOT, "rotation", np.array(self._turns))
+        add(self._root, "rotation", np.array(self._turns))
         for first, block in self._places.read_blocks(0, len(self._motion.names)):
             places = block.reshape(len(block), -1, 3).swapaxes(0, 1)
-            for k, moves in enumerate(places, start=_ROOT + first):
+            for k, moves in enumerate(places, start=self._root + first):
                 add(k, "translation", moves)
         return {"channels": channels, "samplers": samplers}
 

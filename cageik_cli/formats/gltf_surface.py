@@ -1,5 +1,6 @@
 """The surface of a mesh as glTF has it: one UV and normal per vertex, a primitive per material."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,6 +16,7 @@ from cageik_cli.geometry.normals import (
     compute_vertex_normals,
     cut_attributes,
 )
+from cageik_cli.geometry.parts import split_parts
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import PLAIN_COLOUR
 from cageik_cli.util.arrays import Floats, Integers
@@ -24,9 +26,10 @@ PLAIN = "plain"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """Vertices `start` to `stop`, and their triangles (f, 3), counted from `start`."""
+class Primitive:
+    """Vertices `start` to `stop` of one part, and their triangles (f, 3), counted from `start`."""
 
+    part: int
     material: int
     start: int
     stop: int
@@ -35,7 +38,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A mesh cut into one part per material.
+    """A mesh cut into primitives: one per part and material.
 
     Attributes
     ----------
@@ -45,7 +48,7 @@ class Surface:
         With v downward, as glTF has it.
     fans : (m',) int64, optional
         Which of the normals of the completed fans of the mesh; that of the vertex if absent.
-    parts : tuple of Part
+    primitives : tuple of Primitive
         In the order of the vertices.
     base_colours : (k, 4) float64
         Of the materials: linear red, green, blue and opacity.
@@ -55,7 +58,7 @@ class Surface:
     origins: Integers
     uv: Singles | None
     fans: Integers | None
-    parts: tuple[Part, ...]
+    primitives: tuple[Primitive, ...]
     materials: tuple[str, ...]
     base_colours: Floats
 
@@ -97,26 +100,75 @@ class Surface:
             for name, factor in zip(self.materials, factors, strict=True)
         ]
 
-    def make_primitive(self, file: GlbFile, part: Part, attributes: dict[str, int]) -> Any:
-        """Write the triangles, UVs and colours of a part, and return its primitive."""
+    def write_primitive(
+        self, file: GlbFile, primitive: Primitive, attributes: dict[str, int]
+    ) -> Any:
+        """Write the triangles, UVs and colours of a primitive, and return it as pygltflib's."""
         import pygltflib as gltf
 
-        corners = part.faces.astype(np.uint32).ravel()
+        corners = primitive.faces.astype(np.uint32).ravel()
         indices = file.add_array(corners, gltf.ELEMENT_ARRAY_BUFFER)
         for name, values in (("TEXCOORD_0", self.uv), ("COLOR_0", self._colours)):
             if values is not None:
-                rows = values[part.start : part.stop]
+                rows = values[primitive.start : primitive.stop]
                 attributes = {**attributes, name: file.add_array(rows, gltf.ARRAY_BUFFER)}
         return gltf.Primitive(
-            attributes=gltf.Attributes(**attributes), indices=indices, material=part.material
+            attributes=gltf.Attributes(**attributes), indices=indices, material=primitive.material
         )
 
 
+def make_part_nodes(
+    names: Sequence[str], first: int, **every: Any
+) -> tuple[list[Any], list[int], list[int]]:
+    """Return a node per part, with mesh k of part k, below nodes for what is above in its path.
+
+    Parameters
+    ----------
+    first : int
+        Number of the first of these nodes in the file.
+    **every
+        Other fields of the nodes of parts.
+
+    Returns
+    -------
+    nodes, tops, meshes
+        The nodes, the numbers of those at the top, and of those that have meshes.
+    """
+    import pygltflib as gltf
+
+    numbers: dict[str, int] = {}
+    nodes: list[Any] = []
+    tops: list[int] = []
+
+    def place(path: str) -> Any:
+        above, _, name = path.strip("/").rpartition("/")
+        numbers[path] = first + len(nodes)
+        node = gltf.Node(name=name)
+        nodes.append(node)
+        if not above:
+            tops.append(numbers[path])
+        else:
+            if above not in numbers:
+                place(above)
+            nodes[numbers[above] - first].children.append(numbers[path])
+        return node
+
+    meshes = []
+    for k, name in enumerate(names):
+        path = name.strip("/")
+        node = nodes[numbers[path] - first] if path in numbers else place(path)
+        node.mesh = k
+        for field, value in every.items():
+            setattr(node, field, value)
+        meshes.append(numbers[path])
+    return nodes, tops, meshes
+
+
 def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
-    """Cut a mesh into parts of one material, whose vertices have one UV and one normal each.
+    """Cut a mesh into primitives, whose vertices have one UV and one normal each.
 
     A mesh with one material and no UVs or normals keeps its vertices and their order. Otherwise
-    vertices are those of the triangles, ordered by material, number, normal and UV.
+    vertices are those of the triangles, ordered by part, material, number, normal and UV.
 
     Parameters
     ----------
@@ -126,12 +178,19 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
     look = cut_attributes(mesh)
     fans = look.normal_fans if has_normals else None
     if look.uvs is None and look.materials is None and fans is None:
-        whole = Part(0, 0, len(mesh.vertices), mesh.faces)
+        wholes = tuple(
+            Primitive(k, 0, part.vertices.start, part.vertices.stop, part.mesh.faces)
+            for k, part in enumerate(split_parts(mesh))
+        )
         plain = np.array([PLAIN_COLOUR])
-        return Surface(mesh, np.arange(whole.stop), None, None, (whole,), (PLAIN,), plain)
+        return Surface(mesh, np.arange(len(mesh.vertices)), None, None, wholes, (PLAIN,), plain)
     material, materials = _complete_materials(look, len(mesh.faces))
+    owner = np.concatenate(
+        [np.full(len(part.mesh.faces), k) for k, part in enumerate(split_parts(mesh))]
+    )
+    place = owner * len(materials) + material
     keys = np.zeros((mesh.faces.size, 4), np.int64)
-    keys[:, 0], keys[:, 1] = np.repeat(material, 3), mesh.faces.ravel()
+    keys[:, 0], keys[:, 1] = np.repeat(place, 3), mesh.faces.ravel()
     if fans is not None:
         keys[:, 2] = fans.ravel()
     values = None
@@ -139,10 +198,11 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
         values, keys[:, 3] = np.unique(look.uvs.reshape(-1, 2), axis=0, return_inverse=True)
     kept, numbers = np.unique(keys, axis=0, return_inverse=True)
     cut = numbers.reshape(-1, 3)
-    parts = []
-    for index in np.unique(material).tolist():
-        start, stop = np.searchsorted(kept[:, 0], [index, index + 1]).tolist()
-        parts.append(Part(index, start, stop, cut[material == index] - start))
+    primitives = []
+    for number in np.unique(place).tolist():
+        start, stop = np.searchsorted(kept[:, 0], [number, number + 1]).tolist()
+        part, index = divmod(number, len(materials))
+        primitives.append(Primitive(part, index, start, stop, cut[place == number] - start))
     uv = None
     if values is not None:
         u, v = values[kept[:, 3]].T
@@ -155,7 +215,7 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
         origins=kept[:, 1],
         uv=uv,
         fans=None if fans is None else kept[:, 2],
-        parts=tuple(parts),
+        primitives=tuple(primitives),
         materials=materials,
         base_colours=colours,
     )

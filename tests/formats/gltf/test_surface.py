@@ -70,7 +70,7 @@ def test_uv_of_vertices_cut_nothing(animation):
     uv = RANDOM.random((len(animation.rest.vertices), 2))[animation.rest.faces]
     surface = cut_surface(paint(animation.rest, uv), has_normals=True)
     np.testing.assert_array_equal(surface.origins, np.arange(len(animation.rest.vertices)))
-    np.testing.assert_array_equal(surface.parts[0].faces, animation.rest.faces)
+    np.testing.assert_array_equal(surface.primitives[0].faces, animation.rest.faces)
 
 
 @pytest.mark.parametrize("has_uv", [False, True])
