@@ -236,7 +236,8 @@ class SkeletonWriter(UsdWriter):
         parts = [replace(part, name=name) for part, name in zip(parts, names, strict=True)]
         if has_cage:
             name = f"{name_root(names, animation.name)}/{animation.name}"
-            parts.append(replace(animation.split()[0], name=name))
+            whole = slice(0, len(animation.rest.vertices))
+            parts.append(Part(name, animation.rest, whole, np.eye(4)))
         moving = count_frame_bytes(animation.rest) if has_cage else 0
         joint_bytes = 12 + 16  # a translation and a rotation in single precision
         self.open_stage(target, animation, moving + joint_bytes * len(self._motion.names))
