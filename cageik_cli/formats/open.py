@@ -143,12 +143,20 @@ def expand_arguments(arguments: list[str], suffixes: tuple[str, ...]) -> list[Pa
     return sort_naturally(once.values())
 
 
+def split_member(path: Path | str) -> tuple[Path, str | None]:
+    """Return the file, and the text behind `::` in `FILE::TEXT`, or None."""
+    if "::" not in str(path) or Path(path).exists():
+        return Path(path), None
+    file, member = str(path).rsplit("::", 1)
+    return Path(file), member
+
+
 def _split_member(arguments: list[str]) -> tuple[list[str], str | None]:
-    """Return the arguments, and CLIP if the only one is `FILE::CLIP`."""
-    if len(arguments) == 1 and "::" in arguments[0] and not Path(arguments[0]).exists():
-        file, member = arguments[0].rsplit("::", 1)
-        return [file], member
-    return arguments, None
+    """Return the arguments, and what the only one names behind `::`."""
+    if len(arguments) != 1:
+        return arguments, None
+    file, member = split_member(arguments[0])
+    return [arguments[0] if member is None else str(file)], member
 
 
 def _expand_argument(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
@@ -290,27 +298,44 @@ def mesh_suffixes() -> tuple[str, ...]:
 
 
 def load_mesh(path: Path) -> LoadedMesh:
-    """Read one mesh; polygons are cut into triangles, with a note.
+    """Read one mesh: a mesh file, or the first frame of a file that holds a clip.
+
+    Polygons are cut into triangles, with a note. `FILE::PATH` picks what is read of a scene.
 
     Raises
     ------
     FileAccessError, FormatError
         Naming the file, when it is missing, not a mesh, or of an unknown format.
     """
-    with error_context(path):
-        if path.is_dir():
+    file, member = split_member(path)
+    with error_context(file):
+        if file.is_dir():
             raise FileAccessError("is a folder, expected a file; give a mesh in it")
-        suffix, readers = file_suffix(path), _find_mesh_readers()
+        suffix, readers = file_suffix(file), _find_readers()
         if suffix not in readers:
             raise FileAccessError(
                 f"`{suffix}` is not a mesh format that can be read, expected {', '.join(readers)}"
             )
-        data = read_input(path)
+    reader = _find_mesh_readers().get(suffix)
+    if reader is None or member is not None:
+        return _load_first_frame(path)
+    with error_context(file):
+        data = read_input(file)
         content = decompress(data, suffix)
-        reader = readers[suffix]
         mesh = reader.read_attributes(content, parse_mesh(reader, content))
-        mesh = reader.read_library(path, mesh)
-        return LoadedMesh(mesh.make_mesh(), describe_source(path, data), mesh.notes, path)
+        mesh = reader.read_library(file, mesh)
+        return LoadedMesh(mesh.make_mesh(), describe_source(file, data), mesh.notes, file)
+
+
+def _load_first_frame(path: Path) -> LoadedMesh:
+    """Read the first frame of a file that holds a clip, as a mesh."""
+    reader, request = _resolve_request([str(path)], ClipSettings(selection=slice(0, 1)), None)
+    if dict(reader.describe_contents(request)).get("holds"):
+        raise FormatError(f"{path}: holds no faces, expected a mesh; give one in another format")
+    clip = reader(request)
+    return LoadedMesh(
+        clip.first, clip.describe_source(), clip.notes, request.path, scene=clip.scene
+    )
 
 
 def _find_mesh_readers() -> dict[str, type[FrameFileReader]]:

@@ -7,7 +7,7 @@ from typing import Any, Final
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.open import list_input_files
+from cageik_cli.formats.open import list_input_files, split_member
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import CaptureSettings, SolveSettings
@@ -33,9 +33,11 @@ class CommandSettings:
 
     def inputs(self) -> list[Path]:
         """Return the files that are read."""
-        files = [path for path in self._list_marked(READ) if isinstance(path, Path)]
-        for given in self._list_marked(READ_CLIP):
-            arguments = (given,) if isinstance(given, str) else given
+        files = [
+            split_member(path)[0] for path in self._list_marked(READ) if isinstance(path, Path)
+        ]
+        for clip in self._list_marked(READ_CLIP):
+            arguments = (clip,) if isinstance(clip, str) else clip
             files += [path for one in arguments for path in list_input_files([one])]
         return files
 

@@ -183,7 +183,7 @@ FAULTS = {
     "missing.obj": (None, "No such file"),
     "folder.obj": ("folder", "folder"),
     "mesh.stl": (b"solid", ".stl"),
-    "mesh": (b"", "expected .obj, "),
+    "mesh": (b"", "expected .abc, "),
     "empty.obj": (b"", "empty"),
     "empty.ply": (b"", "empty"),
     "empty.off": (b"", "empty"),

@@ -1,12 +1,13 @@
 """Meshes as they are read from files: polygons are cut into triangles, connectivities compared."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface_attributes import (
     SurfaceAttributes,
@@ -164,12 +165,15 @@ class LoadedMesh:
         What was changed, one sentence each.
     path : Path, optional
         The mesh file; None of a mesh that is in no file, or in one of many frames.
+    scene : SceneHints
+        Unit and up axis, as far as the file states them.
     """
 
     mesh: TriMesh
     source: dict[str, str]
     notes: tuple[str, ...] = ()
     path: Path | None = None
+    scene: SceneHints = field(default_factory=SceneHints)
 
 
 def replace_folded_fans(mesh: TriMesh) -> TriMesh:
