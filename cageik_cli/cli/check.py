@@ -73,11 +73,7 @@ def check_command(
     number in the picture is that in the list that is printed below the findings. The mesh of
     --marked is the cage followed by the rest pose.
     """
-    from cageik_cli.report.views.cage import (
-        format_check_json,
-        format_check_text,
-        format_marks_text,
-    )
+    from cageik_cli.report.views.cage import format_check_json, format_check_text, format_marks_text
     from cageik_cli.workflows.check import check_cage
 
     is_on_stdout = str(json_path) == "-"

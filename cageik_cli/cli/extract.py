@@ -23,12 +23,7 @@ from cageik_cli.cli.options import (
     refuse_options,
     timings_option,
 )
-from cageik_cli.cli.options.clip import (
-    CLIP_MEMBERS,
-    SCENE_OPTIONS,
-    rest_frame_option,
-    rest_option,
-)
+from cageik_cli.cli.options.clip import CLIP_MEMBERS, SCENE_OPTIONS, rest_frame_option, rest_option
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
 from cageik_cli.cli.options.solve import (
     CAPTURE_OPTIONS,

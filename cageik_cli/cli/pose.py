@@ -74,13 +74,7 @@ POSING_OPTIONS: OptionGroup[Any] = OptionGroup(
 def make_pose_settings(
     target: Path, cage: Path | None, cage_output: Path | None, **others: Any
 ) -> "PoseSettings | EditSettings":
-    """Make the settings of an edit of a result, or of a pose of a model.
-
-    Raises
-    ------
-    click.UsageError
-        When options contradict each other or TARGET.
-    """
+    """Make the settings of an edit of a result, or of a pose of a model."""
     from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
     from cageik_cli.store.binding_file import is_binding
     from cageik_cli.workflows.edit import EditSettings

@@ -34,18 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ReportTargets:
-    """The file that each view is written to; `-` is stdout.
-
-    Attributes
-    ----------
-    player : bool
-        Whether the page plays the clip.
-
-    Raises
-    ------
-    click.UsageError
-        When two views go to stdout.
-    """
+    """The file that each view is written to; `-` is stdout."""
 
     html: Path | None
     plot: Path | None

@@ -58,13 +58,7 @@ class StoredBinding:
 
 
 def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
-    """Write a binding file, completely or not at all; the same binding gives the same bytes.
-
-    Raises
-    ------
-    InputError
-        When it cannot be written, or another process has written the file meanwhile.
-    """
+    """Write a binding file, completely or not at all; the same binding gives the same bytes."""
     binding = stored.binding
     with atomic_file(path, overwrite) as sink, create_hdf5(sink) as file:
         write_meshes(file, binding.rest, binding.cage)
@@ -116,13 +110,7 @@ def read_binding(path: Path) -> StoredBinding:
 
 
 def read_bind_settings(path: Path) -> BindSettings:
-    """Read how the weights of a binding file were computed, without reading them.
-
-    Raises
-    ------
-    InputError
-        When it is not a binding.
-    """
+    """Read how the weights of a binding file were computed, without reading them."""
     with open_checked(path) as file:
         check_format(file, BINDING_FORMAT, BINDING_SCHEMA, "a binding of cageik bind")
         return _read_settings(file)

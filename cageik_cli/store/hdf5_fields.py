@@ -105,13 +105,7 @@ def to_json(value: Any) -> str:
 
 
 def read_json_attr(file: h5py.File, name: str, expected_type: type) -> Any:
-    """Read an attribute of JSON, whose numbers are all finite.
-
-    Raises
-    ------
-    InputError
-        When it is missing, not JSON, or not of this type.
-    """
+    """Read an attribute of JSON, whose numbers are all finite."""
     text = read_attribute(file, name)
     try:
         value = json.loads(
@@ -139,13 +133,7 @@ def read_sources(file: h5py.File) -> dict[str, Any]:
 
 
 def read_text_attr(file: h5py.File, name: str) -> str | None:
-    """Read an attribute of plain text; None if it is missing.
-
-    Raises
-    ------
-    InputError
-        When it is not text.
-    """
+    """Read an attribute of plain text; None if it is missing."""
     text = read_attribute(file, name)
     if text is not None and not isinstance(text, str):
         raise FormatError(f"attribute `{name}` is not text; write it again")
@@ -165,13 +153,7 @@ def read_quality(file: h5py.File, record_type: type[Record]) -> Record:
 
 
 def read_scene(file: h5py.File) -> Scene:
-    """Read the attributes that describe the scene.
-
-    Raises
-    ------
-    InputError
-        When one is missing, or not a number.
-    """
+    """Read the attributes that describe the scene."""
     values = {field.name: read_attribute(file, field.name) for field in fields(Scene)}
     for name, value in values.items():
         if name == "up_axis" and isinstance(value, str):
@@ -243,8 +225,6 @@ def parse_record(kind: Any, value: Any, name: str) -> Any:
         union, or a tuple of them.
     value : JSON value
         Its numbers are finite.
-    name : str
-        For messages.
 
     Raises
     ------
@@ -268,13 +248,7 @@ def parse_record(kind: Any, value: Any, name: str) -> Any:
 
 
 def read_record_attr(file: h5py.File, name: str, kind: Any) -> Any:
-    """Read an attribute of JSON as the dataclass `kind`; None if it is missing.
-
-    Raises
-    ------
-    FormatError
-        Naming the value that is not of its kind.
-    """
+    """Read an attribute of JSON as the dataclass `kind`; None if it is missing."""
     if name not in file.attrs:
         return None
     held = read_json_attr(file, name, dict)

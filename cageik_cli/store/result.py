@@ -7,26 +7,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from cageik_cli.formats.base.hdf5 import (
-    get_dataset,
-    open_checked,
-    read_attribute,
-    read_texts,
-)
+from cageik_cli.formats.base.hdf5 import get_dataset, open_checked, read_attribute, read_texts
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.record import FitRecord
-from cageik_cli.solver.metrics import (
-    FrameMetrics,
-    KeptMetrics,
-)
+from cageik_cli.solver.metrics import FrameMetrics, KeptMetrics
 from cageik_cli.store import fit_fields
 from cageik_cli.store.fit_fields import read_fit_record, read_offset_mark
-from cageik_cli.store.hdf5_fields import (
-    check_format,
-    has_format,
-    read_meshes,
-    read_version,
-)
+from cageik_cli.store.hdf5_fields import check_format, has_format, read_meshes, read_version
 from cageik_cli.store.result_fields import (
     ResultHeader,
     ResultSizes,
@@ -118,11 +105,6 @@ def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
 
     The cage of a skipped frame is interpolated linearly between the frames before and after; at
     either end of the clip it is that of the nearest frame.
-
-    Raises
-    ------
-    InputError
-        When a block cannot be read, or is not finite.
     """
     known = np.setdiff1d(np.arange(len(result.frames)), result.gaps)
     with open_checked(result.path) as file:
@@ -143,13 +125,7 @@ def has_weights(result: Result) -> bool:
 
 
 def read_weights(result: Result) -> Floats | None:
-    """Read the weights of a result, (m, n); None if it was written without.
-
-    Raises
-    ------
-    InputError
-        When their shape does not fit the meshes, or they are not finite.
-    """
+    """Read the weights of a result, (m, n); None if it was written without."""
     shape = (len(result.rest.vertices), len(result.cage.vertices))
     with open_checked(result.path) as file:
         return fit_fields.read_weights(file, *shape) if fit_fields.holds_weights(file) else None

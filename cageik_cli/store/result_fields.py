@@ -129,13 +129,7 @@ def write_fields(file: h5py.File, part: ResultHeader | ResultSummary) -> None:
 
 
 def read_fields(file: h5py.File, sizes: ResultSizes) -> dict[str, Any]:
-    """Read both parts of a result.
-
-    Raises
-    ------
-    FormatError
-        When a field is missing or damaged, or names what the result does not have.
-    """
+    """Read both parts of a result."""
     return {name: field.read(file, sizes) for name, field in RESULT_FIELDS.items()}
 
 
@@ -278,13 +272,7 @@ def _read_columns(file: h5py.File, frames: int, types: Mapping[str, str]) -> dic
 
 
 def read_frame_metrics(file: h5py.File, sizes: ResultSizes) -> FrameMetrics:
-    """Read the metrics of all frames; skipped ones have none.
-
-    Raises
-    ------
-    FormatError
-        When a column is missing, or holds what cannot be measured.
-    """
+    """Read the metrics of all frames; skipped ones have none."""
     columns, skipped = _read_columns(file, sizes.frames, METRIC_TYPES), list(sizes.skipped)
     figures = FrameMetrics(**columns)
     held = FrameMetrics(**{name: np.delete(column, skipped) for name, column in columns.items()})
@@ -302,13 +290,7 @@ def read_frame_metrics(file: h5py.File, sizes: ResultSizes) -> FrameMetrics:
 
 
 def read_kept_metrics(file: h5py.File, sizes: ResultSizes) -> KeptMetrics | None:
-    """Read the metrics over what was kept, if the result has them.
-
-    Raises
-    ------
-    FormatError
-        As of `read_frame_metrics`.
-    """
+    """Read the metrics over what was kept, if the result has them."""
     if not any(f"metrics/{name}" in file for name in KEPT_TYPES):
         return None
     columns = _read_columns(file, sizes.frames, KEPT_TYPES)

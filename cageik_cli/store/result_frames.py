@@ -42,26 +42,14 @@ class KeyFrames:
 
 
 def read_low_rank(result: Result) -> Correction | None:
-    """Read what a fit of low rank has added to the computed weights; None if there is no such fit.
-
-    Raises
-    ------
-    InputError
-        When it is damaged, or does not fit the meshes.
-    """
+    """Read what a fit of low rank added to the computed weights; None if there is no such fit."""
     shape = len(result.rest.vertices), len(result.cage.vertices)
     with open_checked(result.path) as file:
         return fit_fields.read_low_rank(file, result.fit, *shape)
 
 
 def read_unfitted(result: Result) -> UnfittedClip | None:
-    """Read what a result keeps of the weights before the fit; None if it keeps nothing.
-
-    Raises
-    ------
-    InputError
-        When it is damaged, does not fit the meshes, or is not of frames that were solved.
-    """
+    """Read what a result keeps of the weights before the fit; None if it keeps nothing."""
     shape = len(result.rest.vertices), len(result.cage.vertices)
     with open_checked(result.path) as file:
         return fit_fields.read_unfitted(file, shape, len(result.frames), result.skipped)
@@ -71,11 +59,6 @@ def read_binding(result: Result) -> Binding | None:
     """Read the binding of a result; None if it was written without weights.
 
     Its settings are not read.
-
-    Raises
-    ------
-    InputError
-        As `read_weights` does.
     """
     weights = read_weights(result)
     if weights is None:
@@ -94,11 +77,6 @@ def read_rotations(result: Result) -> Floats:
     """Read the rotations from the rest pose to each frame, (F, 3, 3); `points @ R` turns points.
 
     A skipped frame that was not filled has that of the nearest frame.
-
-    Raises
-    ------
-    InputError
-        When they are missing, or not rotations.
     """
     count = len(result.frames)
     known = np.setdiff1d(np.arange(count), result.gaps)
@@ -118,13 +96,7 @@ def read_rotations(result: Result) -> Floats:
 
 
 def read_key_frames(result: Result, binding: Binding) -> KeyFrames:
-    """Read the frames that are kept in full in a result with weights.
-
-    Raises
-    ------
-    InputError
-        When they are missing, or not frames of the result.
-    """
+    """Read the frames that are kept in full in a result with weights."""
     m, n, count = *binding.weights.shape, len(result.frames)
     rotations = read_rotations(result) if binding.has_offsets else None
     with open_checked(result.path) as file:

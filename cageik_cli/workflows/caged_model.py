@@ -60,18 +60,7 @@ class CagedModel:
         binding: Path | None = None,
         load: Callable[[Path], LoadedModel] = load_model,
     ) -> "CagedModel":
-        """Open a result or a binding; or a model, and its cage or a binding of it if there is one.
-
-        Parameters
-        ----------
-        load : callable
-            Reads the model.
-
-        Raises
-        ------
-        InputError
-            Naming the file that cannot be read, or is of another model.
-        """
+        """Open a result or a binding; or a model, with its cage or a binding of it, if given."""
         if path.suffix.lower() in HDF5_SUFFIXES:
             return CagedModel.read(path)
         model = load(path)
@@ -83,13 +72,7 @@ class CagedModel:
 
     @staticmethod
     def read(path: Path) -> "CagedModel":
-        """Read a result or a binding.
-
-        Raises
-        ------
-        InputError
-            When it is neither, or damaged.
-        """
+        """Read a result or a binding."""
         if path.exists() and path.suffix.lower() in HDF5_SUFFIXES and is_binding(path):
             stored = read_binding(path)
             return _hold_meshes(path, stored.binding.rest, stored.binding.cage, stored=stored)
@@ -172,13 +155,7 @@ class CagedModel:
         return replace(self, cage=cage)
 
     def bind(self, weights: WeightSettings, progress: ProgressListener) -> Binding:
-        """Return the weights of the binding; or bind the model to the cage, and note what changed.
-
-        Raises
-        ------
-        InputError, NumericalError
-            As `bind_cached`.
-        """
+        """Return the weights of the binding; or bind model and cage, and note what changed."""
         if self.stored is not None:
             return self.stored.binding
         rest, cage = self.model.mesh, self.cage

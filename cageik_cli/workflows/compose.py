@@ -61,12 +61,6 @@ def compose_result(
         Of the weights before the fit, if the result compares them.
     has_kept : bool
         Whether metrics over what was kept are written too.
-
-    Raises
-    ------
-    InputError
-        When no frame can be read, or one has changed since it was solved, or the result cannot be
-        written.
     """
     summary = checkpoint.summary
     if len(summary.skipped) == len(sequence):

@@ -58,13 +58,6 @@ def edit(
     ----------
     handles : Handles, optional
         In place of those of the settings' file.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When hard handles cannot all be met.
     """
     progress = progress or ProgressListener()
     check_no_overlap(settings.outputs(), settings.inputs())

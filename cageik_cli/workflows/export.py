@@ -33,8 +33,6 @@ class ExportSettings(CommandSettings):
 
     Attributes
     ----------
-    scene : SceneHints
-        Time and space, where they differ from those of the result.
     skeleton : bool
         Write the rest pose with the weights as skin weights, and one joint per cage vertex.
     influences : int, optional
@@ -44,8 +42,6 @@ class ExportSettings(CommandSettings):
         Note the error of other numbers of influences, too.
     with_model : CageDisplay, optional
         Write cage and model in one file, and how the cage is shown there; one of them if absent.
-    morphs : MorphSettings
-        How morph targets follow the cages, in a format that has them.
     """
 
     result: Path = field(metadata=READ)
@@ -59,15 +55,7 @@ class ExportSettings(CommandSettings):
 
 
 def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:
-    """Write the cage animation of a result.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When the system of fewer influences is singular.
-    """
+    """Write the cage animation of a result."""
     progress = progress or ProgressListener()
     check_export(settings)
     result = read_result(settings.result)
@@ -148,13 +136,7 @@ def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
 
 
 def check_export(settings: ExportSettings) -> None:
-    """Refuse, before any work, an export that is impossible.
-
-    Raises
-    ------
-    InputError
-        Naming the output and what to do.
-    """
+    """Refuse, before any work, an export that is impossible."""
     path = settings.output.path
     suffix = path.suffix.lower()
     skeleton_suffixes = (*UsdSkeletonWriter.suffixes, *GltfSkeletonWriter.suffixes)

@@ -44,15 +44,7 @@ from cageik_cli.workflows.settings import ExtractSettings
 
 
 def extract(settings: ExtractSettings, progress: ProgressListener | None = None) -> Result:
-    """Extract the cage of every frame and write the result file.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When the system is singular or the weights cannot be trusted.
-    """
+    """Extract the cage of every frame and write the result file."""
     return Extraction(settings, progress).run()
 
 

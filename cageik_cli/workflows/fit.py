@@ -33,11 +33,6 @@ from cageik_cli.util.threads import count_processors
 class FittedWeights:
     """Weights fitted to clips.
 
-    Attributes
-    ----------
-    binding : Binding
-        With the fitted weights.
-
     Examples
     --------
     >>> from cageik_cli import bind, fit_weights, load_clip, load_mesh
@@ -149,17 +144,6 @@ def fit_to_clips(
         Of the rest pose's connectivity.
     vertex_weights : (m,) float64 or None
         Of mean one.
-    memory : int
-        Limit in bytes for the weights and the frames that they are fitted to.
-    cache : Path, optional
-        The folder of the cache; none is used if absent.
-
-    Raises
-    ------
-    InputError
-        When a frame cannot be read or has changed meanwhile, or the cage is flat.
-    NumericalError
-        When the system of the cages is singular.
     """
     with ThreadPoolExecutor(jobs) as pool:  # zeros of frames that cannot be read
         digests = [list(pool.map(clip.content_digest, range(len(clip)))) for clip in clips]
@@ -228,13 +212,6 @@ def measure_unfitted(
         Those of them that the result keeps in full.
     read : callable
         Reads a frame, (m, 3), by its number.
-
-    Raises
-    ------
-    InputError
-        When a frame cannot be read.
-    NumericalError
-        When the solve gives numbers that are not finite or too large.
     """
     rest, workspace, misses = solver.binding.rest, Workspace(), {}
     rms = np.empty(len(frames))

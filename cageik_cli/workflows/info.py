@@ -33,11 +33,6 @@ def describe_files(arguments: list[str], layout: str | None = None) -> str:
     """Describe results, bindings, checkpoints, a mesh, or the clip that arguments name.
 
     `layout` is the order of an array's axes, as in `ClipSettings`.
-
-    Raises
-    ------
-    InputError
-        Naming the file that cannot be read.
     """
     paths = [Path(argument) for argument in arguments]
     if paths and all(map(is_checkpoint, paths)):

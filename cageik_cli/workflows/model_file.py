@@ -65,15 +65,7 @@ class LoadedModel:
     splats: Splats | None = None
 
     def choose_output(self, output: Output) -> Output:
-        """Return the output with the format of points, where it names none.
-
-        Raises
-        ------
-        SettingError
-            When the model cannot be moved to the origin, as is asked for.
-        OutputError
-            When its format cannot hold the model.
-        """
+        """Return the output with the format of points, where it names none."""
         if self.points is None:
             return output
         if not output.has_format:
@@ -161,13 +153,7 @@ def load_surface(path: Path) -> LoadedModel:
 
 
 def load_model(path: Path) -> LoadedModel:
-    """Read a mesh, points without faces (.ply), or Gaussian splats (.ply).
-
-    Raises
-    ------
-    FileAccessError, FormatError
-        Naming the file, when it is missing, damaged, or of an unknown format.
-    """
+    """Read a mesh, points without faces (.ply), or Gaussian splats (.ply)."""
     suffix = file_suffix(path)
     if suffix not in PlyReader.suffixes or path.is_dir():
         return load_surface(path)

@@ -56,15 +56,7 @@ class PoseSettings(CommandSettings):
 
 
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
-    """Pose a model by handles, and write it.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When the weights cannot be trusted, or hard handles cannot all be met.
-    """
+    """Pose a model by handles, and write it."""
     progress = progress or ProgressListener()
     check_target_kind(settings.target, "to edit an animation")
     with progress.stage("open"):
@@ -122,13 +114,7 @@ def _move_points(
 def pose_model(
     binding: Binding, handles: Handles, posing: PosingSettings, progress: ProgressListener
 ) -> PoseResult:
-    """Pose a model in its cage by handles, and note how they were understood.
-
-    Raises
-    ------
-    HandlesError, NumericalError
-        Naming the file of the handles, as `pose`.
-    """
+    """Pose a model in its cage by handles, and note how they were understood."""
     # One thread: the last digits depend on how many.
     with error_context(handles.path), limit_blas_threads(1):
         edit = LayeredEdit(handles, EditTarget.of_model(binding), posing)
@@ -153,11 +139,6 @@ def check_target_kind(target: Path, purpose: str) -> None:
     ----------
     purpose : str
         Why its result is needed.
-
-    Raises
-    ------
-    FileAccessError
-        Naming the file and what to do.
     """
     of_models = {*mesh_suffixes(), *HDF5_SUFFIXES}
     if target.is_dir() or file_suffix(target) in {*clip_suffixes()} - of_models:

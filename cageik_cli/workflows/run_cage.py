@@ -33,11 +33,6 @@ def build_cached(
     """Build the cage of a model, or take it from the cache if there is a folder for that.
 
     The cage and its notes have the same bytes either way.
-
-    Raises
-    ------
-    FormatError, NumericalError
-        As `cages.build.build_cage`.
     """
     build = partial(_build, model, settings, progress)
     if cache is None:
@@ -52,13 +47,7 @@ def build_cached(
 
 
 def check_cage_output(path: Path, overwrite: bool) -> None:
-    """Refuse, before any work, a file that cannot be written.
-
-    Raises
-    ------
-    OutputError
-        When it is no OBJ file, exists, or its folder cannot be written.
-    """
+    """Refuse, before any work, a file that cannot be written."""
     if path.suffix.lower() != ".obj":
         raise OutputError(
             f"{path}: a built cage is written as .obj, which keeps all its digits; name an .obj "

@@ -218,11 +218,6 @@ def run_time_pass(
     -------
     tuple of int
         The frames that were filled.
-
-    Raises
-    ------
-    InputError
-        When a frame has changed since it was solved.
     """
     progress, sequence = block_solver.progress, block_solver.sequence
     time_pass, filled = TimePass(block_solver.solver, checkpoint, settings, fps), []

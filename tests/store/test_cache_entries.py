@@ -8,13 +8,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store import cache_entries
 from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_entries import (
-    CAGES,
-    WEIGHTS,
-    CachedCage,
-    compute_cage_key,
-    find_cage,
-)
+from cageik_cli.store.cache_entries import CAGES, WEIGHTS, CachedCage, compute_cage_key, find_cage
 from tests.shapes import ball, box
 from tests.store.entries import entry as weights_entry
 

@@ -71,13 +71,7 @@ class DaskScheduler:
         self._stack = ExitStack()
 
     def __enter__(self) -> "DaskScheduler":
-        """Connect.
-
-        Raises
-        ------
-        InputError
-            When the scheduler does not answer, or there are no workers, or unfit ones.
-        """
+        """Connect."""
         with require_optional("distributed", "dask", f"the scheduler {self._address}"):
             import distributed  # noqa: F401  creates its loggers
         with self._stack as stack:
@@ -91,13 +85,7 @@ class DaskScheduler:
         self._stack.close()
 
     def run_jobs(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
-        """Yield the outcome of each job, as they end.
-
-        Raises
-        ------
-        InputError
-            When the scheduler, or all workers, are lost.
-        """
+        """Yield the outcome of each job, as they end."""
         by_key: dict[str, list[ClipJob]] = {}
         for job, checked in self._iterate_results(self._submit_checks(jobs)):
             if isinstance(checked, Outcome):

@@ -136,10 +136,6 @@ class ClipContext:
 
     Parameters
     ----------
-    names : tuple of str
-        Of the clip's frames.
-    first_digest : bytes
-        Of the first frame.
     solver : bytes
         The solver, by `pickle_without_weights`.
     """
@@ -235,13 +231,7 @@ def split_into_pieces(starts: range, size: int) -> Iterator[range]:
 
 
 def check_task_wanted(client: Any) -> None:
-    """Raise an error in a task that the cluster no longer assigns to this worker.
-
-    Raises
-    ------
-    InputError
-        When the batch was stopped, or another worker has been given the task.
-    """
+    """Raise an error in a task that the cluster no longer assigns to this worker."""
     from distributed import get_worker
 
     worker = get_worker()

@@ -32,8 +32,6 @@ class DiscoveredClip:
     ----------
     name : str
         Its path under the searched folder, with forward slashes.
-    folder : Path
-        The folder it is in.
     path : Path
         The folder of its frames, or its file, or the file and the name of the clip in it.
     frames : tuple of str
@@ -47,13 +45,7 @@ class DiscoveredClip:
 
 
 def walk_folders(root: Path, output: Path) -> Iterator[Path]:
-    """Yield a folder and all folders in it, once, in natural order; not hidden ones, nor `output`.
-
-    Raises
-    ------
-    InputError
-        When it is not a folder, or one cannot be read.
-    """
+    """Yield a folder and those in it, once, in natural order; not hidden ones, nor `output`."""
     if root.is_file():
         raise FileAccessError(f"{root}: is a file; give its folder, or use cageik extract")
     if not root.is_dir():
@@ -96,11 +88,6 @@ def discover_clips(
         Cages, rest poses and other files that are not clips; resolved.
     exclude : sequence of str
         Patterns of names of clips that are left out.
-
-    Raises
-    ------
-    InputError
-        When two clips would have the same name, or there is no clip.
     """
     _check_not_nested(roots)
     found: list[DiscoveredClip] = []

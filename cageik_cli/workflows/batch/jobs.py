@@ -84,15 +84,7 @@ class Scheduler(Protocol):
 def run_clip(
     job: ClipJob, stored: StoredBinding | None = None, executor: BlockExecutor | None = None
 ) -> Outcome:
-    """Do a job; the outcome holds what failed, and this function raises no error.
-
-    Parameters
-    ----------
-    stored : StoredBinding, optional
-        The weights, if they are known.
-    executor : BlockExecutor, optional
-        Solves the frames; threads of this process by default.
-    """
+    """Do a job; the outcome holds what failed, and this function raises no error."""
     try:
         make_folder(job.settings.output.parent)
         extraction = Extraction(job.settings, stored=stored, executor=executor)

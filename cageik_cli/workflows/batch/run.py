@@ -147,13 +147,7 @@ def _describe_cage(settings: ExtractSettings) -> str:
 
 
 def check_folder_empty(folder: Path) -> None:
-    """Refuse a folder of results that holds files.
-
-    Raises
-    ------
-    InputError
-        Saying what to do.
-    """
+    """Refuse a folder of results that holds files."""
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is a file; give a folder for the results")
     if any(not path.is_dir() for path in folder.rglob("*")):
@@ -164,13 +158,7 @@ def check_folder_empty(folder: Path) -> None:
 
 
 def check_batch_folder(folder: Path) -> None:
-    """Refuse to resume in a folder with report files that are not of a batch.
-
-    Raises
-    ------
-    InputError
-        Saying what to do.
-    """
+    """Refuse to resume in a folder with report files that are not of a batch."""
     for name in REPORT_FILES:
         if (folder / name).exists() and not (folder / CLIPS_FOLDER).is_dir():
             raise OutputError(
@@ -180,13 +168,7 @@ def check_batch_folder(folder: Path) -> None:
 
 
 def check_is_result(path: Path) -> None:
-    """Refuse to resume over a file that is not a result of cageik.
-
-    Raises
-    ------
-    InputError
-        Saying what to do.
-    """
+    """Refuse to resume over a file that is not a result of cageik."""
     if path.exists() and not is_result(path):
         raise OutputError(
             f"{path}: is not a result of cageik extract; move it away, or replace it with "

@@ -28,13 +28,7 @@ class WatchedInput:
         self._path, self._mark = path, mark_file(path)
 
     def check(self) -> None:
-        """Refuse the file if it has changed.
-
-        Raises
-        ------
-        FileAccessError
-            Naming the file.
-        """
+        """Refuse the file if it has changed."""
         if mark_file(self._path) != self._mark:
             raise FileAccessError(
                 f"{self._path}: has changed since the page was opened; start cageik view again"
@@ -66,13 +60,7 @@ class OwnOutputs:
 
 
 def read_first_handles(path: Path) -> Handles:
-    """Read handles that a page can show, if they fit its model.
-
-    Raises
-    ------
-    InputError
-        Naming the file, and the handle that the page cannot show.
-    """
+    """Read handles that a page can show, if they fit its model."""
     handles = read_handles(path)
     with error_context(path):
         for handle_set in handles.sets:
@@ -82,13 +70,7 @@ def read_first_handles(path: Path) -> Handles:
 
 
 def check_places(handles: Handles, clip: PlayerClip) -> None:
-    """Refuse handles that are at no vertex or face of a model, or at no frame of its clip.
-
-    Raises
-    ------
-    HandlesError
-        Naming the file and the handle.
-    """
+    """Refuse handles that are at no vertex or face of a model, or at no frame of its clip."""
     rest = clip.binding.rest
     surface = PosedSurface(rest, lambda _: rest.vertices, len(clip.frames) or None)
     for handle_set in handles.sets:

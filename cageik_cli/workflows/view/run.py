@@ -89,12 +89,7 @@ class JobBoard:
 
 
 class BoardProgress(ProgressListener):
-    """Puts the progress of an edit on the board, and passes it on.
-
-    Attributes
-    ----------
-    notes : list of (topic, text)
-    """
+    """Puts the progress of an edit on the board, and passes it on."""
 
     def __init__(self, board: JobBoard, inner: ProgressListener) -> None:
         self._board, self._inner = board, inner

@@ -107,24 +107,12 @@ class ViewSession(ABC):
         return self.settings.output is not None
 
     def begin_with(self, handles: Handles) -> None:
-        """Let the page begin with handles.
-
-        Raises
-        ------
-        HandlesError
-            When they do not fit the model or its clip.
-        """
+        """Let the page begin with handles."""
         check_places(handles, self.clip)
         self.first_handles = json.dumps(json.loads(handles.data))
 
     def parse(self, data: bytes, rigidity: int) -> Callable[[ProgressListener], PoseResult]:
-        """Return the edit of a handles file that was sent, with rounds of rigid rotations.
-
-        Raises
-        ------
-        FormatError, HandlesError
-            When it is not a handles file.
-        """
+        """Return the edit of a handles file that was sent, with rounds of rigid rotations."""
         path = self.settings.handles_output or Path("handles of the page")
         handles = parse_handles(path, data)
         return partial(self._apply, handles, PosingSettings(rigidity=rigidity))
@@ -132,15 +120,7 @@ class ViewSession(ABC):
     def _apply(
         self, handles: Handles, posing: PosingSettings, progress: ProgressListener
     ) -> PoseResult:
-        """Apply handles and write the outputs; the handles are written last.
-
-        Raises
-        ------
-        InputError
-            When the handles do not fit, or a file cannot be written or is someone else's.
-        NumericalError
-            When hard handles cannot all be met.
-        """
+        """Apply handles and write the outputs; the handles are written last."""
         if self.settings.output is None:
             raise SettingError("there is no file to write; name one by `output=`")
         for path in self.settings.outputs():
@@ -201,15 +181,7 @@ class _ModelSession(ViewSession):
 
 
 def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
-    """Read what is viewed; the handles and the outputs are checked before any work.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When the weights cannot be trusted, or no cage can be built.
-    """
+    """Read what is viewed; the handles and the outputs are checked before any work."""
     check_no_overlap(settings.outputs(), settings.inputs())
     handles = None if settings.handles is None else read_first_handles(settings.handles)
     session = _open_target(settings, progress)

@@ -78,13 +78,7 @@ def show(shown: Result | Binding, *, height: int = DEFAULT_HEIGHT) -> ShownPage:
 
 
 def load_clip(result: Result) -> PlayerClip:
-    """Load what a page shows of a result.
-
-    Raises
-    ------
-    InputError
-        When it was written without weights, or its file is damaged.
-    """
+    """Load what a page shows of a result."""
     clip = load_player_clip(result)
     if clip is None:
         raise make_weights_error(result.path, "a page")

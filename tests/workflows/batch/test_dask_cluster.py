@@ -39,13 +39,7 @@ from cageik_cli.workflows.batch.dask_pieces import (
     split_into_pieces,
     unpickle_with_weights,
 )
-from cageik_cli.workflows.batch.jobs import (
-    ClipJob,
-    ClipState,
-    bind_clip,
-    check_clip,
-    run_clip,
-)
+from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, bind_clip, check_clip, run_clip
 from cageik_cli.workflows.extract import Extraction
 from cageik_cli.workflows.settings import ExtractSettings
 
