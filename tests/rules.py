@@ -24,9 +24,6 @@ SHORT = {
 }
 """Modules that may be short besides those of file formats, and why."""
 
-WORDS_OPTIONS = ("cli/", "report/")
-"""Folders that name options: `report` does in notes that are stored in files for people."""
-
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]+")
 OPTION = re.compile(r"(?<![\w-])--(?!nthreads|nworkers)[a-z][a-z-]*")
 """An option of ours; those of `dask worker` are not."""
@@ -82,7 +79,7 @@ def find_option_words(modules: list[Module]) -> Iterator[str]:
     An option that is a string of its own is a word of a command that is told, and no message.
     """
     for path, source in modules:
-        if path.startswith(WORDS_OPTIONS):
+        if path.startswith("cli/"):
             continue
         tree = ast.parse(source)
         docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}

@@ -211,7 +211,7 @@ def extract_command(
     with show_progress(not quiet, timings, settings.overwrite) as progress:
         result = extract(settings, progress)
         messages = _export(planned, progress)
-    report = build_report(result, loaded_limits)
+    report = build_report(result, loaded_limits, word=word_options)
     overview = build_overview([build_clip_entry(report)])
     if quiet:
         echo_exceeded_limits(overview)

@@ -133,7 +133,7 @@ def report_command(
     loaded = [read_result(path) for path in results]
     names = _choose_names(results)
     reports = [
-        build_report(result, loaded_limits, name)
+        build_report(result, loaded_limits, name, word_options)
         for result, name in zip(loaded, names, strict=True)
     ]
     overview = build_overview([build_clip_entry(report) for report in reports])
@@ -180,7 +180,7 @@ def _choose_names(results: tuple[Path, ...]) -> list[str]:
 def _render_page(result: "Result", report: "Report", has_player: bool) -> str:
     from cageik_cli.report.html.page import render_result_page
 
-    return render_result_page(result, report, has_player)
+    return render_result_page(result, report, has_player, word_options)
 
 
 def _render_plot(report: "Report", path: Path | None) -> str | bytes:

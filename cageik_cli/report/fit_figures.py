@@ -60,7 +60,7 @@ def _list_sample_notes(report: FitReport) -> list[str]:
     if report.needed_memory is not None:
         notes.append(
             f"the memory limit allowed {format_count(report.fitted_frames, 'frame')} to be fitted; "
-            f"a fit to more of them needs --memory {format_bytes(report.needed_memory)}"
+            f"a fit to more of them needs `memory={format_bytes(report.needed_memory)}`"
         )
     if held_out is None:
         notes.append(
@@ -99,7 +99,7 @@ def _list_error_notes(report: FitReport) -> list[str]:
     if report.roughness > MAX_ROUGHNESS:
         notes.append(
             f"the fitted weights are {report.roughness:.1f} times as rough as the unfitted ones "
-            f"(more than {MAX_ROUGHNESS:g}); raise --fit-regularization, or allow more influences"
+            f"(more than {MAX_ROUGHNESS:g}); raise `fit_regularization=`, or allow more influences"
         )
     return notes
 

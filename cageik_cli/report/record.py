@@ -1,5 +1,6 @@
 """The record of a result that all views show; views compute nothing."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,8 +80,17 @@ class Report:
         return choose_vocabulary(self.edited_from)
 
 
-def build_report(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:
-    """Compute the report of a result, which has the name of its file unless another is given."""
+def build_report(
+    result: Result,
+    limits: Limits | None = None,
+    name: str | None = None,
+    word: Callable[[str], str] = str,
+) -> Report:
+    """Compute the report of a result, which has the name of its file unless another is given.
+
+    Notes name parameters as keywords in backticks, as messages do. `word` puts them into the words
+    of the reader, which all views then show; the command line shows options.
+    """
     rest, result_name = result.rest, to_unicode(name or result.path.name)
     _, radius = smallest_enclosing_sphere(rest.vertices[rest.used_vertices])
     limits = limits or Limits()
@@ -93,7 +103,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         edited_from=result.edited_from,
         sources=result.sources,
         settings=result.settings,
-        notes=list_notes(result, result_name, summary, limits),
+        notes=tuple(map(word, list_notes(result, result_name, summary, limits))),
         clip=ClipRecord(
             frames=len(frames),
             vertices=len(rest.vertices),

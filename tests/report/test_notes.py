@@ -125,7 +125,7 @@ def test_thrown_vertices_are_noted_with_their_frames(walk, notes_of):
     note = notes_of(frames)[0]
     assert note.startswith("2 frames with vertices far away")
     assert "clip.npz[7]" in note
-    assert "--robust" in note
+    assert "`robust=True`" in note
 
 
 def test_a_jump_is_noted(walk, notes_of):
@@ -133,7 +133,7 @@ def test_a_jump_is_noted(walk, notes_of):
     frames[9] += [0.0, 0.4, 0.0]
     (note,) = notes_of(frames)
     assert note.startswith("1 frame where the motion jumps, most in clip.npz[9]")
-    assert "--smooth auto" in note
+    assert "`smooth=auto`" in note
 
 
 def test_a_copy_is_noted(walk, notes_of):
@@ -142,7 +142,7 @@ def test_a_copy_is_noted(walk, notes_of):
     notes = [note for note in notes_of(frames) if "the same as" in note]
     assert len(notes) == 1
     assert "clip.npz[10]" in notes[0]
-    assert "--fill-gaps" in notes[0]
+    assert "`fill_gaps=True`" in notes[0]
 
 
 def test_a_vertex_that_never_moves_is_noted(walk, notes_of):
@@ -152,4 +152,4 @@ def test_a_vertex_that_never_moves_is_noted(walk, notes_of):
     notes = [note for note in notes_of(frames) if "unlike the neighbours" in note]
     assert len(notes) == 1
     assert f"vertex {moving} is off" in notes[0]
-    assert "--vertex-weights" in notes[0]
+    assert "`vertex_weights=`" in notes[0]

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.cli.group import word_options
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.html.pictures import render_pictures
 from cageik_cli.report.overview import build_clip_entry, build_overview
@@ -96,12 +97,12 @@ def test_a_fit_is_suggested_where_limbs_share_a_loop_and_there_is_none(report):
     told = replace(report, regions=(region, region))
     fitted = replace(told, fit=record())
     for one, count in ((told, 1), (fitted, 0)):
-        page = parse_page(render_page(one, None)).by_id("regions").text
-        assert format_text(one).count("weights that are fitted with --fit") == count
+        page = parse_page(render_page(one, None, word=word_options)).by_id("regions").text
+        assert format_text(one).count("weights that are fitted with `fit=True`") == count
         assert page.count("weights that are fitted with --fit") == count
-        assert "--rest-frame auto" in format_text(one)
+        assert "--rest-frame auto" in page
     other = replace(region, cause=str(Cause.COARSE_FACES))
-    assert "--fit" not in format_text(replace(report, regions=(other,)))
+    assert "fit=" not in format_text(replace(report, regions=(other,)))
     assert all(len(line) < 160 for line in format_text(told).splitlines())
 
 

@@ -1,6 +1,7 @@
 """The report as a page: one HTML file without other files, for a browser or a printer."""
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,7 @@ def render_page(
     pictures: Pictures | None,
     fit_pictures: FitPictures | None = None,
     player: PlayerClip | None = None,
+    word: Callable[[str], str] = str,
 ) -> str:
     """Render the page of a report; the same text for the same arguments.
 
@@ -76,6 +78,8 @@ def render_page(
         None for a result that does not hold the weights before a fit.
     player : PlayerClip, optional
         None for a page without a player.
+    word : callable
+        Puts parameters that the page names into the words of its reader, as in `build_report`.
     """
     columns, words = choose_columns(report), report.vocabulary
     digest = compute_record_digest(report)
@@ -96,9 +100,9 @@ def render_page(
         plot=_build_plot_values(report),
         pictures=pictures,
         **(build_picture_values(pictures, words) if pictures else {}),
-        regions=_build_region_values(report),
+        regions=_build_region_values(report, word),
         histogram=_build_histogram_values(report.vertices),
-        quality=build_quality_rows(report),
+        quality=build_quality_rows(report, word),
         **_build_provenance(report),
         worst_number=format_number(report.frames[report.summary.worst_frame_index].number),
         columns=columns,
@@ -146,7 +150,7 @@ def _list_sections(words: Vocabulary, absent: set[str]) -> list[tuple[str, str]]
     return [(anchor, title.format(**names)) for anchor, title in SECTIONS if anchor not in absent]
 
 
-def _build_region_values(report: Report) -> dict[str, Any]:
+def _build_region_values(report: Report, word: Callable[[str], str]) -> dict[str, Any]:
     """Collect the rows of the table of worst regions, and what to do about them."""
     return {
         "why": explain_regions(report.summary),
@@ -162,7 +166,9 @@ def _build_region_values(report: Report) -> dict[str, Any]:
             }
             for region in report.regions or ()
         ],
-        "remedies": list_remedies(report.regions or (), report.fit is not None),
+        "remedies": [
+            word(text) for text in list_remedies(report.regions or (), report.fit is not None)
+        ],
     }
 
 
@@ -180,18 +186,23 @@ def _build_provenance(report: Report) -> dict[str, Any]:
     }
 
 
-def render_result_page(result: Result, report: Report, has_player: bool = True) -> str:
+def render_result_page(
+    result: Result,
+    report: Report,
+    has_player: bool = True,
+    word: Callable[[str], str] = str,
+) -> str:
     """Render the page of a result and its report, with pictures.
 
-    Without weights a page has neither pictures nor a player.
+    Without weights a page has neither pictures nor a player. `word` is as in `render_page`.
     """
     poses = load_poses(result)
     if poses is None:
-        return render_page(report, None)
+        return render_page(report, None, word=word)
     shapes = load_fit_shapes(result, poses)
     fit_pictures = None if shapes is None else render_fit_pictures(poses, shapes)
     player = load_player_clip(result) if has_player else None
-    return render_page(report, render_pictures(poses), fit_pictures, player)
+    return render_page(report, render_pictures(poses), fit_pictures, player, word)
 
 
 def _build_limit_row(check: LimitCheck, words: Vocabulary) -> dict[str, Any]:

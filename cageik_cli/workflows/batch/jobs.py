@@ -1,6 +1,6 @@
 """The jobs of a batch, one per clip: what each does, in whatever process, and its outcome."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from typing import Any, Protocol
@@ -39,6 +39,9 @@ class ClipJob:
         Whether a page is written beside the result.
     has_player : bool
         Whether the page plays the clip.
+    word : callable
+        Puts notes into the words of who reads the reports, as in `build_report`. It is sent to the
+        process that does the job.
     """
 
     name: str
@@ -46,6 +49,7 @@ class ClipJob:
     limits: Limits = field(default_factory=Limits)
     has_page: bool = True
     has_player: bool = False
+    word: Callable[[str], str] = str
 
 
 class ClipState(Enum):
@@ -154,7 +158,8 @@ def make_failed_outcome(job: ClipJob, sentence: str) -> Outcome:
 def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
     """Make the outcome of a job that has a result; write its page unless that is up to date."""
     state = ClipState.DONE if is_new else ClipState.UNCHANGED
-    report, place = build_report(result, job.limits, job.name), f"{CLIPS_FOLDER}/{job.name}"
+    report = build_report(result, job.limits, job.name, job.word)
+    place = f"{CLIPS_FOLDER}/{job.name}"
     if not job.has_page:
         return Outcome(build_clip_entry(report, f"{place}.h5"), state)
     from cageik_cli.report.html.page import is_page_current, render_result_page
@@ -163,5 +168,6 @@ def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
     has_pictures = has_weights(result)
     has_player = job.has_player and has_pictures
     if not is_page_current(page, report, has_pictures, has_player):
-        write_text(page, render_result_page(result, report, has_player), overwrite=True)
+        text = render_result_page(result, report, has_player, job.word)
+        write_text(page, text, overwrite=True)
     return Outcome(build_clip_entry(report, f"{place}.h5", f"{place}.html"), state)

@@ -70,7 +70,7 @@ def run_batch(
     Parameters
     ----------
     word : callable
-        Puts the message of a failure into the words of who reads the report.
+        Puts messages of failures and notes into the words of who reads the reports.
 
     Raises
     ------
@@ -88,7 +88,9 @@ def run_batch(
         ):
             for entry in batch.rejected:
                 _log_outcome(Outcome(entry, ClipState.FAILED), width, progress)
-            for outcome in active_scheduler.run_jobs(batch.jobs):
+            for outcome in active_scheduler.run_jobs(
+                [replace(job, word=word) for job in batch.jobs]
+            ):
                 entries[outcome.entry.name] = outcome.entry
                 done.append(outcome)
                 _log_outcome(outcome, width, progress)
