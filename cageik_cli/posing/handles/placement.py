@@ -191,13 +191,12 @@ def _choose_pick_frame(handle_set: HandleSet, full_strength: range, count: int |
 
 def _check_keyframes(handle: Handle, count: int | None) -> None:
     """Check that the clip has the frames of all keyframes."""
-    track = handle.motion.track
-    if track is None or track.frames is None:
+    if handle.motion.frames is None:
         return
     with error_context(handle.motion.kind):
         if count is None:
             raise HandlesError(f"keyframes: {_explain_one_pose()}")
-        for frame in track.frames.tolist():
+        for frame in handle.motion.frames.tolist():
             _check_frame(frame, count)
 
 

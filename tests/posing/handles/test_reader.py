@@ -36,20 +36,20 @@ def test_handles_have_the_values_of_the_file(tmp_path):
     assert [one.radius for one in found.handles] == [3, 0.5, None, 1, 1]
     assert (hand.place.kind, hand.place.number) == ("vertex", 7)
     assert hand.motion.kind == "target"
-    np.testing.assert_array_equal(hand.motion.track.values, [[1, 2, 3]])
+    np.testing.assert_array_equal(hand.motion.values, [[1, 2, 3]])
     assert (knee.weight, knee.hard) == (1.0, False)
     assert (knee.place.kind, knee.place.number) == ("face", 3)
     np.testing.assert_array_equal(knee.place.values, [0.2, 0.3, 0.5])
     assert knee.motion.kind == "offset"
-    np.testing.assert_array_equal(knee.motion.track.frames, KEYS["frames"])
-    np.testing.assert_array_equal(knee.motion.track.values, KEYS["values"])
+    np.testing.assert_array_equal(knee.motion.frames, KEYS["frames"])
+    np.testing.assert_array_equal(knee.motion.values, KEYS["values"])
     assert foot.place.kind == "position"
     np.testing.assert_array_equal(foot.place.values, [1, 2, 3])
-    assert (foot.motion.kind, foot.motion.track) == ("pin", None)
+    assert (foot.motion.kind, foot.motion.values) == ("pin", None)
     assert nose.place.kind == ear.place.kind == "screen.source"
     assert (nose.motion.kind, ear.motion.kind) == ("screen.target", "screen.offset")
     np.testing.assert_array_equal(ear.place.values, [1, 2])
-    np.testing.assert_array_equal(ear.motion.track.values, [[3, 4]])
+    np.testing.assert_array_equal(ear.motion.values, [[3, 4]])
     assert nose.place.camera is ear.motion.camera is nose.motion.camera is ear.place.camera
 
 

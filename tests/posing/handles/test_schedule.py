@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
-from cageik_cli.posing.handles.model import Motion, Track
+from cageik_cli.posing.handles.model import Motion
 from cageik_cli.posing.handles.schedule import HandleSchedule, ScheduledAnchor
 from cageik_cli.util.errors import HandlesError
 from tests.posing.handles.test_model import FRAMES, POSITIONS, STANDING
@@ -72,8 +72,8 @@ def test_the_blend_is_half_in_the_middle():
 
 def test_targets_and_displacements_of_several():
     drag = drag_of(
-        Motion("target", Track(OFFSET)),
-        Motion("offset", Track(OFFSET)),
+        Motion("target", OFFSET),
+        Motion("offset", OFFSET),
         Motion("pin"),
         hold=range(4, 8),
         falloff=3,
@@ -92,7 +92,7 @@ def test_targets_and_displacements_of_several():
 
 
 def test_blocks_of_frames_are_parts_of_all():
-    drag = drag_of(Motion("target", Track(OFFSET)), Motion("pin"), hold=range(4, 8), falloff=3)
+    drag = drag_of(Motion("target", OFFSET), Motion("pin"), hold=range(4, 8), falloff=3)
     positions = np.stack([POSITIONS, POSITIONS + 1], axis=1)
     blocks = [drag.displacements(FRAMES[k : k + 5], positions[k : k + 5]) for k in (0, 5, 10)]
     np.testing.assert_array_equal(np.concatenate(blocks), drag.displacements(FRAMES, positions))
@@ -104,7 +104,7 @@ def test_motions_are_averaged_by_shares():
     mover = ScheduledAnchor(
         anchor,
         ("a", "b"),
-        (Motion("target", Track(OFFSET)), Motion("target", Track(other))),
+        (Motion("target", OFFSET), Motion("target", other)),
         np.array([0.25, 0.75]),
     )
     np.testing.assert_allclose(
@@ -113,7 +113,7 @@ def test_motions_are_averaged_by_shares():
 
 
 def test_a_point_behind_the_camera_is_named():
-    drag = drag_of(Motion("pin"), Motion("screen.target", Track(np.array([[1.0, 2.0]])), STANDING))
+    drag = drag_of(Motion("pin"), Motion("screen.target", np.array([[1.0, 2.0]]), camera=STANDING))
     positions = np.stack([POSITIONS, POSITIONS], axis=1)
     positions[6, 1] += [2, 4, 18]
     with pytest.raises(
@@ -123,7 +123,7 @@ def test_a_point_behind_the_camera_is_named():
 
 
 def test_a_target_too_far_away_is_named():
-    motions = (Motion("pin"), Motion("offset", Track(np.array([[1e50, 0.0, 0.0]]))))
+    motions = (Motion("pin"), Motion("offset", np.array([[1e50, 0.0, 0.0]])))
     positions = np.zeros((12, 2, 3))
     assert np.isfinite(drag_of(*motions).targets(FRAMES, positions)).all()
     positions[9, 1] = 1e49
