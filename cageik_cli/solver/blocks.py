@@ -143,11 +143,6 @@ class BlockSolver:
 
         At most so many frames are solved twice: their residuals give tolerances, with which those
         of the second time are not led astray by outliers.
-
-        Raises
-        ------
-        InputError
-            When one of these frames cannot be read and must not be skipped.
         """
         assert self.robust is not None
         with self.progress.stage("solve"), limit_blas_threads(1):
@@ -199,11 +194,6 @@ class BlockSolver:
             With a position for every vertex.
         given, weights : (k, m) float64, optional
             How much vertices may count, and how much they do; None if all weights are 1.
-
-        Raises
-        ------
-        NumericalError
-            When the solve gave numbers that are not finite or too large.
         """
         rest, frames, rebuilt = self.solver.binding.rest, block.positions, solution.reconstructions
         if self.robust is None:
@@ -263,13 +253,7 @@ def make_solved_block(
     digests: tuple[bytes, ...],
     kept: KeptBlock | None = None,
 ) -> SolvedBlock:
-    """Return the cages and metrics of a block, with gaps for frames that could not be read.
-
-    Raises
-    ------
-    NumericalError
-        When cages or metrics are not finite or too large.
-    """
+    """Return the cages and metrics of a block, with gaps for frames that could not be read."""
     metrics, squares, gaps = measured.metrics, measured.squared_errors, _find_gaps(block)
     known = np.delete(np.arange(len(solution.cages)), gaps)
     cages, rotations, sampled = solution.cages, solution.rotations, solution.sampled

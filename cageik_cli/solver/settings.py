@@ -51,11 +51,6 @@ class CaptureSettings:
         halved, and quicker ones nearly vanish. Not smoothed by default.
     fill_gaps : bool
         Fill frames that are skipped, or have no data, from those around them in time.
-
-    Raises
-    ------
-    SettingError
-        When the period is not above 0.
     """
 
     robust: bool = False

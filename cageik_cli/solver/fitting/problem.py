@@ -223,11 +223,6 @@ def complement_basis(cage: TriMesh) -> Floats:
     Returns
     -------
     (n, n - 4) float64.
-
-    Raises
-    ------
-    CageError
-        When all vertices of the cage lie in a plane.
     """
     return np.asarray(
         np.linalg.qr(_affine_functions(cage), mode="complete")[0][:, AFFINE_FUNCTIONS:]
@@ -238,11 +233,6 @@ def restore_affine(weights: Floats, rest: TriMesh, cage: TriMesh) -> Floats:
     """Return the nearest weights, (m, n), whose rows sum to one and give the rest vertices.
 
     Weights that do so already, to rounding, are returned as they are.
-
-    Raises
-    ------
-    CageError
-        When all vertices of the cage lie in a plane.
     """
     functions = _affine_functions(cage)
     target = _evaluate(rest.vertices, cage)

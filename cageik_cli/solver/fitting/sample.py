@@ -28,12 +28,7 @@ class FrameReader(Protocol):
         """Return the number of frames."""
 
     def read_frame(self, index: int) -> Floats:
-        """Read the vertices of a frame, (m, 3).
-
-        Raises
-        ------
-        InputError
-        """
+        """Read the vertices of a frame, (m, 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
