@@ -23,7 +23,7 @@ from cageik_cli.cli.output import check_views, list_files, write_or_print
 from cageik_cli.formats.settings import UP_AXES
 
 if TYPE_CHECKING:
-    from cageik_cli.posing.snapshot import PoseSnapshot
+    from cageik_cli.posing.summary import PoseSnapshot
     from cageik_cli.workflows.edit import EditSettings
     from cageik_cli.workflows.pose import PoseSettings
 

@@ -122,14 +122,7 @@ def point_at_vertex(mesh: TriMesh, vertex: int) -> SurfacePoint:
 
 
 def point_on_face(mesh: TriMesh, face: int, barycentric: Floats) -> SurfacePoint:
-    """Return the point of a face that has these barycentric coordinates, (3,).
-
-    Raises
-    ------
-    HandlesError
-        When there is no such face, or the coordinates are not three finite numbers of 0 or above
-        with the sum one.
-    """
+    """Return the point of a face that has these barycentric coordinates, (3,)."""
     count, shares = len(mesh.faces), np.asarray(barycentric, np.float64)
     if not 0 <= face < count:
         raise HandlesError(

@@ -8,12 +8,11 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.posing import reach
+from cageik_cli.posing import constraints
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
-from cageik_cli.posing.constraints import Mirror, mirror_pairs
+from cageik_cli.posing.constraints import MAX_LEAK, Mirror, find_reach, mirror_pairs
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.reach import MAX_LEAK, find_reach
 from cageik_cli.posing.summary import PoseStatistics
 from cageik_cli.util.errors import HandlesError
 
@@ -179,7 +178,7 @@ def test_the_sum_of_free_weights_is_the_bound(binding):
 
 def test_blocks_do_not_change_the_reach(binding, monkeypatch):
     _, locked = reach_of(binding, 1.0)
-    monkeypatch.setattr(reach, "MAX_REACH_ROWS", 7)
+    monkeypatch.setattr(constraints, "MAX_REACH_ROWS", 7)
     np.testing.assert_array_equal(reach_of(binding, 1.0)[1], locked)
 
 

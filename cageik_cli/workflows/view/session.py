@@ -15,7 +15,7 @@ from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.handles.reader import parse_handles
-from cageik_cli.posing.snapshot import PoseResult
+from cageik_cli.posing.summary import PoseResult
 from cageik_cli.report.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
 from cageik_cli.store.result import Result
 from cageik_cli.util.errors import OutputError, SettingError
