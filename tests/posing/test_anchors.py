@@ -173,12 +173,12 @@ def first_hits(mesh, camera, pixels):
     caster = trimesh.ray.ray_triangle.RayMeshIntersector(
         trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     )
-    rays = camera.cast_rays(pixels)
-    points, ray, _ = caster.intersects_location(rays.origins, rays.directions)
-    depths = ((points - rays.origins[ray]) * rays.directions[ray]).sum(axis=1)
+    origins, directions, lengths = camera.cast_rays(pixels)
+    points, ray, _ = caster.intersects_location(origins, directions)
+    depths = ((points - origins[ray]) * directions[ray]).sum(axis=1)
     found = np.full((len(pixels), 3), np.nan)
     for k in np.lexsort((-depths, ray)):
-        if 0 <= depths[k] <= rays.lengths[ray[k]]:
+        if 0 <= depths[k] <= lengths[ray[k]]:
             found[ray[k]] = points[k]
     return found
 

@@ -29,13 +29,7 @@ HDF5_SUFFIXES = (".h5", ".hdf5")
 
 
 def check_hdf5_suffix(path: Path) -> None:
-    """Refuse to write HDF5 to a file with the suffix of another format.
-
-    Raises
-    ------
-    InputError
-        Naming the output and what to do.
-    """
+    """Refuse to write HDF5 to a file with the suffix of another format."""
     if path.suffix.lower() not in HDF5_SUFFIXES:
         raise OutputError(
             f"{path}: the output is an HDF5 file, expected a name that ends in "
@@ -104,11 +98,6 @@ def get_dataset(
         Numpy's kind letters that are accepted: "f", "iu", or "O" for text.
     shape : tuple
         Expected lengths; None is any above zero.
-
-    Raises
-    ------
-    InputError
-        When it is missing, is in another file, or has another type, shape or size.
     """
     if not is_inside(file, name):
         raise FormatError(f"has no dataset `{name}`")
@@ -135,13 +124,7 @@ def read_array(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, 
 
 
 def read_texts(file: h5py.File, name: str, count: int) -> tuple[str, ...]:
-    """Read a dataset of `count` texts.
-
-    Raises
-    ------
-    InputError
-        When it is not that, or the texts take more bytes than the file has.
-    """
+    """Read a dataset of `count` texts."""
     found = get_dataset(file, name, "O", (count,))
     if h5py.check_string_dtype(found.dtype) is None:
         raise FormatError(f"`{name}` does not hold text; write it again")
@@ -159,11 +142,7 @@ def read_texts(file: h5py.File, name: str, count: int) -> tuple[str, ...]:
 def read_attribute(holder: Any, name: str, default: Any = None) -> Any:
     """Read an attribute of a file or a dataset: one text, or a few numbers.
 
-    Raises
-    ------
-    FormatError
-        When it is something else. Each of many texts may be one and the same in the file, which
-        would fill the memory.
+    Each of many texts may be one and the same in the file, which would fill the memory.
     """
     if name not in holder.attrs:
         return default
@@ -216,13 +195,7 @@ def write_surface(file: h5py.File, group: str, mesh: TriMesh) -> None:
 
 
 def read_surface(file: h5py.File, group: str, mesh: TriMesh) -> TriMesh:
-    """Return a mesh with the attributes in a group; the mesh itself if there is no such group.
-
-    Raises
-    ------
-    FormatError
-        When they are damaged, or those of another mesh.
-    """
+    """Return a mesh with the attributes in a group; the mesh itself if there is no such group."""
     if not is_inside(file, group):
         return mesh
     with error_context(f"`{group}`"):

@@ -160,13 +160,7 @@ class SceneReader(ClipFile):
 def read_constant_polygons(
     read_at: Callable[[float], Polygons], times: Iterable[float]
 ) -> Polygons:
-    """Read the faces at the first of some times, and check that they never change.
-
-    Raises
-    ------
-    ConnectivityError
-        Naming the time at which they change.
-    """
+    """Read the faces at the first of some times, and check that they never change."""
     first, *others = times
     found = read_at(first)
     for time in others:
@@ -216,13 +210,7 @@ def round_frame_step(step: float | None) -> float | None:
 
 
 def choose_mesh(meshes: list[str], member: str | None) -> str:
-    """Return the mesh that `member` names, or the only one.
-
-    Raises
-    ------
-    InputError
-        Listing the meshes to choose from.
-    """
+    """Return the mesh that `member` names, or the only one."""
     if not meshes:
         raise FormatError("holds no mesh; export an animated mesh")
     if member is not None and member not in meshes:
