@@ -237,7 +237,8 @@ def run_clip_task(
     """Run a job as a task; pieces of it take `piece_seconds` at least."""
     configure_worker()
     wait_for_checkpoint(checkpoint_path(job.settings.output), timeout=30.0)
-    return run_clip(job, stored_binding, ClusterExecutor(job.settings, weights_task, piece_seconds))
+    executor = ClusterExecutor(job.settings, weights_task, piece_seconds)
+    return run_clip(job, stored_binding, executor.run_blocks)
 
 
 def wait_for_checkpoint(path: Path, timeout: float) -> None:

@@ -19,7 +19,7 @@ from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.captured import FrameWeights
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.executor import MemoryPlan, ThreadExecutor
+from cageik_cli.solver.executor import MemoryPlan, run_in_threads
 from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import ClusterError, FileAccessError
@@ -80,7 +80,7 @@ class ClusterExecutor:
             self._solve_blocks(
                 block_solver,
                 starts,
-                replace(memory_plan, max_parallel_blocks=1, max_queued_frames=starts.step),
+                replace(memory_plan, jobs=1, max_parallel_blocks=1, max_queued_frames=starts.step),
             )
         )
 
@@ -88,7 +88,7 @@ class ClusterExecutor:
         self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
     ) -> Generator[SolvedBlock]:
         start_time, done = time.monotonic(), 0
-        with ThreadExecutor(1).run_blocks(block_solver, starts, memory_plan) as local_blocks:
+        with run_in_threads(block_solver, starts, memory_plan) as local_blocks:
             for block in local_blocks:
                 yield block
                 done += 1
@@ -201,7 +201,7 @@ def solve_piece(
 ) -> list[SolvedBlock]:
     """Solve the blocks that begin at `starts`, as a task."""
     configure_worker()
-    with ThreadExecutor(1).run_blocks(
+    with run_in_threads(
         context.build_block_solver(stored_binding.binding), starts, context.memory_plan
     ) as blocks:
         return list(blocks)

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from cageik_cli.report.limits import Limits
 from cageik_cli.report.overview import ClipEntry, build_clip_entry
 from cageik_cli.report.record import build_report
-from cageik_cli.solver.executor import BlockExecutor
+from cageik_cli.solver.executor import RunBlocks, run_in_threads
 from cageik_cli.solver.settings import AREA
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
@@ -86,12 +86,12 @@ class Scheduler(Protocol):
 
 
 def run_clip(
-    job: ClipJob, stored: StoredBinding | None = None, executor: BlockExecutor | None = None
+    job: ClipJob, stored: StoredBinding | None = None, run_blocks: RunBlocks = run_in_threads
 ) -> Outcome:
     """Do a job; the outcome holds what failed, and this function raises no error."""
     try:
         make_folder(job.settings.output.parent)
-        extraction = Extraction(job.settings, stored=stored, executor=executor)
+        extraction = Extraction(job.settings, stored=stored, run_blocks=run_blocks)
         result = extraction.run()
         return _make_outcome(job, result, is_new=extraction.existing is None)
     except Exception as error:
