@@ -320,7 +320,7 @@ class LayeredEdit:
         # Only the difference is added: nothing cancels, and unchanged frames stay bit for bit.
         after[is_changed] += reconstruct(self.target.binding.weights, (edited - cages)[is_changed])
         rest = self.target.binding.rest
-        measured = measure(rest, meshes, after, rest.used_vertices)
+        metrics, squares = measure(rest, meshes, after, rest.used_vertices)
         return EditedFrames(
             frames=frames,
             cages_before=cages,
@@ -331,8 +331,8 @@ class LayeredEdit:
             meshes_after=after,
             anchors_before=self.target.anchor_positions(self.anchors, frames, cages),
             anchors_after=self.target.anchor_positions(self.anchors, frames, edited),
-            metrics=measured.metrics,
-            squared_displacements=measured.squared_errors,
+            metrics=metrics,
+            squared_displacements=squares,
         )
 
     def _pose_at(self, frame: int) -> Floats:

@@ -105,7 +105,7 @@ def measure_tolerances(
         found = robust.solve(positions, weights)
         if found.faults:
             continue
-        errors = positions[0] - found.solution.reconstructions[0]
+        errors = positions[0] - found.reconstructions[0]
         residuals = np.sqrt(np.einsum("jx,jx->j", errors, errors))
         is_data = robust.solver.vertex_weights > 0
         if weights is not None:

@@ -219,7 +219,7 @@ def measure_unfitted(
         frame = read(k)[None]
         solution = solver.solve(frame, workspace)
         rebuilt = solution.reconstructions
-        metrics = measure(rest, frame, rebuilt, solver.data_vertices, workspace).metrics
+        metrics, _ = measure(rest, frame, rebuilt, solver.data_vertices, workspace)
         check_finite(k, solution.cages, metrics)
         rms[place] = metrics.rms[0]
         if k in key_frames:

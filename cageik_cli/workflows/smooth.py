@@ -285,12 +285,12 @@ def _measure_again(
     rebuilt = reconstruct_frames(binding, cages, rotations)
     positions, given = block_solver.complete(block)
     weights = solved.kept.expand_weights(rebuilt.shape[1])
-    solution = Solution(cages, rebuilt, rotations, solved.sampled)
+    solution = Solution(cages, rebuilt, rotations, solved.sampled, weights)
     errors: dict[int, InputError] = {
         k: FileAccessError(reason) for k, reason in solved.skipped.items()
     }
     again = replace(block, positions=positions, read_errors=errors)
-    return block_solver.measure_block(again, given, solution, weights, solved.digests)
+    return block_solver.measure_block(again, given, solution, solved.digests)
 
 
 def _set_filled(

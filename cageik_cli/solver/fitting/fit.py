@@ -93,7 +93,7 @@ class Fitter:
                 else binding.weights
             ),
             complement=complement_basis(binding.cage),
-            surface=SurfaceLaplacian.from_mesh(binding.rest),
+            surface=SurfaceLaplacian(binding.rest),
             vertex_weights=weights,
             regularization=DEFAULT_REGULARIZATION,
             smoothness=self._settings.smoothness,
