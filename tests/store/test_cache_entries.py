@@ -8,19 +8,19 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store import cache_entries
 from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_entries import CAGES, WEIGHTS, CachedCage, compute_cage_key, find_cage
+from cageik_cli.store.cache_entries import CAGES, WEIGHTS, compute_cage_key, find_cage
 from tests.shapes import ball, box
 from tests.store.entries import entry as weights_entry
+from tests.store.entries import same
 
-BUILT = CachedCage(box().vertices / 3, box().faces, "built, of ä shell", ("a note", "another"))
+BUILT = {
+    "vertices": box().vertices / 3,
+    "faces": box().faces,
+    "description": "built, of ä shell",
+    "notes": ("a note", "another"),
+}
 SETTINGS = BuildSettings()
 KEY = "1" * 64
-
-
-def same(found):
-    np.testing.assert_array_equal(found.vertices, BUILT.vertices)
-    np.testing.assert_array_equal(found.faces, BUILT.faces)
-    return (found.description, found.notes) == (BUILT.description, BUILT.notes)
 
 
 def never():
@@ -30,7 +30,7 @@ def never():
 def test_a_cage_is_built_once(kept, said):
     assert find_cage(kept, ball(1), SETTINGS, lambda: BUILT) is BUILT
     assert said == []
-    assert same(find_cage(kept, ball(1), SETTINGS, never))
+    assert same(find_cage(kept, ball(1), SETTINGS, never), BUILT)
     (remark,) = said
     assert remark.startswith("cache hit, saved ")
     assert [path.suffix for path in kept.folder.iterdir()] == [".cage"]
@@ -40,9 +40,9 @@ def test_a_damaged_cage_is_built_again(kept, said):
     find_cage(kept, ball(1), SETTINGS, lambda: BUILT)
     (path,) = kept.folder.iterdir()
     path.write_bytes(path.read_bytes()[:-1] + b"\1")
-    assert same(find_cage(kept, ball(1), SETTINGS, lambda: BUILT))
+    assert same(find_cage(kept, ball(1), SETTINGS, lambda: BUILT), BUILT)
     assert said == [f"{path}: is damaged; it is deleted and the cage is computed"]
-    assert same(find_cage(kept, ball(1), SETTINGS, never))
+    assert same(find_cage(kept, ball(1), SETTINGS, never), BUILT)
 
 
 def test_weights_are_no_cage(kept, said):
