@@ -14,8 +14,7 @@ from cageik_cli.solver.fitting.record import (
     FitRecord,
     FitReport,
 )
-from cageik_cli.store.result import Result
-from cageik_cli.store.result_frames import read_unfitted
+from cageik_cli.store.result import Result, read_unfitted
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import format_bytes, format_count
 

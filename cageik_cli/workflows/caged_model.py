@@ -19,7 +19,7 @@ from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.alignment import best_rotations
 from cageik_cli.solver.fitting.record import FitRecord
-from cageik_cli.store import result_frames
+from cageik_cli.store import result as result_file
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.util.arrays import Floats, Integers, fill_gaps
@@ -118,7 +118,7 @@ class CagedModel:
         """Read the weights; None if a result was written without, or there is a cage only."""
         if self.stored is not None:
             return self.stored.binding
-        return None if self.result is None else result_frames.read_binding(self.result)
+        return None if self.result is None else result_file.read_binding(self.result)
 
     def read_binding(self, user: str) -> Binding:
         """Read the weights of a result or a binding.
@@ -143,7 +143,7 @@ class CagedModel:
     def read_reconstruction(self, user: str) -> "Reconstruction":
         """Read the mesh animation that the cages of a result give; raises as `read_binding`."""
         result, binding = self.require_result("which has no cages"), self.read_binding(user)
-        rotations = result_frames.read_rotations(result) if binding.has_offsets else None
+        rotations = result_file.read_rotations(result) if binding.has_offsets else None
         return Reconstruction(binding, CageFrames.from_result(result), rotations)
 
     def build_cage(

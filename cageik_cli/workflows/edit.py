@@ -17,9 +17,8 @@ from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.solver.executor import choose_block_size
 from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics, check_finite
 from cageik_cli.solver.summary import DeviationPeaks, summarize_blocks
-from cageik_cli.store.result import Result, read_cages, read_result
+from cageik_cli.store.result import Result, read_cages, read_result, read_rotations
 from cageik_cli.store.result_fields import ResultHeader, ResultSummary
-from cageik_cli.store.result_frames import read_rotations
 from cageik_cli.store.result_writer import ResultWriter, open_result_writer
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import error_context

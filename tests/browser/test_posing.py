@@ -10,8 +10,7 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.player.clip import load_player_clip, make_single_pose
 from cageik_cli.report.record import build_report
-from cageik_cli.store.result import read_result
-from cageik_cli.store.result_frames import read_binding
+from cageik_cli.store.result import read_binding, read_result
 from tests.browser.players import WALKER, check_positions, drag, middle_of, run_cageik, settle
 
 pytestmark = pytest.mark.browser

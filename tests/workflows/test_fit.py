@@ -20,9 +20,14 @@ from cageik_cli.solver.fitting.fit import Fitter
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.store.checkpoint import Checkpoint, checkpoint_progress
-from cageik_cli.store.result import checkpoint_path, read_cages, read_result
-from cageik_cli.store.result_frames import read_binding as read_result_binding
-from cageik_cli.store.result_frames import read_key_frames, read_rotations
+from cageik_cli.store.result import (
+    checkpoint_path,
+    read_cages,
+    read_key_frames,
+    read_result,
+    read_rotations,
+)
+from cageik_cli.store.result import read_binding as read_result_binding
 from cageik_cli.util.errors import CheckpointError, InputError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import BindRunSettings, WeightSettings, bind_files

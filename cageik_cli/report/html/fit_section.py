@@ -38,8 +38,7 @@ from cageik_cli.report.render.shading import (
     render,
 )
 from cageik_cli.report.vocabulary import Vocabulary
-from cageik_cli.store.result import Result
-from cageik_cli.store.result_frames import read_binding, read_unfitted
+from cageik_cli.store.result import Result, read_binding, read_unfitted
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.text import format_count
 

@@ -10,8 +10,14 @@ import numpy as np
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.posing.constraints import Mirror, mirror_pairs
 from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose_turn
-from cageik_cli.store.result import Result, read_cages
-from cageik_cli.store.result_frames import KeyFrames, read_binding, read_key_frames, read_rotations
+from cageik_cli.store.result import (
+    KeyFrames,
+    Result,
+    read_binding,
+    read_cages,
+    read_key_frames,
+    read_rotations,
+)
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError
 from cageik_cli.util.text import single_line, to_unicode

@@ -10,7 +10,7 @@ from PIL import Image
 
 from cageik_cli.report.html.fit_section import load_fit_shapes, render_fit_pictures
 from cageik_cli.report.render.model_views import load_poses
-from cageik_cli.store.result_frames import read_binding
+from cageik_cli.store.result import read_binding
 
 PIXELS = 60
 

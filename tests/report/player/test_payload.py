@@ -11,8 +11,7 @@ from cageik_cli.report.player import clip as clip_module
 from cageik_cli.report.player import payload
 from cageik_cli.report.player.clip import find_mirror, load_player_clip, make_single_pose
 from cageik_cli.report.player.payload import build_payload, decimate
-from cageik_cli.store.result import read_cages
-from cageik_cli.store.result_frames import read_binding, read_rotations
+from cageik_cli.store.result import read_binding, read_cages, read_rotations
 from tests.report.player.rebuild import rebuild_frame, unpack_payload
 from tests.shapes import ball, rotation
 
