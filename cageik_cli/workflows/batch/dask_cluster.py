@@ -21,7 +21,7 @@ from cageik_cli.util.files import open_locked
 from cageik_cli.workflows.batch.dask_pieces import (
     MIN_PIECE_SECONDS,
     ClusterExecutor,
-    WeightsTask,
+    compute_weights,
     configure_worker,
     describe_killed_worker,
 )
@@ -105,10 +105,10 @@ class DaskScheduler:
         """Submit the tasks of jobs, those with the same weights after each other."""
         for jobs in by_key.values():
             # The cluster keeps the weights as long as this future, or a task that needs them.
-            task = WeightsTask(f"weights-{uuid4().hex}", jobs[0])
-            weights = task.submit(self._client)
+            key = f"weights-{uuid4().hex}"
+            weights = self._client.submit(compute_weights, jobs[0], key=key)
             for job in jobs:
-                arguments = (job, weights, task, self._piece_seconds)
+                arguments = (job, weights, key, self._piece_seconds)
                 yield job, self._client.submit(run_clip_task, *arguments, pure=False)
 
     def _iterate_results(
@@ -231,13 +231,13 @@ class DaskScheduler:
 def run_clip_task(
     job: ClipJob,
     stored_binding: StoredBinding | None,
-    weights_task: WeightsTask,
+    weights_key: str,
     piece_seconds: float,
 ) -> Outcome:
     """Run a job as a task; pieces of it take `piece_seconds` at least."""
     configure_worker()
     wait_for_checkpoint(checkpoint_path(job.settings.output), timeout=30.0)
-    executor = ClusterExecutor(job.settings, weights_task, piece_seconds)
+    executor = ClusterExecutor(job, weights_key, piece_seconds)
     return run_clip(job, stored_binding, executor.run_blocks)
 
 

@@ -1,6 +1,6 @@
 """Find the clips under folders: folders of frames, and files that hold clips."""
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
@@ -124,11 +124,6 @@ def _check_names_differ(clips: Sequence[DiscoveredClip]) -> None:
                 f"{clip.frames[0]}: its result and that of {other.frames[0]} would have the same "
                 f"name ({clip.name}); rename one of them"
             )
-    _check_folder_conflicts(clips_by_name)
-
-
-def _check_folder_conflicts(clips_by_name: Mapping[str, DiscoveredClip]) -> None:
-    """Refuse clips whose results would have the name of a folder with results of others."""
     folders = {str(above): name for name in clips_by_name for above in PurePosixPath(name).parents}
     for name, clip in clips_by_name.items():
         for suffix in (".h5", ".h5.partial", ".html"):  # of the files that are written

@@ -18,7 +18,6 @@ from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob, ClipState, Outcome, Scheduler
 from cageik_cli.workflows.extract import Extraction
-from cageik_cli.workflows.settings import ExtractSettings
 
 REPORT_FILES = {
     "index.html": render_index,
@@ -135,17 +134,14 @@ def _describe_job(job: ClipJob) -> list[tuple[str, str]]:
         state = "would be new"
     sequence = extraction.sequence
     vertices = len(sequence.first.vertices)
+    cage = str(settings.cage or settings.binding)
+    if settings.builds_cage:
+        cage = f"would be built, of {settings.build.vertices} vertices"
     return [
         ("frames", f"{len(sequence)} of {vertices} vertices, from {sequence.names[0]}"),
-        ("cage", _describe_cage(settings)),
+        ("cage", cage),
         ("result", f"{settings.output}, {state}"),
     ]
-
-
-def _describe_cage(settings: ExtractSettings) -> str:
-    if settings.builds_cage:
-        return f"would be built, of {settings.build.vertices} vertices"
-    return str(settings.cage or settings.binding)
 
 
 def check_folder_empty(folder: Path) -> None:
