@@ -36,7 +36,6 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.settings import ClipSettings
 
 if TYPE_CHECKING:
-    from cageik_cli.store.result import Result
     from cageik_cli.util.progress import ProgressListener
     from cageik_cli.workflows.export import ExportSettings
     from cageik_cli.workflows.settings import ExtractSettings
@@ -223,8 +222,19 @@ def extract_command(
         click.echo(word_options("\n".join(lines)), err=True)
         click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
     if get_verbosity():
-        _show_details(settings, result)
+        click.echo(f"cache: {settings.cache}", err=True)
+        click.echo(f"settings: {json.dumps(result.settings)}", err=True)
+        click.echo(f"sources: {json.dumps(result.sources)}", err=True)
     exit_with_code(overview)
+
+
+def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> list[str]:
+    """Write the exports, and return what is told of each."""
+    if not planned:
+        return []
+    from cageik_cli.workflows.export import export
+
+    return [export(one, progress).message for one in planned]
 
 
 def _plan_exports(settings: "ExtractSettings", paths: tuple[Path, ...]) -> list["ExportSettings"]:
@@ -239,18 +249,3 @@ def _plan_exports(settings: "ExtractSettings", paths: tuple[Path, ...]) -> list[
     for one in planned:
         check_export(one)
     return planned
-
-
-def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> list[str]:
-    """Write the exports, and return what is told of each."""
-    if not planned:
-        return []
-    from cageik_cli.workflows.export import export
-
-    return [export(one, progress).message for one in planned]
-
-
-def _show_details(settings: "ExtractSettings", result: "Result") -> None:
-    click.echo(f"cache: {settings.cache}", err=True)
-    click.echo(f"settings: {json.dumps(result.settings)}", err=True)
-    click.echo(f"sources: {json.dumps(result.sources)}", err=True)

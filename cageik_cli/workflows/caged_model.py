@@ -307,11 +307,7 @@ class Reconstruction:
     def _turn(self, start: int, cages: Floats) -> Floats:
         """Return the rotations (k, 3, 3) of frames from `start` on."""
         if self._rotations is None:
-            return _turn_with_cages(cages, self.binding.cage.vertices)
+            rest = self.binding.cage.vertices
+            centred = cages - cages.mean(axis=1, keepdims=True)
+            return best_rotations(centred, rest - rest.mean(axis=0), np.ones(len(rest)))
         return self._rotations[start : start + len(cages)]
-
-
-def _turn_with_cages(cages: Floats, rest: Floats) -> Floats:
-    """Return the rotations (k, 3, 3) of a rest cage (n, 3) to cages (k, n, 3)."""
-    centred = cages - cages.mean(axis=1, keepdims=True)
-    return best_rotations(centred, rest - rest.mean(axis=0), np.ones(len(rest)))
