@@ -16,7 +16,7 @@ from cageik_cli.coordinates.binding import Binding, Correction
 from cageik_cli.formats.base.hdf5 import get_dataset, read_array, read_attribute
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import are_lengths
-from cageik_cli.store.hdf5_fields import read_floats, read_record_attr, to_json, write_deflated
+from cageik_cli.store.hdf5_fields import read_floats, read_optional_record, to_json, write_deflated
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 
@@ -109,7 +109,7 @@ def read_offset_mark(file: h5py.File) -> bool:
 
 def read_fit_record(file: h5py.File) -> FitRecord | None:
     """Read the record of a fit; None if the weights are not fitted."""
-    record: FitRecord | None = read_record_attr(file, "fit", FitRecord)
+    record = read_optional_record(file, "fit", FitRecord)
     if record is not None and not record.clips:
         raise FormatError("attribute `fit` names no clip that the weights were fitted to")
     return record

@@ -158,14 +158,15 @@ DAMAGES = {
         f"no {name}": (replaced(name), f"`{name}`")
         for name in ("weights", "tris", "cage/verts", "rest/verts", "rest/tris")
     },
-    "settings of another kind": (settings(more="x"), "`settings`"),
+    "settings of another kind": (settings(more="x"), "`settings` holds more"),
     "settings that are no words": (settings(accuracy=3), "`settings`"),
     "unknown coordinates": (settings(coordinates="x"), "'x'"),
     "unknown accuracy": (settings(accuracy="best"), "'best'"),
-    "more figures": (quality(more=1), "`quality`"),
+    "more figures": (quality(more=1), "`quality` holds more"),
+    "no figures": (attribute("quality", "{}"), "`quality` does not hold partition_of_unity"),
     "figures that are words": (quality(panels="many"), "`quality`"),
-    "half a panel": (quality(panels=0.5), "`panels` in attribute `quality` is 0.5"),
-    "less than none": (quality(projected=-1), "`projected` in attribute `quality` is -1"),
+    "half a panel": (quality(panels=0.5), "`quality.panels` is 0.5"),
+    "less than none": (quality(projected=-1), "`quality.projected` is -1"),
     "no source of the cage": (
         attribute("sources", '{"rest": {"name": "a"}}'), "`sources`"
     ),

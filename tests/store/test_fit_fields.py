@@ -7,6 +7,8 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.summary import VertexBound
 from cageik_cli.store import binding_file
 from cageik_cli.store import result as results
@@ -128,8 +130,9 @@ RECORD_DAMAGES = [
     (fit_attribute(["report", "min_weight"], "x"), '`fit.report.min_weight` is "x"'),
     (fit_attribute(["report", "min_weight"], True), "`fit.report.min_weight` is true"),
     (fit_attribute(["report", "frames"], 1.5), "`fit.report.frames` is 1.5"),
-    (fit_attribute(["report", "roughness"], None), "`fit.report` does not hold"),
-    (fit_attribute(["report", "more"], 1), "`fit.report` does not hold"),
+    (fit_attribute(["report", "roughness"], None), "`fit.report` does not hold roughness"),
+    (fit_attribute(["report", "more"], 1), "`fit.report` holds more"),
+    (fit_attribute(["settings", "more"], 1), "a newer version of cageik; update"),
     (fit_attribute(["report", "fitted"], 1), "`fit.report.fitted` does not hold"),
     (fit_attribute(["report", "curve"], [[1, 2, 3]]), "`fit.report.curve[0]` has 3 values"),
     (fit_attribute(["report", "curve"], 3), "`fit.report.curve` is 3"),
@@ -160,6 +163,19 @@ def test_a_damaged_fit_is_refused(tmp_path, form, damage, says):
     path = tmp_path / "binding.h5"
     write_binding(path, form)
     assert_refused(path, damage, says, binding_file.read_binding, FormatError)
+
+
+def test_fields_that_an_older_file_lacks_take_their_defaults(tmp_path):
+    path = tmp_path / "binding.h5"
+    fit = write_binding(path, "dense").binding.fit
+    with h5py.File(path, "r+") as file:
+        fit_attribute(["settings", "smoothness"], None)(file)
+        fit_attribute(["report", "curve"], None)(file)
+        file.attrs["settings"] = "{}"
+    found = binding_file.read_binding(path).binding
+    assert found.settings == BindSettings()
+    assert found.fit.settings == replace(fit.settings, smoothness=FitSettings().smoothness)
+    assert found.fit.report == replace(fit.report, curve=())
 
 
 def test_a_form_that_the_record_does_not_state_is_refused(tmp_path):
