@@ -7,17 +7,8 @@ import pytest
 import trimesh
 
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import ConnectivityError, FileAccessError, InputError
 from tests.clips import frames_of
-
-
-def test_gaps_are_taken_when_allowed(folder, animation):
-    (folder / "frames/frame_3.obj").unlink()
-    with pytest.raises(FileAccessError, match=r"frame_3\.obj: missing"):
-        open_sequence(["frames"])
-    found = frames_of(open_sequence(["frames"], ClipSettings(gaps="close")))
-    np.testing.assert_array_equal(found, animation.frames[[0, 1, 3, 4]])
 
 
 @pytest.mark.parametrize("kind", ["obj", "ply", "off"])

@@ -191,11 +191,6 @@ FAULTS = {
     "text.off": (b"hello", "OFF"),
     "short.off": (OFF[:30].encode(), "OFF"),
     "short.ply": (PLY[:250].encode(), "PLY"),
-    "points.ply": (
-        b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
-        b"property float z\nend_header\n0 0 0\n",
-        "is a point cloud",
-    ),
     "nan.off": (OFF.replace("1 1 0", "1 nan 0").encode(), "vertex 2 is (1, nan, 0)"),
     "huge.off": (OFF.replace("3 0 2 3", f"3 0 2 {10**30}").encode(), "OFF"),
     "two.off": (OFF.replace("3 0 2 3", "2 0 2").encode(), "face 1 has 2 corners"),

@@ -12,7 +12,6 @@ import cageik_cli.formats
 from cageik_cli.formats.base.files import discover_plugins
 from cageik_cli.formats.open import clip_suffixes, load_mesh, mesh_suffixes, open_sequence
 from cageik_cli.formats.write import write_mesh
-from cageik_cli.util.errors import FormatError
 from tests.clips import frames_of
 from tests.formats.written import write
 from tests.shapes import octahedron
@@ -155,15 +154,6 @@ def test_meshes_are_read_back_also_packed(tmp_path):
         loaded = load_mesh(file)
         np.testing.assert_array_equal(loaded.mesh.vertices, FRAMES[0])
         np.testing.assert_array_equal(loaded.mesh.faces, MESH.faces)
-
-
-@pytest.mark.usefixtures("toy_formats")
-@pytest.mark.parametrize("content", [b"", b"{"])
-def test_damaged_meshes_of_new_formats_are_refused(tmp_path, content):
-    path = tmp_path / "a.toymesh"
-    path.write_bytes(content)
-    with pytest.raises(FormatError, match=r"a\.toymesh: "):
-        load_mesh(path)
 
 
 def read_cages(path):

@@ -9,7 +9,7 @@ import pytest
 from cageik_cli.formats.base import files as file_data
 from cageik_cli.formats.base.files import decompress
 from cageik_cli.formats.open import load_mesh, open_sequence
-from cageik_cli.util.errors import FileAccessError, FormatError, SettingError
+from cageik_cli.util.errors import FileAccessError, FormatError
 from tests.clips import frames_of
 
 
@@ -33,12 +33,6 @@ def test_packed_frames_are_the_frames(packed, animation):
 def test_a_missing_packed_frame_is_named(packed):
     (packed / "frame_3.obj.gz").unlink()
     with pytest.raises(FileAccessError, match=r"frame_3\.obj\.gz: missing between"):
-        open_sequence(["frames"])
-
-
-def test_packed_and_plain_frames_are_not_mixed(packed):
-    (packed / "frame_6.obj").write_bytes(b"v 0 0 0\n")
-    with pytest.raises(SettingError, match=r"\.obj, \.obj\.gz are mixed"):
         open_sequence(["frames"])
 
 

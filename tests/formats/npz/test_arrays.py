@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cageik_cli.formats.base import binary_frames as runs
-from cageik_cli.formats.npz import FACE_NAMES, VERTEX_NAMES
+from cageik_cli.formats.npz import FACE_NAMES, VERTEX_NAMES, choose_layout, list_layouts
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import FormatError, InputError, SettingError
@@ -88,22 +88,6 @@ def test_runs_of_frames_are_the_frames(tmp_path, monkeypatch, layout, order):
         sequence = open_sequence([str(path)], ClipSettings(slice(1, None, 2), layout))
         np.testing.assert_array_equal(frames_of(sequence, 3, 1), frames[1::2])
         np.testing.assert_array_equal(frames_of(sequence, 2, 4), frames[1::2])
-
-
-def test_either_layout_possible_is_refused(opened):
-    with pytest.raises(SettingError) as caught:
-        opened(verts=np.zeros((4, 3, 3)), faces=np.array([[0, 1, 2]]))
-    assert str(caught.value).endswith(
-        "positions can be read as fvx (4 frames of 3 vertices) or fxv (4 frames of 3 vertices); "
-        "choose with `layout=`"
-    )
-
-
-def test_a_layout_that_does_not_fit_is_refused(opened):
-    with pytest.raises(
-        FormatError, match=r"have shape \(2, 4, 3\), expected \(vertices, 3, frames"
-    ):
-        opened(ClipSettings(layout="vxf"), verts=FRAMES, faces=FACES)
 
 
 def _lone(path, frames, rest):
@@ -229,3 +213,69 @@ def test_a_damaged_or_foreign_file_is_refused_and_closed(tmp_path, monkeypatch, 
     del caught
     gc.collect()
     assert not left
+
+
+@pytest.mark.parametrize(
+    ("shape", "layout", "found"),
+    [
+        ((7, 5, 3), None, ["fvx"]),
+        ((5, 3, 7), None, ["vxf", "fxv"]),
+        ((5, 3, 7), "vxf", ["vxf"]),
+        ((5, 3, 7), "fxv", ["fxv"]),
+        ((3, 5, 3), None, ["fvx"]),
+        ((5, 3, 3), None, ["fvx", "vxf", "fxv"]),
+    ],
+)
+def test_an_axis_of_three_is_the_coordinates(shape, layout, found):
+    assert list_layouts(shape, layout) == found
+
+
+@pytest.mark.parametrize(
+    ("shape", "layout", "says"),
+    [
+        ((3, 5, 7), None, "expected (frames, vertices, 3) or (vertices, 3, frames) or (frames, 3"),
+        ((5, 3), None, "positions have shape (5, 3)"),
+        ((2, 5, 3, 3), None, "positions have shape (2, 5, 3, 3)"),
+        ((), None, "positions have shape ()"),
+        ((0, 5, 3), None, "positions have shape (0, 5, 3)"),
+        ((5, 0, 3), None, "positions have shape (5, 0, 3)"),
+        ((7, 5, 3), "fxv", "expected (frames, 3, vertices)"),
+    ],
+)
+def test_other_shapes_are_refused(shape, layout, says):
+    with refused(FormatError, says):
+        list_layouts(shape, layout)
+
+
+@pytest.mark.parametrize(
+    ("shape", "named", "layout"),
+    [
+        ((7, 5, 3), None, "fvx"),
+        ((7, 5, 3), 99, "fvx"),
+        ((5, 3, 7), 5, "vxf"),
+        ((5, 3, 7), 7, "fxv"),
+        ((5, 3, 7), 6, "fxv"),
+        ((5, 3, 3), 5, "vxf"),
+        ((5, 3, 3), 4, "vxf"),
+    ],
+)
+def test_the_vertices_that_are_named_decide(shape, named, layout):
+    assert choose_layout(list_layouts(shape, None), shape, named) == layout
+
+
+@pytest.mark.parametrize(
+    ("shape", "named", "says"),
+    [
+        ((5, 3, 7), None, "vxf (7 frames of 5 vertices) or fxv (5 frames of 7 vertices)"),
+        ((5, 3, 7), 4, "vxf (7 frames of 5 vertices) or fxv (5 frames of 7 vertices)"),
+        ((5, 3, 7), 8, "vxf (7 frames of 5 vertices) or fxv (5 frames of 7 vertices)"),
+        ((5, 3, 5), 5, "vxf (5 frames of 5 vertices) or fxv (5 frames of 5 vertices)"),
+        ((5, 3, 3), 3, "fvx (5 frames of 3 vertices) or fxv (5 frames of 3 vertices)"),
+        ((3, 3, 3), 3, "fvx (3 frames of 3 vertices) or vxf (3 frames of 3 vertices) or fxv"),
+    ],
+)
+def test_several_readings_are_asked_about(shape, named, says):
+    with pytest.raises(SettingError) as caught:
+        choose_layout(list_layouts(shape, None), shape, named)
+    assert says in str(caught.value)
+    assert str(caught.value).endswith("`layout=`")
