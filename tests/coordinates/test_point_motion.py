@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates import point_motion
+from cageik_cli.coordinates.bem.panel_geometry import Panels
 from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.ply_points import parse_points, place_positions, place_splats, read_splats
@@ -173,10 +174,8 @@ def test_a_temporary_file_gives_the_same_bytes(small_blocks, binding, points):
 def test_splats_outside_by_rounding_move_as_those_on_the_cage(rows, depth):
     """They count as on the cage, and so are not refused."""
     near = rows[:200].copy()
-    corner = CAGE.vertices[CAGE.faces]
-    centre = corner.mean(axis=1)
-    outward = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    centre = CAGE.vertices[CAGE.faces].mean(axis=1)
+    outward = Panels(CAGE.vertices, CAGE.faces).normals
     for axis, values in zip("xyz", (centre + depth * outward).T, strict=True):
         near[axis][: len(centre)] = values
     points = parse_points(encode_rows(near))
