@@ -14,7 +14,6 @@ MIN_LINES, MAX_LINES = 60, 350
 
 SHORT = {
     "cli/info.py": "each command is a module, so that only the one that runs is imported",
-    "report/html/player_page.py": "what `view` renders without the pictures of a report",
     "util/compiled.py": "the one door to the compiled core",
     "util/progress.py": "what knows of progress needs no more",
     "util/text.py": "what words texts needs no more",

@@ -84,20 +84,6 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """The outcome of one limit or of several, for readers.
-
-    Attributes
-    ----------
-    state : str
-        "good", "bad" or "none"; decides the colour.
-    """
-
-    state: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
 class LimitCheck:
     """A limit and the value that was compared with it.
 
@@ -124,13 +110,14 @@ class LimitCheck:
     baseline: float | None = None
 
     @property
-    def verdict(self) -> Verdict:
-        """The verdict on the limit."""
-        return {
-            True: Verdict("good", "within limit"),
-            False: Verdict("bad", "over limit"),
-            None: Verdict("none", "not checked"),
-        }[self.passed]
+    def state(self) -> str:
+        """The verdict on the limit, which decides its colour: "good", "bad" or "none"."""
+        return {True: "good", False: "bad", None: "none"}[self.passed]
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on the limit in words."""
+        return {True: "within limit", False: "over limit", None: "not checked"}[self.passed]
 
     def format_found(self) -> str:
         """Format the value as in all views."""
@@ -242,18 +229,18 @@ def _round_as_printed(summary: ReportSummary, metric: str, unit: str) -> Decimal
     return Decimal(format_percent(value) if unit == PERCENT else format_length(value))
 
 
-def make_overall_verdict(checks: Sequence[LimitCheck]) -> Verdict:
-    """Return the verdict on all limits of a result."""
+def make_overall_verdict(checks: Sequence[LimitCheck]) -> tuple[str, str]:
+    """Return the verdict on all limits of a result: as `LimitCheck.state`, and in words."""
     if not checks:
-        return Verdict("none", "No limits set")
+        return "none", "No limits set"
     over = sum(check.passed is False for check in checks)
     within = sum(check.passed is True for check in checks)
     rest = len(checks) - over - within
     unchecked = f"; {rest} could not be checked" if rest else ""
     if over:
         share = f"{over} of {len(checks)} limits" if len(checks) > 1 else "the limit"
-        return Verdict("bad", f"Over {share}{unchecked}")
+        return "bad", f"Over {share}{unchecked}"
     if within:
         share = "the limit" if len(checks) == 1 else f"{within} of {len(checks)} limits"
-        return Verdict("good", f"Within {share}{unchecked}")
-    return Verdict("none", "No limit could be checked")
+        return "good", f"Within {share}{unchecked}"
+    return "none", "No limit could be checked"

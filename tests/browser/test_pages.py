@@ -10,7 +10,6 @@ import pytest
 from cageik_cli.report.figures import format_change, format_percent
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.html.page import render_page
-from cageik_cli.report.html.pictures import render_pictures
 from cageik_cli.report.limits import Limit, Limits
 from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
@@ -48,13 +47,13 @@ def report(result):
 
 
 @pytest.fixture(scope="session")
-def pictures(result):
-    return render_pictures(load_poses(result))
+def poses(result):
+    return load_poses(result)
 
 
 @pytest.fixture(scope="session")
-def html(report, pictures):
-    return render_page(report, pictures)
+def html(report, poses):
+    return render_page(report, poses)
 
 
 @pytest.fixture(scope="session")
@@ -237,7 +236,7 @@ def test_links_to_sections_show_their_headings(opened, html):
 
 
 @pytest.mark.parametrize("kind", ["page", "index"])
-def test_long_names_are_wrapped(opened, report, pictures, kind):
+def test_long_names_are_wrapped(opened, report, poses, kind):
     long = 300 * "x"
     summary = replace(
         report.summary, worst_frame=long, max_deviation_frame=long, volume_change_frame=long
@@ -253,7 +252,7 @@ def test_long_names_are_wrapped(opened, report, pictures, kind):
         frames=tuple(replace(frame, name=long) for frame in report.frames),
     )
     entries = [build_clip_entry(named, page="a.html"), ClipEntry(long, fault=long)]
-    html = render_page(named, pictures) if kind == "page" else render_index(build_overview(entries))
+    html = render_page(named, poses) if kind == "page" else render_index(build_overview(entries))
     page = opened(html, viewport={"width": 360, "height": 800}).page
     if kind == "page":
         page.locator("#plot").focus()
@@ -309,8 +308,8 @@ def test_a_pose_can_be_enlarged(opened, html):
     assert picture.bounding_box()["width"] == small
 
 
-def test_hostile_names_do_nothing(opened, report, pictures):
-    page = opened(render_page(with_hostile_names(report), pictures)).page
+def test_hostile_names_do_nothing(opened, report, poses):
+    page = opened(render_page(with_hostile_names(report), poses)).page
     page.mouse.move(*_frame_position(page, 1))
     page.locator("#plot").focus()
     for _ in NAMES:
@@ -370,12 +369,12 @@ def test_clips_are_filtered_by_parts_of_their_names(opened, index):
     assert page.locator("#clips tbody tr:visible").count() == 13
 
 
-def test_two_thousand_frames_can_be_sorted(opened, report, pictures):
+def test_two_thousand_frames_can_be_sorted(opened, report, poses):
     frames = tuple(
         replace(report.frames[k % 30], index=k, number=1 + k, name=f"take_{k}.obj")
         for k in range(2000)
     )
-    page = opened(render_page(replace(report, frames=frames), pictures)).page
+    page = opened(render_page(replace(report, frames=frames), poses)).page
     page.get_by_role("button", name="RMS, %", exact=True).click()
     figures = [float(text) for text in _column(page, "frames-table", 3)]
     assert all(a >= b for a, b in pairwise(figures))

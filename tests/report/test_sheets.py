@@ -57,7 +57,7 @@ def test_only_bodies_have_a_change_of_volume(make_case, thickness, has_volume):
     assert any("a sheet" in note for note in report.notes) == (not has_volume)
     says = "not defined, the model is a sheet without volume"
     assert (says in format_text(report)) == (not has_volume)
-    assert ("the model is a sheet without volume" in render_page(report, None)) == (not has_volume)
+    assert ("the model is a sheet without volume" in render_page(report)) == (not has_volume)
     if not has_volume:
         assert [gate.passed for gate in report.gates] == [None]
 

@@ -2,7 +2,9 @@
 
 import json
 import re
+from dataclasses import replace
 from decimal import Decimal
+from functools import partial
 from xml.etree import ElementTree
 
 import pytest
@@ -23,7 +25,6 @@ from cageik_cli.report.vocabulary import (
     choose_vocabulary,
 )
 from tests.report.drawings import texts
-from tests.report.html.test_page import pictures_of_one_point
 from tests.report.markup import find_faults, parse_page
 
 OF_ERRORS = re.compile(
@@ -37,9 +38,9 @@ def _text(report):
     return re.sub(r"\n  (weights|accuracy) .*", "", format_text(report))
 
 
-def _page(report):
+def _page(report, poses):
     """All texts of a page, with those of its pictures, without the section on weights."""
-    page = parse_page(render_page(report, pictures_of_one_point()))
+    page = parse_page(render_page(report, poses, pixels=8))
     page.by_id("weights").children.clear()
     names = ("alt", "aria-label", "data-cursor")
     told = [element.attributes.get(name, "") for element in page.all() for name in names]
@@ -66,7 +67,15 @@ def _index(report):
     return "\n".join([page.text, *told]).replace("worst first", "")
 
 
-VIEWS = (_text, _page, _figure, _markdown, _junit, _index)
+@pytest.fixture(scope="module")
+def plain(poses):
+    """Poses without a worst region, as those of an edit."""
+    return replace(poses, region=None)
+
+
+@pytest.fixture(params=[_text, _page, _figure, _markdown, _junit, _index])
+def view(request, plain):
+    return partial(_page, poses=plain) if request.param is _page else request.param
 
 
 @pytest.fixture(params=["edited", "edited_open"])
@@ -74,17 +83,14 @@ def report(request):
     return build_report(request.getfixturevalue(request.param), LIMITS)
 
 
-@pytest.mark.parametrize("view", VIEWS)
 def test_no_view_of_an_edit_mentions_errors(view, report):
     assert OF_ERRORS.findall(view(report)) == []
 
 
-@pytest.mark.parametrize("view", VIEWS)
 def test_every_view_of_an_extraction_mentions_errors(view, closed):
     assert OF_ERRORS.search(view(build_report(closed.result, LIMITS)))
 
 
-@pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("limits", [LIMITS, Limits()])
 def test_every_view_of_an_edit_says_that_it_moved(view, limits, edited):
     assert "moved" in view(build_report(edited, limits))
@@ -106,16 +112,16 @@ def test_the_text_names_the_edited_result_and_the_distance(edited):
     assert ("over limit", f"rms moved {percent}, limit 0.0001 %, most moved {worst}") in rows
 
 
-def test_the_page_of_an_edit_says_so_in_its_title(edited):
+def test_the_page_of_an_edit_says_so_in_its_title(edited, plain):
     report = build_report(edited)
-    page = parse_page(render_page(report, pictures_of_one_point()))
+    page = parse_page(render_page(report, plain, pixels=8))
     title = next(page.all("title"))
     assert title.text.startswith(f"edited.h5: moved {report.summary.rms_percent:.4f} %")
     assert "edited from cages.h5" in page.text
     assert "does not measure how well the cage follows the animation" in page.text
     assert "Edited by cageik" in page.text
     titles = [heading.text for heading in page.all("h3")]
-    assert titles[1] == "Most moved frame frame_5"
+    assert titles[1] == f"Most moved frame {plain.poses[1].name}"
     assert [column.text for column in page.by_id("frames-table").all("th")][2:11] == [
         "RMS, %", "RMS, file units", "Max distance, %", "Max distance, file units", "At vertex",
         "Volume change, %", "Volume before", "Volume after", "Drift before, %",
@@ -123,8 +129,8 @@ def test_the_page_of_an_edit_says_so_in_its_title(edited):
     assert "Of the extraction" in page.by_id("weights").text
 
 
-def test_the_page_of_an_edit_is_sound(report):
-    assert find_faults(render_page(report, pictures_of_one_point())) == []
+def test_the_page_of_an_edit_is_sound(report, plain):
+    assert find_faults(render_page(report, plain, pixels=8)) == []
 
 
 def test_records_name_the_edited_result(edited, closed):

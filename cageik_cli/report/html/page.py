@@ -16,18 +16,13 @@ from cageik_cli.report.figures import (
     format_number,
     format_percent,
 )
-from cageik_cli.report.html.fit_section import (
-    FitPictures,
-    build_fit_values,
-    load_fit_shapes,
-    render_fit_pictures,
-)
+from cageik_cli.report.html.fit_section import FitShapes, draw_fit_section, load_fit_shapes
 from cageik_cli.report.html.frames_table import build_quality_rows, choose_columns, format_cells
-from cageik_cli.report.html.pictures import Pictures, build_picture_values, render_pictures
-from cageik_cli.report.html.player_page import build_player_values
+from cageik_cli.report.html.pictures import draw_pictures
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS, make_data_url, render_template
 from cageik_cli.report.limits import PERCENT, LimitCheck, make_overall_verdict
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip
+from cageik_cli.report.player.section import build_player_values
 from cageik_cli.report.plots.error_plot import render_page_plot
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import (
@@ -37,7 +32,7 @@ from cageik_cli.report.regions import (
     list_remedies,
     name_cause,
 )
-from cageik_cli.report.render.model_views import load_poses
+from cageik_cli.report.render.model_views import PoseSet, load_poses
 from cageik_cli.report.views.data import format_json
 from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary
 from cageik_cli.store.result import Result
@@ -63,27 +58,32 @@ SECTIONS = (
 
 def render_page(
     report: Report,
-    pictures: Pictures | None,
-    fit_pictures: FitPictures | None = None,
+    poses: PoseSet | None = None,
+    shapes: FitShapes | None = None,
+    *,
     player: PlayerClip | None = None,
     word: Callable[[str], str] = str,
+    pixels: int = 360,
 ) -> str:
     """Render the page of a report; the same text for the same arguments.
 
     Parameters
     ----------
-    pictures : Pictures, optional
-        None for a result without weights; the page then says so.
-    fit_pictures : FitPictures, optional
+    poses : PoseSet, optional
+        None for a result without weights; the page then has no pictures, and says so.
+    shapes : FitShapes, optional
         None for a result that does not hold the weights before a fit.
     player : PlayerClip, optional
         None for a page without a player.
     word : callable
         Puts parameters that the page names into the words of its reader, as in `build_report`.
+    pixels : int
+        Width and height of each picture.
     """
     columns, words = choose_columns(report), report.vocabulary
     digest = compute_record_digest(report)
-    fit = build_fit_values(report, fit_pictures, words)
+    pictures = None if poses is None else draw_pictures(poses, words, pixels)
+    fit = None if poses is None else draw_fit_section(report, poses, shapes, pixels)
     optional = {"regions": report.regions, "fit": fit, "player": player}
     return render_template(
         "page.html.j2",
@@ -99,7 +99,6 @@ def render_page(
         limit_rows=[_build_limit_row(check, words) for check in report.gates],
         plot=_build_plot_values(report),
         pictures=pictures,
-        **(build_picture_values(pictures, words) if pictures else {}),
         regions=_build_region_values(report, word),
         histogram=_build_histogram_values(report.vertices),
         quality=build_quality_rows(report, word),
@@ -198,11 +197,10 @@ def render_result_page(
     """
     poses = load_poses(result)
     if poses is None:
-        return render_page(report, None, word=word)
+        return render_page(report, word=word)
     shapes = load_fit_shapes(result, poses)
-    fit_pictures = None if shapes is None else render_fit_pictures(poses, shapes)
     player = load_player_clip(result) if has_player else None
-    return render_page(report, render_pictures(poses), fit_pictures, player, word)
+    return render_page(report, poses, shapes, player=player, word=word)
 
 
 def _build_limit_row(check: LimitCheck, words: Vocabulary) -> dict[str, Any]:
@@ -214,6 +212,7 @@ def _build_limit_row(check: LimitCheck, words: Vocabulary) -> dict[str, Any]:
         "value": check.format_found(),
         "unit": f"% of the {whole}" if check.unit == PERCENT else "file units",
         "frame": check.frame or "",
+        "state": check.state,
         "verdict": check.verdict,
     }
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.posing.constraints import Mirror, mirror_pairs
 from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose_turn
 from cageik_cli.store.result import (
     KeyFrames,
@@ -19,7 +18,6 @@ from cageik_cli.store.result import (
     read_rotations,
 )
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import HandlesError
 from cageik_cli.util.text import single_line, to_unicode
 
 UNNAMED_CAGE = "CAGE.obj"
@@ -182,17 +180,3 @@ def _find_focus(result: Result, key_frames: KeyFrames, min_extent: float = 0.15)
         is_near = np.linalg.norm(rest - rest[vertex], axis=1) <= extent * diagonal / 3
         turn = choose_turn(pose, result.rest.faces, is_near, result.scene.up_axis)
     return {"frame": frame, "vertex": vertex, "extent": extent, "turn": turn}
-
-
-def find_mirror(binding: Binding) -> Mirror | None:
-    """Find an axis across which the cage is its own mirror image; None if there is none."""
-    vertices = binding.cage.vertices
-    for point in (vertices.mean(axis=0), 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))):
-        for normal in np.eye(3):
-            mirror = Mirror(normal, point)
-            try:
-                mirror_pairs(binding.cage, mirror)
-            except HandlesError:
-                continue
-            return mirror
-    return None

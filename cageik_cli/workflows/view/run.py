@@ -8,7 +8,7 @@ from threading import Condition
 from typing import Protocol
 
 from cageik_cli.posing.summary import PoseResult
-from cageik_cli.report.html.player_page import render_view_page
+from cageik_cli.report.player.section import render_view_page
 from cageik_cli.report.views.pose_text import format_pose_rows
 from cageik_cli.util.errors import describe_error
 from cageik_cli.util.progress import ProgressListener

@@ -8,8 +8,7 @@ import pytest
 
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS
-from cageik_cli.report.player import payload
-from tests.report.html.test_page import pictures_of_one_point
+from cageik_cli.report.player import section
 from tests.report.markup import find_faults, parse_page
 from tests.report.player.rebuild import unpack_payload
 
@@ -17,8 +16,8 @@ MAX_SCRIPT_BYTES = 60_000
 
 
 @pytest.fixture(scope="module")
-def page(report, clip):
-    return render_page(report, pictures_of_one_point(), None, clip)
+def page(report, poses, clip):
+    return render_page(report, poses, player=clip, pixels=8)
 
 
 def test_the_player_comes_first(page):
@@ -56,7 +55,7 @@ def test_the_script_is_small(report, page, clip):
     def measure(text):
         return len(list(parse_page(text).all("script"))[-1].source.encode())
 
-    own = measure(page) - measure(render_page(report, None))
+    own = measure(page) - measure(render_page(report))
     assert 10_000 < own <= MAX_SCRIPT_BYTES
 
 
@@ -68,8 +67,8 @@ def test_every_script_of_the_player_is_in_the_page(page):
     assert names == {*PLAYER_SCRIPTS, "apply"}
 
 
-def test_the_same_result_gives_the_same_bytes(closed, report):
-    assert render_result_page(closed.result, report) == render_result_page(closed.result, report)
+def test_the_same_result_gives_the_same_bytes(page, report, poses, clip):
+    assert render_page(report, poses, player=clip, pixels=8) == page
 
 
 def test_without_a_player_nothing_of_it_is_there(closed, report):
@@ -78,7 +77,7 @@ def test_without_a_player_nothing_of_it_is_there(closed, report):
 
 
 def test_what_is_left_out_is_said(report, clip, monkeypatch):
-    monkeypatch.setattr(payload, "MAX_DRAWN_VERTICES", 10)
-    page = parse_page(render_page(report, None, None, clip)).by_id("player").text
-    drawn = len(payload.choose_vertices(clip.binding)[0])
+    monkeypatch.setattr(section, "MAX_DRAWN_VERTICES", 10)
+    page = parse_page(render_page(report, player=clip)).by_id("player").text
+    drawn = len(section.choose_vertices(clip.binding)[0])
     assert f"The player draws {drawn} of 18 vertices" in page

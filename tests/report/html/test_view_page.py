@@ -7,8 +7,8 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.report.html.player_page import render_view_page
 from cageik_cli.report.player.clip import make_single_pose
+from cageik_cli.report.player.section import render_view_page
 from tests.report.markup import parse_page
 from tests.shapes import ball, box
 

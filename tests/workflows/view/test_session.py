@@ -15,7 +15,7 @@ import pytest
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.posing.summary import PoseResult
-from cageik_cli.report.html.player_page import render_view_page
+from cageik_cli.report.player.section import render_view_page
 from cageik_cli.util.errors import CageikError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings
