@@ -9,6 +9,8 @@ import trimesh
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.util.errors import ConnectivityError, FileAccessError, InputError
 from tests.clips import frames_of
+from tests.formats.polygons import encode_polygons
+from tests.refusals import refused
 
 
 @pytest.mark.parametrize("kind", ["obj", "ply", "off"])
@@ -62,12 +64,10 @@ def test_polygons_are_cut_alike_in_all_frames_as_in_the_first(tmp_path, kind):
     frames[1][2], frames[2][2] = (2, 2, 0), (2, 2, 0)
     frames[2][3] = (1.2, 0.4, 0)
     for k, vertices in enumerate(frames):
-        points = "".join("v {} {} {}\n".format(*vertex) for vertex in vertices.tolist())
-        faces = "f 2 3 4 1\n"
-        text = points + ("# another dialect\n" if k % 2 else "") + faces
-        if kind == "off":
-            text = "OFF\n4 1 0\n" + points.replace("v ", "") + "4 1 2 3 0\n"
-        (tmp_path / f"f{k}.{kind}").write_text(text)
+        data = encode_polygons(kind, vertices, [[1, 2, 3, 0]])
+        if k % 2:  # another dialect
+            data = data.replace(b"\nf", b"\n# faces\nf")
+        (tmp_path / f"f{k}.{kind}").write_bytes(data)
     sequence = open_sequence([str(tmp_path)])
     np.testing.assert_array_equal(frames_of(sequence), frames)
     a, b, c = (DART[corner] for corner in sequence.first.faces.T)
@@ -75,12 +75,9 @@ def test_polygons_are_cut_alike_in_all_frames_as_in_the_first(tmp_path, kind):
 
 
 def test_another_polygon_is_another_connectivity(tmp_path):
-    points = "".join("v {} {} {}\n".format(*vertex) for vertex in DART.tolist())
-    (tmp_path / "f0.obj").write_text(points + "f 2 3 4 1\n")
-    (tmp_path / "f1.obj").write_text(points + "f 1 2 3 4\n")
-    with pytest.raises(
-        ConnectivityError, match=r"f1\.obj: triangle 0 joins vertices 0-1-2, in the rest"
-    ):
+    for k, ring in enumerate([[1, 2, 3, 0], [0, 1, 2, 3]]):
+        (tmp_path / f"f{k}.obj").write_bytes(encode_polygons("obj", DART, [ring]))
+    with refused(ConnectivityError, "joins vertices 0-1-2, in the rest", at=tmp_path / "f1.obj"):
         frames_of(open_sequence([str(tmp_path)]))
 
 

@@ -13,7 +13,7 @@ from tests.formats.clips import written
 from tests.store.test_attributes import BINDING, GROUP, SOURCES
 from tests.surfaces import ASSET
 
-COUNT = 150
+COUNT = 80
 
 CHARACTERS = b"0123456789-/. \n#\\%gvnstfu\x00\xff[](),e"
 

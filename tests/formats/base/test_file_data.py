@@ -11,6 +11,7 @@ from cageik_cli.formats.base.files import decompress
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.util.errors import FileAccessError, FormatError
 from tests.clips import frames_of
+from tests.formats.polygons import MESH_KINDS, encode_polygons
 
 
 @pytest.fixture
@@ -36,15 +37,9 @@ def test_a_missing_packed_frame_is_named(packed):
         open_sequence(["frames"])
 
 
-@pytest.mark.parametrize("kind", ["obj", "ply", "off"])
+@pytest.mark.parametrize("kind", MESH_KINDS)
 def test_a_packed_mesh_is_the_mesh(tmp_path, kind):
-    text = {
-        "obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
-        "off": b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
-        "ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
-        b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
-        b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
-    }[kind]
+    text = encode_polygons(kind, [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     path = tmp_path / f"mesh.{kind}.gz"
     path.write_bytes(gzip.compress(text[:40]) + gzip.compress(text[40:]))
     loaded = load_mesh(path)
