@@ -144,7 +144,7 @@ def _describe_settings(record: FitRecord) -> str:
         elif name == "influences" and value is not None:
             parts.append(format_count(value, "influence"))
         elif value is not None:
-            parts.append(f"{name} {value:g}")
+            parts.append(f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}")
     frames = format_count(report.frames, "frame")
     return f"{', '.join(parts)}; {report.fitted_frames} of {frames} of {names}"
 
