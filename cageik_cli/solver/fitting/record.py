@@ -70,8 +70,8 @@ class FitSettings:
     Examples
     --------
     >>> from cageik_cli import FitSettings
-    >>> FitSettings(rank=10)
-    FitSettings(regularization=0.1, smoothness=1.0, rank=10, influences=None)
+    >>> FitSettings(rank=10).smoothness
+    1.0
     """
 
     regularization: float | None = declare_setting(
