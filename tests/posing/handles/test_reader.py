@@ -3,7 +3,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.geometry.camera import Camera
@@ -286,12 +286,14 @@ def test_any_json_is_read_or_refused(path, document):
     assert all(map(is_sentence, faults_of(path)))
 
 
+@settings(max_examples=25)
 @given(document=altered())
 def test_any_mistake_is_refused_in_a_sentence(path, document):
     path.write_text(json.dumps(document))
     assert all(map(is_sentence, faults_of(path)))
 
 
+@settings(max_examples=25)
 @given(content=st.binary())
 def test_any_bytes_are_refused_in_a_sentence(path, content):
     path.write_bytes(content)
