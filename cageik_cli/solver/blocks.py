@@ -178,11 +178,7 @@ class BlockSolver:
         return complete_frames(self.solver, block.positions, given)
 
     def measure_block(
-        self,
-        block: Block,
-        given: Floats | None,
-        solution: Solution,
-        digests: tuple[bytes, ...],
+        self, block: Block, given: Floats | None, solution: Solution, digests: tuple[bytes, ...]
     ) -> SolvedBlock:
         """Measure a block that was solved; frames that could not be read are gaps.
 

@@ -62,13 +62,7 @@ def cage_motions(block):
 
 
 @pytest.mark.parametrize(
-    "settings",
-    [
-        {},
-        {"rigidity": 10},
-        {"alpha": 1e-2},
-        {"hard": True, "rigidity": 3},
-    ],
+    "settings", [{}, {"rigidity": 10}, {"alpha": 1e-2}, {"hard": True, "rigidity": 3}]
 )
 def test_what_is_beyond_the_radius_stays(binding, pose, settings):
     block, summary = pose({"handles": [LIFT, *PINS]}, **settings)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import place_columns
 from cageik_cli.solver.alignment import best_motions, move_to_rest
 from cageik_cli.solver.metrics import METRIC_TYPES, measure
@@ -180,10 +179,3 @@ def test_the_compiled_comparison_refuses_faces_out_of_range_and_other_arrays():
             kernel.compare_frames(*spoiled)
     with pytest.raises(TypeError, match="data: expected an array of uint8"):
         kernel.compare_frames(frames, frames, np.ones(8), faces, *results)
-
-
-def test_an_open_mesh_has_no_volume():
-    whole = box()
-    rest = TriMesh(whole.vertices, whole.faces[1:])
-    frames = rest.vertices[None]
-    assert np.isnan(measure(rest, frames, frames, slice(None))[0].volume).all()

@@ -101,10 +101,7 @@ REFUSED = {
         {"handles": [HAND], "frames": [5, 4]},
         "frames: the last, 4, is before the first, 5",
     ),
-    "a name twice": (
-        {"handles": [HAND, HAND]},
-        "two handles are named 'hand'",
-    ),
+    "a name twice": ({"handles": [HAND, HAND]}, "two handles are named 'hand'"),
     "a name twice in a set": (
         {"sets": [{"handles": [HAND]}, {"handles": [HAND, HAND]}]},
         "sets[1]: two handles are named 'hand'",
@@ -121,10 +118,7 @@ REFUSED = {
         {"handles": [HAND | {"radius": 1}, HAND | {"name": "other"}]},
         "handle 'other': has no radius, and 'hand' has one; give it one, or put it in a set of",
     ),
-    "no camera": (
-        {"handles": [SCREEN]},
-        "handle 'nose': screen: there is no camera",
-    ),
+    "no camera": ({"handles": [SCREEN]}, "handle 'nose': screen: there is no camera"),
     "a camera of another set": (
         {"sets": [{"handles": [HAND], "camera": CAMERA}, {"handles": [SCREEN]}]},
         "sets[1]: handle 'nose': screen: there is no camera",
