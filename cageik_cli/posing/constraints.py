@@ -131,17 +131,13 @@ def free_basis(cage: TriMesh, constraints: CageConstraints, sign: int) -> Floats
 def find_reach(
     binding: Binding, anchors: Sequence[Anchor], radii: Floats, mirror: Mirror | None = None
 ) -> tuple[NDArray[np.bool_], Integers, NDArray[np.bool_]]:
-    """Find the cage vertices to lock, so that nothing moves beyond the radii of anchors.
+    """Find the cage vertices to lock, so that nothing moves beyond the radii of l anchors.
 
     Parameters
     ----------
-    anchors : sequence of Anchor
-        l of them.
     radii : (l,) float64
         In the units of the rest pose; nan for an anchor without one, which has to be one that
-        stays.
-    mirror : Mirror, optional
-        The radii hold around the mirror images of anchors, too.
+        stays. They hold around the mirror images of anchors, too.
 
     Returns
     -------

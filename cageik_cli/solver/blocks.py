@@ -180,14 +180,9 @@ class BlockSolver:
     def measure_block(
         self, block: Block, given: Floats | None, solution: Solution, digests: tuple[bytes, ...]
     ) -> SolvedBlock:
-        """Measure a block that was solved; frames that could not be read are gaps.
+        """Measure a solved block, whose vertices all have positions and may count as `given`.
 
-        Parameters
-        ----------
-        block : Block
-            With a position for every vertex.
-        given : (k, m) float64, optional
-            How much vertices may count; None if all may alike.
+        Frames that could not be read are gaps.
         """
         rest, frames, rebuilt = self.solver.binding.rest, block.positions, solution.reconstructions
         if self.robust is None:
