@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.soundness import validate_cage
+from cageik_cli.cages.faults import validate_cage
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.files import describe_file
@@ -19,7 +19,7 @@ from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_entries import find_binding
+from cageik_cli.store.cache_keys import find_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable

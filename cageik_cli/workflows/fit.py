@@ -21,7 +21,7 @@ from cageik_cli.solver.metrics import check_finite, measure
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_entries import compute_fit_key, find_fit
+from cageik_cli.store.cache_keys import compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import UnfittedClip
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError

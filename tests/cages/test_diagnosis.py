@@ -157,7 +157,7 @@ def test_a_cage_without_an_inside_gives_no_facts_on_the_model(cage):
 
 
 def test_a_pinched_cage_has_no_genus():
-    from tests.cages.test_soundness import pinched
+    from tests.cages.test_faults import pinched
 
     assert diagnose(pinched()).cage.genus is None
 

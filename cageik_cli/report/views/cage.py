@@ -9,7 +9,7 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts
-from cageik_cli.cages.findings import Finding
+from cageik_cli.cages.faults import Finding
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh

@@ -2,7 +2,13 @@ import igl
 import numpy as np
 import pytest
 
-from cageik_cli.cages.soundness import count_fans, find_cage_faults, validate_cage
+from cageik_cli.cages.faults import (
+    Finding,
+    count_fans,
+    find_cage_faults,
+    format_elements,
+    validate_cage,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError
 from tests.exact import improper_pairs
@@ -209,3 +215,22 @@ def test_fans_are_counted():
     assert count_fans(book).tolist() == [1] * 5
     loose = TriMesh(np.random.default_rng(0).normal(size=(7, 3)), [[0, 1, 2], [0, 3, 4], [0, 5, 6]])
     assert count_fans(loose).tolist() == [3, 1, 1, 1, 1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("noun", "numbers", "text"),
+    [
+        ("face", [12], "face 12"),
+        ("vertex", [3, 4], "2 vertices (3, 4)"),
+        ("edge", [[3, 7]], "edge 3-7"),
+        ("face pair", [[3, 7], [1, 2]], "2 face pairs (3-7, 1-2)"),
+        ("face", range(12), "12 faces (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, ...)"),
+    ],
+)
+def test_elements_are_formatted(noun, numbers, text):
+    assert format_elements(noun, np.array(numbers)) == text
+
+
+def test_the_sentence_has_message_and_remedy():
+    finding = Finding("open-edge", "unfit", "it is open", "close it")
+    assert finding.sentence == "it is open; close it"
