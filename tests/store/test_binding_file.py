@@ -1,6 +1,5 @@
 """Binding files: the schema, the same bytes for the same binding, and no damage taken for sound."""
 
-import errno
 import json
 from dataclasses import asdict, replace
 
@@ -101,16 +100,6 @@ def test_an_old_binding_stays_unless_it_may_be_replaced(path):
     store.write_binding(path, other, overwrite=True)
     assert store.read_binding(path).sources["more"] == {}
     assert [item.name for item in path.parent.iterdir()] == ["binding.h5"]
-
-
-def test_a_full_disk_is_an_error_that_names_the_file(tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(store, "write_weights", full)
-    with pytest.raises(InputError, match=r"b\.h5: .*No space left on device"):
-        store.write_binding(tmp_path / "b.h5", STORED, overwrite=False)
-    assert not list(tmp_path.iterdir())
 
 
 def quality(**changes):

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -514,10 +513,3 @@ def test_an_unfinished_write_leaves_no_entry(kept, said, monkeypatch):
     assert kept.read(WEIGHTS, KEY) is None
     monkeypatch.undo()
     assert said == []
-
-
-def test_settings_of_a_hit_are_those_asked_for(kept, coarse_panels):
-    settings = replace(SETTINGS, accuracy="preview")
-    for _ in range(2):
-        found = find_binding(kept, ball(1), box(), settings, lambda: bind(ball(1), box(), settings))
-        assert found.settings == settings

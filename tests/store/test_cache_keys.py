@@ -60,13 +60,6 @@ def test_cages_and_weights_share_the_room(cache, said):
     assert [path.suffix for path in cache.iterdir()] == [".cage"]
 
 
-def test_a_folder_that_cannot_be_written_is_noted(tmp_path, said):
-    (tmp_path / "file").touch()
-    kept = EntryCache(tmp_path / "file", said.append)
-    assert find_cage(kept, ball(1), SETTINGS, lambda: BUILT) is BUILT
-    assert said[0].endswith("; the cage is not kept")
-
-
 def test_the_key_covers_the_model_the_settings_and_the_builder(monkeypatch):
     model = ball(1)
     moved = TriMesh(model.vertices + 1e-9, model.faces)

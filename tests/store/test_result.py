@@ -262,14 +262,6 @@ def test_an_error_leaves_the_old_result_and_nothing_else(tmp_path, kind):
     assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
 
 
-def test_a_full_disk_is_an_error_that_names_the_file(tmp_path):
-    path = tmp_path / "cages.h5"
-    with pytest.raises(InputError, match=r"cages\.h5: .*No space left"):  # noqa: SIM117
-        with open_writer(path):
-            raise OSError(28, "No space left on device")
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_result_that_lacks_frames_is_never_complete(tmp_path):
     with pytest.raises(ValueError, match="2 of 5 frames"):
         written(tmp_path / "cages.h5", cuts=(0, 2))

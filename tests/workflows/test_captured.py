@@ -21,11 +21,11 @@ from cageik_cli.solver.settings import CaptureSettings
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result import read_cages, read_result, smoothed_path
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, SettingError
-from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import BindRunSettings, bind_files
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.settings import ExtractSettings
 from tests.corruptions import corrupt
+from tests.listeners import Listener
 
 ROBUST = CaptureSettings(robust=True)
 MISSING = ClipSettings(missing=True)
@@ -280,14 +280,6 @@ def test_unusable_weights_of_frames_are_refused(walker, make, weights, says):
         extract(make(walker[0], vertex_weights=Path("weights.npy")))
 
 
-class Stopped(ProgressListener):
-    """Ends the run when so many frames are done, as Ctrl-C does."""
-
-    def update(self, done, total):
-        if total == 12 and done == 4:
-            raise KeyboardInterrupt
-
-
 def test_threads_and_interruptions_do_not_change_the_bytes(walker, make, monkeypatch):
     monkeypatch.setattr(executor, "MAX_BLOCK_FRAMES", 2)
     spoilt = corrupt("missing", corrupt("outliers", walker[0]))
@@ -296,7 +288,7 @@ def test_threads_and_interruptions_do_not_change_the_bytes(walker, make, monkeyp
     assert extract(replace(settings, jobs=3)).path.read_bytes() == whole
     other = replace(settings, output=Path("other.h5"), overwrite=False)
     with pytest.raises(KeyboardInterrupt):
-        extract(other, Stopped())
+        extract(other, Listener(stop_at=(4, 12)))
     resumed = extract(replace(other, resume=True))
     assert resumed.path.read_bytes() == whole
     with pytest.raises(CheckpointError, match="other settings"):
@@ -360,7 +352,7 @@ def test_smoothing_keeps_the_bytes_for_threads_and_interruptions(walker, make, m
     assert extract(replace(settings, jobs=3)).path.read_bytes() == whole
     other = replace(settings, output=Path("other.h5"), overwrite=False)
     with pytest.raises(KeyboardInterrupt):
-        extract(other, Stopped())
+        extract(other, Listener(stop_at=(4, 12)))
     assert extract(replace(other, resume=True)).path.read_bytes() == whole
     assert not list(Path().glob("*.partial"))
 
