@@ -25,26 +25,12 @@ import numpy as np
 
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats, Mask
-from cageik_cli.util.errors import SettingError
-
-MAX_SMOOTHING_PERIOD = 240
-"""Longest period that is smoothed, in frames: far longer ones have no solution in double
-precision."""
 
 MIN_WINDOW, MAX_WINDOW = 96, 512
 """Frames per window: as many as have matrices of 64 MiB, within these limits."""
 
 STRENGTHS = 10.0 ** np.arange(-9, 1.01, 0.25)
 """Strengths γ, per mean weight of the vertices, that cross-validation compares."""
-
-
-def check_smoothing_period(period: float | str | None, fps: float) -> None:
-    """Refuse a period, in seconds, of more frames than the windows of long clips can smooth."""
-    if isinstance(period, float | int) and period * fps > MAX_SMOOTHING_PERIOD:
-        raise SettingError(
-            f"smooth is {period:.6g} seconds, expected at most {MAX_SMOOTHING_PERIOD / fps:.4g} "
-            f"({MAX_SMOOTHING_PERIOD} frames at {fps:g} per second); state a shorter period"
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

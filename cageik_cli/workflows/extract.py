@@ -15,7 +15,6 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.executor import MemoryPlan, RunBlocks, run_in_threads
 from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.solver.settings import CaptureSettings
-from cageik_cli.solver.smooth import check_smoothing_period
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
@@ -136,7 +135,7 @@ class Extraction:
             settings.vertex_weights, self.rest, len(self.sequence)
         )
         self.sources |= self.vertex_weights.sources
-        check_smoothing_period(settings.capture.smooth, self.scene.fps)
+        settings.capture.check_period(self.scene.fps)
         if settings.resume:
             self.existing = find_existing(
                 settings,
