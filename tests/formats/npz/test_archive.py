@@ -104,25 +104,22 @@ def test_a_huge_claim_is_refused_without_room_for_it(tmp_path):
     assert most < 1 << 20
 
 
-HEADERS = {
-    "text": (b"no array", "is not a sound .npy of plain numbers"),
-    "empty": (b"", "is not a sound .npy of plain numbers"),
-    "pickle": (b"\x80\x04N.", "is not a sound .npy of plain numbers"),
+UNSOUND = {
+    "text": b"no array",
+    "empty": b"",
+    "pickle": b"\x80\x04N.",
+    "header cut": npy(VALUES)[:60],
+    "call": npy(VALUES).replace(b"(6, 5, 3)", b"exit(  )."),
+    "long": b"\x93NUMPY\1\0" + struct.pack("<H", 11000) + b" " * 11000,
+    "kind": npy(VALUES).replace(b"<f8", b"<q8"),
+}
+HEADERS = {name: (data, "is not a sound .npy of plain numbers") for name, data in UNSOUND.items()}
+HEADERS |= {
     "cut": (npy(VALUES)[:-1], "takes 848 bytes, but has 847"),
     "longer": (npy(VALUES) + b"\0", "takes 848 bytes, but has 849"),
-    "header cut": (npy(VALUES)[:60], "is not a sound .npy of plain numbers"),
     "negative": (npy(VALUES).replace(b"(6, 5, 3)", b"(-6,-5,3)"), "shape (-6, -5, 3)"),
     "version": (npy(VALUES).replace(b"Y\1\0", b"Y\3\0"), "is a .npy of version (3, 0), expected"),
     "python 2": (npy(VALUES).replace(b"(6, 5, 3)", b"(9L,9, 9)"), "takes 5960 bytes"),
-    "call": (
-        npy(VALUES).replace(b"(6, 5, 3)", b"exit(  )."),
-        "is not a sound .npy of plain numbers",
-    ),
-    "long": (
-        b"\x93NUMPY\1\0" + struct.pack("<H", 11000) + b" " * 11000,
-        "is not a sound .npy of plain numbers",
-    ),
-    "kind": (npy(VALUES).replace(b"<f8", b"<q8"), "is not a sound .npy of plain numbers"),
 }
 
 

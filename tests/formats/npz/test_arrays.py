@@ -138,11 +138,6 @@ def test_hints_that_cannot_be_are_noted_and_others_passed_by(opened):
         ({"verts": FRAMES, "faces": np.zeros((2, 4), int)}, "faces are int64 of shape (2, 4)"),
         ({"verts": FRAMES, "faces": FACES[:0]}, "0 faces"),
         (
-            {"verts": FRAMES[0], "faces": FACES},
-            "positions have shape (4, 3), expected (frames, vertices, 3) or",
-        ),
-        ({"verts": FRAMES[:, :, :2], "faces": FACES}, "positions have shape (2, 4, 2)"),
-        (
             {"verts": FRAMES, "faces": FACES + 1},
             "faces name vertices 1 to 4 of 4",
         ),
@@ -156,7 +151,6 @@ def test_hints_that_cannot_be_are_noted_and_others_passed_by(opened):
             {"poses": FRAMES, "betas": FRAMES, "trans": FRAMES},
             "holds body parameters (AMASS or SMPL",
         ),
-        ({"poses": FRAMES, "trans": FRAMES, "fps": 60}, "holds body parameters"),
         ({"other": FRAMES}, "holds none of the arrays vertices, verts, V, v"),
         (
             {"verts": np.array([None]), "faces": FACES},
