@@ -88,7 +88,8 @@ class JointMotion:
 
     def __init__(self, cage: TriMesh, rotations: Floats) -> None:
         centre = cage.vertices.mean(axis=0)
-        self.names = name_joints(len(cage.vertices))
+        digits = max(3, len(str(len(cage.vertices) - 1)))
+        self.names = ["root", *(f"cage_{k:0{digits}}" for k in range(len(cage.vertices)))]
         self.bind_places = np.vstack([centre, cage.vertices])
         self.rest_translations = np.vstack([centre, cage.vertices - centre])
         self._rotations = iter(rotations)
@@ -109,9 +110,3 @@ class JointMotion:
             turn = Rotation.from_matrix(rotation.T).as_quat()
             self._last_turn = -turn if turn @ self._last_turn < 0 else turn
             yield np.vstack([centre, (cage - centre) @ rotation.T]), self._last_turn
-
-
-def name_joints(count: int) -> list[str]:
-    """Return the names of the root and of the joints of `count` cage vertices."""
-    digits = max(3, len(str(count - 1)))
-    return ["root", *(f"cage_{k:0{digits}}" for k in range(count))]
