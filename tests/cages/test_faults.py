@@ -12,19 +12,16 @@ from cageik_cli.cages.faults import (
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError
 from tests.exact import improper_pairs
-from tests.shapes import ball, box, changed, concave, finer, octahedron
+from tests.shapes import ball, box, changed, concave, finer, merged, moved, octahedron
 
 
-def two_boxes(shift):
-    a = box()
-    return TriMesh(
-        np.concatenate([a.vertices, a.vertices + shift]), np.concatenate([a.faces, a.faces + 8])
-    )
+def two_boxes(*shift):
+    return merged(box(), moved(box(), shift))
 
 
 def pinched():
     """Two boxes that share one corner: every edge has two faces, the corner two fans."""
-    mesh = two_boxes(np.array([2.0, 2, 2]))
+    mesh = two_boxes(2, 2, 2)
     shared = int(np.flatnonzero((mesh.vertices[:8] == 1).all(axis=1))[0])
     other = 8 + int(np.flatnonzero((mesh.vertices[8:] == 1).all(axis=1))[0])
     faces = np.where(mesh.faces == other, shared, mesh.faces)
@@ -77,7 +74,7 @@ FAULTS = {
         "has a vertex twice in a face: face 12; delete it",
     ),
     "no area": (zero_area(), "degenerate, corners on a line, at face 0"),
-    "two components": (two_boxes(np.array([5.0, 0, 0])), r"has 2 components \(of 8, 8 vertices\)"),
+    "two components": (two_boxes(5, 0, 0), r"has 2 components \(of 8, 8 vertices\)"),
     "turned face": (
         changed(box(), np.vstack([box().faces[:1, ::-1], box().faces[1:]])),
         "has neighbours facing opposite ways at 3 edges",
@@ -138,7 +135,7 @@ def test_every_fault_is_found_alone_with_its_numbers(name):
 
 def test_all_faults_of_one_cage_are_found_at_once():
     """A cage with a hole, a repeated face, a lone vertex and a second component."""
-    mesh = two_boxes(np.array([5.0, 0, 0]))
+    mesh = two_boxes(5, 0, 0)
     faces = np.vstack([mesh.faces[1:], mesh.faces[5:6]])
     found = find_cage_faults(TriMesh(np.vstack([mesh.vertices, [[9.0, 9, 9]]]), faces))
     assert [(finding.kind, finding.value) for finding in found] == [
