@@ -194,7 +194,7 @@ def extract_command(
     cageik extract shot.usdc::/hero/body --cage cage.obj --frames 0:48
     """  # noqa: D301
     from cageik_cli.cli.output import echo_exceeded_limits, exit_with_code, show_progress
-    from cageik_cli.report.overview import build_clip_entry, build_overview
+    from cageik_cli.report.overview import Overview, build_clip_entry
     from cageik_cli.report.record import build_report
     from cageik_cli.report.views.text import format_text
     from cageik_cli.util.outputs import check_no_overlap
@@ -211,7 +211,7 @@ def extract_command(
         result = extract(settings, progress)
         messages = _export(planned, progress)
     report = build_report(result, loaded_limits, word=word_options)
-    overview = build_overview([build_clip_entry(report)])
+    overview = Overview([build_clip_entry(report)])
     if quiet:
         echo_exceeded_limits(overview)
     else:

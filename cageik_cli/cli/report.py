@@ -120,7 +120,7 @@ def report_command(
     results = results or (Path("cages.h5"),)
     targets.check_single(len(results))
 
-    from cageik_cli.report.overview import build_clip_entry, build_overview
+    from cageik_cli.report.overview import Overview, build_clip_entry
     from cageik_cli.report.record import build_report
     from cageik_cli.report.views.markdown import format_markdown
     from cageik_cli.report.views.text import format_text
@@ -136,7 +136,7 @@ def report_command(
         build_report(result, loaded_limits, name, word_options)
         for result, name in zip(loaded, names, strict=True)
     ]
-    overview = build_overview([build_clip_entry(report) for report in reports])
+    overview = Overview([build_clip_entry(report) for report in reports])
     _write_views(targets, overwrite, loaded[0], reports, overview)
     append_step_summary(format_markdown(overview))
     if quiet:

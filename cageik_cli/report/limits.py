@@ -22,16 +22,9 @@ MAX_USUAL_PERCENT = 5
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """The largest value that a metric may have.
+    """The largest value that a metric, one of `METRICS`, may have, as the user typed it.
 
-    Attributes
-    ----------
-    metric : str
-        One of `METRICS`.
-    value : Decimal
-        As the user typed it.
-    unit : str
-        `PERCENT`, of the diagonal or of the volume, or `FILE_UNITS` of the file.
+    `unit` is `PERCENT`, of the diagonal or of the volume, or `FILE_UNITS` of the file.
     """
 
     metric: str
@@ -89,8 +82,6 @@ class LimitCheck:
 
     Attributes
     ----------
-    metric, unit : str
-        As in `Limit`.
     found : float, optional
         The value as it is printed, a change without its sign; None when it is not defined.
     frame : str, optional
@@ -164,14 +155,10 @@ def missing_in_baseline(name: str, summary: ReportSummary, limits: Limits) -> tu
     baseline_metrics = baseline.find_counterpart(name)
     if baseline_metrics is None:
         return (f"not compared with the baseline: {baseline.path} has no result named {name}",)
-    missing = [
-        metric.replace("_", " ")
+    return tuple(
+        f"{metric.replace('_', ' ')} not compared with the baseline: not defined in {baseline.path}"
         for metric, value in baseline_metrics.items()
         if value is None and _round_as_printed(summary, metric, PERCENT) is not None
-    ]
-    return tuple(
-        f"{metric} not compared with the baseline: not defined in {baseline.path}"
-        for metric in missing
     )
 
 

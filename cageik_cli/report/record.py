@@ -269,7 +269,8 @@ def _compute_kg_error(result: Result) -> float | None:
 def _build_vertex_metrics(result: Result, bins: int = 40, max_worst: int = 10) -> VertexMetrics:
     rms, percent = result.vertex_rms, 100 / result.rest.diagonal
     known = np.flatnonzero(np.isfinite(rms))
-    counts, edges = np.histogram(percent * rms[known], bins, (0.0, _positive_max(percent * rms)))
+    top = float(np.nanmax(percent * rms)) or 1.0
+    counts, edges = np.histogram(percent * rms[known], bins, (0.0, top))
     worst = known[np.argsort(-rms[known], kind="stable")[:max_worst]]
     return VertexMetrics(
         edges_percent=tuple(edges.tolist()),
@@ -289,11 +290,6 @@ def _build_vertex_metrics(result: Result, bins: int = 40, max_worst: int = 10) -
 def _make_whole(number: float) -> float:
     """Return a whole number as an integer, which is written without a point."""
     return int(number) if number == int(number) else number
-
-
-def _positive_max(values: Floats) -> float:
-    """Return the largest value, or one if that is zero."""
-    return float(np.nanmax(values)) or 1.0
 
 
 def _percent_change(new: Floats, old: Floats, least: float) -> Floats:

@@ -11,7 +11,7 @@ from cageik_cli.report.figures import format_change, format_percent
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.limits import Limit, Limits
-from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.workflows.extract import extract
@@ -61,7 +61,7 @@ def index(report):
     entry = build_clip_entry(report, page="clip.html")
     entries = [change(entry, f"walks/shot_{k}", rms_percent=(7 * k % 12) / 10) for k in range(12)]
     return render_index(
-        build_overview([*entries, ClipEntry("walks/broken", fault="it could not be read")])
+        Overview([*entries, ClipEntry("walks/broken", fault="it could not be read")])
     )
 
 
@@ -216,9 +216,7 @@ def test_all_columns_of_an_index_are_in_the_window(opened, index):
 def test_the_reason_of_a_failure_stays_in_the_window(opened, report, width):
     fault = "/srv/walks/broken/mesh_0020.obj: line 5180: 1 coordinates; " + 20 * "export it again "
     entries = [build_clip_entry(report, page="clip.html"), ClipEntry("walks/broken", fault=fault)]
-    page = opened(
-        render_index(build_overview(entries)), viewport={"width": width, "height": 800}
-    ).page
+    page = opened(render_index(Overview(entries)), viewport={"width": width, "height": 800}).page
     page.eval_on_selector(".most", "one => { one.scrollLeft = 160; }")
     window = page.locator(".most").bounding_box()
     sentence = page.locator(".sentence > div").bounding_box()
@@ -252,7 +250,7 @@ def test_long_names_are_wrapped(opened, report, poses, kind):
         frames=tuple(replace(frame, name=long) for frame in report.frames),
     )
     entries = [build_clip_entry(named, page="a.html"), ClipEntry(long, fault=long)]
-    html = render_page(named, poses) if kind == "page" else render_index(build_overview(entries))
+    html = render_page(named, poses) if kind == "page" else render_index(Overview(entries))
     page = opened(html, viewport={"width": 360, "height": 800}).page
     if kind == "page":
         page.locator("#plot").focus()
@@ -322,9 +320,7 @@ def test_hostile_names_do_nothing(opened, report, poses):
 def test_hostile_names_do_nothing_among_clips(opened, report):
     hostile = build_clip_entry(with_hostile_names(report), page=NAMES[-1])
     entries = [replace(hostile, name=name) for name in NAMES]
-    page = opened(
-        render_index(build_overview([*entries, *(ClipEntry(n, fault=n) for n in NAMES)]))
-    ).page
+    page = opened(render_index(Overview([*entries, *(ClipEntry(n, fault=n) for n in NAMES)]))).page
     page.get_by_role("button", name="Clip", exact=True).click()
     page.get_by_label("Filter by name").fill("<script>")
     hrefs = page.eval_on_selector_all("th a", "links => links.map(link => link.protocol)")
@@ -384,7 +380,7 @@ def test_two_thousand_frames_can_be_sorted(opened, report, poses):
 
 
 def test_five_hundred_clips_load_in_time(opened, report):
-    page = opened(render_index(build_overview(make_500_clips(report)))).page
+    page = opened(render_index(Overview(make_500_clips(report)))).page
     taken = page.evaluate(
         "() => new Promise(done => requestAnimationFrame(() => setTimeout("
         "() => done(performance.getEntriesByType('navigation')[0].loadEventEnd))))"

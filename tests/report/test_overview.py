@@ -8,7 +8,7 @@ from dataclasses import asdict, fields, replace
 import pytest
 
 from cageik_cli.report.figures import ClipRecord, ReportSummary
-from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_overview_csv, format_overview_json
 from tests.report.clips import clip, gate
@@ -35,8 +35,8 @@ UNJUDGED, BARE = clip("d", gate(None)), clip("e")
     ],
 )
 def test_the_exit_code(entries, code):
-    assert build_overview(entries).exit_code == code
-    assert build_overview(entries[::-1]).exit_code == code
+    assert Overview(entries).exit_code == code
+    assert Overview(entries[::-1]).exit_code == code
 
 
 def build_curve(report, rms, other, worst):
@@ -117,7 +117,7 @@ def test_an_entry_has_the_values_of_its_report(closed):
 def test_json_is_the_whole_record(closed):
     report = build_report(closed.result)
     entry = build_clip_entry(report, "walk.h5", "walk.html")
-    record = json.loads(format_overview_json(build_overview([entry, OVER, FAILED, UNJUDGED])))
+    record = json.loads(format_overview_json(Overview([entry, OVER, FAILED, UNJUDGED])))
     names = ("clip", "binding", "summary", "gates", "notes", "edited_from", "regions", "fit")
     expected = {"name": "cages.h5", "fault": None, "result": "walk.h5", "page": "walk.html"}
     expected |= {name: asdict(report)[name] for name in names} | {"curve": asdict(entry.curve)}
@@ -135,9 +135,7 @@ def test_json_is_the_whole_record(closed):
 
 def test_csv_has_one_line_per_clip():
     both = clip("x,y\n", gate(False), gate(False, metric="frame_rms"), gate(False))
-    rows = list(
-        csv.DictReader(io.StringIO(format_overview_csv(build_overview([WELL, both, FAILED]))))
-    )
+    rows = list(csv.DictReader(io.StringIO(format_overview_csv(Overview([WELL, both, FAILED])))))
     columns = {field.name for record in (ClipRecord, ReportSummary) for field in fields(record)}
     assert set(rows[0]) == {"name", "fault", "over_limit", *columns}
     assert [row["name"] for row in rows] == ["a", "x,y\n", "c"]

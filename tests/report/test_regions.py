@@ -10,7 +10,7 @@ import pytest
 from cageik_cli.cli.group import word_options
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.html.pictures import draw_pictures
-from cageik_cli.report.overview import build_clip_entry, build_overview
+from cageik_cli.report.overview import Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.regions import CAUSES, REGIONS_UNKNOWN, describe_region
 from cageik_cli.report.render.model_views import load_poses
@@ -114,7 +114,7 @@ def test_a_result_within_the_usual_says_nothing(result, poses):
     assert REGIONS_UNKNOWN not in report.notes
     assert 'id="regions"' not in page
     assert 'href="#regions"' not in page
-    assert "Worst regions" not in format_markdown(build_overview([build_clip_entry(report)]))
+    assert "Worst regions" not in format_markdown(Overview([build_clip_entry(report)]))
 
 
 def test_an_earlier_result_says_that_it_does_not_know(result):
@@ -186,6 +186,6 @@ def test_without_its_frame_a_region_has_no_close_up(result, tmp_path):
 
 
 def test_markdown_names_the_worst_region_of_each_clip(report):
-    text = format_markdown(build_overview([build_clip_entry(report, "a.h5")]))
+    text = format_markdown(Overview([build_clip_entry(report, "a.h5")]))
     part = text[text.index("### Worst regions") :].split("\n###")[0]
     assert list_items(part) == [f"cages.h5: {describe_region(report.regions[0])}"]

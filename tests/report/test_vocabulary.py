@@ -13,7 +13,7 @@ from cageik_cli.report import limits as gates
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.limits import Limit, Limits
-from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_json, format_junit, format_overview_json
 from cageik_cli.report.views.markdown import format_markdown
@@ -52,17 +52,17 @@ def _figure(report):
 
 
 def _markdown(report):
-    return format_markdown(build_overview([build_clip_entry(report)]))
+    return format_markdown(Overview([build_clip_entry(report)]))
 
 
 def _junit(report):
-    root = ElementTree.fromstring(format_junit(build_overview([build_clip_entry(report)])))
+    root = ElementTree.fromstring(format_junit(Overview([build_clip_entry(report)])))
     return "\n".join([*root.itertext(), *(case.attrib["name"] for case in root.iter("testcase"))])
 
 
 def _index(report):
     """The heading "worst first" is for errors and edits."""
-    page = parse_page(render_index(build_overview([build_clip_entry(report)])))
+    page = parse_page(render_index(Overview([build_clip_entry(report)])))
     told = [element.attributes.get("aria-label", "") for element in page.all("svg")]
     return "\n".join([page.text, *told]).replace("worst first", "")
 
@@ -135,15 +135,15 @@ def test_the_page_of_an_edit_is_sound(report, plain):
 
 def test_records_name_the_edited_result(edited, closed):
     reports = [build_report(edited), build_report(closed.result)]
-    clips = json.loads(format_overview_json(build_overview(map(build_clip_entry, reports))))[
-        "clips"
-    ]
+    clips = json.loads(
+        format_overview_json(Overview([build_clip_entry(report) for report in reports]))
+    )["clips"]
     for records in (json.loads(format_json(reports)), clips):
         assert [record["edited_from"] for record in records] == ["cages.h5", None]
 
 
 def test_edits_are_marked_among_extractions(edited, closed):
-    both = build_overview(
+    both = Overview(
         [build_clip_entry(build_report(edited)), build_clip_entry(build_report(closed.result))]
     )
     name = "edited.h5 (edited: distance moved from cages.h5)"
@@ -160,10 +160,10 @@ def test_edits_are_marked_among_extractions(edited, closed):
 def test_several_results_use_the_words_of_edits_if_all_are_edited(edited, closed):
     clip = build_clip_entry(build_report(edited))
     failed = ClipEntry("broken", fault="it is empty")
-    assert build_overview([clip, failed]).vocabulary is EDIT_VOCABULARY
+    assert Overview([clip, failed]).vocabulary is EDIT_VOCABULARY
     extracted = build_clip_entry(build_report(closed.result))
-    assert build_overview([clip, extracted]).vocabulary is EXTRACTION_VOCABULARY
-    assert build_overview([failed]).vocabulary is EXTRACTION_VOCABULARY
+    assert Overview([clip, extracted]).vocabulary is EXTRACTION_VOCABULARY
+    assert Overview([failed]).vocabulary is EXTRACTION_VOCABULARY
     assert choose_vocabulary() is EXTRACTION_VOCABULARY
 
 

@@ -11,7 +11,7 @@ from cageik_cli.coordinates.binding import reconstruct_frames
 from cageik_cli.formats.write import Output
 from cageik_cli.report.fit_figures import list_fit_notes
 from cageik_cli.report.html.frames_table import build_quality_rows
-from cageik_cli.report.overview import build_clip_entry, build_overview
+from cageik_cli.report.overview import Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_overview_csv
 from cageik_cli.report.views.markdown import format_markdown
@@ -414,7 +414,7 @@ def test_every_view_tells_what_the_fit_gains(settings):
     assert "  tried " not in text
     tried = [f"{strength:g}: {error:.4f} %" for strength, error in fit.curve]
     assert ", ".join(tried) in format_text(report, is_verbose=True)
-    overview = build_overview([build_clip_entry(report)])
+    overview = Overview([build_clip_entry(report)])
     assert "### Fitted weights" in format_markdown(overview)
     header, line = format_overview_csv(overview).splitlines()
     row = dict(zip(header.split(","), line.split(","), strict=True))

@@ -94,18 +94,13 @@ def make_single_pose(
         cages=binding.cage.vertices[None],
         rotations=np.eye(3)[None],
         up_axis=up_axis,
-        title=_format_title(words[0]) if words else "",
-        target=_join_words(words or unnamed),
+        title=_make_line(words[0]) if words else "",
+        target=_make_line(shlex.join(words or unnamed)),
     )
 
 
-def _format_title(name: str) -> str:
-    return single_line(to_unicode(name))
-
-
-def _join_words(words: Sequence[str]) -> str:
-    """Join words as they are typed in a shell, on one line."""
-    return _format_title(shlex.join(words))
+def _make_line(text: str) -> str:
+    return single_line(to_unicode(text))
 
 
 def load_player_clip(result: Result) -> PlayerClip | None:
@@ -131,8 +126,8 @@ def load_player_clip(result: Result) -> PlayerClip | None:
         vertex_rms=100 * result.vertex_rms / (result.rest.diagonal or 1.0),
         held=_collect_held_frames(key_frames, count),
         focus=focus if focus["frame"] < count else None,
-        title=_format_title(result.path.name),
-        target=_join_words([result.path.name]),
+        title=_make_line(result.path.name),
+        target=_make_line(shlex.join([result.path.name])),
         left_out=len(result.frames) - count,
     )
 

@@ -97,6 +97,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     rest, cage = clip.binding.rest, clip.binding.cage
     diagonal, origin = rest.diagonal or 1.0, cage.vertices.mean(axis=0)
     chosen, faces = choose_vertices(clip.binding)
+    mirror = find_mirror(clip.binding)
     rounded = round_weights(clip.binding.weights[chosen], find_smooth_motions(cage))
     arrays: dict[str, NDArray[Any]] = {
         "faces": faces.astype("<u4"),
@@ -124,7 +125,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "fps": clip.fps,
         "up": clip.up_axis,
         "focus": _list_focus(clip, chosen),
-        "mirror": _list_mirror(clip),
+        "mirror": mirror and {"normal": mirror.normal.tolist(), "point": mirror.point.tolist()},
         "colours": list(COLOUR_SCALE),
         "missing": MESH_COLOURS["missing"],
         "alpha": DEFAULT_POSE_ALPHA,
@@ -235,10 +236,3 @@ def find_mirror(binding: Binding) -> Mirror | None:
                 continue
             return mirror
     return None
-
-
-def _list_mirror(clip: PlayerClip) -> dict[str, Any] | None:
-    mirror = find_mirror(clip.binding)
-    if mirror is None:
-        return None
-    return {"normal": mirror.normal.tolist(), "point": mirror.point.tolist()}

@@ -185,15 +185,7 @@ def format_repair_json(repaired: "RepairedCage", diagonal: float) -> str:
             "moved_vertices": repaired.moved_vertices.tolist(),
             "vertex_map": repaired.vertex_map.tolist(),
             "steps": [
-                {
-                    "kind": step.kind,
-                    "message": step.message,
-                    "count": step.count,
-                    "vertices": step.vertices.tolist(),
-                    "max_move": step.max_move,
-                    "mean_move": step.mean_move,
-                }
-                for step in repaired.steps
+                asdict(step) | {"vertices": step.vertices.tolist()} for step in repaired.steps
             ],
             "warnings": [finding.sentence for finding in repaired.warnings],
         }

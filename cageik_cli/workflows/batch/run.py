@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.html.index import render_index
-from cageik_cli.report.overview import ClipEntry, Overview, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.views.data import format_junit, format_overview_csv, format_overview_json
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.store.result import checkpoint_path, is_result
@@ -100,7 +100,7 @@ def run_batch(
             name: replace(entry, fault=word(entry.fault)) if entry.fault else entry
             for name, entry in entries.items()
         }
-        overview = build_overview([worded[name] for name in batch.order])
+        overview = Overview([worded[name] for name in batch.order])
         with progress.stage("write"):
             for name, view in REPORT_FILES.items():
                 write_text(batch.output / name, view(overview), overwrite=True)

@@ -9,7 +9,7 @@ import pytest
 from cageik_cli.report.figures import format_change, format_percent
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.limits import Limit, Limits, check_limits
-from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from tests.report.clips import change, make_500_clips
 from tests.report.hostile import NAMES, with_hostile_names
@@ -23,7 +23,7 @@ def _with_error(entry, name, rms_percent):
 
 
 def _show(*entries):
-    return render_index(build_overview(entries))
+    return render_index(Overview(entries))
 
 
 def _rows(page):

@@ -5,9 +5,11 @@ import pytest
 
 from cageik_cli.report.render.raster import ParallelCamera, rasterize_lines
 from cageik_cli.report.render.shading import (
+    MESH_COLOURS,
     downsample,
     map_colours,
     overlay,
+    parse_colour,
     rasterize_surface,
     render,
     shade,
@@ -54,10 +56,10 @@ def test_light_falls_from_above_and_the_left():
 
 
 def test_colours_of_a_scale():
-    stops = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]])
+    missing = parse_colour(MESH_COLOURS["missing"])
     values = np.array([0, 1, 2, 3, 4, 9, np.nan])
-    expected = [[0, 0, 0], [0.5, 0, 0], [1, 0, 0], [1, 0.5, 0], [1, 1, 0], [1, 1, 0], [0, 0, 1]]
-    np.testing.assert_allclose(map_colours(values, 4, stops, np.array([0, 0, 1.0])), expected)
+    expected = [[0, 0, 0], [0.5, 0, 0], [1, 0, 0], [1, 0.5, 0], [1, 1, 0], [1, 1, 0], missing]
+    np.testing.assert_allclose(map_colours(values, 4, ("#000000", "#ff0000", "#ffff00")), expected)
 
 
 def test_pictures_are_laid_over_and_reduced_by_opacity():
