@@ -64,9 +64,7 @@ class VisibleSurface:
         return _weighted_sum(self.barycentric, values[self.corners])
 
 
-def rasterize_surface(
-    projected: Floats, faces: Integers, size: int, is_smooth: bool = True
-) -> VisibleSurface:
+def rasterize_surface(projected: Floats, faces: Integers, size: int) -> VisibleSurface:
     """Rasterize a mesh with projected vertices, (m, 3); both sides of its faces are visible."""
     face, depth = rasterize(projected[faces], size)
     pixels = np.flatnonzero(face >= 0)
@@ -74,11 +72,9 @@ def rasterize_surface(
     corners = faces.T[:, face_ids]
     shares = _barycentric_coordinates(projected, corners, np.stack([pixels % size, pixels // size]))
     face_normals = _face_normals(projected, faces)
-    normals = face_normals[:, face_ids]
-    away = normals[2] < 0
-    if is_smooth:
-        vertex_normals = _vertex_normals(face_normals, faces, len(projected))
-        normals = np.stack([_weighted_sum(shares, along[corners]) for along in vertex_normals])
+    vertex_normals = _vertex_normals(face_normals, faces, len(projected))
+    normals = np.stack([_weighted_sum(shares, along[corners]) for along in vertex_normals])
+    away = face_normals[2, face_ids] < 0
     return VisibleSurface(
         pixels, corners, shares, _normalize(np.where(away, -normals, normals)), depth
     )
