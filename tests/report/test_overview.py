@@ -55,16 +55,12 @@ def report(request):
     return build_report(request.getfixturevalue(request.param).result)
 
 
-def test_a_curve_of_one_frame(report):
-    curve = build_curve(report, [0.5], [-1.0], 0)
-    assert (curve.rms_percent, curve.other, curve.worst) == ((0.5,), (-1.0,), 0)
-
-
 def test_short_clips_keep_all_frames_and_gaps(report):
     curve = build_curve(report, [0.5, None, 0.25, 1.0], [-1.0, None, 2.0, None], 3)
     assert curve.rms_percent == (0.5, None, 0.25, 1.0)
     assert curve.other == (-1.0, None, 2.0, None)
     assert curve.worst == 3
+    assert build_curve(report, [0.5], [-1.0], 0).rms_percent == (0.5,)
 
 
 @pytest.mark.parametrize("count", [120, 121, 239, 240, 1000])
@@ -95,15 +91,13 @@ def test_a_span_of_gaps_is_a_gap(report):
     assert curve.other[:4] == (1.0, None, 1.0, 1.0)
 
 
-def test_the_other_curve_of_a_closed_model_is_its_volume_change(closed, opened):
-    frames = build_report(closed.result).frames
-    assert build_clip_entry(build_report(closed.result)).curve.other == tuple(
-        f.volume_change for f in frames
-    )
-    frames = build_report(opened.result).frames
-    assert build_clip_entry(build_report(opened.result)).curve.other == tuple(
-        frame.max_deviation_percent for frame in frames
-    )
+@pytest.mark.parametrize(
+    ("case", "field"), [("closed", "volume_change"), ("opened", "max_deviation_percent")]
+)
+def test_the_other_curve_is_the_volume_change_if_there_is_one(request, case, field):
+    report = build_report(request.getfixturevalue(case).result)
+    expected = tuple(getattr(frame, field) for frame in report.frames)
+    assert build_clip_entry(report).curve.other == expected
 
 
 def test_an_entry_has_the_values_of_its_report(closed):

@@ -1,16 +1,23 @@
-"""The player in a page: its data and script, under the same strict policy."""
+"""The player in a page, and alone: its data and script, under the same strict policy."""
 
 import base64
 import hashlib
+import json
 import re
+from importlib.resources import files
 
 import pytest
 
+from cageik_cli.cages.bind import bind
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS
 from cageik_cli.report.player import section
+from cageik_cli.report.player.clip import make_single_pose
+from cageik_cli.report.player.section import render_view_page
 from tests.report.markup import find_faults, parse_page
 from tests.report.player.rebuild import unpack_payload
+from tests.shapes import ball, box
 
 MAX_SCRIPT_BYTES = 60_000
 
@@ -60,8 +67,6 @@ def test_the_script_is_small(report, page, clip):
 
 
 def test_every_script_of_the_player_is_in_the_page(page):
-    from importlib.resources import files
-
     folder = files("cageik_cli.report.html") / "templates" / "player"
     names = {one.name.removesuffix(".js") for one in folder.iterdir()}
     assert names == {*PLAYER_SCRIPTS, "apply"}
@@ -81,3 +86,45 @@ def test_what_is_left_out_is_said(report, clip, monkeypatch):
     page = parse_page(render_page(report, player=clip)).by_id("player").text
     drawn = len(section.choose_vertices(clip.binding)[0])
     assert f"The player draws {drawn} of 18 vertices" in page
+
+
+@pytest.fixture(scope="module")
+def model():
+    binding = bind(ball(levels=1, size=0.9), box(2.0), BindSettings("mean-value"))
+    return make_single_pose(binding, ["<b>.obj", "--cage", "cage.obj"])
+
+
+def test_the_page_names_its_model(model):
+    page = render_view_page(model)
+    assert "<h1>&lt;b&gt;.obj</h1>" in page
+    assert page.count("data-player>") == 1
+
+
+def test_a_model_without_a_name_has_a_heading(model):
+    assert "<h1>Model in its cage</h1>" in render_view_page(make_single_pose(model.binding))
+
+
+@pytest.mark.parametrize(("apply_url", "allowed"), [("", False), ("apply", True)])
+def test_only_a_page_that_applies_may_send_anything(model, apply_url, allowed):
+    policy = parse_page(render_view_page(model, apply_url)).policy
+    assert ("; connect-src 'self'" in policy) == allowed
+    assert policy.startswith("default-src 'none'; ")
+    assert "unsafe-eval" not in policy
+
+
+def test_handles_are_in_the_page_whatever_their_names(model):
+    name = "</script><script>alert(1)</script><!-- & ]]> \\ "
+    document = {"handles": [{"name": name, "vertex": 0, "pin": True}]}
+    page = render_view_page(model, handles=json.dumps(document))
+    (text,) = re.findall(r'id="player-handles">(.*?)</script>', page, re.DOTALL)
+    assert json.loads(text) == document
+    assert "alert(1)</script>" not in page
+
+
+def test_the_words_of_an_edited_clip_are_of_motion(model):
+    assert ">error over the clip<" in render_view_page(model)
+    assert ">distance moved over the clip<" in render_view_page(model, edited_from="cages.h5")
+
+
+def test_without_handles_there_is_no_place_for_them(model):
+    assert '<script type="application/json"' not in render_view_page(model)
