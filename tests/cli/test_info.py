@@ -74,7 +74,7 @@ def test_positions_without_faces_are_outlined(run, folder, animation):
     headline, rows = rows_of(run("info", "clip.mdd"))
     assert headline == "clip.mdd"
     assert rows == {
-        "holds": "positions without faces; give these by --rest",
+        "holds": "positions without faces, which cageik extract takes from --rest",
         "frames": "5",
         "vertices": "18",
         "scene": "30 frames per second, from frame 0",

@@ -265,7 +265,7 @@ class ArrayClipFile(ClipFile):
         if clip.faces is not None:
             return []
         return [
-            ("holds", "positions without faces; give these by `rest=`"),
+            ("holds", "positions without faces, which cageik extract takes from `rest=`"),
             ("frames", str(clip.frames.frame_count)),
             ("vertices", str(clip.frames.vertex_count)),
             *([("scene", clip.scene.description)] if clip.scene.description else []),
