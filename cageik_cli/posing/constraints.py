@@ -105,11 +105,8 @@ def mirror_pairs(cage: TriMesh, mirror: Mirror) -> Integers:
 def free_basis(cage: TriMesh, constraints: CageConstraints, sign: int) -> Floats:
     """Return a basis of the free motions of one coordinate of a cage, (n, r), orthonormal.
 
-    Parameters
-    ----------
-    sign : int
-        1 for coordinates along the mirror plane, which partners share; −1 for the coordinate
-        across it, which is opposite. Without a mirror, 1.
+    The sign is 1 for coordinates along the mirror plane, which partners share, and −1 for that
+    across it, which is opposite. Without a mirror it is 1.
     """
     n = len(cage.vertices)
     wrong = [vertex for vertex in constraints.locked if not 0 <= vertex < n]

@@ -26,11 +26,9 @@ class PosingSettings:
     Attributes
     ----------
     alpha, beta : float
-        As in `Poser`.
+        As in `Poser`; `snap`, `allow_conflicts` and `hard` are those of `place_handles`.
     rigidity : int
         Rounds of rigid rotations.
-    snap, allow_conflicts, hard
-        As in `place_handles`.
     """
 
     alpha: float = DEFAULT_POSE_ALPHA
@@ -226,8 +224,6 @@ class LayeredEdit:
 
     Attributes
     ----------
-    layers : list of Layer
-        One per set of handles.
     rigidity : int
         Rounds of rigid rotations.
 

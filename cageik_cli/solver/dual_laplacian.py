@@ -91,8 +91,6 @@ class DualLaplacianSolver:
         Vertices that are data: all but those of weight 0.
     missing_count : int
         Number of vertices of weight 0 that are in a face.
-    data_count : int
-        Number of vertices that are data.
     sampled_vertices : (s,) int64
         Vertices that are data, spread over their numbers: what is possible is measured on them.
     vertex_weights : (m,) float64
@@ -103,8 +101,6 @@ class DualLaplacianSolver:
         (α/n) LᵀL, and the normal matrix.
     data_scale : float
         β/m.
-    is_aligned : bool
-        Whether frames are aligned with the rest pose.
 
     Raises
     ------

@@ -140,17 +140,8 @@ def find_worst_regions(
 ) -> tuple[Region, ...]:
     """Group the vertices that deviate by more than a threshold into connected regions.
 
-    Parameters
-    ----------
-    peaks : DeviationPeaks
-        Of one frame or of many.
-    threshold : float, optional
-        File units; half of the largest deviation by default.
-
-    Returns
-    -------
-    tuple of Region
-        The worst first, `MAX_REGIONS` at most; none if nothing deviates.
+    The threshold, in file units, is half of the largest deviation by default. The worst region is
+    the first; there are `MAX_REGIONS` at most, and none if nothing deviates.
     """
     if threshold is None:
         threshold = 0.5 * float(peaks.deviations.max())
@@ -165,12 +156,8 @@ def blame_shared_places(
 ) -> tuple[Region, ...]:
     """Judge the causes of regions again, where limbs share a loop of the cage.
 
-    Parameters
-    ----------
-    places : sequence of ((3,) float64, float)
-        Centres and radii, file units, of balls in which limbs are known to share a loop.
-    diagonal : float
-        Of the rest model, file units.
+    Places are centres, (3,), and radii of balls in which limbs are known to share a loop, in file
+    units, as is the diagonal of the rest model.
     """
     blamed = []
     for region in regions:

@@ -59,16 +59,10 @@ class RobustSolver:
     def solve(
         self, frames: Floats, given: Floats | None = None, workspace: Workspace | None = None
     ) -> Solution:
-        """Return the cages of `frames`, (k, m, 3).
+        """Return the cages of `frames`, (k, m, 3), whose vertices have given weights, (k, m).
 
-        Parameters
-        ----------
-        frames : (k, m, 3)
-            Vertices of weight 0 may be anywhere near the others.
-        given : (k, m), optional
-            Weights of the vertices of each frame, from 0 to 1.
-        workspace : Workspace, optional
-            The reconstructions are valid until it is used again.
+        Weights are from 0 to 1; vertices of weight 0 may be anywhere near the others. With
+        `workspace`, the reconstructions are valid until it is used again.
         """
         plain = self.solver.solve(frames, workspace)
         block = _WeighedBlock(self, frames, plain, given)
@@ -114,11 +108,8 @@ class _WeighedBlock:
     def search(self, places: Integers, is_first: bool) -> Integers:
         """Look for outliers that are not followed yet, and solve the frames that have any.
 
-        Frames of which some vertices have a given weight are solved the first time.
-
-        Returns
-        -------
-        (j,) int64, the frames that were solved
+        Frames of which some vertices have a given weight are solved the first time. Returned are
+        the places of the frames that were solved.
         """
         solved = []
         for place in places.tolist():

@@ -125,12 +125,10 @@ class Handle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandleSet:
-    """Handles that move together.
+    """Handles that move together, one at least.
 
     Attributes
     ----------
-    handles : tuple of Handle
-        At least one.
     frames : (first, last), optional
         Frames of full strength, counted from 0, both included; None for all frames.
     falloff : int
@@ -151,14 +149,12 @@ class Handles:
 
     Attributes
     ----------
-    path : Path
-        The file, for messages.
     data : bytes
-        All of it.
+        All of the file.
     sets : tuple of HandleSet
         Layers, applied one after another.
     constraints : CageConstraints
-        Constraints on cage vertices, for all layers.
+        On cage vertices, for all layers.
     """
 
     path: Path

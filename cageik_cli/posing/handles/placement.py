@@ -29,7 +29,7 @@ def place_handles(
     allow_conflicts: bool = False,
     hard: bool = False,
 ) -> HandleSchedule:
-    """Place handles on a surface.
+    """Place handles on a surface; with `hard`, as hard anchors.
 
     Parameters
     ----------
@@ -41,8 +41,6 @@ def place_handles(
         it, percent of the diagonal; None refuses all positions.
     allow_conflicts : bool
         Use the mean of different targets of one point, instead of refusing them.
-    hard : bool
-        Make all anchors hard.
 
     Raises
     ------
@@ -51,7 +49,11 @@ def place_handles(
         message names them.
     """
     full_strength = _full_strength_frames(handle_set, surface.frame_count)
-    affected_frames = _affected_frames(full_strength, handle_set.falloff, surface.frame_count)
+    beyond = max(handle_set.falloff - 1, 0)  # frames on each side with a strength above zero
+    affected_frames = range(
+        max(full_strength.start - beyond, 0),
+        min(full_strength.stop + beyond, surface.frame_count or 1),
+    )
     pick_frame = _choose_pick_frame(handle_set, full_strength, surface.frame_count)
     finder = _PointFinder(surface, pick_frame, snap)
     placed, notes = [], []
@@ -173,12 +175,6 @@ def _full_strength_frames(handle_set: HandleSet, count: int | None) -> range:
     if last < first:
         raise HandlesError(f"frames: the last, {last}, is before the first, {first}; exchange them")
     return range(first, last + 1)
-
-
-def _affected_frames(full_strength: range, falloff: int, count: int | None) -> range:
-    """Return the frames in which the strength is above zero."""
-    beyond = max(falloff - 1, 0)
-    return range(max(full_strength.start - beyond, 0), min(full_strength.stop + beyond, count or 1))
 
 
 def _choose_pick_frame(handle_set: HandleSet, full_strength: range, count: int | None) -> int:

@@ -105,12 +105,7 @@ class HandleSchedule:
     def targets(self, frames: Integers, positions: Floats) -> Floats:
         """Return the targets of the anchors at full strength, (k, l, 3).
 
-        Parameters
-        ----------
-        frames : (k,) int64
-            Frames among `affected_frames`.
-        positions : (k, l, 3)
-            Positions of the anchors in these frames.
+        Frames, (k,), are some of `affected_frames`; anchors have positions (k, l, 3) in them.
         """
         columns = np.moveaxis(positions, 1, 0)
         pairs = zip(self.scheduled, columns, strict=True)
