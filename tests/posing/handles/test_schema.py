@@ -9,6 +9,7 @@ from jsonschema import Draft202012Validator
 from cageik_cli.posing.handles.schema import check_schema, read_schema
 from cageik_cli.util.errors import HandlesError
 from tests.posing.handles.files import CAMERA, HAND, KEYS
+from tests.refusals import refused
 
 EYE = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
 MATRICES = {"view": EYE, "projection": EYE, "width": 640, "height": 480}
@@ -207,17 +208,15 @@ def test_valid_documents_pass(document):
 
 @pytest.mark.parametrize(("document", "said"), BAD.values(), ids=BAD)
 def test_invalid_documents_are_refused(document, said):
-    with pytest.raises(HandlesError) as error:
+    with refused(HandlesError, said):
         check_schema(document)
-    assert said in str(error.value)
 
 
 def test_the_first_fault_in_the_file_is_reported():
     document = {"handles": [HAND | {"vertex": "a", "weight": "b"}, HAND | {"vertex": "c"}]}
     for said in ("handle 'hand': vertex: is \"a\"", 'weight: is "b"', 'vertex: is "c"'):
-        with pytest.raises(HandlesError) as error:
+        with refused(HandlesError, said):
             check_schema(document)
-        assert said in str(error.value)
         first = next(one for one in document["handles"] if any(map(is_letter, one.values())))
         first[next(key for key, value in first.items() if is_letter(value))] = 1
 
