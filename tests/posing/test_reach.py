@@ -1,7 +1,5 @@
 """The reach of handles: what is beyond their radius stays, whatever they do."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -12,9 +10,9 @@ from cageik_cli.posing import constraints
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
 from cageik_cli.posing.constraints import MAX_LEAK, Mirror, find_reach, mirror_pairs
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
-from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import PoseStatistics
 from cageik_cli.util.errors import HandlesError
+from tests.posing.handles.files import read
 
 HAND, OTHER_HAND, FOOT, CHEST = 1040, 1136, 994, 889
 LIFT = {"name": "hand", "vertex": HAND, "offset": [0.1, 0.8, 0.3], "radius": 0.75}
@@ -34,12 +32,9 @@ def pose(tmp_path, binding):
     """One frame that a document edits, and its summary."""
 
     def edit(document, **settings):
-        path = tmp_path / "handles.json"
-        path.write_text(json.dumps(document))
-        cage = binding.cage.vertices
-        target = EditTarget.of_model(binding)
-        layered = LayeredEdit(read_handles(path), target, PosingSettings(**settings))
-        block = layered.edit_frames(np.zeros(1, np.int64), cage[None])
+        handles, target = read(tmp_path, document), EditTarget.of_model(binding)
+        layered = LayeredEdit(handles, target, PosingSettings(**settings))
+        block = layered.edit_frames(np.zeros(1, np.int64), binding.cage.vertices[None])
         statistics = PoseStatistics(layered)
         statistics.update(block)
         return block, statistics.summarize()
