@@ -18,11 +18,6 @@ from cageik_cli.store.result import Result, read_unfitted
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import format_bytes, format_count
 
-MAX_NAMED_CLIPS = 3
-"""Clips that a report names."""
-
-Row = tuple[str, str]
-
 
 def is_fitted_to_clip(result: Result) -> bool:
     """Return whether the weights were fitted to the clip of the result, and to no other."""
@@ -103,12 +98,17 @@ def _list_error_notes(report: FitReport) -> list[str]:
     return notes
 
 
-def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[Row]:
+def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[tuple[str, str]]:
     """Return labelled lines on a fit; `is_verbose` shows all regularizations that were tried."""
     report = record.report
+    tried = ", ".join(f"{pull:g}: {format_percent(error)} %" for pull, error in report.curve)
     return [
         ("fit", _describe_settings(record)),
-        *([("tried", _format_curve(report))] if is_verbose and report.curve else []),
+        *(
+            [("tried", f"held-out error by regularization: {tried}")]
+            if is_verbose and tried
+            else []
+        ),
         ("fitted frames", _format_comparison(report.fitted)),
         ("held out", _format_held_out(record)),
         ("last third", _format_comparison(report.unseen_third) if report.unseen_third else "none"),
@@ -134,9 +134,9 @@ def format_fit_line(report: FitReport) -> str:
     )
 
 
-def _describe_settings(record: FitRecord) -> str:
+def _describe_settings(record: FitRecord, max_named: int = 3) -> str:
     settings, report = record.settings, record.report
-    names = join_truncated((clip.name for clip in record.clips), MAX_NAMED_CLIPS)
+    names = join_truncated((clip.name for clip in record.clips), max_named)
     parts = []
     for name, value in asdict(settings).items():
         if name == "regularization":
@@ -147,11 +147,6 @@ def _describe_settings(record: FitRecord) -> str:
             parts.append(f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}")
     frames = format_count(report.frames, "frame")
     return f"{', '.join(parts)}; {report.fitted_frames} of {frames} of {names}"
-
-
-def _format_curve(report: FitReport) -> str:
-    tried = (f"{strength:g}: {format_percent(error)} %" for strength, error in report.curve)
-    return f"held-out error by regularization: {', '.join(tried)}"
 
 
 def _format_comparison(comparison: Comparison) -> str:
