@@ -153,7 +153,11 @@ def test_colours_turn_with_the_splats(binding, points, rows):
 
 @pytest.mark.parametrize(
     ("linear", "expected"),
-    [(np.diag([1, 1, -1.0]), {"mirrored": COUNT}), (np.diag([1, 1, 0.0]), {"flat": COUNT})],
+    [
+        (np.diag([1, 1, -1.0]), {"mirrored": COUNT}),
+        (np.diag([1, 1, 0.0]), {"flat": COUNT}),
+        (np.diag([1, 1, -1e-12]), {"flat": COUNT}),
+    ],
 )
 def test_lost_shapes_are_counted(binding, points, linear, expected):
     out, faults = move_splats(binding, points, CAGE.vertices @ linear)

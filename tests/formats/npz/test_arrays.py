@@ -2,7 +2,6 @@
 
 import gc
 import sys
-import zipfile
 
 import numpy as np
 import pytest
@@ -145,8 +144,6 @@ def test_hints_that_cannot_be_are_noted_and_others_passed_by(opened):
             {"verts": FRAMES.transpose(1, 2, 0), "faces": FACES + 1},
             "faces name vertices 1 to 4 of 4",
         ),
-        ({"verts": FRAMES, "faces": FACES + 2}, "face 0 names vertices 2, 3, 4"),
-        ({"verts": FRAMES, "faces": FACES - 1}, "face 0 names vertices -1, 0, 1"),
         (
             {"poses": FRAMES, "betas": FRAMES, "trans": FRAMES},
             "holds body parameters (AMASS or SMPL",
@@ -164,47 +161,18 @@ def test_other_arrays_are_refused_with_what_was_found(opened, tmp_path, arrays, 
         opened(**arrays)
 
 
-def _with(data: bytes, old: bytes, new: bytes) -> bytes:
-    assert old in data
-    return data.replace(old, new)
-
-
-def _foreign(path, **members):
-    with zipfile.ZipFile(path, "w") as file:
-        for name, text in members.items():
-            file.writestr(name, text)
-    return path.read_bytes()
-
-
-def _array_file(path):
-    np.save(path.with_suffix(".npy"), FRAMES)
-    return path.with_suffix(".npy").read_bytes()
-
-
 @pytest.mark.parametrize(
-    "damage",
-    [
-        pytest.param(lambda data, path: data[:-30], id="cut short"),
-        pytest.param(lambda data, path: _with(data, b"(2, 4, 3)", b"(9, 9, 9)"), id="claim"),
-        pytest.param(lambda data, path: _with(data, b"{'descr'", b"({descr'"), id="header"),
-        pytest.param(lambda data, path: _array_file(path), id="npy"),
-        pytest.param(lambda data, path: _foreign(path, vertices="a", faces="b"), id="text"),
-        pytest.param(
-            lambda data, path: _with(data, b"PK\1\2\x2d\3\x2d\0\0\0", b"PK\1\2\x2d\3\x2d\0\1\0"),
-            id="encrypted",
-        ),
-    ],
+    ("old", "new"),
+    [(b"PK\1\2", b"PK\1\1"), (b"(2, 4, 3)", b"(9, 9, 9)"), (b"{'descr'", b"({descr'")],
 )
-def test_a_damaged_or_foreign_file_is_refused_and_closed(tmp_path, monkeypatch, damage):
+def test_a_damaged_file_is_refused_and_closed(tmp_path, monkeypatch, old, new):
     left = []
     monkeypatch.setattr(sys, "unraisablehook", left.append)
     path = tmp_path / "clip.npz"
     np.savez(path, verts=FRAMES, faces=FACES)
-    path.write_bytes(damage(path.read_bytes(), path))
-    with pytest.raises(FormatError) as caught:
+    path.write_bytes(path.read_bytes().replace(old, new))
+    with refused(FormatError, "", at=path):
         open_sequence([str(path)])
-    assert str(caught.value).startswith(f"{path}: ")
-    del caught
     gc.collect()
     assert not left
 
