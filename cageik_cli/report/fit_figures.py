@@ -102,13 +102,10 @@ def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[tuple[s
     """Return labelled lines on a fit; `is_verbose` shows all regularizations that were tried."""
     report = record.report
     tried = ", ".join(f"{pull:g}: {format_percent(error)} %" for pull, error in report.curve)
+    curve = [("tried", f"held-out error by regularization: {tried}")] if tried else []
     return [
         ("fit", _describe_settings(record)),
-        *(
-            [("tried", f"held-out error by regularization: {tried}")]
-            if is_verbose and tried
-            else []
-        ),
+        *(curve if is_verbose else []),
         ("fitted frames", _format_comparison(report.fitted)),
         ("held out", _format_held_out(record)),
         ("last third", _format_comparison(report.unseen_third) if report.unseen_third else "none"),

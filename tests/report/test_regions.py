@@ -12,7 +12,7 @@ from cageik_cli.report.html.page import render_page
 from cageik_cli.report.html.pictures import draw_pictures
 from cageik_cli.report.overview import Overview, build_clip_entry
 from cageik_cli.report.record import build_report
-from cageik_cli.report.regions import CAUSES, REGIONS_UNKNOWN, describe_region
+from cageik_cli.report.regions import CAUSES, REGIONS_UNKNOWN, describe_region, explain_regions
 from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.report.views.data import format_json
 from cageik_cli.report.views.markdown import format_markdown
@@ -68,19 +68,14 @@ def test_the_text_has_a_row_for_each_region(report):
 
 
 def test_the_reason_is_the_limit_that_is_exceeded(report):
-    def explain(rms, largest):
-        summary = replace(
-            report.summary, rms=rms, max_deviation=largest, max_deviation_percent=100 * largest / 2
-        )
-        return dict(
-            line[2:].split("  ", 1)
-            for line in format_text(replace(report, summary=summary)).splitlines()
-            if "worst regions" in line
-        )["worst regions"]
-
-    assert "more than 10 times the rms;" in explain(0.001, 0.02)
-    assert "more than 3 % of the diagonal;" in explain(0.02, 0.1)
-    assert "more than 10 times the rms and 3 % of the diagonal;" in explain(0.001, 0.1)
+    for rms, largest, why in (
+        (0.001, 0.02, "10 times the rms"),
+        (0.02, 0.1, "3 % of the diagonal"),
+        (0.001, 0.1, "10 times the rms and 3 % of the diagonal"),
+    ):
+        largest_percent = {"max_deviation": largest, "max_deviation_percent": 50 * largest}
+        summary = replace(report.summary, rms=rms, **largest_percent)
+        assert explain_regions(summary).endswith(f"more than {why}")
 
 
 @pytest.mark.parametrize("cause", list(Cause))
