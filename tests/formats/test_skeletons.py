@@ -20,17 +20,18 @@ from tests.formats.gltf.painted import paint
 from tests.shapes import ball, box, finer
 
 RANDOM = np.random.default_rng(11)
-REST, CAGE = ball(levels=1, size=1.0), box(2.0)
+BALL, BOX = ball(levels=1, size=1.0), box(2.0)
+REST, CAGE = (mesh.move(mesh.vertices + np.array([0.5, 0, -0.25])) for mesh in (BALL, BOX))
 ROTATIONS = Rotation.from_rotvec(np.outer([0, 1, 2, 3, 4], [0.3, 0.9, -0.2])).as_matrix()
 CAGES = (CAGE.vertices + RANDOM.normal(0, 0.2, (5, 8, 3))) @ ROTATIONS + [[[3.0, 0, -2]]]
 SCENE = Scene(fps=25.0, start=3.0, up_axis="Z", metres_per_unit=0.1)
 UPRIGHT = 0.1 * np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 """From z up and tenths of a metre to y up and metres, for columns."""
 
-CONVEX = ((REST.vertices[:, None] / CAGE.vertices + 1) / 2).prod(axis=2)
+CONVEX = ((BALL.vertices[:, None] / BOX.vertices + 1) / 2).prod(axis=2)
 """Trilinear weights of a box's corners: they are convex inside, and rebuild the points."""
 # Moved along what gives no point: rows still sum to one and rebuild the rest pose.
-SIGNED = CONVEX + 0.2 * np.prod(np.sign(CAGE.vertices), axis=1)
+SIGNED = CONVEX + 0.2 * np.prod(np.sign(BOX.vertices), axis=1)
 
 
 def make_weights(count):

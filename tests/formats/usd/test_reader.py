@@ -49,6 +49,19 @@ def test_brackets_in_texts_and_comments_are_no_nesting(scene):
     assert len(scene.opened()) == len(FRAMES)
 
 
+def test_references_that_multiply_prims_are_refused(scene, monkeypatch):
+    """One root, two prims of a class, and three of each of its four copies."""
+    scene.places["proto"] = str(scene.stage.CreateClassPrim("/proto").GetPath())
+    scene.mesh(parent="proto")
+    for k in range(4):
+        copy = scene.stage.DefinePrim(f"/copy_{k}", "Xform")
+        copy.GetReferences().AddInternalReference("/proto")
+    monkeypatch.setattr(layers, "MAX_PRIMS", 15)
+    assert scene.refused().startswith("holds 4 meshes")
+    monkeypatch.setattr(layers, "MAX_PRIMS", 14)
+    assert scene.refused().startswith("its references make more than 14 prims")
+
+
 def test_faces_that_unpack_to_far_more_than_the_file_are_refused(tmp_path):
     scene = UsdScene(tmp_path, "clip.usdc")
     mesh = scene.mesh()
