@@ -28,7 +28,7 @@ from cageik_cli.posing.anchors import (
     point_on_face,
 )
 from cageik_cli.posing.poser import Poser
-from cageik_cli.posing.snapshot import PoseSnapshot
+from cageik_cli.posing.summary import PoseSnapshot
 from cageik_cli.report.plots.pose_plot import Panel, draw_pose
 from cageik_cli.report.plots.style import use_fixed_style
 

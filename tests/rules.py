@@ -14,7 +14,6 @@ MIN_LINES, MAX_LINES = 60, 350
 
 SHORT = {
     "cli/info.py": "each command is a module, so that only the one that runs is imported",
-    "report/html/player_page.py": "what `view` renders without the pictures of a report",
     "util/compiled.py": "the one door to the compiled core",
     "util/progress.py": "what knows of progress needs no more",
     "util/text.py": "what words texts needs no more",
@@ -23,9 +22,6 @@ SHORT = {
     "workflows/check.py": "each command has a workflow, whose imports are its own",
 }
 """Modules that may be short besides those of file formats, and why."""
-
-WORDS_OPTIONS = ("cli/", "report/")
-"""Folders that name options: `report` does in notes that are stored in files for people."""
 
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]+")
 OPTION = re.compile(r"(?<![\w-])--(?!nthreads|nworkers)[a-z][a-z-]*")
@@ -82,7 +78,7 @@ def find_option_words(modules: list[Module]) -> Iterator[str]:
     An option that is a string of its own is a word of a command that is told, and no message.
     """
     for path, source in modules:
-        if path.startswith(WORDS_OPTIONS):
+        if path.startswith("cli/"):
             continue
         tree = ast.parse(source)
         docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}

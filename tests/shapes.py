@@ -62,6 +62,21 @@ def changed(mesh, faces=None, vertices=None) -> TriMesh:
     )
 
 
+def merged(*meshes: TriMesh) -> TriMesh:
+    """One mesh of several."""
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
+    return TriMesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]),
+    )
+
+
+def moved(mesh: TriMesh, shift=(0, 0, 0), scale=1.0, turn: int | None = None) -> TriMesh:
+    """The mesh somewhere else, of another size along all axes or each, turned before."""
+    vertices = mesh.vertices if turn is None else mesh.vertices @ rotation(turn).T
+    return changed(mesh, vertices=scale * vertices + np.asarray(shift, float))
+
+
 def finer(mesh: TriMesh, levels: int) -> TriMesh:
     """Every face divided in four, `levels` times."""
     for _ in range(levels):
@@ -72,13 +87,20 @@ def finer(mesh: TriMesh, levels: int) -> TriMesh:
 
 def concave() -> TriMesh:
     """An L of three cubes (16 vertices), with an edge that points inward."""
-    outline = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]], float)
-    low = np.column_stack([outline, np.zeros(6)])
-    vertices = np.concatenate([low, low + np.array([0, 0, 1])])
-    walls = [f for k in range(6) for f in _wall(k, (k + 1) % 6)]
-    cap = np.array([[0, 1, 3], [1, 2, 3], [0, 3, 5], [3, 4, 5]])
-    faces = np.concatenate([cap[:, ::-1], cap + 6, walls])
-    return TriMesh(vertices, faces)
+    outline = [[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]]
+    return prism(outline, [[0, 1, 3], [1, 2, 3], [0, 3, 5], [3, 4, 5]])
+
+
+def prism(outline, cap) -> TriMesh:
+    """A body from z = 0 to 1 over a polygon that goes around to the left, cut into `cap`."""
+    count, outline, cap = len(outline), np.array(outline, float), np.array(cap)
+    vertices = np.concatenate([np.insert(outline, 2, z, axis=1) for z in (0, 1)])
+    walls = [
+        face
+        for k, after in zip(range(count), np.roll(range(count), -1), strict=True)
+        for face in ([k, after, after + count], [k, after + count, k + count])
+    ]
+    return TriMesh(vertices, np.concatenate([cap[:, ::-1], cap + count, walls]))
 
 
 def inside(mesh: TriMesh, count: int, seed: int = 0, margin: float = 0.02) -> np.ndarray:
@@ -98,7 +120,3 @@ def rotation(seed: int) -> np.ndarray:
     q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     q *= np.sign(np.diag(r))
     return q * np.linalg.det(q)
-
-
-def _wall(a: int, b: int) -> list[list[int]]:
-    return [[a, b, b + 6], [a, b + 6, a + 6]]

@@ -70,11 +70,7 @@ def _look_at(rows: np.ndarray) -> Camera:
     low, high = places.min(axis=0), places.max(axis=0)
     angle = np.radians(30)
     axes = np.array(
-        [
-            [np.cos(angle), 0, -np.sin(angle)],
-            [0, 1, 0],
-            [np.sin(angle), 0, np.cos(angle)],
-        ]
+        [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]
     )
     return Camera(axes, (low + high) / 2, 1.1 * float(np.ptp(places @ axes.T, axis=0)[:2].max()))
 

@@ -254,7 +254,7 @@ def test_the_readme_walk(folder):
 
 
 def test_extraction_to_arrays_and_to_a_file_fit_the_same_weights():
-    clip = cageik_cli.load_clip("data_fixtures/walker/frames", selection=slice(0, 6))
+    clip = cageik_cli.load_clip("data_fixtures/walker/frames", selection=slice(0, 4))
     cage = cageik_cli.load_mesh("data_fixtures/walker/cage.obj")
     binding = cageik_cli.bind(clip.first, cage, accuracy="preview")
     settings = cageik_cli.FitSettings(0.3)
@@ -262,17 +262,14 @@ def test_extraction_to_arrays_and_to_a_file_fit_the_same_weights():
     frames = np.stack(list(clip))
     fitted = cageik_cli.fit_weights(binding, [frames], settings)
     np.testing.assert_array_equal(animation.binding.weights, fitted.binding.weights)
-    names = [f"data_fixtures/walker/frames/walker_{k}.obj" for k in range(1, 7)]
+    names = [f"data_fixtures/walker/frames/walker_{k}.obj" for k in range(1, 5)]
     result = cageik_cli.extract_to_file(
         names, "data_fixtures/walker/cage.obj", "a.h5", accuracy="preview", fit=settings
     )
     np.testing.assert_allclose(result.metrics.rms, animation.rms, rtol=1e-9, atol=1e-12)
-    assert repr(fitted) == "<FittedWeights: 1570 vertices in a cage of 80, fitted to 6 of 6 frames>"
+    assert repr(fitted) == "<FittedWeights: 1570 vertices in a cage of 80, fitted to 4 of 4 frames>"
 
 
-def test_frames_of_another_model_cannot_be_fitted():
-    rest = cageik_cli.load_mesh("data_fixtures/walker/frames/walker_1.obj")
-    cage = cageik_cli.load_mesh("data_fixtures/walker/cage.obj")
-    binding = cageik_cli.bind(rest, cage, coordinates="mean-value")
-    with pytest.raises(ConnectivityError, match="1569"):
-        cageik_cli.fit_weights(binding, [np.zeros((2, 1569, 3))])
+def test_frames_of_another_model_cannot_be_fitted(binding):
+    with pytest.raises(ConnectivityError, match="17"):
+        cageik_cli.fit_weights(binding, [np.zeros((2, 17, 3))])

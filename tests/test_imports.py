@@ -19,7 +19,7 @@ def extraction(fixtures_folder, tmp_path, monkeypatch, run):
     monkeypatch.chdir(tmp_path)
     walker = fixtures_folder / "walker"
     words = ["extract", walker / "frames", "--cage", walker / "cage.obj", "-o", "cages.h5"]
-    words += ["--overwrite", "--accuracy", "preview"]
+    words += ["--overwrite", "--accuracy", "preview", "--frames", ":4"]
     assert run(*words).code == 0
     return words
 

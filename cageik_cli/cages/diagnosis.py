@@ -12,7 +12,7 @@ from cageik_cli.cages.enclosure import (
     find_missing_extent,
     locate_vertices,
 )
-from cageik_cli.cages.findings import SEVERITIES, Finding
+from cageik_cli.cages.faults import SEVERITIES, Finding, find_cage_faults
 from cageik_cli.cages.misfit import Misfit, explain_misfit
 from cageik_cli.cages.quality import (
     find_low_clearance,
@@ -22,7 +22,6 @@ from cageik_cli.cages.quality import (
     find_thin_parts,
     find_weak_vertices,
 )
-from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask

@@ -6,9 +6,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.cages.findings import Finding, format_elements
+from cageik_cli.cages.faults import Finding, format_elements, validate_cage
 from cageik_cli.cages.misfit import MAX_OUTSIDE_SHARE, explain_misfit
-from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.geometry.surface import (

@@ -6,7 +6,7 @@ from itertools import islice
 import numpy as np
 
 from cageik_cli.cages.enclosure import Placement
-from cageik_cli.cages.findings import Finding, format_elements
+from cageik_cli.cages.faults import Finding, format_elements
 from cageik_cli.cages.misfit import MAX_SIZE_RATIO, find_transform
 from cageik_cli.cages.sections import SharedSection, find_shared_sections
 from cageik_cli.cages.surface_points import sample_surface, thin_out

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.cages.enclosure import find_missing_extent, locate_vertices
-from cageik_cli.cages.findings import Finding
+from cageik_cli.cages.faults import Finding, find_cage_faults
 from cageik_cli.cages.quality import (
     MIN_CLEARANCE,
     find_low_clearance,
@@ -18,7 +18,6 @@ from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
 from cageik_cli.cages.repairing.shape import ShapeFit
 from cageik_cli.cages.repairing.steps import Repair, RepairStep
 from cageik_cli.cages.settings import RepairSettings
-from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.cages.surface_points import sample_surface
 from cageik_cli.cages.transforms import Transform
 from cageik_cli.geometry.mesh import TriMesh

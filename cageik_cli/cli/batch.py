@@ -5,12 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.batch_plan import (
-    SHARED_OPTIONS,
-    BatchOptions,
-    SharedOptions,
-    plan_batch,
-)
+from cageik_cli.cli.batch_plan import SHARED_OPTIONS, BatchOptions, SharedOptions, plan_batch
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,

@@ -127,11 +127,7 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
     from cageik_cli.report.baseline import read_baseline
     from cageik_cli.report.overview import ClipEntry
     from cageik_cli.util.text import to_unicode
-    from cageik_cli.workflows.batch.run import (
-        BatchPlan,
-        check_batch_folder,
-        check_folder_empty,
-    )
+    from cageik_cli.workflows.batch.run import BatchPlan, check_batch_folder, check_folder_empty
 
     options = replace(options, output=options.output.absolute())
     if not options.overwrite:
@@ -183,13 +179,7 @@ def _find_clips(
 def _make_job(
     name: str, settings: "ExtractSettings", limits: "Limits", options: BatchOptions
 ) -> "ClipJob":
-    """Make the job of a clip, whose result goes to the folder of the batch.
-
-    Raises
-    ------
-    InputError
-        When another file has the name of the result, and may not be replaced.
-    """
+    """Make the job of a clip, whose result goes to the folder of the batch."""
     from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob
     from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER, check_is_result
 

@@ -20,7 +20,6 @@ from cageik_cli.cli.options.types import SuffixedPath
 from cageik_cli.cli.output import check_views, list_files, write_or_print
 
 if TYPE_CHECKING:
-    from cageik_cli.report.views.cage import CheckResult
     from cageik_cli.workflows.check import CheckSettings
 
 
@@ -73,11 +72,7 @@ def check_command(
     number in the picture is that in the list that is printed below the findings. The mesh of
     --marked is the cage followed by the rest pose.
     """
-    from cageik_cli.report.views.cage import (
-        format_check_json,
-        format_check_text,
-        format_marks_text,
-    )
+    from cageik_cli.report.views.cage import format_check_json, format_check_text, format_marks_text
     from cageik_cli.workflows.check import check_cage
 
     is_on_stdout = str(json_path) == "-"
@@ -87,9 +82,15 @@ def check_command(
     if json_path is not None:
         write_or_print(word_options(format_check_json(result)), json_path, overwrite)
     if plot is not None:
-        write_or_print(_render_plot(result), plot, overwrite)
+        from cageik_cli.report.plots.cage_plot import render_check_png  # slow: matplotlib
+
+        picture = render_check_png(result.cage.mesh, result.rest_mesh, result.marks)
+        write_or_print(picture, plot, overwrite)
     if marked is not None:
-        write_or_print(_encode_marked(result), marked, overwrite)
+        from cageik_cli.report.check_marks import encode_marked_ply
+
+        data = encode_marked_ply(result.cage.mesh, result.rest_mesh, result.marks)
+        write_or_print(data, marked, overwrite)
     if not quiet:
         click.echo(word_options(format_check_text(result)), err=is_on_stdout)
         if plot is not None or marked is not None:
@@ -98,16 +99,3 @@ def check_command(
             click.echo(f"wrote {path}", err=is_on_stdout)
     if result.diagnosis.verdict == "unfit":
         raise click.exceptions.Exit(1)
-
-
-def _render_plot(result: "CheckResult") -> bytes:
-    """Draw the faults, as a PNG file; matplotlib is slow to import."""
-    from cageik_cli.report.plots.cage_plot import render_check_png
-
-    return render_check_png(result.cage.mesh, result.rest_mesh, result.marks)
-
-
-def _encode_marked(result: "CheckResult") -> bytes:
-    from cageik_cli.report.check_marks import encode_marked_ply
-
-    return encode_marked_ply(result.cage.mesh, result.rest_mesh, result.marks)

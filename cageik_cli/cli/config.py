@@ -36,13 +36,7 @@ MAX_KEY_PARTS = 16
 
 
 def apply_config(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
-    """Make the entries of the file's table for this command its defaults.
-
-    Raises
-    ------
-    click.BadParameter
-        Naming the file, when it is not TOML, or an entry is not an option or not a value of it.
-    """
+    """Make the entries of the file's table for this command its defaults."""
     if path is None:
         return
     tables, name = read_tables(path), str(ctx.info_name)
@@ -52,13 +46,7 @@ def apply_config(ctx: click.Context, param: click.Parameter, path: Path | None) 
 
 
 def read_tables(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises
-    ------
-    click.BadParameter
-        Naming the file, when it is not TOML.
-    """
+    """Read a TOML file."""
     try:
         text = read_input(path, MAX_CONFIG_BYTES).decode("utf-8-sig")
         part = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
@@ -73,11 +61,6 @@ def parse_options(path: Path, title: str, table: Any, command: click.Command) ->
     """Return the options that the table `title` of a file sets, by the names of parameters.
 
     An empty title stands for what is above the first table.
-
-    Raises
-    ------
-    click.BadParameter
-        Naming the file, when it is not a table, or an entry is not an option or not a value of it.
     """
     if not isinstance(table, dict):
         raise click.BadParameter(f"{path}: `{title}` is not a table of options")
@@ -125,13 +108,7 @@ def list_commands(ctx: click.Context) -> tuple[str, ...]:
 
 
 def check_tables(path: Path, tables: dict[str, Any], commands: Sequence[str]) -> None:
-    """Refuse a file with anything but tables of commands and of clips.
-
-    Raises
-    ------
-    click.BadParameter
-        Naming the file and the entry.
-    """
+    """Refuse a file with anything but tables of commands and of clips."""
     for name, table in tables.items():
         if name not in [*commands, CLIPS_TABLE]:
             raise click.BadParameter(

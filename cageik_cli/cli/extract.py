@@ -23,12 +23,7 @@ from cageik_cli.cli.options import (
     refuse_options,
     timings_option,
 )
-from cageik_cli.cli.options.clip import (
-    CLIP_MEMBERS,
-    SCENE_OPTIONS,
-    rest_frame_option,
-    rest_option,
-)
+from cageik_cli.cli.options.clip import CLIP_MEMBERS, SCENE_OPTIONS, rest_frame_option, rest_option
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
 from cageik_cli.cli.options.solve import (
     CAPTURE_OPTIONS,
@@ -41,7 +36,6 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.settings import ClipSettings
 
 if TYPE_CHECKING:
-    from cageik_cli.store.result import Result
     from cageik_cli.util.progress import ProgressListener
     from cageik_cli.workflows.export import ExportSettings
     from cageik_cli.workflows.settings import ExtractSettings
@@ -200,7 +194,7 @@ def extract_command(
     cageik extract shot.usdc::/hero/body --cage cage.obj --frames 0:48
     """  # noqa: D301
     from cageik_cli.cli.output import echo_exceeded_limits, exit_with_code, show_progress
-    from cageik_cli.report.overview import build_clip_entry, build_overview
+    from cageik_cli.report.overview import Overview, build_clip_entry
     from cageik_cli.report.record import build_report
     from cageik_cli.report.views.text import format_text
     from cageik_cli.util.outputs import check_no_overlap
@@ -216,8 +210,8 @@ def extract_command(
     with show_progress(not quiet, timings, settings.overwrite) as progress:
         result = extract(settings, progress)
         messages = _export(planned, progress)
-    report = build_report(result, loaded_limits)
-    overview = build_overview([build_clip_entry(report)])
+    report = build_report(result, loaded_limits, word=word_options)
+    overview = Overview([build_clip_entry(report)])
     if quiet:
         echo_exceeded_limits(overview)
     else:
@@ -228,8 +222,19 @@ def extract_command(
         click.echo(word_options("\n".join(lines)), err=True)
         click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
     if get_verbosity():
-        _show_details(settings, result)
+        click.echo(f"cache: {settings.cache}", err=True)
+        click.echo(f"settings: {json.dumps(result.settings)}", err=True)
+        click.echo(f"sources: {json.dumps(result.sources)}", err=True)
     exit_with_code(overview)
+
+
+def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> list[str]:
+    """Write the exports, and return what is told of each."""
+    if not planned:
+        return []
+    from cageik_cli.workflows.export import export
+
+    return [export(one, progress).message for one in planned]
 
 
 def _plan_exports(settings: "ExtractSettings", paths: tuple[Path, ...]) -> list["ExportSettings"]:
@@ -244,18 +249,3 @@ def _plan_exports(settings: "ExtractSettings", paths: tuple[Path, ...]) -> list[
     for one in planned:
         check_export(one)
     return planned
-
-
-def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> list[str]:
-    """Write the exports, and return what is told of each."""
-    if not planned:
-        return []
-    from cageik_cli.workflows.export import export
-
-    return [export(one, progress).message for one in planned]
-
-
-def _show_details(settings: "ExtractSettings", result: "Result") -> None:
-    click.echo(f"cache: {settings.cache}", err=True)
-    click.echo(f"settings: {json.dumps(result.settings)}", err=True)
-    click.echo(f"sources: {json.dumps(result.sources)}", err=True)

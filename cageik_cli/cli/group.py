@@ -129,6 +129,7 @@ def _find_option(name: str, command: click.Command | None) -> str | None:
     # Parameters that no option of this name sets.
     return {
         "fit": "--fit",
+        "repair": "cageik cage --repair",
         "keep_weights": "without --no-weights",
         "count": "--morphs",
         "recentre": "--recentre",

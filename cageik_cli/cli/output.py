@@ -34,8 +34,6 @@ class ProgressBar(ProgressListener):
     seconds : dict
         Time in each stage so far, of all threads; `read` is the time spent waiting for frames
         that threads read ahead.
-    notes : list of (topic, text)
-        The notes so far.
     """
 
     def __init__(self, is_drawn: bool) -> None:

@@ -23,7 +23,6 @@ from cageik_cli.cli.output import check_views, list_files, write_or_print
 from cageik_cli.formats.settings import UP_AXES
 
 if TYPE_CHECKING:
-    from cageik_cli.posing.snapshot import PoseSnapshot
     from cageik_cli.workflows.edit import EditSettings
     from cageik_cli.workflows.pose import PoseSettings
 
@@ -74,13 +73,7 @@ POSING_OPTIONS: OptionGroup[Any] = OptionGroup(
 def make_pose_settings(
     target: Path, cage: Path | None, cage_output: Path | None, **others: Any
 ) -> "PoseSettings | EditSettings":
-    """Make the settings of an edit of a result, or of a pose of a model.
-
-    Raises
-    ------
-    click.UsageError
-        When options contradict each other or TARGET.
-    """
+    """Make the settings of an edit of a result, or of a pose of a model."""
     from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
     from cageik_cli.store.binding_file import is_binding
     from cageik_cli.workflows.edit import EditSettings
@@ -192,7 +185,10 @@ def pose_command(
             result = pose(settings, progress)
         if plot is not None:
             with progress.stage("plot"):
-                picture = _render_plot(result.snapshot, up_axis)
+                from cageik_cli.report.plots.pose_plot import render_pose_png  # slow: matplotlib
+
+                chosen_axis = up_axis or result.snapshot.up_axis
+                picture = render_pose_png(replace(result.snapshot, up_axis=chosen_axis))
                 write_or_print(picture, plot, settings.overwrite)
     if json_path is not None:
         write_or_print(format_pose_json(result.summary), json_path, settings.overwrite)
@@ -203,10 +199,3 @@ def pose_command(
         is_edit = isinstance(settings, EditSettings)
         next_step = f"; next: cageik report {settings.output}" if is_edit else ""
         click.echo(f"wrote {', '.join(written)}{next_step}", err=True)
-
-
-def _render_plot(snapshot: "PoseSnapshot", up_axis: str | None) -> bytes:
-    """Draw before and after, as a PNG file; matplotlib is slow to import."""
-    from cageik_cli.report.plots.pose_plot import render_pose_png
-
-    return render_pose_png(replace(snapshot, up_axis=up_axis or snapshot.up_axis))

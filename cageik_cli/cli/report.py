@@ -34,18 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ReportTargets:
-    """The file that each view is written to; `-` is stdout.
-
-    Attributes
-    ----------
-    player : bool
-        Whether the page plays the clip.
-
-    Raises
-    ------
-    click.UsageError
-        When two views go to stdout.
-    """
+    """The file that each view is written to; `-` is stdout."""
 
     html: Path | None
     plot: Path | None
@@ -131,7 +120,7 @@ def report_command(
     results = results or (Path("cages.h5"),)
     targets.check_single(len(results))
 
-    from cageik_cli.report.overview import build_clip_entry, build_overview
+    from cageik_cli.report.overview import Overview, build_clip_entry
     from cageik_cli.report.record import build_report
     from cageik_cli.report.views.markdown import format_markdown
     from cageik_cli.report.views.text import format_text
@@ -144,10 +133,10 @@ def report_command(
     loaded = [read_result(path) for path in results]
     names = _choose_names(results)
     reports = [
-        build_report(result, loaded_limits, name)
+        build_report(result, loaded_limits, name, word_options)
         for result, name in zip(loaded, names, strict=True)
     ]
-    overview = build_overview([build_clip_entry(report) for report in reports])
+    overview = Overview([build_clip_entry(report) for report in reports])
     _write_views(targets, overwrite, loaded[0], reports, overview)
     append_step_summary(format_markdown(overview))
     if quiet:
@@ -191,7 +180,7 @@ def _choose_names(results: tuple[Path, ...]) -> list[str]:
 def _render_page(result: "Result", report: "Report", has_player: bool) -> str:
     from cageik_cli.report.html.page import render_result_page
 
-    return render_result_page(result, report, has_player)
+    return render_result_page(result, report, has_player, word_options)
 
 
 def _render_plot(report: "Report", path: Path | None) -> str | bytes:

@@ -22,7 +22,7 @@ from cageik_cli.cli.output import ProgressBar, show_progress
 from cageik_cli.util.progress import ProgressListener
 
 if TYPE_CHECKING:
-    from cageik_cli.posing.snapshot import PoseResult
+    from cageik_cli.posing.summary import PoseResult
     from cageik_cli.workflows.view.session import ViewSettings
 
 

@@ -5,13 +5,14 @@ splat to J Σ Jᵀ, where J = Σ_k c_k ⊗ ∇w_k(x) is the derivative of the de
 gradients are computed once.
 """
 
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.harmonic_field import HarmonicField
-from cageik_cli.geometry.oriented import MapFaults, Oriented, count_map_faults
+from cageik_cli.geometry.oriented import Oriented, count_map_faults
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, allocate_floats
 from cageik_cli.util.errors import SettingError
@@ -79,7 +80,7 @@ class PointMotion:
         """Whether the points are splats."""
         return self._oriented.splats is not None
 
-    def move(self, chosen: slice, cages: Floats) -> tuple[Floats, list[Oriented], MapFaults]:
+    def move(self, chosen: slice, cages: Floats) -> tuple[Floats, list[Oriented], Counter[str]]:
         """Move the points of one of the `blocks` with cages, (k, n, 3).
 
         Returns
@@ -88,14 +89,14 @@ class PointMotion:
             Places of the b points in the k frames.
         list of Oriented
             What turns with them, in each frame.
-        MapFaults
-            Of all frames.
+        Counter
+            Of all frames, as `count_map_faults` counts.
         """
         middle = cages.mean(axis=1)
         rows = (cages - middle[:, None]).transpose(0, 2, 1).reshape(-1, self._cage_count)
         products = (rows @ self._block(chosen)).reshape(4, len(cages), 3, -1)
         places = products[0] + middle[:, :, None]
-        rest, moved, faults = self._oriented[chosen], [], MapFaults()
+        rest, moved, faults = self._oriented[chosen], [], Counter[str]()
         for frame in range(len(cages)):
             maps = np.ascontiguousarray(products[1:, frame].swapaxes(0, 1))
             faults += count_map_faults(maps)

@@ -51,10 +51,7 @@ class VectorTargets:
 class GlbFile:
     """Arrays of a GLB file, which are described by accessors, and the scene over them.
 
-    Parameters
-    ----------
-    target : Path
-        The file; arrays are kept in a temporary file beside it until it is complete.
+    Arrays are kept in a temporary file beside `target` until that is complete.
     """
 
     def __init__(self, target: Path) -> None:
@@ -190,12 +187,7 @@ MAX_SPOOL_BYTES = 1 << 25
 class VectorSpool:
     """F frames of m vectors, written frame by frame and read for all frames together.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the temporary file.
-    vertex_count : int
-        m.
+    They are in a temporary file in `folder`; `vertex_count` is m.
     """
 
     def __init__(self, folder: Path, vertex_count: int) -> None:
@@ -275,13 +267,7 @@ class GlbWriter(AnimationWriter):
 
 
 def _check_start(scene: Scene) -> tuple[str, ...]:
-    """Return a note on a late first frame.
-
-    Raises
-    ------
-    OutputError
-        When the first frame is before time 0.
-    """
+    """Return a note on a late first frame."""
     if scene.start < 0:
         raise OutputError(
             f"the number of the first frame is {scene.start:.10g}, and glTF has no "

@@ -29,20 +29,7 @@ class SkeletonWriter(GlbWriter):
     """
 
     def __init__(self, target: Path, animation: Animation, skin: Skin) -> None:
-        """Start writing to `target`.
-
-        Parameters
-        ----------
-        animation : Animation
-            Of the cage: its `rest` is the rest cage.
-        skin : Skin
-            Of at most `MAX_INFLUENCES`.
-
-        Raises
-        ------
-        InputError
-            When the format cannot hold the animation.
-        """
+        """Start writing the animation of a cage, whose `rest` is the rest cage, to `target`."""
         count = skin.weights.joints.shape[1]
         if count > MAX_INFLUENCES:
             raise OutputError(

@@ -10,11 +10,9 @@ import numpy as np
 from cageik_cli.formats.gltf_file import GlbFile, Singles
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
-    TriangleAttributes,
     complete_fans,
     compute_fan_normals,
     compute_vertex_normals,
-    cut_attributes,
 )
 from cageik_cli.geometry.parts import split_parts
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
@@ -168,34 +166,32 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
     """Cut a mesh into primitives, whose vertices have one UV and one normal each.
 
     A mesh with one material and no UVs or normals keeps its vertices and their order. Otherwise
-    vertices are those of the triangles, ordered by part, material, number, normal and UV.
-
-    Parameters
-    ----------
-    has_normals : bool
-        Part the vertices of hard edges.
+    vertices are those of the triangles, ordered by part, material, number, normal and UV. With
+    normals, the vertices of hard edges are parted.
     """
-    look = cut_attributes(mesh)
-    fans = look.normal_fans if has_normals else None
-    if look.uvs is None and look.materials is None and fans is None:
+    polygons = mesh.polygons
+    uvs, labels, fans = polygons.uvs, polygons.materials, None
+    if has_normals and polygons.normal_fans is not None:
+        fans = complete_fans(polygons).normal_fans
+    if uvs is None and labels is None and fans is None:
         wholes = tuple(
             Primitive(k, 0, part.vertices.start, part.vertices.stop, part.mesh.faces)
             for k, part in enumerate(split_parts(mesh))
         )
         plain = np.array([PLAIN_COLOUR])
         return Surface(mesh, np.arange(len(mesh.vertices)), None, None, wholes, (PLAIN,), plain)
-    material, materials = _complete_materials(look, len(mesh.faces))
-    owner = np.concatenate(
-        [np.full(len(part.mesh.faces), k) for k, part in enumerate(split_parts(mesh))]
-    )
-    place = owner * len(materials) + material
+    corners, (material, materials) = _find_triangle_corners(mesh), _complete_materials(polygons)
+    owners = [np.full(len(part.mesh.faces), k) for k, part in enumerate(split_parts(mesh))]
+    place = np.concatenate(owners) * len(materials) + material
     keys = np.zeros((mesh.faces.size, 4), np.int64)
     keys[:, 0], keys[:, 1] = np.repeat(place, 3), mesh.faces.ravel()
     if fans is not None:
-        keys[:, 2] = fans.ravel()
+        keys[:, 2] = fans[corners].ravel()
     values = None
-    if look.uvs is not None:
-        values, keys[:, 3] = np.unique(look.uvs.reshape(-1, 2), axis=0, return_inverse=True)
+    if uvs is not None:
+        table = np.concatenate([uvs.values, np.zeros((1, 2))])  # `NONE` is the last
+        found = table[uvs.indices[corners]].reshape(-1, 2)
+        values, keys[:, 3] = np.unique(found, axis=0, return_inverse=True)
     kept, numbers = np.unique(keys, axis=0, return_inverse=True)
     cut = numbers.reshape(-1, 3)
     primitives = []
@@ -208,8 +204,8 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
         u, v = values[kept[:, 3]].T
         uv = np.stack([u, 1 - v], axis=1).astype(np.float32)
     colours = np.tile(PLAIN_COLOUR, (len(materials), 1))
-    if look.material_colours is not None:
-        colours[: len(look.material_colours)] = look.material_colours
+    if labels is not None and polygons.material_colours is not None:
+        colours[: len(labels.names)] = polygons.material_colours
     return Surface(
         mesh=mesh,
         origins=kept[:, 1],
@@ -221,11 +217,25 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
     )
 
 
-def _complete_materials(look: TriangleAttributes, count: int) -> tuple[Integers, tuple[str, ...]]:
-    """Return the material of each of `count` triangles, and their names; some may be plain."""
-    if look.materials is None:
-        return np.zeros(count, np.int64), (PLAIN,)
-    names = look.material_names
-    if (look.materials >= 0).all():
-        return look.materials, names
-    return np.where(look.materials < 0, len(names), look.materials), (*names, PLAIN)
+def _find_triangle_corners(mesh: TriMesh) -> Integers:
+    """Find the corners of the polygons that the corners of the triangles are, (t, 3).
+
+    A polygon that has a vertex twice gives the first of its corners there.
+    """
+    attributes, size = mesh.polygons, len(mesh.vertices)
+    polygons = np.repeat(np.arange(len(attributes.corner_counts)), attributes.corner_counts)
+    keys = polygons * size + attributes.corners
+    order = np.argsort(keys, kind="stable")
+    wanted = attributes.triangle_polygons[:, None] * size + mesh.faces
+    return np.asarray(order[np.searchsorted(keys[order], wanted)])
+
+
+def _complete_materials(polygons: SurfaceAttributes) -> tuple[Integers, tuple[str, ...]]:
+    """Return the material of each triangle, (t,), and all names; that of some may be plain."""
+    labels, owners = polygons.materials, polygons.triangle_polygons
+    if labels is None:
+        return np.zeros(len(owners), np.int64), (PLAIN,)
+    found = labels.indices[owners]
+    if (found >= 0).all():
+        return found, labels.names
+    return np.where(found < 0, len(labels.names), found), (*labels.names, PLAIN)

@@ -41,11 +41,6 @@ def find_clips(file: Any) -> tuple[bool, list[str]]:
 
     D-FAUST has clips of (m, 3, F) and one dataset `faces`. SPLOCS has `tris`, and one clip `verts`
     of (F, m, 3), which may be scaled.
-
-    Raises
-    ------
-    InputError
-        When there are none, naming what the file holds instead.
     """
     if has_text_attribute(file, "format", "cageik.binding"):
         raise FormatError("is a binding of cageik bind, not a clip; give the frames")
@@ -69,13 +64,7 @@ def find_clips(file: Any) -> tuple[bool, list[str]]:
 
 
 def _list_shapes(file: h5py.File) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the datasets at the top of a file that hold floating-point numbers.
-
-    Raises
-    ------
-    FormatError
-        When the file has more than `MAX_TOP_ENTRIES` entries there.
-    """
+    """Return the shapes of the datasets at the top of a file that hold floating-point numbers."""
     if len(file) > MAX_TOP_ENTRIES:
         raise FormatError(
             f"has {len(file)} datasets and groups at its top, expected at most {MAX_TOP_ENTRIES}; "
@@ -91,13 +80,7 @@ def _list_shapes(file: h5py.File) -> dict[str, tuple[int, ...]]:
 
 
 def choose_clip(names: list[str], member: str | None) -> str:
-    """Return the requested clip of those in a file.
-
-    Raises
-    ------
-    InputError
-        When no clip has that name, or there are several and no name is given.
-    """
+    """Return the requested clip of those in a file."""
     if member in names:
         return member
     if member is not None:

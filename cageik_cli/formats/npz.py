@@ -18,13 +18,7 @@ from cageik_cli.util.errors import FormatError, SettingError
 
 
 def list_layouts(shape: tuple[int, ...], layout: str | None) -> list[str]:
-    """List the orders that the axes of an array may have; only `layout` if it is given.
-
-    Raises
-    ------
-    FormatError
-        When no order is possible.
-    """
+    """List the orders that the axes of an array may have; only `layout` if it is given."""
     asked = LAYOUTS if layout is None else (layout,)
     found = [order for order in asked if len(shape) == 3 and shape[order.index("x")] == 3]
     if not found or min(shape) < 1:
@@ -37,16 +31,8 @@ def list_layouts(shape: tuple[int, ...], layout: str | None) -> list[str]:
 def choose_layout(layouts: list[str], shape: tuple[int, ...], expected_vertices: int | None) -> str:
     """Return the only possible or the only likely order of the axes of an array.
 
-    Parameters
-    ----------
-    expected_vertices : int, optional
-        How many vertices the faces name. An order with as many is preferred to one with more;
-        one with fewer is impossible.
-
-    Raises
-    ------
-    SettingError
-        When several orders are equally likely, naming them.
+    An order with as many vertices as the faces name is preferred to one with more; one with fewer
+    is impossible.
     """
     if len(layouts) == 1:
         return layouts[0]

@@ -65,12 +65,7 @@ class FileArray:
 
 
 def open_npy(path: Path) -> FileArray:
-    """Open the array of a `.npy`.
-
-    Raises
-    ------
-    InputError
-    """
+    """Open the array of a `.npy`."""
     file = BinaryFile.open(path)
     with _wrap_read_errors("a sound .npy of plain numbers"):
         return _open_array(file, 0, file.size)
@@ -94,13 +89,7 @@ class NpzArchive:
         self.names = set(self._members)
 
     def open_array(self, name: str) -> FileArray:
-        """Open one of the arrays; a compressed one is unpacked into a temporary file.
-
-        Raises
-        ------
-        InputError
-            When it is damaged, or the disk is full.
-        """
+        """Open one of the arrays; a compressed one is unpacked into a temporary file."""
         info = self._members[name]
         with error_context(f"`{name}`"), _wrap_read_errors("a sound member of a .npz"):
             if info.flag_bits & 1:

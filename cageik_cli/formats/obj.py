@@ -1,6 +1,6 @@
 """OBJ files as frames of a clip; only the vertices of most frames need parsing."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -40,9 +40,11 @@ class Reader(FrameFileReader):
         return parse_obj(data)
 
     @classmethod
-    def make_frame_parser(cls, data: bytes, mesh: FileMesh) -> "ObjFrameParser":
+    def make_frame_parser(
+        cls, data: bytes, mesh: FileMesh
+    ) -> Callable[[bytes], Floats | None] | None:
         """Return a parser of frames whose faces are spelt as in the first."""
-        return ObjFrameParser(data, mesh.vertices)
+        return ObjFrameParser(data, mesh.vertices).parse_positions
 
     @classmethod
     def read_attributes(cls, data: bytes, mesh: FileMesh) -> FileMesh:

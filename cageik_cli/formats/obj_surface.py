@@ -177,11 +177,6 @@ def _read_corner_indices(
         The lines that are counted; without any, indices have no meaning and are not read.
     place : int
         1 for texture coordinates, 2 for normals.
-
-    Raises
-    ------
-    ValueError
-        When an index is no number, or that of no line.
     """
     is_face, sizes = tokens.line_kinds == FACE, tokens.token_counts
     is_corner = np.repeat(is_face, sizes)
@@ -235,11 +230,6 @@ def read_material_colours(path: Path, mesh: FileMesh) -> FileMesh:
 def _find_libraries(folder: Path, text: str) -> list[Path]:
     """Return the files that a text names and that are there: one, whose name may have spaces, or
     several.
-
-    Raises
-    ------
-    FileAccessError
-        When one is outside the folder of the mesh.
     """
     names = [text] if os.path.exists(folder / text) else text.split()
     libraries = [folder / name.replace("\\", "/") for name in dict.fromkeys(names)]
@@ -250,13 +240,7 @@ def _find_libraries(folder: Path, text: str) -> list[Path]:
 
 
 def _parse_library(data: bytes) -> dict[str, list[float]]:
-    """Return red, green, blue and opacity of the materials, by their names.
-
-    Raises
-    ------
-    FormatError
-        When a colour is no three numbers, or an opacity no number.
-    """
+    """Return red, green, blue and opacity of the materials, by their names."""
     colours: dict[str, list[float]] = {}
     colour = list(PLAIN_COLOUR)  # of lines before the first name
     for number, line in enumerate(data.decode("utf-8", "replace").splitlines(), start=1):

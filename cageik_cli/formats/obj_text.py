@@ -200,13 +200,7 @@ def parse_polygons(tokens: Tokens) -> tuple[Integers, Integers] | None:
 
 
 def parse_obj(data: bytes) -> FileMesh:
-    """Read any OBJ file.
-
-    Raises
-    ------
-    FormatError
-        Naming the line, what it says, and what was expected.
-    """
+    """Read any OBJ file."""
     data = data.removeprefix(codecs.BOM_UTF8)
     if not data.strip():
         raise FormatError("the file is empty, expected an OBJ mesh; export it again")

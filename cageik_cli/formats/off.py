@@ -24,13 +24,7 @@ class Reader(FrameFileReader):
 
 
 def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
-    """Read the vertices (n, 3) and the corners of each face of an OFF text.
-
-    Raises
-    ------
-    FormatError
-        When it is not one.
-    """
+    """Read the vertices (n, 3) and the corners of each face of an OFF text."""
     try:
         text = re.sub("#.*", "", data.decode()).strip()
         # The letters before are of texture coordinates, colours and normals.

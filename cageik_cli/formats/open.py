@@ -45,12 +45,7 @@ def open_sequence(
 ) -> MeshSequence:
     """Open the clip that `arguments` name: files, folders, globs, or one file that holds a clip.
 
-    Parameters
-    ----------
-    arguments : list of str
-        `FILE::CLIP` picks one of a file's clips.
-    rest : LoadedMesh, optional
-        The rest pose, for files that hold no faces.
+    `FILE::CLIP` picks one of a file's clips. `rest` is the rest pose, for files that hold no faces.
 
     Raises
     ------
@@ -83,13 +78,7 @@ def sort_naturally(paths: Iterable[Path]) -> list[Path]:
 
 
 def describe_contents(arguments: list[str], settings: ClipSettings) -> list[tuple[str, str]]:
-    """Describe files that are not a clip by themselves, in labelled lines; empty for a clip.
-
-    Raises
-    ------
-    InputError
-        As `open_sequence` does.
-    """
+    """Describe files that are not a clip by themselves, in labelled lines; empty for a clip."""
     reader, request = _resolve_request(arguments, settings, None)
     return reader.describe_contents(request)
 
@@ -182,11 +171,6 @@ def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
 
     If some are a series of numbered meshes, the others are a cage, a rest pose or props; those
     whose names begin as the series does, up to a number, are frames all the same.
-
-    Raises
-    ------
-    InputError
-        When there are several series.
     """
     meshes = [path for path in files if file_suffix(path) in mesh_suffixes()]
     groups = group_numbered_files(meshes).items()
@@ -251,26 +235,15 @@ def open_clip_and_rest(
             fans = rest.mesh.fan_triangulated
             expected = sequence.first.fan_triangulated
             check_connectivity(len(fans.vertices), fans.faces, expected, "the first frame")
-        return sequence, replace(rest, mesh=_cut_alike(rest.mesh, sequence.first))
+        # Polygons are cut as in the first frame, which may also know more of the surface.
+        attributes = rest.mesh.attributes or sequence.first.attributes
+        mesh = TriMesh(rest.mesh.vertices, sequence.first.faces, attributes)
+        return sequence, replace(rest, mesh=mesh)
     return sequence, load_rest_frame(sequence, rest_index)
 
 
-def _cut_alike(rest: TriMesh, first: TriMesh) -> TriMesh:
-    """Return a rest pose with its polygons cut as in the first frame.
-
-    Its attributes are its own, or those of the frame if it has the triangles alone.
-    """
-    return TriMesh(rest.vertices, first.faces, rest.attributes or first.attributes)
-
-
 def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
-    """Read a frame of a clip as its rest pose.
-
-    Raises
-    ------
-    InputError
-        When there is no such frame, or it cannot be read.
-    """
+    """Read a frame of a clip as its rest pose."""
     if not 0 <= index < len(sequence):
         raise SettingError(
             f"`rest_frame={index}`: the clip has {len(sequence)} frames, expected "

@@ -3,6 +3,7 @@
 UVs, normals and colours are of vertices, or of the corners of faces.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -61,9 +62,11 @@ class Reader(FrameFileReader):
         return FileMesh(vertices, corners, sizes)
 
     @classmethod
-    def make_frame_parser(cls, data: bytes, mesh: FileMesh) -> "PlyFrameParser":
+    def make_frame_parser(
+        cls, data: bytes, mesh: FileMesh
+    ) -> Callable[[bytes], Floats | None] | None:
         """Return a parser of frames that differ from the first in their vertices alone."""
-        return PlyFrameParser(data)
+        return PlyFrameParser(data).parse_positions
 
     @classmethod
     def read_attributes(cls, data: bytes, mesh: FileMesh) -> FileMesh:

@@ -239,13 +239,7 @@ def rest_names(points: PointFile) -> tuple[str, ...]:
 
 
 def read_splats(points: PointFile) -> Splats:
-    """Read what a deformation changes of splats, besides their places.
-
-    Raises
-    ------
-    FormatError
-        Naming the property and the first splat at fault.
-    """
+    """Read what a deformation changes of splats, besides their places."""
     rest = rest_names(points)
     for name in (*SCALES, *TURNS, *COLOURS, "opacity", *rest):
         if name not in points.names:

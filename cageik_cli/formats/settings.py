@@ -29,11 +29,6 @@ class Scene:
         Length of a file unit, metres.
     frame_step : float
         From the number of a frame to that of the next.
-
-    Raises
-    ------
-    InputError
-        When a value is not possible.
     """
 
     fps: float = 24.0
@@ -107,14 +102,8 @@ def find_frame_step(start: float, tolerance: float, max_step: int = 10) -> float
     """Find the smallest step for which the number of the first frame is whole; None for 1.
 
     Formats that state times leave open whether a sample per 1/12 s is every second frame at 24
-    frames per second. It is if the clip starts between two frames at 12.
-
-    Parameters
-    ----------
-    start : float
-        The time of the first frame, in steps from one sample to the next.
-    tolerance : float
-        Of the start.
+    frames per second. It is if the clip starts between two frames at 12. `start` is the time of the
+    first frame, in steps from one sample to the next, and right to the tolerance.
     """
     for step in range(1, max_step + 1):
         if abs(step * start - round(step * start)) <= step * tolerance:

@@ -38,13 +38,7 @@ class FrameWeightsFile:
 
 
 def open_frame_weights(path: Path, frames: int, vertices: int) -> FrameWeightsFile | None:
-    """Open the weights of each frame of a clip; None for a file that is not an array (F, m).
-
-    Raises
-    ------
-    InputError
-        When its shape is not that of the clip, or its numbers are no weights.
-    """
+    """Open the weights of each frame of a clip; None for a file that is not an array (F, m)."""
     if path.suffix.lower() != ".npy":
         return None
     with error_context(path):
@@ -86,13 +80,7 @@ def _check_rows(rows: np.ndarray) -> tuple[float, float]:
 
 
 def _map_rows(path: Path) -> np.ndarray:
-    """Open the array in a `.npy` file without reading it.
-
-    Raises
-    ------
-    InputError
-        When it is none.
-    """
+    """Open the array in a `.npy` file without reading it."""
     check_input(path)
     try:
         return np.asanyarray(np.load(path, mmap_mode="r", allow_pickle=False))
@@ -103,13 +91,7 @@ def _map_rows(path: Path) -> np.ndarray:
 
 
 def read_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
-    """Read weights from `.npy`, or from text with one number per line; also name and digest.
-
-    Raises
-    ------
-    InputError
-        Naming the file, when it cannot be read or is not a list of numbers.
-    """
+    """Read weights from `.npy`, or from text with one number per line; also name and digest."""
     with error_context(path):
         data = read_input(path)
         try:

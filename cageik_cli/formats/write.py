@@ -106,13 +106,7 @@ class Output:
         return [self.target_path, *([self.offset_path] if self.recentre else [])]
 
     def find_writer(self) -> type[AnimationWriter]:
-        """Return the writer of the format.
-
-        Raises
-        ------
-        OutputError
-            When there is none, or it writes a file where a folder is named, or the reverse.
-        """
+        """Return the writer of the format."""
         with error_context(self.path):
             names, suffix, writers = self.frame_names, self.suffix, _find_writers()
             if suffix not in writers:
@@ -136,13 +130,7 @@ class Output:
         return writers[suffix]
 
     def check_writable(self) -> None:
-        """Refuse, before any work, what cannot be written.
-
-        Raises
-        ------
-        InputError
-            Naming the output and what to do.
-        """
+        """Refuse, before any work, what cannot be written."""
         writer = self.find_writer()
         with error_context(self.path):
             writer.require_libraries()
@@ -159,15 +147,7 @@ class Output:
     ) -> Iterator[AnimationWriter]:
         """Open a writer; the output gets its name if the block ends without an error.
 
-        Parameters
-        ----------
-        make_writer : callable, optional
-            Makes the writer, instead of the usual one of the suffix.
-
-        Raises
-        ------
-        InputError
-            When it cannot be written, or cannot hold the animation.
+        `make_writer` makes another than the usual one of the suffix.
         """
         usual = self.find_writer()
         with self._open_unfinished() as name:
@@ -239,13 +219,7 @@ def write_animation(
     progress: ProgressListener,
     make_writer: WriterFactory | None = None,
 ) -> ExportSummary:
-    """Write all `blocks` of frames, (k, m, 3), in order, and report the notes of the writer.
-
-    Raises
-    ------
-    InputError
-        When it cannot be written, or cannot hold the animation.
-    """
+    """Write all `blocks` of frames, (k, m, 3), in order, and report the notes of the writer."""
     path, done, largest = output.path, 0, 0.0
     if output.recentre:
         animation = animation.recentre()
@@ -292,25 +266,13 @@ def _list_rounding_notes(largest: float, diagonal: float) -> list[str]:
 
 
 def check_mesh_output(path: Path, overwrite: bool) -> None:
-    """Refuse, before any work, a mesh file that cannot be written.
-
-    Raises
-    ------
-    OutputError
-        When its format is unknown, it exists, or its folder cannot be written.
-    """
+    """Refuse, before any work, a mesh file that cannot be written."""
     _choose_mesh_writer(path)
     check_writable(path, overwrite)
 
 
 def write_mesh(path: Path, mesh: TriMesh, positions: Floats, overwrite: bool) -> None:
-    """Write a mesh at other positions, (m, 3), as animations of one file per frame are written.
-
-    Raises
-    ------
-    OutputError
-        When it cannot be written.
-    """
+    """Write a mesh at other positions, (m, 3), as animations of one file per frame are written."""
     animation = Animation(mesh, 1, Scene(start=0), path.stem)
     writer = _choose_mesh_writer(path)(path.with_name(f"_####{path.suffix.lower()}"), animation)
     write_bytes(path, writer.encode_frame(positions), overwrite)

@@ -20,25 +20,6 @@ MAX_CAMERA_CONDITION = 1e14
 _TRANSPOSE_HINT = "act on columns, so transpose both if they act on rows"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Rays:
-    """The rays of p pixels, from the near plane to the far plane.
-
-    Attributes
-    ----------
-    origins : (p, 3) float64
-        On the near plane.
-    directions : (p, 3) float64
-        Of length one, away from the viewer.
-    lengths : (p,) float64
-        Infinite without a far plane.
-    """
-
-    origins: Floats
-    directions: Floats
-    lengths: Floats
-
-
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A perspective or a parallel view of the world.
@@ -109,12 +90,6 @@ class Camera:
             Angle between the upper and the lower edge of the picture, above 0 and below 180.
         width, height : float
             Pixels.
-
-        Raises
-        ------
-        SettingError
-            When position and target are the same, `up` is parallel to the viewing direction, or
-            another number is out of its bounds.
         """
         view = _look_at(position, target, up)
         if not 0 < fov_degrees < 180:
@@ -136,14 +111,19 @@ class Camera:
         SettingError
             When a point is behind the viewer, or as near as the eye.
         """
-        clip = _to_homogeneous(points) @ (self.projection @ self.view).T
+        homogeneous = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
+        clip = homogeneous @ (self.projection @ self.view).T
         if not (clip[..., 3] > 0).all():
             raise SettingError("the point is behind the camera; choose another view or frame")
         x, y, depth = np.moveaxis(clip[..., :3] / clip[..., 3:], -1, 0)
         return np.stack([(1 + x) / 2 * self.width, (1 - y) / 2 * self.height, depth], axis=-1)
 
-    def cast_rays(self, pixels: Floats) -> Rays:
-        """Return the rays of pixels, (p, 2)."""
+    def cast_rays(self, pixels: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the rays of pixels, (p, 2), from the near plane to the far plane.
+
+        These are their origins, (p, 3), their directions of length one, away from the viewer,
+        (p, 3), and their lengths, (p,), which are infinite without a far plane.
+        """
         x, y = 2 * pixels[:, 0] / self.width - 1, 1 - 2 * pixels[:, 1] / self.height
         unproject, to_world = np.linalg.inv(self.projection), np.linalg.inv(self.view[:3, :3])
         near, far = (
@@ -156,23 +136,19 @@ class Camera:
         with np.errstate(divide="ignore"):
             lengths = sizes / np.abs(near[:, 3] * far[:, 3])
         origins = (near[:, :3] / near[:, 3:] - self.view[:3, 3]) @ to_world.T
-        return Rays(origins, ways / sizes[:, None], lengths)
+        return origins, ways / sizes[:, None], lengths
 
     def move_to_pixels(self, points: Floats, pixels: Floats) -> Floats:
         """Move points, (p, 3), at constant depth until they are seen in pixels, (p, 2).
 
         The ray of each pixel meets the plane through the point that is parallel to the screen
         (Savoye and Franco 2010, section 4.3).
-
-        Raises
-        ------
-        SettingError
-            When a point is behind the viewer.
         """
         self.project(points)
-        rays, normal = self.cast_rays(pixels), self.view[2, :3]
-        ahead = (points - rays.origins) @ normal / (rays.directions @ normal)
-        return np.asarray(rays.origins + ahead[:, None] * rays.directions)
+        origins, directions, _ = self.cast_rays(pixels)
+        normal = self.view[2, :3]
+        ahead = (points - origins) @ normal / (directions @ normal)
+        return np.asarray(origins + ahead[:, None] * directions)
 
 
 def _look_at(position: Floats, target: Floats, up: Floats) -> Floats:
@@ -214,10 +190,6 @@ def _is_row(row: Floats, expected: tuple[int, ...]) -> bool:
 
 def _format_row(row: Floats) -> str:
     return ", ".join(f"{value:g}" for value in row)
-
-
-def _to_homogeneous(points: Floats) -> Floats:
-    return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
 
 
 def _normalize(vector: Floats) -> Floats:

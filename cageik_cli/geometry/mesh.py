@@ -219,13 +219,7 @@ def find_groups(pairs: Integers, size: int) -> Integers:
 
 
 def validate_positions(positions: ArrayLike) -> Floats:
-    """Return `positions` as (n, 3) float64.
-
-    Raises
-    ------
-    FormatError
-        Naming the first vertex that is not finite or too large.
-    """
+    """Return `positions` as (n, 3) float64."""
     with np.errstate(over="ignore", invalid="ignore"):  # a conversion's overflow is found below
         array = np.asarray(positions, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
@@ -249,13 +243,7 @@ def validate_positions(positions: ArrayLike) -> Floats:
 
 
 def validate_known_positions(positions: ArrayLike) -> Floats:
-    """Return `positions` as (n, 3) float64, of which some may be missing: nan in all coordinates.
-
-    Raises
-    ------
-    FormatError
-        As `validate_positions` does, for the vertices that are not missing.
-    """
+    """Return `positions` as (n, 3) float64; missing ones are nan in all coordinates."""
     array = np.array(positions, dtype=np.float64)
     is_missing = np.isnan(array).any(axis=-1)
     array[is_missing] = 0

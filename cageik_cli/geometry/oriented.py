@@ -1,5 +1,6 @@
 """What turns with points that are moved: their normals, and the shapes and colours of splats."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,17 +37,6 @@ class Splats:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class MapFaults:
-    """How many maps turn space inside out, and how many make it flat."""
-
-    mirrored: int = 0
-    flat: int = 0
-
-    def __add__(self, other: "MapFaults") -> "MapFaults":
-        return MapFaults(self.mirrored + other.mirrored, self.flat + other.flat)
-
-
 def move_splats(rest: Splats, maps: Floats) -> Splats:
     """Return the splats under linear maps J, (3, 3, m).
 
@@ -61,8 +51,8 @@ def move_splats(rest: Splats, maps: Floats) -> Splats:
     return Splats(*move_ellipsoids(rest.axes, rest.quaternions, maps), harmonics)
 
 
-def count_map_faults(maps: Floats) -> MapFaults:
-    """Count the maps, (3, 3, m), that turn space inside out or make it flat.
+def count_map_faults(maps: Floats) -> Counter[str]:
+    """Count the maps, (3, 3, m), that turn space inside out ("mirrored") or make it "flat".
 
     The determinant of a flat map is below 1e-9 times its norm cubed.
     """
@@ -71,7 +61,7 @@ def count_map_faults(maps: Floats) -> MapFaults:
     limit = 1e-9 * squares * np.sqrt(squares)
     is_flat = np.abs(volume) <= limit
     mirrored = np.count_nonzero((volume < 0) & ~is_flat)
-    return MapFaults(int(mirrored), int(np.count_nonzero(is_flat)))
+    return Counter(mirrored=int(mirrored), flat=int(np.count_nonzero(is_flat)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

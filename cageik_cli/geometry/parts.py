@@ -107,7 +107,7 @@ def _select_attributes(
         ),
         colours=colours,
         material_colours=material_colours,
-        material_library=whole.material_library if kept is not None else "",
+        material_library=whole.material_library,
         subdivision=_select_subdivision(whole.subdivision, vertices, number),
         **labels,
     )

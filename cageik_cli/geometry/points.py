@@ -43,13 +43,7 @@ class PointCloud(TriMesh):
 
     @staticmethod
     def from_points(positions: ArrayLike) -> "PointCloud":
-        """Return the cloud of positions, (m, 3).
-
-        Raises
-        ------
-        InputError
-            As of `TriMesh`.
-        """
+        """Return the cloud of positions, (m, 3); raises as `TriMesh` does."""
         return PointCloud(np.asarray(positions), np.empty((0, 3), np.int64))
 
     def move(self, positions: ArrayLike) -> "PointCloud":
@@ -94,12 +88,8 @@ def measure_distances(
 ) -> Floats:
     """Return the distance of each of `points`, (m, 3), from the nearest of `places`, (n, 3).
 
-    Parameters
-    ----------
-    max_pairs : int
-        Pairs that are all compared: a tree takes longer to import.
-    block_pairs : int
-        Pairs that are compared at once; they fit in the processor's cache.
+    Up to `max_pairs` are all compared, since a tree takes longer to import; `block_pairs` at once,
+    which fit in the processor's cache.
     """
     if len(points) * len(places) > max_pairs:
         from scipy.spatial import cKDTree

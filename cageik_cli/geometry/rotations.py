@@ -41,17 +41,11 @@ PARTNER_INDICES = FACTOR_INDICES.reshape(2, 2, 9)[:, ::-1].ravel()
 """The index that each factor is multiplied with."""
 
 
-def nearest_rotations(matrices: Floats) -> Floats:
-    """Return the rotations R, (k, 3, 3), that maximise tr(RᵀA) for matrices A, (k, 3, 3).
+def nearest_rotations_by_entry(entries: Floats) -> Floats:
+    """Return the rotations R that maximise tr(RᵀA) for matrices A; entry by entry, (9, k).
 
     Never a reflection. A matrix of zeros gives the identity.
     """
-    entries = np.ascontiguousarray(matrices.reshape(-1, 9).T)
-    return np.ascontiguousarray(nearest_rotations_by_entry(entries).T).reshape(-1, 3, 3)
-
-
-def nearest_rotations_by_entry(entries: Floats) -> Floats:
-    """Return the same for matrices and rotations stored entry by entry, (9, k)."""
     with np.errstate(all="ignore"):  # the SVD replaces what fails here
         sizes = np.sqrt(_column_dots(entries, entries))
         unit = entries / sizes
@@ -115,7 +109,7 @@ def _column_dots(left: Floats, right: Floats) -> Floats:
 
 
 def nearest_rotations_by_svd(matrices: Floats) -> Floats:
-    """Return the same rotations by singular value decomposition: slower, for any matrices.
+    """Return the same rotations, (k, 3, 3), by singular value decomposition: slower, for any.
 
     References
     ----------

@@ -138,12 +138,7 @@ class SurfaceAttributes:
         return np.repeat(np.arange(len(self.corner_counts)), self.corner_counts - 2)
 
     def check_fits(self, vertex_count: int, triangle_count: int) -> None:
-        """Refuse attributes that are not of a mesh with these counts.
-
-        Raises
-        ------
-        FormatError
-        """
+        """Refuse attributes that are not of a mesh with these counts."""
         named = (self.corners, self.subdivision.crease_vertices, self.subdivision.corner_vertices)
         last = max(int(vertices.max(initial=-1)) for vertices in named)
         if last >= vertex_count:
@@ -168,12 +163,7 @@ class SurfaceAttributes:
                 raise FormatError("a face of one part has a vertex of another")
 
     def check_cut(self, faces: Integers) -> None:
-        """Refuse triangles (t, 3) that are not cut from the polygons.
-
-        Raises
-        ------
-        FormatError
-        """
+        """Refuse triangles (t, 3) that are not cut from the polygons."""
         size = int(max(self.corners.max(initial=0), faces.max(initial=0))) + 1
         polygons = np.repeat(np.arange(len(self.corner_counts)), self.corner_counts)
         triangles = self.triangle_polygons[:, None] * size + faces
@@ -210,13 +200,7 @@ LABEL_NAMES = ("materials", "groups", "objects", "smoothing")
 
 
 def fan_triangulate(corners: Integers, corner_counts: Integers) -> Integers:
-    """Cut polygons into fans, (f, 3); their `corners` follow one another, `corner_counts` each.
-
-    Raises
-    ------
-    InputError
-        Naming a polygon of fewer than three corners.
-    """
+    """Cut polygons into fans, (f, 3); their `corners` follow one another, `corner_counts` each."""
     small = np.flatnonzero(corner_counts < 3)
     if len(small):
         raise FormatError(
@@ -234,14 +218,8 @@ def find_folded_triangles(
 ) -> tuple[Mask, Floats]:
     """Find the triangles of fans that are turned against their polygon: it folds over there.
 
-    Parameters
-    ----------
-    counts : (p,)
-        How many triangles each polygon has.
-
-    Returns
-    -------
-    (f,) bool, and twice the area vector of each polygon, (p, 3).
+    `counts` says how many triangles each polygon has, (p,). Which are turned is (f,); beside it is
+    twice the area vector of each polygon, (p, 3).
     """
     starts = np.cumsum(counts) - counts
     a, b, c = (vertices[corner] for corner in faces.T)
@@ -256,15 +234,8 @@ def find_folded_triangles(
 def number_normal_fans(corners: Integers, normals: Integers) -> Integers:
     """Number the normals of corners, so that corners of one vertex and one normal have one number.
 
-    Parameters
-    ----------
-    corners : (c,)
-    normals : (c,)
-        Some number of the normal of each corner; below zero for none.
-
-    Returns
-    -------
-    (c,), in the order of the corners; `NONE` for a corner without a normal.
+    `normals` has some number of the normal of each of the `corners`, (c,), below zero for none. The
+    new numbers, (c,), are in the order of the corners; `NONE` for a corner without a normal.
     """
     is_given = normals >= 0
     pairs = np.stack([corners, normals], axis=1)[is_given]

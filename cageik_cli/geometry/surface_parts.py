@@ -47,11 +47,6 @@ class UvMap:
     values : (u, 2) float64
     indices : (c,) int64
         The value of each corner; `NONE` for one that has none.
-
-    Raises
-    ------
-    FormatError
-        When an array has another shape, or a value is not finite.
     """
 
     values: Floats
@@ -73,12 +68,6 @@ class FaceLabels:
         All different.
     indices : (p,) int64
         The name of each polygon; `NONE` for one that has none.
-
-    Raises
-    ------
-    FormatError
-        When there are too many names, one is empty, too long or of several lines, or an index is
-        that of none of them.
     """
 
     names: tuple[str, ...]
@@ -245,13 +234,7 @@ def check_names(names: tuple[str, ...], noun: str) -> None:
 
 
 def freeze_indices(noun: str, values: ArrayLike, lowest: int, count: int | None) -> Integers:
-    """Return whole numbers (k,) from `lowest` to below `count`, read-only.
-
-    Raises
-    ------
-    FormatError
-        Naming what they are.
-    """
+    """Return whole numbers (k,) from `lowest` to below `count`, read-only."""
     array = np.asarray(values)
     if array.ndim != 1 or (array.size and not np.issubdtype(array.dtype, np.integer)):
         raise FormatError(
@@ -268,13 +251,7 @@ def freeze_indices(noun: str, values: ArrayLike, lowest: int, count: int | None)
 
 
 def freeze_values(noun: str, values: ArrayLike, width: int | None) -> Floats:
-    """Return finite numbers (k,) or (k, width), read-only.
-
-    Raises
-    ------
-    FormatError
-        Naming what they are.
-    """
+    """Return finite numbers (k,) or (k, width), read-only."""
     with np.errstate(over="ignore", invalid="ignore"):
         array = np.array(values, np.float64)
     if array.ndim != (1 if width is None else 2) or (width is not None and array.shape[1] != width):

@@ -122,14 +122,7 @@ def point_at_vertex(mesh: TriMesh, vertex: int) -> SurfacePoint:
 
 
 def point_on_face(mesh: TriMesh, face: int, barycentric: Floats) -> SurfacePoint:
-    """Return the point of a face that has these barycentric coordinates, (3,).
-
-    Raises
-    ------
-    HandlesError
-        When there is no such face, or the coordinates are not three finite numbers of 0 or above
-        with the sum one.
-    """
+    """Return the point of a face that has these barycentric coordinates, (3,)."""
     count, shares = len(mesh.faces), np.asarray(barycentric, np.float64)
     if not 0 <= face < count:
         raise HandlesError(
@@ -195,8 +188,8 @@ def pick(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
     ----------
     Woop, Benthin and Wald 2013: edge functions that adjacent faces share bit for bit.
     """
-    rays = camera.cast_rays(np.asarray(pixel, np.float64)[None])
-    seen = (mesh.vertices - rays.origins[0]) @ _ray_axes(rays.directions[0]).T
+    origins, directions, lengths = camera.cast_rays(np.asarray(pixel, np.float64)[None])
+    seen = (mesh.vertices - origins[0]) @ _ray_axes(directions[0]).T
     x, y, depth = (np.ascontiguousarray(column)[mesh.faces].T for column in seen.T)
     edges = np.roll(x, -2, axis=0) * np.roll(y, -1, axis=0)
     edges = np.roll(x, -1, axis=0) * np.roll(y, -2, axis=0) - edges
@@ -205,7 +198,7 @@ def pick(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
     faces = np.flatnonzero(is_hit)
     shares = edges[:, faces] / area[faces]
     depths = (shares * depth[:, faces]).sum(axis=0)
-    is_seen = (depths >= 0) & (depths <= rays.lengths[0])
+    is_seen = (depths >= 0) & (depths <= lengths[0])
     if not is_seen.any():
         x_text, y_text = (f"{value:g}" for value in pixel)
         beyond = ", but only outside the near and far planes" if len(faces) else ""

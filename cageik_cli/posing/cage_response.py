@@ -13,12 +13,15 @@ is a system of the size of the anchors. It gives the same minimum as the normal 
 terms, and stays well conditioned however small E is: hard anchors are the limit E = 0.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from scipy.linalg.blas import dgemv
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.posing.constraints import Mirror
 from cageik_cli.solver.dual_laplacian import MAX_CONDITION, MIN_REFINED_CONDITION
 from cageik_cli.util.arrays import Floats
 
@@ -127,6 +130,48 @@ class CageResponseSolver:
             axis=0
         ) / self._free_modes[0, 0]
         return np.concatenate([together[None], apart])
+
+
+class MirroredMap:
+    """A linear map of points, which may differ for the coordinate across a mirror.
+
+    Parameters
+    ----------
+    maps : one or two (p, q) float64
+        For all coordinates; or for those along the mirror, and for the one across it.
+    """
+
+    def __init__(self, maps: Sequence[Floats], mirror: Mirror | None) -> None:
+        self._mirror, self._along = mirror, maps[0]
+        self._across_difference = maps[0] if mirror is None else maps[1] - maps[0]
+
+    def __call__(self, points: Floats) -> Floats:
+        """Map points (…, q, 3) to (…, p, 3)."""
+        if self._mirror is None:
+            return np.asarray(self._along @ points)
+        normal = self._mirror.normal
+        heights = (self._across_difference @ (points @ normal)[..., None])[..., 0]
+        return np.asarray(self._along @ points + heights[..., None] * normal)
+
+    def add_to(self, columns: Floats, points: Floats) -> None:
+        """Add the mapped points (q, 3) to `columns`, (3, p) float64, in place.
+
+        Each row of `columns` must be contiguous in memory.
+        """
+        if not len(points):
+            return
+        for column, coordinate in zip(columns, points.T, strict=True):
+            # y + A x in one pass is faster than a product of so few columns.
+            dgemv(1.0, self._along, coordinate, beta=1.0, y=column, overwrite_y=True)
+        if self._mirror is not None:
+            normal = self._mirror.normal
+            columns += normal[:, None] * (self._across_difference @ (points @ normal))
+
+    def compose(self, matrix: Floats) -> "MirroredMap":
+        """Return the map followed by a matrix that is the same for all coordinates."""
+        across = [] if self._mirror is None else [self._along + self._across_difference]
+        maps = [np.asfortranarray(matrix @ values) for values in (self._along, *across)]
+        return MirroredMap(maps, self._mirror)
 
 
 def _condition_number(eigenvalues: list[float]) -> float:

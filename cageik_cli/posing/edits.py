@@ -2,19 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding, measure_offsets, reconstruct
 from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
-from cageik_cli.posing.constraints import CageConstraints
+from cageik_cli.posing.constraints import CageConstraints, find_reach
 from cageik_cli.posing.handles.model import Handles, PosedSurface
 from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.schedule import HandleSchedule
 from cageik_cli.posing.poser import DEFAULT_POSE_ALPHA, Poser, validate_weights
-from cageik_cli.posing.reach import find_reach
 from cageik_cli.solver.metrics import FrameMetrics, measure
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import SettingError, error_context
@@ -27,16 +26,9 @@ class PosingSettings:
     Attributes
     ----------
     alpha, beta : float
-        As in `Poser`.
+        As in `Poser`; `snap`, `allow_conflicts` and `hard` are those of `place_handles`.
     rigidity : int
         Rounds of rigid rotations.
-    snap, allow_conflicts, hard
-        As in `place_handles`.
-
-    Raises
-    ------
-    SettingError
-        When alpha or beta is not a finite number above 0, or snap one of 0 or above.
     """
 
     alpha: float = DEFAULT_POSE_ALPHA
@@ -134,50 +126,55 @@ class EditTarget:
         return points if self.rotations is None else np.asarray(points @ self.rotations[frames])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """One set of handles, ready to be applied.
+    """One set of handles, placed and ready to be applied; radii lock more of the cage.
 
     Attributes
     ----------
+    name : str
+        Its place in the handles file, such as "sets[1]"; "" for the only layer.
     schedule : HandleSchedule
         The targets of its l anchors.
     poser : Poser
         For those of its anchors that act.
-    acts : (l,) bool
-        All anchors, but those that stay because they are beyond the reach.
-    name : str
-        Its place in the handles file, such as "sets[1]"; "" for the only layer.
     is_beyond : (m,) bool
         Vertices beyond the radii of its handles; none if they have no radius.
     """
 
-    schedule: HandleSchedule
-    poser: Poser
-    acts: NDArray[np.bool_]
-    name: str
-    is_beyond: NDArray[np.bool_]
+    def __init__(
+        self,
+        name: str,
+        schedule: HandleSchedule,
+        binding: Binding,
+        constraints: CageConstraints,
+        settings: PosingSettings,
+    ) -> None:
+        self.name, self.schedule = name, schedule
+        anchors, radii = schedule.anchors, schedule.radii
+        # All anchors act, but those that stay because they are beyond the reach.
+        self._acts = np.ones(len(anchors), bool)
+        self.is_beyond = np.zeros(len(binding.rest.vertices), bool)
+        if np.isfinite(radii).any():
+            mirror = constraints.mirror
+            self.is_beyond, locked, held = find_reach(binding, anchors, radii, mirror)
+            self._acts = ~held
+            constraints = CageConstraints((*constraints.locked, *locked.tolist()), mirror)
+        acting = [anchor for anchor, acts in zip(anchors, self._acts, strict=True) if acts]
+        self.poser = Poser(binding, acting, settings.alpha, settings.beta, constraints)
+        self._rigidity = settings.rigidity
 
+    def apply(
+        self, target: EditTarget, frames: Integers, cages: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return the edited cages of frames, and where its anchors start and are to go.
 
-def _build_layer(
-    schedule: HandleSchedule,
-    constraints: CageConstraints,
-    binding: Binding,
-    settings: PosingSettings,
-    name: str,
-) -> Layer:
-    """Build the layer of a schedule; radii add to the locked cage vertices."""
-    scheduled = schedule.anchors
-    acts, is_beyond = np.ones(len(scheduled), bool), np.zeros(len(binding.rest.vertices), bool)
-    if np.isfinite(schedule.radii).any():
-        is_beyond, locked, held = find_reach(binding, scheduled, schedule.radii, constraints.mirror)
-        acts = ~held
-        constraints = replace(
-            constraints, locked=tuple(sorted({*constraints.locked, *locked.tolist()}))
-        )
-    anchors = [anchor for anchor, is_acting in zip(scheduled, acts, strict=True) if is_acting]
-    poser = Poser(binding, anchors, settings.alpha, settings.beta, constraints)
-    return Layer(schedule, poser, acts, name, is_beyond)
+        Shapes are those of `LayeredEdit.apply`, for the anchors of this layer.
+        """
+        starts = target.anchor_positions(self.schedule.anchors, frames, cages)
+        with _set_context(self.name):
+            moves = self.schedule.displacements(frames, starts)
+        edited = self.poser.edit_cages(cages, moves[:, self._acts], self._rigidity)
+        return edited, starts, starts + moves
 
 
 def _set_context(name: str) -> AbstractContextManager[None]:
@@ -192,7 +189,7 @@ class EditedFrames:
     Attributes
     ----------
     frames : (k,) int64
-        Frame numbers, ascending.
+        Ascending.
     cages_before, cages_after : (k, n, 3) float64
     starts, targets : (k, l, 3) float64
         As of `LayeredEdit.apply`.
@@ -227,8 +224,6 @@ class LayeredEdit:
 
     Attributes
     ----------
-    layers : list of Layer
-        One for each set of handles.
     rigidity : int
         Rounds of rigid rotations.
 
@@ -255,7 +250,7 @@ class LayeredEdit:
                     allow_conflicts=settings.allow_conflicts,
                     hard=settings.hard,
                 )
-                layer = _build_layer(schedule, handles.constraints, binding, settings, name)
+                layer = Layer(name, schedule, binding, handles.constraints, settings)
             self.layers.append(layer)
 
     @property
@@ -307,12 +302,9 @@ class LayeredEdit:
         """
         starts, targets = [], []
         for layer in self.layers:
-            start = self.target.anchor_positions(layer.schedule.anchors, frames, cages)
-            with _set_context(layer.name):
-                displacements = layer.schedule.displacements(frames, start)
-            cages = layer.poser.edit_cages(cages, displacements[:, layer.acts], self.rigidity)
+            cages, start, target = layer.apply(self.target, frames, cages)
             starts.append(start)
-            targets.append(start + displacements)
+            targets.append(target)
         return cages, np.concatenate(starts, axis=1), np.concatenate(targets, axis=1)
 
     def edit_frames(self, frames: Integers, cages: Floats) -> EditedFrames:
@@ -324,7 +316,7 @@ class LayeredEdit:
         # Only the difference is added: nothing cancels, and unchanged frames stay bit for bit.
         after[is_changed] += reconstruct(self.target.binding.weights, (edited - cages)[is_changed])
         rest = self.target.binding.rest
-        measured = measure(rest, meshes, after, rest.used_vertices)
+        metrics, squares = measure(rest, meshes, after, rest.used_vertices)
         return EditedFrames(
             frames=frames,
             cages_before=cages,
@@ -335,8 +327,8 @@ class LayeredEdit:
             meshes_after=after,
             anchors_before=self.target.anchor_positions(self.anchors, frames, cages),
             anchors_after=self.target.anchor_positions(self.anchors, frames, edited),
-            metrics=measured.metrics,
-            squared_displacements=measured.squared_errors,
+            metrics=metrics,
+            squared_displacements=squares,
         )
 
     def _pose_at(self, frame: int) -> Floats:

@@ -18,8 +18,8 @@ import numpy as np
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
-from cageik_cli.posing.cage_response import CageResponseSolver, Response
-from cageik_cli.posing.constraints import CageConstraints, MirroredMap, free_basis
+from cageik_cli.posing.cage_response import CageResponseSolver, MirroredMap, Response
+from cageik_cli.posing.constraints import CageConstraints, free_basis
 from cageik_cli.posing.rigidity import Cells, Neighbours
 from cageik_cli.solver.dual_laplacian import MAX_CONDITION
 from cageik_cli.util.arrays import Floats
@@ -34,13 +34,7 @@ MAX_WEIGHT_RATIO = 1e100
 
 
 def validate_weights(alpha: float, beta: float) -> None:
-    """Check the weights of the Laplacian and of the anchors.
-
-    Raises
-    ------
-    SettingError
-        When one is not a finite number above 0, or alpha is so large that anchors have no effect.
-    """
+    """Check the weights of the Laplacian and of the anchors."""
     for name, value in (("alpha", alpha), ("beta", beta)):
         if not (np.isfinite(value) and value > 0):
             raise SettingError(f"{name} is {value}, expected a finite number above 0")

@@ -1,4 +1,4 @@
-"""Summary of a pose or an edited animation: anchors, motion, volume, smoothness."""
+"""What comes out of an edit: anchors, motion, volume, smoothness, and one frame for pictures."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,10 +19,8 @@ class AnchorSummary:
     ----------
     layer : str
         Its layer's name; "" for the only layer.
-    vertex : int, optional
-        The vertex that it is at; None if it is on a face.
-    face : int, optional
-        The face that it is on; None if it is at a vertex.
+    vertex, face : int, optional
+        One of them: the vertex that it is at, or the face that it is on.
     barycentric : tuple of float, optional
         Where on the face: the share of each corner.
     moved : float
@@ -129,7 +127,8 @@ class PoseStatistics:
         self._beyond_moved = 0.0
         self._volume_change: float | None = None
         self._changed: list[int] = []
-        self._acceleration_trackers = _AccelerationTracker(), _AccelerationTracker()
+        # Of positions before and after the edit.
+        self._anchor_trackers = _AccelerationTracker(), _AccelerationTracker()
         self._mesh_trackers = _AccelerationTracker(), _AccelerationTracker()
 
     def update(self, block: EditedFrames) -> None:
@@ -145,14 +144,12 @@ class PoseStatistics:
         self._residual_frame[is_worse] = block.frames[worst[is_worse]]
         self._residual = np.maximum(self._residual, largest)
         is_changed = (block.cages_after != block.cages_before).any(axis=(1, 2))
-        for tracker, positions in zip(
-            self._acceleration_trackers, (block.anchors_before, block.anchors_after), strict=True
+        for trackers, before, after in (
+            (self._anchor_trackers, block.anchors_before, block.anchors_after),
+            (self._mesh_trackers, block.meshes_before, block.meshes_after),
         ):
-            tracker.update(block.frames, positions, is_changed)
-        for tracker, positions in zip(
-            self._mesh_trackers, (block.meshes_before, block.meshes_after), strict=True
-        ):
-            tracker.update(block.frames, positions, is_changed)
+            trackers[0].update(block.frames, before, is_changed)
+            trackers[1].update(block.frames, after, is_changed)
         self._update_meshes(block)
         if is_changed.any():
             numbers = block.frames[is_changed]
@@ -170,8 +167,7 @@ class PoseStatistics:
             self._smallest_motion = float(np.sqrt(np.nanmin(block.squared_displacements[worst])))
         if self._is_beyond.any():
             beyond = np.nan_to_num(block.squared_displacements[:, self._is_beyond])
-            largest = float(beyond.max())
-            self._beyond_moved = max(self._beyond_moved, float(np.sqrt(largest)))
+            self._beyond_moved = max(self._beyond_moved, float(np.sqrt(beyond.max())))
         distances = np.linalg.norm(block.cages_after - block.cages_before, axis=2).max(axis=0)
         if distances.max() > self._cage_farthest:
             self._cage_farthest, self._cage_vertex = float(distances.max()), int(distances.argmax())
@@ -190,10 +186,7 @@ class PoseStatistics:
         beyond = self._beyond_moved if self._is_beyond.any() else None
         return PoseSummary(
             diagonal=diagonal,
-            anchors=tuple(
-                self._summarize_anchor(k, name(int(frame)))
-                for k, frame in enumerate(self._residual_frame)
-            ),
+            anchors=tuple(map(self._summarize_anchor, range(len(self._anchors)))),
             rms=rms,
             rms_percent=100 * rms / diagonal,
             moved=self._farthest,
@@ -226,8 +219,8 @@ class PoseStatistics:
             "acceleration_before": float(before[vertex]),
         }
 
-    def _summarize_anchor(self, k: int, frame: str) -> AnchorSummary:
-        before, after = (tracker.max_acceleration for tracker in self._acceleration_trackers)
+    def _summarize_anchor(self, k: int) -> AnchorSummary:
+        before, after = (tracker.max_acceleration for tracker in self._anchor_trackers)
         place = describe_place(self._rest, self._anchors[k].point)
         is_vertex = place.kind == "vertex"
         return AnchorSummary(
@@ -239,7 +232,7 @@ class PoseStatistics:
             moved=float(self._moved[k]),
             residual=float(self._residual[k]),
             residual_percent=float(100 * self._residual[k] / self._rest.diagonal),
-            frame=frame,
+            frame=self._edit.target.name_frame(int(self._residual_frame[k])),
             acceleration=None if after is None else float(after[k]),
             acceleration_before=None if before is None else float(before[k]),
         )
@@ -271,10 +264,88 @@ class _AccelerationTracker:
         is_run &= is_changed[2:] | is_changed[1:-1] | is_changed[:-2]
         if is_run.any():
             largest = np.linalg.norm(np.diff(positions, 2, axis=0)[is_run], axis=2).max(axis=0)
-            self.max_acceleration = (
-                largest
-                if self.max_acceleration is None
-                else np.maximum(self.max_acceleration, largest)
-            )
+            before = largest if self.max_acceleration is None else self.max_acceleration
+            self.max_acceleration = np.maximum(before, largest)
         self._frames, self._positions = frames[-2:], positions[-2:]
         self._is_changed = is_changed[-2:]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseSnapshot:
+    """One frame before and after an edit, with the anchors that decide it.
+
+    Attributes
+    ----------
+    frame : str
+        Its name; "" for a single pose.
+    faces, cage_faces : (t, 3) and (f, 3) int64
+    before, after : (m, 3) float64
+        The model.
+    cage_before, cage_after : (n, 3) float64
+    starts, targets, ends : (l, 3) float64
+        Positions of the anchors before, of their targets, and of the anchors after.
+    pinned : (l,) bool
+        Whether an anchor has to stay.
+    up_axis : str
+        "Y" or "Z".
+    rms_percent : float
+        Of the motion of the mesh over all frames, percent of the diagonal.
+    max_residual_percent : float
+        Largest distance of these anchors from their targets over all frames, percent of the
+        diagonal.
+    """
+
+    frame: str
+    faces: Integers
+    cage_faces: Integers
+    before: Floats
+    after: Floats
+    cage_before: Floats
+    cage_after: Floats
+    starts: Floats
+    targets: Floats
+    ends: Floats
+    names: tuple[str, ...]
+    pinned: NDArray[np.bool_]
+    up_axis: str
+    rms_percent: float
+    max_residual_percent: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseResult:
+    """The outcome of posing a model or editing an animation.
+
+    Attributes
+    ----------
+    snapshot : PoseSnapshot
+        Of the pose, or of the frame that was moved most.
+    """
+
+    summary: PoseSummary
+    snapshot: PoseSnapshot
+
+
+def take_snapshot(edit: LayeredEdit, block: EditedFrames, summary: PoseSummary) -> PoseSnapshot:
+    """Return the first frame of a block as a snapshot, with the summary of all frames."""
+    frame, target = int(block.frames[0]), edit.target
+    binding, anchors, chosen = target.binding, edit.anchors, edit.find_deciding(frame)
+    starts, targets = block.starts[0, chosen], block.targets[0, chosen]
+    residuals = [summary.anchors[k].residual_percent for k in chosen]
+    return PoseSnapshot(
+        frame=target.name_frame(frame),
+        faces=binding.rest.faces,
+        cage_faces=binding.cage.faces,
+        before=block.meshes_before[0],
+        after=block.meshes_after[0],
+        cage_before=block.cages_before[0],
+        cage_after=block.cages_after[0],
+        starts=block.anchors_before[0, chosen],
+        targets=targets,
+        ends=block.anchors_after[0, chosen],
+        names=tuple(anchors[k].name for k in chosen),
+        pinned=(targets == starts).all(axis=1),
+        up_axis=target.up_axis,
+        rms_percent=summary.rms_percent,
+        max_residual_percent=max(residuals, default=0.0),
+    )

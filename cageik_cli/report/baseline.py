@@ -42,15 +42,6 @@ def read_baseline(path: Path, max_regression: Decimal) -> Baseline:
         failed clips in it have no metrics.
     max_regression : Decimal
         By how many percent the metrics may be exceeded.
-
-    Raises
-    ------
-    FileAccessError
-        When the file cannot be read.
-    FormatError
-        When the content is not that of a report; the message says where.
-    SettingError
-        When it holds a length without a unit where a report has percent.
     """
     with error_context(path):
         metrics: dict[str, dict[str, float | None]] = {}

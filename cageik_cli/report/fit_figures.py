@@ -14,15 +14,9 @@ from cageik_cli.solver.fitting.record import (
     FitRecord,
     FitReport,
 )
-from cageik_cli.store.result import Result
-from cageik_cli.store.result_frames import read_unfitted
+from cageik_cli.store.result import Result, read_unfitted
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import format_bytes, format_count
-
-MAX_NAMED_CLIPS = 3
-"""Clips that a report names."""
-
-Row = tuple[str, str]
 
 
 def is_fitted_to_clip(result: Result) -> bool:
@@ -60,7 +54,7 @@ def _list_sample_notes(report: FitReport) -> list[str]:
     if report.needed_memory is not None:
         notes.append(
             f"the memory limit allowed {format_count(report.fitted_frames, 'frame')} to be fitted; "
-            f"a fit to more of them needs --memory {format_bytes(report.needed_memory)}"
+            f"a fit to more of them needs `memory={format_bytes(report.needed_memory)}`"
         )
     if held_out is None:
         notes.append(
@@ -99,17 +93,19 @@ def _list_error_notes(report: FitReport) -> list[str]:
     if report.roughness > MAX_ROUGHNESS:
         notes.append(
             f"the fitted weights are {report.roughness:.1f} times as rough as the unfitted ones "
-            f"(more than {MAX_ROUGHNESS:g}); raise --fit-regularization, or allow more influences"
+            f"(more than {MAX_ROUGHNESS:g}); raise `fit_regularization=`, or allow more influences"
         )
     return notes
 
 
-def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[Row]:
+def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[tuple[str, str]]:
     """Return labelled lines on a fit; `is_verbose` shows all regularizations that were tried."""
     report = record.report
+    tried = ", ".join(f"{pull:g}: {format_percent(error)} %" for pull, error in report.curve)
+    curve = [("tried", f"held-out error by regularization: {tried}")] if tried else []
     return [
         ("fit", _describe_settings(record)),
-        *([("tried", _format_curve(report))] if is_verbose and report.curve else []),
+        *(curve if is_verbose else []),
         ("fitted frames", _format_comparison(report.fitted)),
         ("held out", _format_held_out(record)),
         ("last third", _format_comparison(report.unseen_third) if report.unseen_third else "none"),
@@ -135,9 +131,9 @@ def format_fit_line(report: FitReport) -> str:
     )
 
 
-def _describe_settings(record: FitRecord) -> str:
+def _describe_settings(record: FitRecord, max_named: int = 3) -> str:
     settings, report = record.settings, record.report
-    names = join_truncated((clip.name for clip in record.clips), MAX_NAMED_CLIPS)
+    names = join_truncated((clip.name for clip in record.clips), max_named)
     parts = []
     for name, value in asdict(settings).items():
         if name == "regularization":
@@ -145,14 +141,9 @@ def _describe_settings(record: FitRecord) -> str:
         elif name == "influences" and value is not None:
             parts.append(format_count(value, "influence"))
         elif value is not None:
-            parts.append(f"{name} {value:g}")
+            parts.append(f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}")
     frames = format_count(report.frames, "frame")
     return f"{', '.join(parts)}; {report.fitted_frames} of {frames} of {names}"
-
-
-def _format_curve(report: FitReport) -> str:
-    tried = (f"{strength:g}: {format_percent(error)} %" for strength, error in report.curve)
-    return f"held-out error by regularization: {', '.join(tried)}"
 
 
 def _format_comparison(comparison: Comparison) -> str:

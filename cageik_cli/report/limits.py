@@ -22,16 +22,9 @@ MAX_USUAL_PERCENT = 5
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """The largest value that a metric may have.
+    """The largest value that a metric, one of `METRICS`, may have, as the user typed it.
 
-    Attributes
-    ----------
-    metric : str
-        One of `METRICS`.
-    value : Decimal
-        As the user typed it.
-    unit : str
-        `PERCENT`, of the diagonal or of the volume, or `FILE_UNITS` of the file.
+    `unit` is `PERCENT`, of the diagonal or of the volume, or `FILE_UNITS` of the file.
     """
 
     metric: str
@@ -84,27 +77,11 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """The outcome of one limit or of several, for readers.
-
-    Attributes
-    ----------
-    state : str
-        "good", "bad" or "none"; decides the colour.
-    """
-
-    state: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
 class LimitCheck:
     """A limit and the value that was compared with it.
 
     Attributes
     ----------
-    metric, unit : str
-        As in `Limit`.
     found : float, optional
         The value as it is printed, a change without its sign; None when it is not defined.
     frame : str, optional
@@ -124,13 +101,14 @@ class LimitCheck:
     baseline: float | None = None
 
     @property
-    def verdict(self) -> Verdict:
-        """The verdict on the limit."""
-        return {
-            True: Verdict("good", "within limit"),
-            False: Verdict("bad", "over limit"),
-            None: Verdict("none", "not checked"),
-        }[self.passed]
+    def state(self) -> str:
+        """The verdict on the limit, which decides its colour: "good", "bad" or "none"."""
+        return {True: "good", False: "bad", None: "none"}[self.passed]
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on the limit in words."""
+        return {True: "within limit", False: "over limit", None: "not checked"}[self.passed]
 
     def format_found(self) -> str:
         """Format the value as in all views."""
@@ -177,14 +155,10 @@ def missing_in_baseline(name: str, summary: ReportSummary, limits: Limits) -> tu
     baseline_metrics = baseline.find_counterpart(name)
     if baseline_metrics is None:
         return (f"not compared with the baseline: {baseline.path} has no result named {name}",)
-    missing = [
-        metric.replace("_", " ")
+    return tuple(
+        f"{metric.replace('_', ' ')} not compared with the baseline: not defined in {baseline.path}"
         for metric, value in baseline_metrics.items()
         if value is None and _round_as_printed(summary, metric, PERCENT) is not None
-    ]
-    return tuple(
-        f"{metric} not compared with the baseline: not defined in {baseline.path}"
-        for metric in missing
     )
 
 
@@ -242,18 +216,18 @@ def _round_as_printed(summary: ReportSummary, metric: str, unit: str) -> Decimal
     return Decimal(format_percent(value) if unit == PERCENT else format_length(value))
 
 
-def make_overall_verdict(checks: Sequence[LimitCheck]) -> Verdict:
-    """Return the verdict on all limits of a result."""
+def make_overall_verdict(checks: Sequence[LimitCheck]) -> tuple[str, str]:
+    """Return the verdict on all limits of a result: as `LimitCheck.state`, and in words."""
     if not checks:
-        return Verdict("none", "No limits set")
+        return "none", "No limits set"
     over = sum(check.passed is False for check in checks)
     within = sum(check.passed is True for check in checks)
     rest = len(checks) - over - within
     unchecked = f"; {rest} could not be checked" if rest else ""
     if over:
         share = f"{over} of {len(checks)} limits" if len(checks) > 1 else "the limit"
-        return Verdict("bad", f"Over {share}{unchecked}")
+        return "bad", f"Over {share}{unchecked}"
     if within:
         share = "the limit" if len(checks) == 1 else f"{within} of {len(checks)} limits"
-        return Verdict("good", f"Within {share}{unchecked}")
-    return Verdict("none", "No limit could be checked")
+        return "good", f"Within {share}{unchecked}"
+    return "none", "No limit could be checked"

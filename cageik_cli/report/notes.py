@@ -157,7 +157,8 @@ def _note_spikes(
         yield (
             f"{format_count(len(found), 'frame')} with vertices far away, up to "
             f"{format_percent(largest[worst])} % in {result.frames[worst]} (median error "
-            f"{format_percent(middle)} %): {_name_frames(result, found)}; reject them by --robust"
+            f"{format_percent(middle)} %): {_name_frames(result, found)}; reject them by "
+            "`robust=True`"
         )
 
 
@@ -189,14 +190,14 @@ def _note_motion(
         yield (
             f"{format_count(len(peaks), 'frame')} where the motion jumps, most in "
             f"{result.frames[worst]} ({sizes[worst] / middle:.0f} times the median acceleration): "
-            f"{_name_frames(result, peaks)}; smooth them by --smooth auto"
+            f"{_name_frames(result, peaks)}; smooth them by `smooth=auto`"
         )
     held = np.flatnonzero((steps <= hold_tol * result.rest.diagonal) & known)
     if 0 < len(held) <= max_held * len(steps):
         yield (
             f"{format_count(len(held), 'frame')} the same as the one before: "
             f"{_name_frames(result, held)}; if they were lost, leave them out, and fill them by "
-            "--fill-gaps"
+            "`fill_gaps=True`"
         )
 
 
@@ -232,8 +233,8 @@ def _note_lonely_vertices(
         yield (
             f"{format_count(len(found), 'vertex')} moving unlike the neighbours: {numbers}; vertex "
             f"{worst} is off by {format_percent(percent * rms[worst])} %, those around it by "
-            f"{format_percent(percent * around[worst])} %; reject them by --robust, or give them "
-            "the weight 0 by --vertex-weights"
+            f"{format_percent(percent * around[worst])} %; reject them by `robust=True`, or "
+            "give them the weight 0 by `vertex_weights=`"
         )
 
 

@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cageik_cli import __version__
 from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.limits import LimitCheck
-from cageik_cli.report.record import REPORT_SCHEMA, Report
+from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 
 
@@ -73,6 +72,11 @@ class ClipEntry:
         return any(check.passed is False for check in self.gates)
 
     @property
+    def error(self) -> float:
+        """The rms of the clip, percent of the diagonal; 0 if it has failed."""
+        return 0.0 if self.report is None else self.report.summary.rms_percent
+
+    @property
     def edited_from(self) -> str | None:
         """The name of the result that was edited; None for an extracted one."""
         return None if self.report is None else self.report.edited_from
@@ -85,24 +89,23 @@ class ClipEntry:
     @property
     def title(self) -> str:
         """The name in a list; that of an edited result says what its numbers mean."""
-        origin = self.edited_from
-        return (
-            self.name if origin is None else f"{self.name} (edited: distance moved from {origin})"
-        )
+        if self.edited_from is None:
+            return self.name
+        return f"{self.name} (edited: distance moved from {self.edited_from})"
 
 
 @dataclass(frozen=True, slots=True)
 class Overview:
     """All clips of a run, in order of their names; it owns the exit code."""
 
-    schema: int
-    tool: dict[str, str]
-    clips: tuple[ClipEntry, ...]
+    clips: Sequence[ClipEntry]
 
     @property
     def worst_first(self) -> list[ClipEntry]:
         """Failed clips, then those over a limit, then the others, largest error first."""
-        return sorted(self.clips, key=_severity_key)
+        return sorted(
+            self.clips, key=lambda clip: (not clip.has_failed, not clip.exceeds_limit, -clip.error)
+        )
 
     @property
     def vocabulary(self) -> Vocabulary:
@@ -116,17 +119,6 @@ class Overview:
         if failed:
             return 1 if failed == len(self.clips) else 4
         return 3 if any(entry.exceeds_limit for entry in self.clips) else 0
-
-
-def _severity_key(entry: ClipEntry) -> tuple[bool, bool, float]:
-    """Sort key: failed clips, then those over a limit, then by error."""
-    error = entry.report.summary.rms_percent if entry.report else 0.0
-    return not entry.has_failed, not entry.exceeds_limit, -error
-
-
-def build_overview(entries: Sequence[ClipEntry]) -> Overview:
-    """Build the record of these clips, in this order."""
-    return Overview(REPORT_SCHEMA, {"name": "cageik", "version": __version__}, tuple(entries))
 
 
 def build_clip_entry(

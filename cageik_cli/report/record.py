@@ -1,5 +1,6 @@
 """The record of a result that all views show; views compute nothing."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,8 +80,17 @@ class Report:
         return choose_vocabulary(self.edited_from)
 
 
-def build_report(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:
-    """Compute the report of a result, which has the name of its file unless another is given."""
+def build_report(
+    result: Result,
+    limits: Limits | None = None,
+    name: str | None = None,
+    word: Callable[[str], str] = str,
+) -> Report:
+    """Compute the report of a result, which has the name of its file unless another is given.
+
+    Notes name parameters as keywords in backticks, as messages do. `word` puts them into the words
+    of the reader, which all views then show; the command line shows options.
+    """
     rest, result_name = result.rest, to_unicode(name or result.path.name)
     _, radius = smallest_enclosing_sphere(rest.vertices[rest.used_vertices])
     limits = limits or Limits()
@@ -93,7 +103,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         edited_from=result.edited_from,
         sources=result.sources,
         settings=result.settings,
-        notes=list_notes(result, result_name, summary, limits),
+        notes=tuple(map(word, list_notes(result, result_name, summary, limits))),
         clip=ClipRecord(
             frames=len(frames),
             vertices=len(rest.vertices),
@@ -259,7 +269,8 @@ def _compute_kg_error(result: Result) -> float | None:
 def _build_vertex_metrics(result: Result, bins: int = 40, max_worst: int = 10) -> VertexMetrics:
     rms, percent = result.vertex_rms, 100 / result.rest.diagonal
     known = np.flatnonzero(np.isfinite(rms))
-    counts, edges = np.histogram(percent * rms[known], bins, (0.0, _positive_max(percent * rms)))
+    top = float(np.nanmax(percent * rms)) or 1.0
+    counts, edges = np.histogram(percent * rms[known], bins, (0.0, top))
     worst = known[np.argsort(-rms[known], kind="stable")[:max_worst]]
     return VertexMetrics(
         edges_percent=tuple(edges.tolist()),
@@ -279,11 +290,6 @@ def _build_vertex_metrics(result: Result, bins: int = 40, max_worst: int = 10) -
 def _make_whole(number: float) -> float:
     """Return a whole number as an integer, which is written without a point."""
     return int(number) if number == int(number) else number
-
-
-def _positive_max(values: Floats) -> float:
-    """Return the largest value, or one if that is zero."""
-    return float(np.nanmax(values)) or 1.0
 
 
 def _percent_change(new: Floats, old: Floats, least: float) -> Floats:

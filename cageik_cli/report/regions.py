@@ -15,11 +15,11 @@ CAUSES = {
     Cause.SHARED_LOOP: (
         "limbs share one loop of the cage",
         "limbs in one loop: give each limb its own part of the cage, by more vertices, by hand, or "
-        "with --rest-frame auto if limbs touch at rest",
+        "with `rest_frame=auto` if limbs touch at rest",
     ),
     Cause.THIN_FACES: (
         "thin faces of the cage",
-        "thin faces: move their vertices apart, or use cageik cage --repair",
+        "thin faces: move their vertices apart, or use `repair=True`",
     ),
     Cause.FAR_CAGE: (
         "the cage is far away",
@@ -164,7 +164,7 @@ def list_remedies(regions: tuple[RegionRecord, ...], is_fitted: bool) -> list[st
         remedies.append(CAUSES[cause][1])
         if cause == Cause.SHARED_LOOP and not is_fitted:
             remedies.append(
-                "limbs in one loop: in the same cage, weights that are fitted with --fit can part "
-                "them"
+                "limbs in one loop: in the same cage, weights that are fitted with `fit=True` can "
+                "part them"
             )
     return remedies

@@ -1,7 +1,9 @@
 """What views call things: a result of `extract` has errors, one of `pose` was moved by an edit."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+
+from cageik_cli.solver.fitting.record import FitSettings
 
 SETTING_MEANINGS = {
     "accuracy": "accuracy of the harmonic weights",
@@ -13,11 +15,7 @@ SETTING_MEANINGS = {
     "cage_vertices": "vertices of the cage that was built, at most",
     "coordinates": "type of coordinates",
     "fill_gaps": "fill frames without data from those around them",
-    "fit_rank": "rank of what a fit changes in the weights; none is any",
-    "fit_regularization": "pull of fitted weights to the others",
-    "fit_smoothness": "smoothness over the surface of what a fit changes in the weights",
     "hard": "meet all handles exactly",
-    "influences": "cage vertices that move each vertex, at most; none is all",
     "missing": "take vertices whose position is not a number as missing",
     "outside": "treatment of vertices outside the cage",
     "pose_alpha": "weight of the cage's Laplacian in the edit",
@@ -28,8 +26,9 @@ SETTING_MEANINGS = {
     "smooth": "period in seconds of motions that are smoothed away by half",
     "snap": "how far positions of handles may be from the surface, percent of the diagonal",
     "vertex_weights": "whether vertices have weights of their own; area: by their area",
+    **{one.metadata["name"]: one.metadata["meaning"] for one in fields(FitSettings)},
 }
-
+"""What the settings that a result records are, by name."""
 
 SHARED_MEANINGS = (
     (

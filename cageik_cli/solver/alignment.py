@@ -9,14 +9,7 @@ from cageik_cli.util.arrays import Floats
 
 
 def centroids(frames: Floats, weights: Floats) -> Floats:
-    """Return the weighted mean position of each frame, (k, 3).
-
-    Parameters
-    ----------
-    frames : (k, m, 3)
-    weights : (m,)
-        Not negative, with a sum above zero.
-    """
+    """Return the mean positions, (k, 3), of frames (k, m, 3) by weights (m,), some above zero."""
     return np.asarray(weights @ frames / weights.sum())
 
 
@@ -45,13 +38,9 @@ def best_rotations(centred: Floats, rest: Floats, weights: Floats) -> Floats:
 
 
 def best_motions(frames: Floats, rest: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Return the weighted centroids of frames, (k, 3), and the best rotations about them.
+    """Return the weighted centroids of frames (k, m, 3), (k, 3), and the best rotations about them.
 
-    Parameters
-    ----------
-    frames : (k, m, 3)
-    rest, weights
-        As in `best_rotations`.
+    `rest` and `weights` are as in `best_rotations`.
     """
     if compiled.kernel is None:
         centres = centroids(frames, weights)
@@ -67,15 +56,8 @@ def move_to_rest(
 ) -> None:
     """Fill `columns`, (m, 3k), with R (v − centre) − rest of k frames, (k, m, 3).
 
-    Parameters
-    ----------
-    frames : (k, m, 3)
-    centres : (k, 3)
-    rotations : (k, 3, 3)
-        From `best_motions`.
-    rest : (m, 3)
-    columns : (m, 3k)
-        The result; of each vertex all frames, one after the other.
+    Centres and rotations are those of `best_motions`. Columns have, of each vertex, all frames one
+    after the other.
     """
     if compiled.kernel is not None:
         frames, rotations = np.ascontiguousarray(frames), np.ascontiguousarray(rotations)

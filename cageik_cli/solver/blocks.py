@@ -16,13 +16,13 @@ from cageik_cli.solver.captured import FrameWeights, KeptBlock, complete_frames,
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.solver.metrics import (
     FrameMetrics,
-    Measured,
     check_finite,
     leave_gaps,
     map_columns,
     measure,
+    measure_kept,
 )
-from cageik_cli.solver.robust import MAX_REJECTED_WEIGHT, RobustSolver, WeighedSolution
+from cageik_cli.solver.robust import MAX_REJECTED_WEIGHT, RobustSolver
 from cageik_cli.solver.summary import DeviationPeaks
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError, FormatError, InputError
@@ -129,25 +129,19 @@ class BlockSolver:
         with self.progress.stage("solve"):
             positions, given = self.complete(block)
             if self.robust is None:
-                solution, weights = self.solver.solve(positions, self._workspace), None
+                solution = self.solver.solve(positions, self._workspace)
             else:
-                found = self.robust.solve(positions, given, self._workspace)
-                block = self._skip_thin_frames(block, given, found)
-                solution, weights = found.solution, found.weights
+                solution = self.robust.solve(positions, given, self._workspace)
+                block = self._skip_thin_frames(block, given, solution)
             block = replace(block, positions=positions)
         with self.progress.stage("measure"):
-            return self.measure_block(block, given, solution, weights, digests)
+            return self.measure_block(block, given, solution, digests)
 
     def find_tolerances(self, most: int = 16) -> None:
         """Measure the residuals that each vertex may have: above them, it is an outlier.
 
         At most so many frames are solved twice: their residuals give tolerances, with which those
         of the second time are not led astray by outliers.
-
-        Raises
-        ------
-        InputError
-            When one of these frames cannot be read and must not be skipped.
         """
         assert self.robust is not None
         with self.progress.stage("solve"), limit_blas_threads(1):
@@ -184,42 +178,31 @@ class BlockSolver:
         return complete_frames(self.solver, block.positions, given)
 
     def measure_block(
-        self,
-        block: Block,
-        given: Floats | None,
-        solution: Solution,
-        weights: Floats | None,
-        digests: tuple[bytes, ...],
+        self, block: Block, given: Floats | None, solution: Solution, digests: tuple[bytes, ...]
     ) -> SolvedBlock:
-        """Measure a block that was solved; frames that could not be read are gaps.
+        """Measure a solved block, whose vertices all have positions and may count as `given`.
 
-        Parameters
-        ----------
-        block : Block
-            With a position for every vertex.
-        given, weights : (k, m) float64, optional
-            How much vertices may count, and how much they do; None if all weights are 1.
-
-        Raises
-        ------
-        NumericalError
-            When the solve gave numbers that are not finite or too large.
+        Frames that could not be read are gaps.
         """
         rest, frames, rebuilt = self.solver.binding.rest, block.positions, solution.reconstructions
         if self.robust is None:
             measured = measure(rest, frames, rebuilt, self.solver.data_vertices, self._workspace)
-            return make_solved_block(block, solution, measured, digests)
+            return make_solved_block(block, solution, *measured, digests)
         is_data = is_kept = self._find_data(frames, given)
-        weights = np.ones(is_data.shape) if weights is None else weights
+        weights = np.ones(is_data.shape) if solution.weights is None else solution.weights
         if self.robust.tolerances is not None:
             # A small weight that is given is no outlier: only what is taken from it counts.
             least = MAX_REJECTED_WEIGHT * (1.0 if given is None else given)
             is_kept = is_data & (weights >= least)
-        measured = measure(rest, frames, rebuilt, is_data, is_kept=is_kept)
-        assert measured.kept is not None
-        errors, gaps = rebuilt - frames, _find_gaps(block)
-        kept = KeptBlock.of(measured.kept, weights, is_kept, errors, gaps)
-        return make_solved_block(block, solution, measured, digests, kept)
+        metrics, squares = measure(rest, frames, rebuilt, is_data, is_kept=is_kept)
+        kept = KeptBlock.of(
+            measure_kept(squares, is_data, is_kept),
+            weights,
+            is_kept,
+            errors=rebuilt - frames,
+            gaps=_find_gaps(block),
+        )
+        return make_solved_block(block, solution, metrics, squares, digests, kept)
 
     @property
     def _workspace(self) -> Workspace:
@@ -232,15 +215,13 @@ class BlockSolver:
         is_data = np.broadcast_to(self.solver.vertex_weights > 0, frames.shape[:2])
         return is_data if given is None else is_data & (given > 0)
 
-    def _skip_thin_frames(
-        self, block: Block, given: Floats | None, found: WeighedSolution
-    ) -> Block:
+    def _skip_thin_frames(self, block: Block, given: Floats | None, solution: Solution) -> Block:
         """Return the block with an error for each frame of too few data."""
         errors: dict[int, InputError] = {}
-        least = found.solution.cages.shape[1]
+        least = solution.cages.shape[1]
         counts = self._find_data(block.positions, given).sum(axis=1)
         for place, count in enumerate(counts):
-            fault, frame = found.faults.get(place), block.start + place
+            fault, frame = solution.faults.get(place), block.start + place
             if (count >= least and fault is None) or frame in block.read_errors:
                 continue
             reason = fault or f"fewer than the {least} vertices of the cage"
@@ -259,18 +240,16 @@ class BlockSolver:
 def make_solved_block(
     block: Block,
     solution: Solution,
-    measured: Measured,
+    metrics: FrameMetrics,
+    squares: Floats,
     digests: tuple[bytes, ...],
     kept: KeptBlock | None = None,
 ) -> SolvedBlock:
     """Return the cages and metrics of a block, with gaps for frames that could not be read.
 
-    Raises
-    ------
-    NumericalError
-        When cages or metrics are not finite or too large.
+    `squares` are its squared errors, (k, m), as of `measure`.
     """
-    metrics, squares, gaps = measured.metrics, measured.squared_errors, _find_gaps(block)
+    gaps = _find_gaps(block)
     known = np.delete(np.arange(len(solution.cages)), gaps)
     cages, rotations, sampled = solution.cages, solution.rotations, solution.sampled
     check_finite(block.start, cages[known], map_columns(metrics, lambda column: column[known]))

@@ -27,21 +27,10 @@ class FrameWeights(Protocol):
 def complete_frames(
     solver: DualLaplacianSolver, positions: Floats, given: Floats | None
 ) -> tuple[Floats, Floats | None]:
-    """Give missing vertices a position, and the weight 0.
+    """Give missing vertices, which are nan in positions (k, m, 3), a position and the weight 0.
 
-    Parameters
-    ----------
-    positions : (k, m, 3)
-        nan for missing vertices.
-    given : (k, m), optional
-        Weights of the frames.
-
-    Returns
-    -------
-    positions : (k, m, 3) float64
-        Missing vertices are where the rest pose has them, moved rigidly onto the others.
-    weights : (k, m) float64 or None
-        From 0, for missing vertices, to 1; None if all are 1.
+    They are put where the rest pose has them, moved rigidly onto the others. Given and returned
+    weights, (k, m), are from 0 to 1; None if all are 1.
     """
     is_missing = np.isnan(positions[..., 0])
     if not is_missing.any():
@@ -105,7 +94,7 @@ def measure_tolerances(
         found = robust.solve(positions, weights)
         if found.faults:
             continue
-        errors = positions[0] - found.solution.reconstructions[0]
+        errors = positions[0] - found.reconstructions[0]
         residuals = np.sqrt(np.einsum("jx,jx->j", errors, errors))
         is_data = robust.solver.vertex_weights > 0
         if weights is not None:
@@ -175,15 +164,7 @@ class KeptBlock:
     def of(
         metrics: KeptMetrics, weights: Floats, is_kept: Mask, errors: Floats, gaps: Integers
     ) -> "KeptBlock":
-        """Return what was kept of frames; those at the places `gaps` have nothing.
-
-        Parameters
-        ----------
-        weights : (k, m) float64
-        is_kept : (k, m) bool
-        errors : (k, m, 3)
-            v̂ − v.
-        """
+        """Return what was kept of k frames with errors v̂ − v, (k, m, 3); `gaps` have nothing."""
         noise, weights = measure_noise(errors, is_kept), weights.copy()
         for step in (-1, 0, 1):
             places = gaps + step
@@ -217,13 +198,7 @@ def measure_noise(errors: Floats, is_kept: Mask) -> Floats:
     """Measure how much residuals tremble from frame to frame, (k,): a mean squared length.
 
     What a cage cannot follow changes slowly, and cancels in second differences; of independent
-    noise they have six times the variance.
-
-    Parameters
-    ----------
-    errors : (k, m, 3)
-        v̂ − v.
-    is_kept : (k, m) bool
+    noise they have six times the variance. Errors, v̂ − v, are (k, m, 3).
     """
     noise = np.full(len(errors), np.nan)
     if len(errors) < 3:

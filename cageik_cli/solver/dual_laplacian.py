@@ -12,7 +12,7 @@ mesh; w has mean one). In displacements d = c − c_rest each frame is a right-h
 in which nothing large cancels, and the rest pose gives the rest cage exactly.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,13 +60,20 @@ class Solution:
         `points @ R` turns points of the rest pose to the frame.
     sampled : (s, 3k) float32
         Aligned displacements of the solver's `sampled_vertices`, in diagonals of the rest pose, so
-        that they fit single precision in any units.
+        that they fit single precision in any units. Where a vertex is missing or rejected, they
+        are those of the reconstruction.
+    weights : (k, m) float64, optional
+        How much each vertex counts in each frame, 0 if it is missing; None if all count alike.
+    faults : dict
+        Why a frame, by its place among the k, has no solution.
     """
 
     cages: Floats
     reconstructions: Floats
     rotations: Floats
     sampled: NDArray[np.float32]
+    weights: Floats | None = None
+    faults: dict[int, str] = field(default_factory=dict)
 
 
 class DualLaplacianSolver:
@@ -84,8 +91,6 @@ class DualLaplacianSolver:
         Vertices that are data: all but those of weight 0.
     missing_count : int
         Number of vertices of weight 0 that are in a face.
-    data_count : int
-        Number of vertices that are data.
     sampled_vertices : (s,) int64
         Vertices that are data, spread over their numbers: what is possible is measured on them.
     vertex_weights : (m,) float64
@@ -96,8 +101,6 @@ class DualLaplacianSolver:
         (α/n) LᵀL, and the normal matrix.
     data_scale : float
         β/m.
-    is_aligned : bool
-        Whether frames are aligned with the rest pose.
 
     Raises
     ------

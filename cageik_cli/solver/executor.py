@@ -1,9 +1,8 @@
-"""How the blocks of a clip are solved: by whom, how many frames together, in how much memory."""
+"""How the blocks of a clip are solved: how many frames together, in threads, in how much memory."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Protocol
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import Block, FramePrefetcher
@@ -39,6 +38,8 @@ class MemoryPlan:
     ----------
     block_size : int
         Frames solved together; it does not depend on the memory and the number of threads.
+    jobs : int
+        Threads that read frames.
     max_parallel_blocks : int
         Blocks solved in parallel.
     max_queued_frames : int
@@ -46,6 +47,7 @@ class MemoryPlan:
     """
 
     block_size: int
+    jobs: int
     max_parallel_blocks: int
     max_queued_frames: int
 
@@ -56,42 +58,31 @@ class MemoryPlan:
         block = choose_block_size(count)
         solvers = min(count_frames(left, block * count, ARRAYS_PER_FRAME), jobs)
         queue = count_frames(min(memory // 8, 1 << 24), count)
-        return MemoryPlan(block, solvers, queue)
+        return MemoryPlan(block, jobs, solvers, queue)
 
 
-class BlockExecutor(Protocol):
-    """Solves the blocks of a clip, in threads or on a cluster."""
-
-    def run_blocks(
-        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
-    ) -> AbstractContextManager[Iterator[SolvedBlock]]:
-        """Open an iterator of the blocks that begin at `starts`, in order, solved ahead."""
+RunBlocks = Callable[
+    [BlockSolver, range, MemoryPlan], AbstractContextManager[Iterator[SolvedBlock]]
+]
+"""Opens an iterator of the blocks that begin at a range of frames, in order, solved ahead."""
 
 
-@dataclass(frozen=True, slots=True)
-class ThreadExecutor:
-    """Solves blocks in threads of this process, which also read frames ahead."""
-
-    jobs: int
-
-    @contextmanager
-    def run_blocks(
-        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
-    ) -> Iterator[Iterator[SolvedBlock]]:
-        """Open an iterator of the blocks that begin at `starts`, in order."""
-        frames = range(starts.start, starts.stop)
-        with (
-            FramePrefetcher(
-                block_solver.sequence, self.jobs, memory_plan.max_queued_frames, frames
-            ) as read,
-            OrderedMap(
-                block_solver.solve_block,
-                _timed_reads(read.blocks(starts.step), block_solver.progress),
-                memory_plan.max_parallel_blocks,
-                memory_plan.max_parallel_blocks,
-            ) as solved_blocks,
-        ):
-            yield solved_blocks
+@contextmanager
+def run_in_threads(
+    block_solver: BlockSolver, starts: range, plan: MemoryPlan
+) -> Iterator[Iterator[SolvedBlock]]:
+    """Solve blocks in threads of this process, which also read frames ahead."""
+    frames, count = range(starts.start, starts.stop), plan.max_parallel_blocks
+    with (
+        FramePrefetcher(block_solver.sequence, plan.jobs, plan.max_queued_frames, frames) as read,
+        OrderedMap(
+            block_solver.solve_block,
+            _timed_reads(read.blocks(starts.step), block_solver.progress),
+            count,
+            count,
+        ) as solved_blocks,
+    ):
+        yield solved_blocks
 
 
 def _timed_reads(blocks: Iterator[Block], progress: ProgressListener) -> Iterator[Block]:

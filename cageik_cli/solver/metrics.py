@@ -93,23 +93,6 @@ def leave_gaps(metrics: Metrics, gaps: Integers) -> Metrics:
     return map_columns(metrics, change)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """Metrics and squared errors of k frames.
-
-    Attributes
-    ----------
-    squared_errors : (k, m) float64
-        |v̂_i − v_i|², nan for vertices that were not kept; in workspace memory, if one was given.
-    kept : KeptMetrics, optional
-        Of frames whose vertices count differently.
-    """
-
-    metrics: FrameMetrics
-    squared_errors: Floats
-    kept: KeptMetrics | None = None
-
-
 def measure(
     rest: TriMesh,
     frames: Floats,
@@ -117,8 +100,8 @@ def measure(
     data: slice | Integers | Mask,
     workspace: Workspace | None = None,
     is_kept: Mask | None = None,
-) -> Measured:
-    """Measure the errors of reconstructions over data, and over what was kept of it.
+) -> tuple[FrameMetrics, Floats]:
+    """Measure the errors of reconstructions over data.
 
     Parameters
     ----------
@@ -132,6 +115,12 @@ def measure(
     is_kept : (k, m) bool, optional
         Data that was not rejected, if vertices of frames count differently. Volumes are then with
         the reconstruction where a vertex was rejected.
+
+    Returns
+    -------
+    metrics : FrameMetrics
+    squared_errors : (k, m) float64
+        |v̂_i − v_i|², nan for vertices that were not kept; in workspace memory, if one was given.
     """
     if is_kept is None and compiled.kernel is not None:
         return _measure_compiled(rest, frames, reconstructions, data, workspace or Workspace())
@@ -148,7 +137,7 @@ def _measure_compiled(
     reconstructions: Floats,
     data: slice | Integers | Mask,
     workspace: Workspace,
-) -> Measured:
+) -> tuple[FrameMetrics, Floats]:
     """Measure frames whose vertices count alike, compiled."""
     is_data = np.zeros(frames.shape[1], bool)
     is_data[data] = True
@@ -178,12 +167,12 @@ def _measure_compiled(
     )
     if count < frames.shape[1]:
         squares[:, ~is_data] = np.nan
-    return Measured(metrics, squares)
+    return metrics, squares
 
 
 def _measure_in_numpy(
     rest: TriMesh, frames: Floats, reconstructions: Floats, is_data: Mask, is_kept: Mask | None
-) -> Measured:
+) -> tuple[FrameMetrics, Floats]:
     """Measure frames whose vertices may count differently: the reference."""
     errors = reconstructions - frames
     squares = np.einsum("kjx,kjx->kj", errors, errors)
@@ -207,17 +196,18 @@ def _measure_in_numpy(
         volume_reconstructed=volume_rebuilt,
         spread=np.sqrt(spread),
     )
-    squared_errors = np.where(kept_or_data, squares, np.nan)
-    if is_kept is None:
-        return Measured(metrics, squared_errors)
-    over_kept = np.where(is_kept, squares, 0.0)
-    kept = KeptMetrics(
+    return metrics, np.where(kept_or_data, squares, np.nan)
+
+
+def measure_kept(squared_errors: Floats, is_data: Mask, is_kept: Mask) -> KeptMetrics:
+    """Measure squared errors, (k, m), over what was kept of the data, as of `measure`."""
+    over_kept = np.where(is_kept, squared_errors, 0.0)
+    return KeptMetrics(
         missing=(~is_data).sum(axis=1),
         rejected=(is_data & ~is_kept).sum(axis=1),
         rms_kept=np.sqrt(over_kept.sum(axis=1) / np.maximum(is_kept.sum(axis=1), 1)),
         max_deviation_kept=np.sqrt(over_kept.max(axis=1)),
     )
-    return Measured(metrics, squared_errors, kept)
 
 
 def are_lengths(values: Floats) -> np.ndarray:

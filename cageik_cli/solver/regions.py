@@ -123,6 +123,11 @@ class Region:
     cause: Cause
     evidence: Evidence
 
+    def judge_again(self, diagonal: float, **known: bool) -> "Region":
+        """Return the region with more evidence; the diagonal is the rest model's, file units."""
+        evidence = replace(self.evidence, **known)
+        return replace(self, evidence=evidence, cause=evidence.judge(100 * self.size / diagonal))
+
 
 def has_bad_regions(rms: float, max_deviation: float, diagonal: float) -> bool:
     """Whether the largest deviation of a clip is so large that its regions are worth a look."""
@@ -135,17 +140,8 @@ def find_worst_regions(
 ) -> tuple[Region, ...]:
     """Group the vertices that deviate by more than a threshold into connected regions.
 
-    Parameters
-    ----------
-    peaks : DeviationPeaks
-        Of one frame or of many.
-    threshold : float, optional
-        File units; half of the largest deviation by default.
-
-    Returns
-    -------
-    tuple of Region
-        The worst first, `MAX_REGIONS` at most; none if nothing deviates.
+    The threshold, in file units, is half of the largest deviation by default. The worst region is
+    the first; there are `MAX_REGIONS` at most, and none if nothing deviates.
     """
     if threshold is None:
         threshold = 0.5 * float(peaks.deviations.max())
@@ -160,33 +156,20 @@ def blame_shared_places(
 ) -> tuple[Region, ...]:
     """Judge the causes of regions again, where limbs share a loop of the cage.
 
-    Parameters
-    ----------
-    places : sequence of ((3,) float64, float)
-        Centres and radii, file units, of balls in which limbs are known to share a loop.
-    diagonal : float
-        Of the rest model, file units.
+    Places are centres, (3,), and radii of balls in which limbs are known to share a loop, in file
+    units, as is the diagonal of the rest model.
     """
     blamed = []
     for region in regions:
         distances = [(np.linalg.norm(centre - region.centre), radius) for centre, radius in places]
         is_inside = any(distance <= radius for distance, radius in distances)
-        evidence = replace(region.evidence, in_shared_place=is_inside)
-        blamed.append(_judge_again(region, evidence, diagonal))
+        blamed.append(region.judge_again(diagonal, in_shared_place=is_inside))
     return tuple(blamed)
 
 
 def blame_loose_cage(regions: Sequence[Region], diagonal: float) -> tuple[Region, ...]:
     """Judge the causes of regions again, in a cage that is known to be far too loose."""
-    return tuple(
-        _judge_again(region, replace(region.evidence, has_loose_cage=True), diagonal)
-        for region in regions
-    )
-
-
-def _judge_again(region: Region, evidence: Evidence, diagonal: float) -> Region:
-    cause = evidence.judge(100 * region.size / diagonal)
-    return replace(region, evidence=evidence, cause=cause)
+    return tuple(region.judge_again(diagonal, has_loose_cage=True) for region in regions)
 
 
 def _group_connected(mesh: TriMesh, chosen: np.ndarray) -> list[Integers]:

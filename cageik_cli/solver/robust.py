@@ -16,8 +16,6 @@ the first rounds (Huber 1964) and exp(1 − u²) in the others (Welsch; Holland 
 frame without outliers keeps the plain solution, to the last bit.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cageik_cli.coordinates.binding import measure_offsets
@@ -28,25 +26,6 @@ from cageik_cli.util.errors import NumericalError
 
 MAX_REJECTED_WEIGHT = 0.5
 """Vertices that are left a smaller share of their given weight are rejected."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WeighedSolution:
-    """The cages of k frames, and how much each vertex counts in them.
-
-    Attributes
-    ----------
-    solution : Solution
-        Its samples are of the reconstruction where a vertex is missing or rejected.
-    weights : (k, m) float64, optional
-        ω; 0 for missing vertices. None if all are 1.
-    faults : dict
-        Why a frame, by its place among the k, has no solution.
-    """
-
-    solution: Solution
-    weights: Floats | None
-    faults: dict[int, str]
 
 
 class RobustSolver:
@@ -79,17 +58,11 @@ class RobustSolver:
 
     def solve(
         self, frames: Floats, given: Floats | None = None, workspace: Workspace | None = None
-    ) -> WeighedSolution:
-        """Return the cages of `frames`, (k, m, 3).
+    ) -> Solution:
+        """Return the cages of `frames`, (k, m, 3), whose vertices have given weights, (k, m).
 
-        Parameters
-        ----------
-        frames : (k, m, 3)
-            Vertices of weight 0 may be anywhere near the others.
-        given : (k, m), optional
-            Weights of the vertices of each frame, from 0 to 1.
-        workspace : Workspace, optional
-            The reconstructions are valid until it is used again.
+        Weights are from 0 to 1; vertices of weight 0 may be anywhere near the others. With
+        `workspace`, the reconstructions are valid until it is used again.
         """
         plain = self.solver.solve(frames, workspace)
         block = _WeighedBlock(self, frames, plain, given)
@@ -99,9 +72,7 @@ class RobustSolver:
             if not len(left):
                 break
             block.apply_corrections(left)
-        if block.is_plain:
-            return WeighedSolution(plain, None, {})
-        return WeighedSolution(block.finish(), block.weights, block.faults)
+        return plain if block.is_plain else block.finish()
 
 
 class _WeighedBlock:
@@ -137,11 +108,8 @@ class _WeighedBlock:
     def search(self, places: Integers, is_first: bool) -> Integers:
         """Look for outliers that are not followed yet, and solve the frames that have any.
 
-        Frames of which some vertices have a given weight are solved the first time.
-
-        Returns
-        -------
-        (j,) int64, the frames that were solved
+        Frames of which some vertices have a given weight are solved the first time. Returned are
+        the places of the frames that were solved.
         """
         solved = []
         for place in places.tolist():
@@ -243,6 +211,8 @@ class _WeighedBlock:
             reconstructions=rebuilt,
             rotations=self._rotations,
             sampled=sampled,
+            weights=self.weights,
+            faults=self.faults,
         )
 
 

@@ -15,8 +15,7 @@ It takes two steps. Frames are filled with a fixed strength, and missing vertice
 that has them, without the pull of the Laplacian to the rest pose; then all frames are smoothed
 alike. The strength of the second step is stated as a period, or found by generalised
 cross-validation over all residuals (Craven and Wahba 1979; Garcia 2010). γ_t falls where the
-acceleration is far above its
-median, so that a hit is not smoothed away.
+acceleration is far above its median, so that a hit is not smoothed away.
 """
 
 from dataclasses import dataclass
@@ -25,26 +24,12 @@ import numpy as np
 
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats, Mask
-from cageik_cli.util.errors import SettingError
-
-MAX_SMOOTHING_PERIOD = 240
-"""Longest period that is smoothed, in frames: far longer ones have no solution in double
-precision."""
 
 MIN_WINDOW, MAX_WINDOW = 96, 512
 """Frames per window: as many as have matrices of 64 MiB, within these limits."""
 
 STRENGTHS = 10.0 ** np.arange(-9, 1.01, 0.25)
 """Strengths γ, per mean weight of the vertices, that cross-validation compares."""
-
-
-def check_smoothing_period(period: float | str | None, fps: float) -> None:
-    """Refuse a period, in seconds, of more frames than the windows of long clips can smooth."""
-    if isinstance(period, float | int) and period * fps > MAX_SMOOTHING_PERIOD:
-        raise SettingError(
-            f"smooth is {period:.6g} seconds, expected at most {MAX_SMOOTHING_PERIOD / fps:.4g} "
-            f"({MAX_SMOOTHING_PERIOD} frames at {fps:g} per second); state a shorter period"
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,12 +108,8 @@ class TimeSmoother:
     def fill(self, terms: FrameTerms, noise: float) -> Floats:
         """Return cages, (F, n, 3), whose missing frames and parts follow those around them in time.
 
-        Frames that are whole are as they were.
-
-        Parameters
-        ----------
-        noise : float
-            Mean of the squared residuals of vertices, file units: it decides when to end.
+        Frames that are whole are as they were. The noise, the mean of the squared residuals of
+        vertices in file units, decides when to end.
         """
         known, cages = terms.is_known, terms.cages
         if len(known) < 3 or known.sum() < 2 or (known.all() and not terms.lost):
@@ -161,12 +142,7 @@ class TimeSmoother:
         return self._solve_modes(right, is_known, gammas)
 
     def measure_validation(self, cages: Floats) -> tuple[Floats, Floats]:
-        """Return what smoothing with each of `STRENGTHS` adds to residuals, and its free numbers.
-
-        Parameters
-        ----------
-        cages : (F, n, 3)
-            Filled.
+        """Return what smoothing filled cages, (F, n, 3), with each of `STRENGTHS` adds, and leaves.
 
         Returns
         -------

@@ -42,13 +42,9 @@ class DeviationPeaks:
 
     @staticmethod
     def of_frames(squared_errors: Floats, frames: Integers) -> "DeviationPeaks":
-        """Find the peaks of the frames with these numbers.
+        """Find the peaks of the frames with these numbers, (k,).
 
-        Parameters
-        ----------
-        squared_errors : (k, m) float64
-            |v̂ − v|²; nan in all frames for vertices without data.
-        frames : (k,) int64
+        Squared errors, |v̂ − v|², are (k, m), and nan in all frames for vertices without data.
         """
         squares = np.zeros(squared_errors.shape[1])
         found = np.full(len(squares), -1)
@@ -116,19 +112,12 @@ class VertexBoundAccumulator:
             self._fold()
 
     def finish(self, points: int, frames: int) -> VertexBound | None:
-        """Return the bound for a cage of `points` vertices; None if no displacements were added.
+        """Return the bound for a cage of `points` vertices, from so many frames without gaps.
 
-        Parameters
-        ----------
-        frames : int
-            Frames that were added, without gaps.
+        None if no displacements were added.
         """
-        count = (
-            len(self._columns[0])
-            if self._columns
-            else (0 if self._gram is None else len(self._gram))
-        )
-        if not count or not frames:
+        held = self._columns[0] if self._columns else self._gram
+        if held is None or not len(held) or not frames:
             return None
         if self._gram is None:
             data = np.hstack(self._columns).astype(np.float64)
@@ -137,8 +126,8 @@ class VertexBoundAccumulator:
             self._fold()
             gram = self._gram
         left = np.linalg.eigvalsh(gram)[::-1][points:]
-        mean = float(np.maximum(left, 0).sum()) / (count * frames)
-        return VertexBound(float(100 * np.sqrt(mean)), points, count)
+        mean = float(np.maximum(left, 0).sum()) / (len(held) * frames)
+        return VertexBound(float(100 * np.sqrt(mean)), points, len(held))
 
     def _fold(self) -> None:
         """Replace the columns by their part of D Dᵀ."""

@@ -34,13 +34,7 @@ def make_vertex_weights(given: ArrayLike | None, mesh: TriMesh) -> Floats | None
 
 
 def normalize_weights(weights: Floats, count: int) -> Floats:
-    """Return the weights of `count` vertices scaled to a mean of one.
-
-    Raises
-    ------
-    FormatError
-        Unless there is one weight per vertex, all are finite and 0 or above, and not all are 0.
-    """
+    """Return the weights of `count` vertices scaled to a mean of one."""
     if weights.shape != (count,):
         raise FormatError(
             f"vertex weights have shape {weights.shape}, the model has {count} vertices; expected "

@@ -1,6 +1,6 @@
 """Binding files: the weights of a model in a cage, with both meshes, fully checked when read."""
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.cages.bind import MAX_REPRODUCTION_ERROR
-from cageik_cli.cages.soundness import validate_cage
+from cageik_cli.cages.faults import validate_cage
 from cageik_cli.coordinates.binding import Binding, WeightQuality
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import open_checked
@@ -24,10 +24,9 @@ from cageik_cli.store.hdf5_fields import (
     check_format,
     create_hdf5,
     has_format,
-    read_json_attr,
     read_meshes,
     read_notes,
-    read_quality,
+    read_record,
     read_sources,
     read_version,
     to_json,
@@ -58,13 +57,7 @@ class StoredBinding:
 
 
 def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
-    """Write a binding file, completely or not at all; the same binding gives the same bytes.
-
-    Raises
-    ------
-    InputError
-        When it cannot be written, or another process has written the file meanwhile.
-    """
+    """Write a binding file, completely or not at all; the same binding gives the same bytes."""
     binding = stored.binding
     with atomic_file(path, overwrite) as sink, create_hdf5(sink) as file:
         write_meshes(file, binding.rest, binding.cage)
@@ -97,15 +90,15 @@ def read_binding(path: Path) -> StoredBinding:
         if validate_cage(cage)[0] is not cage:
             raise FormatError("the faces of the cage point inward, expected outward; bind again")
         shape = (len(rest.vertices), len(cage.vertices))
-        quality, fit = read_quality(file, WeightQuality), read_fit_record(file)
+        quality, fit = _read_quality(file), read_fit_record(file)
         binding = Binding(
             rest=rest,
             cage=cage,
             weights=read_weights(file, *shape),
-            settings=_read_settings(file),
-            panels=_read_count(quality, "panels"),
+            settings=read_record(file, "settings", BindSettings),
+            panels=quality.panels,
             estimated_error=quality.estimated_error,
-            projected=_read_count(quality, "projected"),
+            projected=quality.projected,
             notes=read_notes(file),
             has_offsets=read_offset_mark(file),
             fit=fit,
@@ -116,26 +109,19 @@ def read_binding(path: Path) -> StoredBinding:
 
 
 def read_bind_settings(path: Path) -> BindSettings:
-    """Read how the weights of a binding file were computed, without reading them.
-
-    Raises
-    ------
-    InputError
-        When it is not a binding.
-    """
+    """Read how the weights of a binding file were computed, without reading them."""
     with open_checked(path) as file:
         check_format(file, BINDING_FORMAT, BINDING_SCHEMA, "a binding of cageik bind")
-        return _read_settings(file)
+        return read_record(file, "settings", BindSettings)
 
 
-def _read_settings(file: h5py.File) -> BindSettings:
-    held = read_json_attr(file, "settings", dict)
-    expected = {field.name for field in fields(BindSettings)}
-    if set(held) != expected or not all(isinstance(value, str) for value in held.values()):
-        raise FormatError(
-            f"attribute `settings` does not hold {', '.join(sorted(expected))}; bind again"
-        )
-    return BindSettings(**held)
+def _read_quality(file: h5py.File) -> WeightQuality:
+    quality = read_record(file, "quality", WeightQuality)
+    for name in ("panels", "projected"):
+        count = getattr(quality, name)
+        if count < 0:
+            raise FormatError(f"`quality.{name}` is {count}, expected a count; bind again")
+    return quality
 
 
 def _read_binding_sources(file: h5py.File) -> dict[str, Any]:
@@ -143,15 +129,6 @@ def _read_binding_sources(file: h5py.File) -> dict[str, Any]:
     if not all("name" in sources.get(key, ()) for key in ("cage", "rest")):
         raise FormatError("attribute `sources` does not name cage and rest; bind again")
     return sources
-
-
-def _read_count(quality: WeightQuality, name: str) -> int:
-    value = getattr(quality, name)
-    if not isinstance(value, int) or value < 0:
-        raise FormatError(
-            f"`{name}` in attribute `quality` is {value!r}, expected a count; bind again"
-        )
-    return value
 
 
 def _check_weights(binding: Binding, stated: WeightQuality) -> None:

@@ -11,12 +11,7 @@ import numpy as np
 
 from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.solver.captured import KeptBlock
-from cageik_cli.solver.metrics import (
-    KEPT_TYPES,
-    METRIC_TYPES,
-    FrameMetrics,
-    KeptMetrics,
-)
+from cageik_cli.solver.metrics import KEPT_TYPES, METRIC_TYPES, FrameMetrics, KeptMetrics
 from cageik_cli.solver.summary import DeviationPeaks
 
 _BLOCK_HEADER = struct.Struct("<QQQQQ")

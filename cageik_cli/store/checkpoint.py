@@ -37,8 +37,6 @@ class RunSpec:
 
     Attributes
     ----------
-    frames : list of str
-        The source of each frame.
     settings, sources : dict
         The recorded settings; name and digest of each file that was read, all but the frames.
     key : str
@@ -46,8 +44,6 @@ class RunSpec:
     fit : str
         Digest of the weights that the run fits to its frames; empty if it fits none. If frames have
         changed, a continued run fits others, and solves all frames again.
-    version : str
-        Of the program.
     """
 
     frames: list[str]
@@ -195,13 +191,7 @@ class Checkpoint:
 
 
 def delete_checkpoint(path: Path) -> None:
-    """Delete the checkpoint of a run that has ended, if there is one and no run is writing it.
-
-    Raises
-    ------
-    InputError
-        When the file is not a checkpoint.
-    """
+    """Delete the checkpoint of a run that has ended, if there is one and no run is writing it."""
     file = _open_own(path) if os.path.lexists(path) else None
     if file is not None:
         try:
@@ -235,13 +225,7 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def checkpoint_progress(path: Path) -> tuple[int, int]:
-    """Return how many frames a checkpoint holds, and of how many; zeros if it holds no spec.
-
-    Raises
-    ------
-    InputError
-        When it is not a checkpoint.
-    """
+    """Return how many frames a checkpoint holds, and of how many; zeros if it holds no spec."""
     with error_context(path):
         file = open_input(path)
     with file:

@@ -16,7 +16,7 @@ from cageik_cli.coordinates.binding import Binding, Correction
 from cageik_cli.formats.base.hdf5 import get_dataset, read_array, read_attribute
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import are_lengths
-from cageik_cli.store.hdf5_fields import read_floats, read_record_attr, to_json, write_deflated
+from cageik_cli.store.hdf5_fields import read_floats, read_optional_record, to_json, write_deflated
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 
@@ -54,13 +54,7 @@ def holds_weights(file: h5py.File) -> bool:
 
 
 def read_weights(file: h5py.File, m: int, n: int) -> Floats:
-    """Read the weights, (m, n) float64, whatever their form.
-
-    Raises
-    ------
-    FormatError
-        When they are damaged, do not fit the meshes, or are not finite.
-    """
+    """Read the weights, (m, n) float64, whatever their form."""
     if "weights_csr" in file:
         return _read_sparse_weights(file, m, n)
     weights = read_floats(file, "weights", (m, n))
@@ -114,27 +108,15 @@ def read_offset_mark(file: h5py.File) -> bool:
 
 
 def read_fit_record(file: h5py.File) -> FitRecord | None:
-    """Read the record of a fit; None if the weights are not fitted.
-
-    Raises
-    ------
-    FormatError
-        When it is not the record of a fit.
-    """
-    record: FitRecord | None = read_record_attr(file, "fit", FitRecord)
+    """Read the record of a fit; None if the weights are not fitted."""
+    record = read_optional_record(file, "fit", FitRecord)
     if record is not None and not record.clips:
         raise FormatError("attribute `fit` names no clip that the weights were fitted to")
     return record
 
 
 def read_low_rank(file: h5py.File, record: FitRecord | None, m: int, n: int) -> Correction | None:
-    """Read the change of low rank of fitted weights; None if they have another form.
-
-    Raises
-    ------
-    FormatError
-        When it is damaged, or the form of the weights is not the recorded one.
-    """
+    """Read the change of low rank of fitted weights; None if they have another form."""
     if record is None:
         return None
     settings = record.settings
@@ -211,20 +193,7 @@ def write_unfitted(file: h5py.File, clip: UnfittedClip) -> None:
 def read_unfitted(
     file: h5py.File, shape: tuple[int, int], frames: int, skipped: Collection[int]
 ) -> UnfittedClip | None:
-    """Read what a result keeps of the weights before the fit; None if it keeps nothing.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Of the weights.
-    frames : int
-        Of the clip.
-
-    Raises
-    ------
-    FormatError
-        When it is damaged, does not fit the meshes, or is not of frames that were solved.
-    """
+    """Read what a result keeps of the weights before the fit; None if it keeps nothing."""
     (m, n), again = shape, "extract it again"
     if "unfitted" not in file:
         return None

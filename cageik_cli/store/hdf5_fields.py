@@ -2,7 +2,7 @@
 
 import json
 import zlib
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import MISSING, Field, asdict, fields, is_dataclass
 from enum import StrEnum
 from types import NoneType, UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -19,7 +19,7 @@ from cageik_cli.formats.base.hdf5_surface import read_surface, write_surface
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError, SettingError, error_context
+from cageik_cli.util.errors import FormatError, SettingError, error_context, join_truncated
 from cageik_cli.util.json_files import format_value
 from cageik_cli.util.outputs import DeferredErrorFile
 from cageik_cli.util.text import single_line, to_unicode
@@ -104,13 +104,7 @@ def to_json(value: Any) -> str:
 
 
 def read_json_attr(file: h5py.File, name: str, expected_type: type) -> Any:
-    """Read an attribute of JSON, whose numbers are all finite.
-
-    Raises
-    ------
-    InputError
-        When it is missing, not JSON, or not of this type.
-    """
+    """Read an attribute of JSON, whose numbers are all finite."""
     text = read_attribute(file, name)
     try:
         value = json.loads(
@@ -138,39 +132,15 @@ def read_sources(file: h5py.File) -> dict[str, Any]:
 
 
 def read_text_attr(file: h5py.File, name: str) -> str | None:
-    """Read an attribute of plain text; None if it is missing.
-
-    Raises
-    ------
-    InputError
-        When it is not text.
-    """
+    """Read an attribute of plain text; None if it is missing."""
     text = read_attribute(file, name)
     if text is not None and not isinstance(text, str):
         raise FormatError(f"attribute `{name}` is not text; write it again")
     return None if text is None else to_unicode(text)
 
 
-def read_quality(file: h5py.File, record_type: type[Record]) -> Record:
-    """Read the attribute `quality` as a record of numbers."""
-    figures = read_json_attr(file, "quality", dict)
-    expected = {field.name for field in fields(record_type)}  # type: ignore[arg-type]
-    numbers_only = all(isinstance(value, int | float) for value in figures.values())
-    if set(figures) != expected or not numbers_only:
-        raise FormatError(
-            f"attribute `quality` does not hold {', '.join(sorted(expected))}; write it again"
-        )
-    return record_type(**figures)
-
-
 def read_scene(file: h5py.File) -> Scene:
-    """Read the attributes that describe the scene.
-
-    Raises
-    ------
-    InputError
-        When one is missing, or not a number.
-    """
+    """Read the attributes that describe the scene."""
     values = {field.name: read_attribute(file, field.name) for field in fields(Scene)}
     for name, value in values.items():
         if name == "up_axis" and isinstance(value, str):
@@ -242,8 +212,6 @@ def parse_record(kind: Any, value: Any, name: str) -> Any:
         union, or a tuple of them.
     value : JSON value
         Its numbers are finite.
-    name : str
-        For messages.
 
     Raises
     ------
@@ -266,19 +234,17 @@ def parse_record(kind: Any, value: Any, name: str) -> Any:
     return value
 
 
-def read_record_attr(file: h5py.File, name: str, kind: Any) -> Any:
-    """Read an attribute of JSON as the dataclass `kind`; None if it is missing.
-
-    Raises
-    ------
-    FormatError
-        Naming the value that is not of its kind.
-    """
-    if name not in file.attrs:
-        return None
+def read_record(file: h5py.File, name: str, kind: type[Record]) -> Record:
+    """Read an attribute of JSON as the dataclass `kind`."""
     held = read_json_attr(file, name, dict)
     with error_context(f"attribute `{name}`"):
-        return parse_record(kind, held, name)
+        record: Record = parse_record(kind, held, name)
+    return record
+
+
+def read_optional_record(file: h5py.File, name: str, kind: type[Record]) -> Record | None:
+    """Read an attribute of JSON as the dataclass `kind`; None if it is missing."""
+    return read_record(file, name, kind) if name in file.attrs else None
 
 
 def _parse_enum(kind: type[StrEnum], value: Any, name: str) -> StrEnum:
@@ -310,12 +276,25 @@ def _parse_tuple(kind: Any, value: Any, name: str) -> tuple[Any, ...]:
 
 
 def _parse_dataclass(kind: Any, value: Any, name: str) -> Any:
-    expected = [field.name for field in fields(kind)]
-    if not isinstance(value, dict) or set(value) != set(expected):
-        raise FormatError(f"`{name}` does not hold {', '.join(expected)}")
+    """Parse a record: fields that an older version did not have take their defaults."""
+    known = {field.name: field for field in fields(kind)}
+    held = value if isinstance(value, dict) else {}
+    missing = [key for key, field in known.items() if key not in held and not _has_default(field)]
+    if missing or not isinstance(value, dict):
+        raise FormatError(f"`{name}` does not hold {', '.join(missing or known)}; write it again")
+    unknown = sorted(held.keys() - known.keys())
+    if unknown:
+        raise FormatError(
+            f"`{name}` holds {join_truncated(unknown)}, which this version does not know: it was "
+            "written by a newer version of cageik; update cageik"
+        )
     kinds = get_type_hints(kind)
-    values = {key: parse_record(kinds[key], value[key], f"{name}.{key}") for key in expected}
+    values = {key: parse_record(kinds[key], held[key], f"{name}.{key}") for key in held}
     try:
         return kind(**values)
     except SettingError as error:
         raise FormatError(f"`{name}`: {error}") from error
+
+
+def _has_default(field: "Field[Any]") -> bool:
+    return field.default is not MISSING or field.default_factory is not MISSING

@@ -26,8 +26,8 @@ from cageik_cli.store.hdf5_fields import (
     read_floats,
     read_json_attr,
     read_notes,
-    read_quality,
-    read_record_attr,
+    read_optional_record,
+    read_record,
     read_scene,
     read_sources,
     read_text_attr,
@@ -129,13 +129,7 @@ def write_fields(file: h5py.File, part: ResultHeader | ResultSummary) -> None:
 
 
 def read_fields(file: h5py.File, sizes: ResultSizes) -> dict[str, Any]:
-    """Read both parts of a result.
-
-    Raises
-    ------
-    FormatError
-        When a field is missing or damaged, or names what the result does not have.
-    """
+    """Read both parts of a result."""
     return {name: field.read(file, sizes) for name, field in RESULT_FIELDS.items()}
 
 
@@ -241,11 +235,11 @@ RESULT_FIELDS = {
     "scene": ResultField(lambda file, _: read_scene(file), _write_scene),
     "settings": ResultField(lambda file, _: read_json_attr(file, "settings", dict)),
     "notes": ResultField(lambda file, _: read_notes(file)),
-    "quality": ResultField(lambda file, _: read_quality(file, SolveQuality)),
+    "quality": ResultField(lambda file, _: read_record(file, "quality", SolveQuality)),
     "edited_from": ResultField(lambda file, _: read_text_attr(file, "edited_from"), _write_text),
     "vertex_rms": ResultField(_read_vertex_rms, _write_vertex_rms),
     "regions": ResultField(_read_regions),
-    "bound": ResultField(lambda file, _: read_record_attr(file, "bound", VertexBound)),
+    "bound": ResultField(lambda file, _: read_optional_record(file, "bound", VertexBound)),
     "filled": ResultField(_read_filled, _write_filled),
     "sources": ResultField(lambda file, _: read_sources(file)),
     "skipped": ResultField(lambda _, sizes: sizes.skipped, _write_skipped),
@@ -278,13 +272,7 @@ def _read_columns(file: h5py.File, frames: int, types: Mapping[str, str]) -> dic
 
 
 def read_frame_metrics(file: h5py.File, sizes: ResultSizes) -> FrameMetrics:
-    """Read the metrics of all frames; skipped ones have none.
-
-    Raises
-    ------
-    FormatError
-        When a column is missing, or holds what cannot be measured.
-    """
+    """Read the metrics of all frames; skipped ones have none."""
     columns, skipped = _read_columns(file, sizes.frames, METRIC_TYPES), list(sizes.skipped)
     figures = FrameMetrics(**columns)
     held = FrameMetrics(**{name: np.delete(column, skipped) for name, column in columns.items()})
@@ -302,13 +290,7 @@ def read_frame_metrics(file: h5py.File, sizes: ResultSizes) -> FrameMetrics:
 
 
 def read_kept_metrics(file: h5py.File, sizes: ResultSizes) -> KeptMetrics | None:
-    """Read the metrics over what was kept, if the result has them.
-
-    Raises
-    ------
-    FormatError
-        As of `read_frame_metrics`.
-    """
+    """Read the metrics over what was kept, if the result has them."""
     if not any(f"metrics/{name}" in file for name in KEPT_TYPES):
         return None
     columns = _read_columns(file, sizes.frames, KEPT_TYPES)

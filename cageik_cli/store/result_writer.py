@@ -9,12 +9,7 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.solver.metrics import (
-    KEPT_TYPES,
-    METRIC_TYPES,
-    FrameMetrics,
-    KeptMetrics,
-)
+from cageik_cli.solver.metrics import KEPT_TYPES, METRIC_TYPES, FrameMetrics, KeptMetrics
 from cageik_cli.store.fit_fields import (
     MAX_STORED_ERROR,
     UnfittedClip,
@@ -130,10 +125,6 @@ def open_result_writer(
 
     Parameters
     ----------
-    frames : tuple of str
-        The source of each frame.
-    has_kept : bool
-        Whether metrics over what was kept are written too.
     temporary_path : Path, optional
         Names the file until then, if no other run can use that name.
     """

@@ -81,13 +81,7 @@ class Workspace:
 
 
 def allocate_floats(count: int, memory: int) -> Floats:
-    """Return room for numbers: in memory if they fit in so many bytes, else in a temporary file.
-
-    Raises
-    ------
-    FileAccessError
-        When the disk has no room for them.
-    """
+    """Return room for numbers: in memory if they fit in so many bytes, else in a temporary file."""
     size = 8 * count
     if size <= memory:
         return np.empty(count)

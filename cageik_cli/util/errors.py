@@ -156,14 +156,8 @@ def join_truncated(items: Iterable[object], limit: int = 10) -> str:
 def require_optional(library: str, extra: str, purpose: str) -> Iterator[None]:
     """Turn the import of a library that is missing into an error that says what to install.
 
-    Parameters
-    ----------
-    library : str
-        Its name in package indexes.
-    extra : str
-        The extra of cageik that installs it.
-    purpose : str
-        What it is needed for: "reading .usdc".
+    The library has its name in package indexes, `extra` is the extra of cageik that installs it,
+    and `purpose` what it is needed for: "reading .usdc".
     """
     try:
         yield

@@ -73,25 +73,16 @@ def open_input(path: Path) -> io.FileIO:
 
 
 def check_input(path: Path) -> None:
-    """Refuse what `open_input` refuses, before a library opens the file by its name.
-
-    Raises
-    ------
-    FileAccessError
-        As `open_input` does.
-    """
+    """Refuse what `open_input` refuses, before a library opens the file by its name."""
     open_input(path).close()
 
 
 def read_input(
     path: Path, max_bytes: int = MAX_FILE_BYTES, expected: str = "a smaller file"
 ) -> bytes:
-    """Read a whole file; the message on too large a one says to give what is `expected`.
+    """Read a whole file of at most `max_bytes`, as `open_input` opens it.
 
-    Raises
-    ------
-    FileAccessError
-        As `open_input` does, or when the file has more than `max_bytes`.
+    The message on a larger one says to give what is `expected`.
     """
     with open_input(path) as file:
         try:

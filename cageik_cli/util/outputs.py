@@ -17,13 +17,7 @@ from cageik_cli.util.leftovers import clear_leftovers, make_displaced_path, make
 
 
 def check_writable(path: Path, overwrite: bool) -> None:
-    """Refuse, before any work, an output that exists or cannot be written.
-
-    Raises
-    ------
-    OutputError
-        Naming the output and what to do.
-    """
+    """Refuse, before any work, an output that exists or cannot be written."""
     if path.is_dir():
         raise OutputError(f"{path}: is a folder, expected the name of a file to write")
     if path.exists() and not path.is_file():
@@ -43,20 +37,8 @@ def check_folder_writable(
 ) -> None:
     """Refuse, before any work, a folder of files that exists or cannot be written.
 
-    Parameters
-    ----------
-    path : Path
-        It will hold the files that are written and no others.
-    overwrite : bool
-        Whether it may be replaced.
-    is_output_name : callable
-        Whether a file of this name is one of those to write; a folder that holds any other file
-        is never replaced.
-
-    Raises
-    ------
-    OutputError
-        Naming the folder and what to do.
+    It will hold the files that are written and no others. `is_output_name` says whether a file of a
+    name is one of those; a folder that holds any other is never replaced.
     """
     place, here = path.resolve(), Path.cwd()
     clear_leftovers(place)
@@ -96,13 +78,7 @@ def _check_folder_exists(path: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder, and those above it, unless it exists.
-
-    Raises
-    ------
-    OutputError
-        When it cannot be created.
-    """
+    """Create a folder, and those above it, unless it exists."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -113,11 +89,6 @@ def check_no_overlap(outputs: Sequence[Path | None], inputs: Sequence[Path | Non
     """Refuse an output that is an input or another output, or a folder that holds one.
 
     `-`, standard output, overlaps with nothing.
-
-    Raises
-    ------
-    OutputError
-        Naming the file that would be lost.
     """
     taken = {path.resolve() for path in inputs if path is not None}
     for path in outputs:
@@ -223,11 +194,6 @@ def atomic_path(path: Path, overwrite: bool) -> Iterator[Path]:
     """Yield a temporary name with the suffix of `path`; the file there is renamed to `path`.
 
     For libraries that write files by name. The file is deleted if the block fails.
-
-    Raises
-    ------
-    OutputError
-        When it cannot be written, or another run has written `path` meanwhile.
     """
     partial = make_unfinished_path(path, path.suffix)
     with _convert_os_errors(path):
@@ -243,13 +209,7 @@ def atomic_path(path: Path, overwrite: bool) -> Iterator[Path]:
 def atomic_folder(
     path: Path, overwrite: bool, is_output_name: Callable[[str], bool]
 ) -> Iterator[Path]:
-    """Create a folder that is renamed to `path` if the block ends without an error.
-
-    Raises
-    ------
-    OutputError
-        When it cannot be written, or the folder `path` may not be replaced (any more).
-    """
+    """Create a folder that is renamed to `path` if the block ends without an error."""
     place = path.resolve()
     partial = make_unfinished_path(place)
     with _convert_os_errors(path):
@@ -306,24 +266,12 @@ def _convert_os_errors(path: Path) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str, overwrite: bool) -> None:
-    """Write a text file, completely or not at all.
-
-    Raises
-    ------
-    OutputError
-        When it exists and may not be replaced, or cannot be written.
-    """
+    """Write a text file, completely or not at all."""
     write_bytes(path, text.encode(), overwrite)
 
 
 def write_bytes(path: Path, data: bytes, overwrite: bool) -> None:
-    """Write a file, completely or not at all.
-
-    Raises
-    ------
-    OutputError
-        As `write_text` does.
-    """
+    """Write a file, completely or not at all."""
     check_writable(path, overwrite)
     with atomic_file(path, overwrite) as file:
         file.write(data)

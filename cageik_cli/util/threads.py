@@ -75,17 +75,9 @@ def run_blocks(function: Callable[[slice], object], count: int, size: int) -> No
 class OrderedMap(Generic[Item, Output]):
     """An iterator over `function(item)` in the order of the items, computed ahead by threads.
 
-    Threads start at once. An error of an item is raised when its result is due.
-
-    Parameters
-    ----------
-    function : callable
-    items : iterable
-        Consumed in the calling thread, no further than needed.
-    jobs : int
-        Threads.
-    max_pending : int
-        Most items that are in work, or done and not yet taken.
+    Threads start at once. An error of an item is raised when its result is due. Items are consumed
+    in the calling thread, no further than needed: at most `max_pending` are in work, or done and
+    not yet taken.
     """
 
     def __init__(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.soundness import validate_cage
+from cageik_cli.cages.faults import validate_cage
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.files import describe_file
@@ -19,7 +19,7 @@ from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_entries import find_binding
+from cageik_cli.store.cache_keys import find_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
@@ -38,8 +38,6 @@ class WeightSettings:
     ----------
     cache : Path, optional
         The folder of the weight cache; none is used if absent.
-    jobs : int
-        Threads.
     """
 
     bind: BindSettings = field(default_factory=BindSettings)
@@ -55,12 +53,8 @@ class BindRunSettings(CommandSettings):
     ----------
     clips : tuple of str
         Clips that the weights are fitted to, each a folder, a glob or a file; none by default.
-    solve : SolveSettings
-        How the cages of the fit are solved.
     vertex_weights : Path or "area", optional
         For the fit: a file with one number per vertex of the model, or by their area.
-    memory : int
-        Bytes for the weights and the frames that they are fitted to.
     """
 
     cage: Path = field(metadata=READ)
@@ -78,15 +72,7 @@ class BindRunSettings(CommandSettings):
 def bind_files(
     settings: BindRunSettings, progress: ProgressListener | None = None
 ) -> StoredBinding:
-    """Bind a rest pose to a cage and write the binding file.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When the weights cannot be trusted.
-    """
+    """Bind a rest pose to a cage and write the binding file."""
     progress = progress or ProgressListener()
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
@@ -158,13 +144,7 @@ def bind_cached(
 
 
 def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None) -> StoredBinding:
-    """Read a binding file, and check that it is of this rest pose and, if given, this cage.
-
-    Raises
-    ------
-    InputError
-        When it is of others, with what differs.
-    """
+    """Read a binding file, and check that it is of this rest pose and, if given, this cage."""
     source = describe_file(path)
     stored = read_binding(path)
     binding = stored.binding

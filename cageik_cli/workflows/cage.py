@@ -54,8 +54,6 @@ class CageSettings(CommandSettings):
         absent.
     animation : tuple of str
         The clip the cage is for; none if empty.
-    jobs : int
-        Threads.
     """
 
     model: str = field(metadata=READ_CLIP)
@@ -70,15 +68,7 @@ class CageSettings(CommandSettings):
 
 
 def build_cage_file(settings: CageSettings, progress: ProgressListener | None = None) -> CageResult:
-    """Build a cage around a model and write it.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When no candidate passes the tests.
-    """
+    """Build a cage around a model and write it."""
     progress = progress or ProgressListener()
     check_cage_output(settings.output, settings.overwrite)
     with progress.stage("open"):
@@ -177,8 +167,6 @@ def make_measured_clip(
     ----------
     read_frame : callable
         Returns the positions (m, 3) of a frame, by its number.
-    jobs : int
-        Threads.
     """
     chosen = spread_evenly(frame_count, MAX_MEASURED_FRAMES)
     poses = np.stack([read_frame(int(k)) for k in chosen])
@@ -199,13 +187,7 @@ def make_measured_clip(
 
 @dataclass(frozen=True, slots=True)
 class RepairCageSettings(CommandSettings):
-    """Which cage to repair, for which model, and where to write it.
-
-    Attributes
-    ----------
-    output : Path
-        An OBJ file.
-    """
+    """Which cage to repair, for which model, and where to write it."""
 
     cage: Path = field(metadata=READ)
     model: Path = field(metadata=READ)

@@ -19,7 +19,7 @@ from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.alignment import best_rotations
 from cageik_cli.solver.fitting.record import FitRecord
-from cageik_cli.store import result_frames
+from cageik_cli.store import result as result_file
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.util.arrays import Floats, Integers, fill_gaps
@@ -60,18 +60,7 @@ class CagedModel:
         binding: Path | None = None,
         load: Callable[[Path], LoadedModel] = load_model,
     ) -> "CagedModel":
-        """Open a result or a binding; or a model, and its cage or a binding of it if there is one.
-
-        Parameters
-        ----------
-        load : callable
-            Reads the model.
-
-        Raises
-        ------
-        InputError
-            Naming the file that cannot be read, or is of another model.
-        """
+        """Open a result or a binding; or a model, with its cage or a binding of it, if given."""
         if path.suffix.lower() in HDF5_SUFFIXES:
             return CagedModel.read(path)
         model = load(path)
@@ -83,13 +72,7 @@ class CagedModel:
 
     @staticmethod
     def read(path: Path) -> "CagedModel":
-        """Read a result or a binding.
-
-        Raises
-        ------
-        InputError
-            When it is neither, or damaged.
-        """
+        """Read a result or a binding."""
         if path.exists() and path.suffix.lower() in HDF5_SUFFIXES and is_binding(path):
             stored = read_binding(path)
             return _hold_meshes(path, stored.binding.rest, stored.binding.cage, stored=stored)
@@ -135,7 +118,7 @@ class CagedModel:
         """Read the weights; None if a result was written without, or there is a cage only."""
         if self.stored is not None:
             return self.stored.binding
-        return None if self.result is None else result_frames.read_binding(self.result)
+        return None if self.result is None else result_file.read_binding(self.result)
 
     def read_binding(self, user: str) -> Binding:
         """Read the weights of a result or a binding.
@@ -160,7 +143,7 @@ class CagedModel:
     def read_reconstruction(self, user: str) -> "Reconstruction":
         """Read the mesh animation that the cages of a result give; raises as `read_binding`."""
         result, binding = self.require_result("which has no cages"), self.read_binding(user)
-        rotations = result_frames.read_rotations(result) if binding.has_offsets else None
+        rotations = result_file.read_rotations(result) if binding.has_offsets else None
         return Reconstruction(binding, CageFrames.from_result(result), rotations)
 
     def build_cage(
@@ -172,13 +155,7 @@ class CagedModel:
         return replace(self, cage=cage)
 
     def bind(self, weights: WeightSettings, progress: ProgressListener) -> Binding:
-        """Return the weights of the binding; or bind the model to the cage, and note what changed.
-
-        Raises
-        ------
-        InputError, NumericalError
-            As `bind_cached`.
-        """
+        """Return the weights of the binding; or bind model and cage, and note what changed."""
         if self.stored is not None:
             return self.stored.binding
         rest, cage = self.model.mesh, self.cage
@@ -330,11 +307,7 @@ class Reconstruction:
     def _turn(self, start: int, cages: Floats) -> Floats:
         """Return the rotations (k, 3, 3) of frames from `start` on."""
         if self._rotations is None:
-            return _turn_with_cages(cages, self.binding.cage.vertices)
+            rest = self.binding.cage.vertices
+            centred = cages - cages.mean(axis=1, keepdims=True)
+            return best_rotations(centred, rest - rest.mean(axis=0), np.ones(len(rest)))
         return self._rotations[start : start + len(cages)]
-
-
-def _turn_with_cages(cages: Floats, rest: Floats) -> Floats:
-    """Return the rotations (k, 3, 3) of a rest cage (n, 3) to cages (k, n, 3)."""
-    centred = cages - cages.mean(axis=1, keepdims=True)
-    return best_rotations(centred, rest - rest.mean(axis=0), np.ones(len(rest)))

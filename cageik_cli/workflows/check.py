@@ -24,8 +24,6 @@ class CheckSettings(CommandSettings):
         The rest pose; a frame of the clip if absent, or none without a clip.
     rest_frame : int or "auto"
         Which frame then, from 0; or the one in which the least of the surface touches.
-    jobs : int
-        Threads.
     """
 
     cage: Path = field(metadata=READ)
@@ -37,13 +35,7 @@ class CheckSettings(CommandSettings):
 
 
 def check_cage(settings: CheckSettings) -> CheckResult:
-    """Read the cage and the rest pose, if there is one, and diagnose them.
-
-    Raises
-    ------
-    InputError
-        Naming the file that cannot be read.
-    """
+    """Read the cage and the rest pose, if there is one, and diagnose them."""
     cage, rest = load_mesh(settings.cage), None
     if settings.frames:
         _, rest, _ = open_clip_and_choose_rest(

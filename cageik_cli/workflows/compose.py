@@ -11,7 +11,6 @@ from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
-from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.regions import (
     MIN_DEVIATION,
@@ -61,12 +60,6 @@ def compose_result(
         Of the weights before the fit, if the result compares them.
     has_kept : bool
         Whether metrics over what was kept are written too.
-
-    Raises
-    ------
-    InputError
-        When no frame can be read, or one has changed since it was solved, or the result cannot be
-        written.
     """
     summary = checkpoint.summary
     if len(summary.skipped) == len(sequence):
@@ -75,7 +68,12 @@ def compose_result(
     key_frames = _find_key_frames(binding.rest, rest_index, summary, regions)
 
     def reread(frame: int) -> Floats:
-        return _reread_frame(sequence, frame, summary.digests[frame])
+        vertices = sequence.read_frame(frame)
+        if sequence.digest(frame) != summary.digests[frame]:
+            raise FileAccessError(
+                f"{sequence.location(frame)}: changed during the run; run again with `resume=True`"
+            )
+        return vertices
 
     writer = open_result_writer(
         path,
@@ -118,8 +116,11 @@ def _append_blocks(
     for block in checkpoint.blocks():
         kept = None if block.kept is None else block.kept.metrics
         result.append(block.cages, block.rotations, block.metrics, kept)
-        inside = [k for k in key_frames if block.start <= k < block.stop]
-        key_meshes |= {k: _rebuild_frame(binding, block, k) for k in inside}
+        for k in key_frames:
+            if block.start <= k < block.stop:
+                one = slice(k - block.start, k - block.start + 1)
+                rebuilt = reconstruct_frames(binding, block.cages[one], block.rotations[one])
+                key_meshes[k] = np.asarray(rebuilt[0])
     return key_meshes
 
 
@@ -138,22 +139,6 @@ def _find_key_frames(
         is_rest[rest_index] = True
     frames: list[int] = summary.find_key_frames(is_rest).tolist()
     return frames + [region.frame for region in regions[:1] if region.frame not in frames]
-
-
-def _rebuild_frame(binding: Binding, block: SolvedBlock, frame: int) -> Floats:
-    """Return the mesh, (m, 3), that the cage of a frame gives."""
-    one = slice(frame - block.start, frame - block.start + 1)
-    return np.asarray(reconstruct_frames(binding, block.cages[one], block.rotations[one])[0])
-
-
-def _reread_frame(sequence: MeshSequence, index: int, digest: bytes) -> Floats:
-    """Read a frame that was solved again, unless its file has changed since."""
-    vertices = sequence.read_frame(index)
-    if sequence.digest(index) != digest:
-        raise FileAccessError(
-            f"{sequence.location(index)}: changed during the run; run again with `resume=True`"
-        )
-    return vertices
 
 
 def collect_notes(
@@ -193,23 +178,12 @@ def find_clip_regions(binding: Binding, summary: ClipSummary) -> tuple[Region, .
     if not has_bad_regions(rms, largest, binding.rest.diagonal):
         return ()
     regions = find_worst_regions(binding, summary.peaks)
-    if _has_loose_cage(binding):
+    has_loose_cage = binding.has_loose_cage
+    if has_loose_cage is None:  # nothing was said of it when it was bound
+        has_loose_cage = has_too_much_room(binding.cage, binding.rest)
+    if has_loose_cage:
         return blame_loose_cage(regions, binding.rest.diagonal)
-    places = _find_shared_places(binding, regions)
-    return blame_shared_places(regions, places, binding.rest.diagonal)
-
-
-def _has_loose_cage(binding: Binding) -> bool:
-    """Return whether the cage is far too loose, as the bind found, or judged now if it did not."""
-    if binding.has_loose_cage is not None:
-        return binding.has_loose_cage
-    return has_too_much_room(binding.cage, binding.rest)
-
-
-def _find_shared_places(
-    binding: Binding, regions: tuple[Region, ...]
-) -> list[tuple[Floats, float]]:
-    """The places at these regions where limbs share a loop of the cage."""
     centres = np.array([region.centre for region in regions])
-    sections = find_shared_sections(binding.cage, binding.rest, near=centres)
-    return [(section.centre, (section.size + section.length) / 2) for section in sections]
+    shared = find_shared_sections(binding.cage, binding.rest, near=centres)
+    places = [(section.centre, (section.size + section.length) / 2) for section in shared]
+    return blame_shared_places(regions, places, binding.rest.diagonal)

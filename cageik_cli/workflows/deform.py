@@ -16,7 +16,7 @@ from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
-from cageik_cli.store.result_frames import read_low_rank, read_rotations
+from cageik_cli.store.result import read_low_rank, read_rotations
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, count_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.outputs import check_no_overlap
@@ -50,23 +50,11 @@ class DeformSettings(CommandSettings):
         As in `BindSettings`; those of the source if absent.
     cages : str, optional
         A clip of cages to use instead of those of the result.
-    clip : ClipSettings
-        How that clip is read.
-    scene : SceneHints
-        Time and space, where they differ from those of the clip or the source.
-    cache : Path, optional
-        The folder of the weight cache; none is used if absent.
-    memory : int
-        Bytes for the weights and blocks of frames.
-    jobs : int
-        Threads.
     influences : int, optional
         Cage vertices that move each vertex, at most, with weights that are fitted again to the
         motion of the mesh; the weights that it has if absent.
     compares : bool
         Note the error of other numbers of influences, too.
-    morphs : MorphSettings
-        How morph targets follow the mesh, in a format that has them.
     """
 
     source: Path = field(metadata=READ)
@@ -87,15 +75,7 @@ class DeformSettings(CommandSettings):
 
 
 def deform(settings: DeformSettings, progress: ProgressListener | None = None) -> ExportSummary:
-    """Write the animation of the mesh that the cages move.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When the weights cannot be trusted.
-    """
+    """Write the animation of the mesh that the cages move."""
     return _Deformation(settings, progress or ProgressListener()).run()
 
 
@@ -140,13 +120,7 @@ class _Deformation:
         return replace(summary, parts=self._model.parts)
 
     def _open_clip(self) -> MeshSequence | None:
-        """Open the clip of cages, if one is given, which has the connectivity of the source's.
-
-        Raises
-        ------
-        InputError
-            When it cannot be read, or none is given and the source has no cages.
-        """
+        """Open the clip of cages, if one is given, which has the connectivity of the source's."""
         settings, source, progress = self._settings, self._source, self._progress
         if settings.cages is None:
             source.require_result(NO_CAGES)
@@ -190,13 +164,7 @@ class _Deformation:
         return binding if source.fit is None else self._apply_fit(binding, is_own)
 
     def _apply_fit(self, binding: Binding, is_own: bool) -> Binding:
-        """Return a binding of computed weights with what a fit has changed, if that is known.
-
-        Raises
-        ------
-        SettingError
-            When the weights of the source are fitted, not in it, and wanted.
-        """
+        """Return a binding of computed weights with what a fit has changed, if that is known."""
         path = self._source.path
         if is_own:
             change = read_low_rank(self._source.require_result("which holds its weights"))
@@ -271,13 +239,7 @@ class _Deformation:
 
 
 def _load_model(path: Path, settings: DeformSettings) -> LoadedModel:
-    """Read the model that is moved instead of the one at rest.
-
-    Raises
-    ------
-    SettingError
-        When it has points only, and weights that are fitted to a surface are asked for.
-    """
+    """Read the model that is moved instead of the one at rest."""
     model = load_model(path)
     if model.points is not None and settings.influences is not None:
         raise SettingError(

@@ -12,15 +12,13 @@ from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.posing.edits import EditedFrames, EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.snapshot import PoseResult, take_snapshot
-from cageik_cli.posing.summary import PoseStatistics
+from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.solver.executor import choose_block_size
 from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics, check_finite
 from cageik_cli.solver.summary import DeviationPeaks, summarize_blocks
-from cageik_cli.store.result import Result, read_cages, read_result
+from cageik_cli.store.result import Result, read_cages, read_result, read_rotations
 from cageik_cli.store.result_fields import ResultHeader, ResultSummary
-from cageik_cli.store.result_frames import read_rotations
 from cageik_cli.store.result_writer import ResultWriter, open_result_writer
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import error_context
@@ -58,110 +56,94 @@ def edit(
     ----------
     handles : Handles, optional
         In place of those of the settings' file.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When hard handles cannot all be met.
     """
     progress = progress or ProgressListener()
     check_no_overlap(settings.outputs(), settings.inputs())
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):
-        handles = handles or read_handles(settings.handles)
-        result = read_result(settings.result)
-        rotations = read_rotations(result)
-        target = _build_target(CagedModel.of_result(result), rotations)
-    # One thread: the last digits depend on how many.
-    with progress.stage("pose"), error_context(handles.path), limit_blas_threads(1):
-        layered = LayeredEdit(handles, target, settings.posing)
-    report_placement(layered, handles.path, progress)
-    edit_run = _EditRun(
-        result=result,
-        handles=handles.path,
-        rotations=rotations,
-        edit=layered,
-        statistics=PoseStatistics(layered),
-    )
-    size = choose_block_size(len(result.rest.vertices))
-    writer = open_result_writer(
-        settings.output,
-        _build_header(settings, result),
-        binding=target.binding,
-        frames=result.frames,
-        overwrite=settings.overwrite,
-    )
-    with writer as file, limit_blas_threads(1):
-        summary = summarize_blocks(edit_run.write_blocks(file, size, progress))
-        key_frames = summary.find_key_frames()
-        posed = [edit_run.edit_frame(frame) for frame in key_frames.tolist()]
-        offsets = np.concatenate([block.meshes_before - block.meshes_after for block in posed])
-        ending = ResultSummary(
-            sources=_collect_sources(settings, handles, result),
-            skipped=summary.skipped,
-            vertex_rms=summary.vertex_rms,
-        )
-        with progress.stage("write"):
-            file.complete(ending, key_frames=key_frames, key_frame_errors=offsets)
-    pose_summary = edit_run.statistics.summarize()
-    return PoseResult(pose_summary, take_snapshot(layered, posed[0], pose_summary))
+        run = _EditRun(settings, handles or read_handles(settings.handles), progress)
+    return run.run()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _EditRun:
-    """An edit that is running.
+    """The animation of a result on its way to the edited one."""
 
-    Attributes
-    ----------
-    result : Result
-        The one that is edited.
-    handles : Path
-        The handles file, which messages name when a frame cannot be edited.
-    rotations : (F, 3, 3) float64
-        Of the rest pose to each frame; edits do not change them.
-    """
+    def __init__(
+        self, settings: EditSettings, handles: Handles, progress: ProgressListener
+    ) -> None:
+        self._settings, self._handles, self._progress = settings, handles, progress
+        self._result = result = read_result(settings.result)
+        # Of the rest pose to each frame, (F, 3, 3); edits do not change them.
+        self._rotations = read_rotations(result)
+        binding = CagedModel.of_result(result).read_binding("an edit")
+        self._target = EditTarget.of_animation(
+            binding,
+            lambda frame: np.asarray(next(read_cages(result, 1, frame))[0]),
+            result.frames,
+            self._rotations if binding.has_offsets else None,
+            result.scene.up_axis,
+        )
 
-    result: Result
-    handles: Path
-    rotations: Floats
-    edit: LayeredEdit
-    statistics: PoseStatistics
+    def run(self) -> PoseResult:
+        """Edit, measure and write all frames."""
+        settings, result, progress = self._settings, self._result, self._progress
+        # One thread: the last digits depend on how many.
+        with progress.stage("pose"), error_context(self._handles.path), limit_blas_threads(1):
+            self._edit = LayeredEdit(self._handles, self._target, settings.posing)
+        report_placement(self._edit, self._handles.path, progress)
+        self._statistics = PoseStatistics(self._edit)
+        writer = open_result_writer(
+            settings.output,
+            _build_header(settings, result),
+            binding=self._target.binding,
+            frames=result.frames,
+            overwrite=settings.overwrite,
+        )
+        with writer as file, limit_blas_threads(1):
+            summary = summarize_blocks(self._write_blocks(file))
+            key_frames = summary.find_key_frames()
+            posed = [
+                self._edit_frames(np.array([frame]), self._target.cage_at(frame)[None])
+                for frame in key_frames.tolist()
+            ]
+            offsets = np.concatenate([block.meshes_before - block.meshes_after for block in posed])
+            ending = ResultSummary(
+                sources=_collect_sources(settings, self._handles, result),
+                skipped=summary.skipped,
+                vertex_rms=summary.vertex_rms,
+            )
+            with progress.stage("write"):
+                file.complete(ending, key_frames=key_frames, key_frame_errors=offsets)
+        pose_summary = self._statistics.summarize()
+        return PoseResult(pose_summary, take_snapshot(self._edit, posed[0], pose_summary))
 
-    def write_blocks(
-        self, file: ResultWriter, size: int, progress: ProgressListener
-    ) -> Iterator[SolvedBlock]:
+    def _write_blocks(self, file: ResultWriter) -> Iterator[SolvedBlock]:
         """Edit, measure and write all frames, and yield the blocks."""
-        start = 0
-        for cages in read_cages(self.result, size):
+        start, progress = 0, self._progress
+        for cages in read_cages(self._result, choose_block_size(len(self._result.rest.vertices))):
             with progress.stage("edit"):
                 block = self._edit_block(cages, start)
             with progress.stage("write"):
                 file.append(block.cages, block.rotations, block.metrics)
             yield block
             start += len(cages)
-            progress.update(start, len(self.result.frames))
-
-    def edit_frame(self, frame: int) -> EditedFrames:
-        """Return one frame before and after."""
-        return self._edit_frames(np.array([frame]), self.edit.target.cage_at(frame)[None])
+            progress.update(start, len(self._result.frames))
 
     def _edit_frames(self, frames: Integers, cages: Floats) -> EditedFrames:
-        with error_context(self.handles):
-            return self.edit.edit_frames(frames, cages)
+        with error_context(self._handles.path):
+            return self._edit.edit_frames(frames, cages)
 
     def _edit_block(self, cages: Floats, start: int) -> SolvedBlock:
         """Apply all layers to the frames from `start` on; skipped frames stay gaps."""
         frames = start + np.arange(len(cages))
-        known = ~np.isin(frames, list(self.result.skipped))
+        known = ~np.isin(frames, list(self._result.skipped))
         block = self._edit_frames(frames[known], cages[known])
         check_finite(start, block.cages_after, block.metrics)
-        self.statistics.update(block)
+        self._statistics.update(block)
         all_cages, columns = np.full_like(cages, np.nan), {}
         all_cages[known] = block.cages_after
-        rotations = self.rotations[frames]
+        rotations = self._rotations[frames]
         rotations[~known] = np.nan
         for name in METRIC_TYPES:
             found = getattr(block.metrics, name)
@@ -176,20 +158,9 @@ class _EditRun:
             squared_errors=block.squared_displacements.sum(axis=0),
             peaks=DeviationPeaks.of_frames(block.squared_displacements, frames[known]),
             digests=(b"",) * len(cages),
-            skipped={k: self.result.skipped[k] for k in frames[~known].tolist()},
+            skipped={k: self._result.skipped[k] for k in frames[~known].tolist()},
             sampled=np.empty((0, 3 * len(cages)), np.float32),
         )
-
-
-def _build_target(model: CagedModel, rotations: Floats) -> EditTarget:
-    """Make the edit target of a result, which needs its weights."""
-    result, binding = model.require_result("which has no frames"), model.read_binding("an edit")
-
-    def cage(frame: int) -> Floats:
-        return np.asarray(next(read_cages(result, 1, frame))[0])
-
-    turns = rotations if binding.has_offsets else None
-    return EditTarget.of_animation(binding, cage, result.frames, turns, result.scene.up_axis)
 
 
 def _build_header(settings: EditSettings, result: Result) -> ResultHeader:

@@ -33,8 +33,6 @@ class ExportSettings(CommandSettings):
 
     Attributes
     ----------
-    scene : SceneHints
-        Time and space, where they differ from those of the result.
     skeleton : bool
         Write the rest pose with the weights as skin weights, and one joint per cage vertex.
     influences : int, optional
@@ -62,15 +60,7 @@ class ExportSettings(CommandSettings):
 
 
 def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:
-    """Write the cage animation of a result.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When the system of fewer influences is singular.
-    """
+    """Write the cage animation of a result."""
     progress = progress or ProgressListener()
     check_export(settings)
     result = read_result(settings.result)
@@ -159,13 +149,7 @@ def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
 
 
 def check_export(settings: ExportSettings) -> None:
-    """Refuse, before any work, an export that is impossible.
-
-    Raises
-    ------
-    InputError
-        Naming the output and what to do.
-    """
+    """Refuse, before any work, an export that is impossible."""
     path = settings.output.path
     suffix = path.suffix.lower()
     skeleton_suffixes = (*UsdSkeletonWriter.suffixes, *GltfSkeletonWriter.suffixes)

@@ -12,10 +12,9 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import Scene
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.executor import BlockExecutor, MemoryPlan, ThreadExecutor
+from cageik_cli.solver.executor import MemoryPlan, RunBlocks, run_in_threads
 from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.solver.settings import CaptureSettings
-from cageik_cli.solver.smooth import check_smoothing_period
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
@@ -44,15 +43,7 @@ from cageik_cli.workflows.settings import ExtractSettings
 
 
 def extract(settings: ExtractSettings, progress: ProgressListener | None = None) -> Result:
-    """Extract the cage of every frame and write the result file.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When the system is singular or the weights cannot be trusted.
-    """
+    """Extract the cage of every frame and write the result file."""
     return Extraction(settings, progress).run()
 
 
@@ -63,8 +54,8 @@ class Extraction:
     ----------
     stored : StoredBinding, optional
         The weights, if they are known: of this rest pose, cage and settings.
-    executor : BlockExecutor, optional
-        Solves the blocks of frames; threads of this process by default.
+    run_blocks : RunBlocks
+        Solves the blocks of frames: threads of this process, or a cluster.
 
     Attributes
     ----------
@@ -90,11 +81,11 @@ class Extraction:
         progress: ProgressListener | None = None,
         *,
         stored: StoredBinding | None = None,
-        executor: BlockExecutor | None = None,
+        run_blocks: RunBlocks = run_in_threads,
     ) -> None:
         self.settings, self.stored = settings, stored
         self.progress = progress or ProgressListener()
-        self.executor = executor or ThreadExecutor(settings.jobs)
+        self._run_blocks = run_blocks
         self.existing: Result | None = None
         self.cage: LoadedMesh | None = None
         self.vertex_weights = VertexWeights(None)
@@ -144,7 +135,7 @@ class Extraction:
             settings.vertex_weights, self.rest, len(self.sequence)
         )
         self.sources |= self.vertex_weights.sources
-        check_smoothing_period(settings.capture.smooth, self.scene.fps)
+        settings.capture.check_period(self.scene.fps)
         if settings.resume:
             self.existing = find_existing(
                 settings,
@@ -255,7 +246,7 @@ class Extraction:
         held = 0 if unfitted is None else unfitted.weights.nbytes
         plan = MemoryPlan.make(self.settings.memory - held, self.binding, self.settings.jobs)
         starts = range(start, len(self.sequence), plan.block_size)
-        return self.executor.run_blocks(self.block_solver, starts, plan)
+        return self._run_blocks(self.block_solver, starts, plan)
 
     def solve(self, checkpoint: Checkpoint) -> None:
         """Solve the frames that the checkpoint does not hold yet."""

@@ -194,13 +194,7 @@ def extract(
 def _bind_built_cage(
     clip: MeshSequence | ArrayLike, binding: Binding | None, cage_vertices: int | None, jobs: int
 ) -> Binding:
-    """Return the binding that is given; else build a cage and bind the first frame to it.
-
-    Raises
-    ------
-    SettingError
-        When both a binding and the size of a built cage are given, or the frames have no faces.
-    """
+    """Return the binding that is given; else build a cage and bind the first frame to it."""
     if binding is not None:
         if cage_vertices is not None:
             raise SettingError(

@@ -21,7 +21,7 @@ from cageik_cli.solver.metrics import check_finite, measure
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_entries import compute_fit_key, find_fit
+from cageik_cli.store.cache_keys import compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import UnfittedClip
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError
@@ -32,11 +32,6 @@ from cageik_cli.util.threads import count_processors
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedWeights:
     """Weights fitted to clips.
-
-    Attributes
-    ----------
-    binding : Binding
-        With the fitted weights.
 
     Examples
     --------
@@ -149,17 +144,6 @@ def fit_to_clips(
         Of the rest pose's connectivity.
     vertex_weights : (m,) float64 or None
         Of mean one.
-    memory : int
-        Limit in bytes for the weights and the frames that they are fitted to.
-    cache : Path, optional
-        The folder of the cache; none is used if absent.
-
-    Raises
-    ------
-    InputError
-        When a frame cannot be read or has changed meanwhile, or the cage is flat.
-    NumericalError
-        When the system of the cages is singular.
     """
     with ThreadPoolExecutor(jobs) as pool:  # zeros of frames that cannot be read
         digests = [list(pool.map(clip.content_digest, range(len(clip)))) for clip in clips]
@@ -228,13 +212,6 @@ def measure_unfitted(
         Those of them that the result keeps in full.
     read : callable
         Reads a frame, (m, 3), by its number.
-
-    Raises
-    ------
-    InputError
-        When a frame cannot be read.
-    NumericalError
-        When the solve gives numbers that are not finite or too large.
     """
     rest, workspace, misses = solver.binding.rest, Workspace(), {}
     rms = np.empty(len(frames))
@@ -242,7 +219,7 @@ def measure_unfitted(
         frame = read(k)[None]
         solution = solver.solve(frame, workspace)
         rebuilt = solution.reconstructions
-        metrics = measure(rest, frame, rebuilt, solver.data_vertices, workspace).metrics
+        metrics, _ = measure(rest, frame, rebuilt, solver.data_vertices, workspace)
         check_finite(k, solution.cages, metrics)
         rms[place] = metrics.rms[0]
         if k in key_frames:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.cages.soundness import find_cage_faults
+from cageik_cli.cages.faults import find_cage_faults
 from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
@@ -33,11 +33,6 @@ def describe_files(arguments: list[str], layout: str | None = None) -> str:
     """Describe results, bindings, checkpoints, a mesh, or the clip that arguments name.
 
     `layout` is the order of an array's axes, as in `ClipSettings`.
-
-    Raises
-    ------
-    InputError
-        Naming the file that cannot be read.
     """
     paths = [Path(argument) for argument in arguments]
     if paths and all(map(is_checkpoint, paths)):
@@ -116,7 +111,10 @@ def _format_polygons(mesh: TriMesh) -> str:
 
 
 def _result_rows(result: Result) -> list[tuple[str, str]]:
-    command = choose_vocabulary(result.edited_from).command
+    command, skipped = choose_vocabulary(result.edited_from).command, []
+    if result.skipped:
+        names = join_truncated((result.frames[k] for k in result.skipped), 5)
+        skipped = [("skipped", f"{names}; cageik report says why")]
     return [
         ("holds", f"a result of {command} {result.version}"),
         ("frames", f"{len(result.frames)}, {result.frames[0]} to {result.frames[-1]}"),
@@ -125,16 +123,9 @@ def _result_rows(result: Result) -> list[tuple[str, str]]:
         ("scene", _format_scene(result.scene)),
         ("settings", ", ".join(f"{key} {value}" for key, value in result.settings.items())),
         *((f"from {key}", str(source.get("name"))) for key, source in result.sources.items()),
-        *_skipped_rows(result),
+        *skipped,
         *map(label_note, result.notes),
     ]
-
-
-def _skipped_rows(result: Result) -> list[tuple[str, str]]:
-    if not result.skipped:
-        return []
-    names = join_truncated((result.frames[k] for k in result.skipped), 5)
-    return [("skipped", f"{names}; cageik report says why")]
 
 
 def _format_scene(scene: Scene) -> str:
@@ -146,21 +137,18 @@ def _format_scene(scene: Scene) -> str:
 
 
 def _clip_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
+    missing = []
+    if sequence.missing:
+        names = join_truncated((sequence.names[k] for k in sorted(sequence.missing)), 5)
+        missing = [("missing", f"{len(sequence.missing)} of these frames: {names}")]
     return [
         ("holds", "a clip"),
         ("frames", f"{len(sequence)}, {sequence.names[0]} to {sequence.names[-1]}"),
-        *_missing_rows(sequence),
+        *missing,
         *_mesh_rows(sequence.first),
         *([("scene", sequence.scene.description)] if sequence.scene.description else []),
         *(("note", note) for note in sequence.notes),
     ]
-
-
-def _missing_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
-    if not sequence.missing:
-        return []
-    names = join_truncated((sequence.names[k] for k in sorted(sequence.missing)), 5)
-    return [("missing", f"{len(sequence.missing)} of these frames: {names}")]
 
 
 def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:

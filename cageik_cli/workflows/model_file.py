@@ -1,5 +1,6 @@
 """A model that is moved: a mesh, points, or Gaussian splats."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -29,7 +30,7 @@ from cageik_cli.formats.ply_points import (
 )
 from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.formats.write import Output, WriterFactory
-from cageik_cli.geometry.oriented import MapFaults, Oriented, Splats
+from cageik_cli.geometry.oriented import Oriented, Splats
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError, error_context
@@ -65,15 +66,7 @@ class LoadedModel:
     splats: Splats | None = None
 
     def choose_output(self, output: Output) -> Output:
-        """Return the output with the format of points, where it names none.
-
-        Raises
-        ------
-        SettingError
-            When the model cannot be moved to the origin, as is asked for.
-        OutputError
-            When its format cannot hold the model.
-        """
+        """Return the output with the format of points, where it names none."""
         if self.points is None:
             return output
         if not output.has_format:
@@ -161,13 +154,7 @@ def load_surface(path: Path) -> LoadedModel:
 
 
 def load_model(path: Path) -> LoadedModel:
-    """Read a mesh, points without faces (.ply), or Gaussian splats (.ply).
-
-    Raises
-    ------
-    FileAccessError, FormatError
-        Naming the file, when it is missing, damaged, or of an unknown format.
-    """
+    """Read a mesh, points without faces (.ply), or Gaussian splats (.ply)."""
     suffix = file_suffix(path)
     if suffix not in PlyReader.suffixes or path.is_dir():
         return load_surface(path)
@@ -195,12 +182,13 @@ class PointReconstruction:
 
     Attributes
     ----------
-    faults : MapFaults
-        How often the points that were moved are where space has lost its shape.
+    faults : Counter
+        How often the points that were moved are where space has lost its shape; see
+        `count_map_faults`.
     """
 
     def __init__(self, motion: PointMotion, jobs: int) -> None:
-        self.faults = MapFaults()
+        self.faults = Counter[str]()
         self._motion, self._jobs = motion, jobs
 
     @staticmethod
@@ -248,8 +236,8 @@ class PointReconstruction:
             parts = "splats"
             mirrored += "; their colours are turned by the nearest rotation"
         for number, what in (
-            (self.faults.mirrored, mirrored),
-            (self.faults.flat, "flattened to a sheet, a line or a point"),
+            (self.faults["mirrored"], mirrored),
+            (self.faults["flat"], "flattened to a sheet, a line or a point"),
         ):
             if number:
                 note(
@@ -259,7 +247,9 @@ class PointReconstruction:
                 )
 
 
-def _move_block(motion: PointMotion, rows: NDArray[Any], cages: Floats, chosen: slice) -> MapFaults:
+def _move_block(
+    motion: PointMotion, rows: NDArray[Any], cages: Floats, chosen: slice
+) -> Counter[str]:
     places, oriented, faults = motion.move(chosen, cages)
     for row, place, turned in zip(rows, places, oriented, strict=True):
         part = row[chosen]

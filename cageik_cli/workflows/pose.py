@@ -16,8 +16,7 @@ from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.snapshot import PoseResult, take_snapshot
-from cageik_cli.posing.summary import PoseStatistics
+from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, write_bytes
@@ -56,15 +55,7 @@ class PoseSettings(CommandSettings):
 
 
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
-    """Pose a model by handles, and write it.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When the weights cannot be trusted, or hard handles cannot all be met.
-    """
+    """Pose a model by handles, and write it."""
     progress = progress or ProgressListener()
     check_target_kind(settings.target, "to edit an animation")
     with progress.stage("open"):
@@ -122,13 +113,7 @@ def _move_points(
 def pose_model(
     binding: Binding, handles: Handles, posing: PosingSettings, progress: ProgressListener
 ) -> PoseResult:
-    """Pose a model in its cage by handles, and note how they were understood.
-
-    Raises
-    ------
-    HandlesError, NumericalError
-        Naming the file of the handles, as `pose`.
-    """
+    """Pose a model in its cage by handles, and note how they were understood."""
     # One thread: the last digits depend on how many.
     with error_context(handles.path), limit_blas_threads(1):
         edit = LayeredEdit(handles, EditTarget.of_model(binding), posing)
@@ -153,11 +138,6 @@ def check_target_kind(target: Path, purpose: str) -> None:
     ----------
     purpose : str
         Why its result is needed.
-
-    Raises
-    ------
-    FileAccessError
-        Naming the file and what to do.
     """
     of_models = {*mesh_suffixes(), *HDF5_SUFFIXES}
     if target.is_dir() or file_suffix(target) in {*clip_suffixes()} - of_models:

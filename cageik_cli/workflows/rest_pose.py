@@ -55,11 +55,6 @@ def open_clip_and_choose_rest(
         With a note on why it was chosen, if it was.
     index : int or None
         The number of the rest pose in the clip; None for a file.
-
-    Raises
-    ------
-    InputError
-        When one of them cannot be read, or has other faces.
     """
     if rest is not None or rest_frame != AUTO:
         index = 0 if rest_frame == AUTO else int(rest_frame)
@@ -115,14 +110,8 @@ def load_vertex_weights(
 
     Parameters
     ----------
-    given : Path or "area", optional
     frames : int, optional
         How many frames there are; then the file may also hold weights of each frame.
-
-    Raises
-    ------
-    InputError
-        Naming the file that cannot be read, or is not of the clip; or the rest pose.
     """
     if not isinstance(given, Path):
         with error_context(rest.source["name"]):

@@ -28,13 +28,7 @@ from cageik_cli.workflows.settings import ExtractSettings
 
 
 def check_output(settings: ExtractSettings) -> None:
-    """Refuse, before any work, to write over a result or a checkpoint.
-
-    Raises
-    ------
-    InputError
-        Naming the file and what to do.
-    """
+    """Refuse, before any work, to write over a result or a checkpoint."""
     may_replace = settings.overwrite or settings.resume
     check_writable(settings.output, may_replace)
     check_hdf5_suffix(settings.output)
@@ -64,8 +58,6 @@ def find_existing(
     ----------
     recorded : dict
         The settings as the result of the run records them.
-    sources : dict
-        Name and digest of each file that was read, all but the frames.
 
     Raises
     ------

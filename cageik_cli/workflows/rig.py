@@ -80,19 +80,6 @@ def make_rig(
         the reconstruction, which must not be negative.
     name : str
         What the note on the error is about.
-    compares : bool
-        Note the error of other numbers of influences, too.
-    memory : int
-        Limit in bytes for the fit.
-    jobs : int
-        Threads.
-
-    Raises
-    ------
-    InputError
-        When the settings of the result are damaged.
-    NumericalError
-        When the system of the cages is singular.
     """
     with progress.stage("fit"), error_context(result.path), limit_blas_threads(1):
         solve = _read_solve_settings(result)
@@ -136,12 +123,7 @@ def _fit_rig(
 
 
 def check_influences(result: Result, influences: int | None) -> None:
-    """Refuse more influences than the cage of a result has vertices.
-
-    Raises
-    ------
-    SettingError
-    """
+    """Refuse more influences than the cage of a result has vertices."""
     n = len(result.cage.vertices)
     if influences is not None and influences > n:
         raise SettingError(

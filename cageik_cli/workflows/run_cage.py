@@ -14,8 +14,8 @@ from cageik_cli.formats.base.files import describe_source
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_entries import CachedCage, find_cage
+from cageik_cli.store.cache import Entry, EntryCache
+from cageik_cli.store.cache_keys import find_cage
 from cageik_cli.util.errors import CageError, OutputError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
@@ -33,11 +33,6 @@ def build_cached(
     """Build the cage of a model, or take it from the cache if there is a folder for that.
 
     The cage and its notes have the same bytes either way.
-
-    Raises
-    ------
-    FormatError, NumericalError
-        As `cages.build.build_cage`.
     """
     build = partial(_build, model, settings, progress)
     if cache is None:
@@ -45,20 +40,14 @@ def build_cached(
     else:
         entries = EntryCache(cache, partial(progress.note, "cage"))
         entry = find_cage(entries, model, settings, build)
-    progress.note("cage", entry.description)
-    data = encode_exact_obj(entry.vertices, entry.faces)
-    source = describe_source(Path(BUILT_CAGE_NAME), data)
-    return LoadedMesh(TriMesh(entry.vertices, entry.faces), source, entry.notes)
+    progress.note("cage", entry["description"])
+    cage = TriMesh(entry["vertices"], entry["faces"])
+    data = encode_exact_obj(cage.vertices, cage.faces)
+    return LoadedMesh(cage, describe_source(Path(BUILT_CAGE_NAME), data), entry["notes"])
 
 
 def check_cage_output(path: Path, overwrite: bool) -> None:
-    """Refuse, before any work, a file that cannot be written.
-
-    Raises
-    ------
-    OutputError
-        When it is no OBJ file, exists, or its folder cannot be written.
-    """
+    """Refuse, before any work, a file that cannot be written."""
     if path.suffix.lower() != ".obj":
         raise OutputError(
             f"{path}: a built cage is written as .obj, which keeps all its digits; name an .obj "
@@ -67,18 +56,18 @@ def check_cage_output(path: Path, overwrite: bool) -> None:
     check_writable(path, overwrite)
 
 
-def _build(model: TriMesh, settings: BuildSettings, progress: ProgressListener) -> CachedCage:
-    """Build the cage, and describe it."""
+def _build(model: TriMesh, settings: BuildSettings, progress: ProgressListener) -> Entry:
+    """Build the cage, and describe it, as the cache keeps it."""
     from cageik_cli.cages.build import build_cage
     from cageik_cli.report.views.cage import describe_built_cage
 
     built = build_cage(model, settings, progress=progress.update)
-    return CachedCage(
-        vertices=built.cage.vertices,
-        faces=built.cage.faces,
-        description=describe_built_cage(built),
-        notes=built.notes,
-    )
+    return {
+        "vertices": built.cage.vertices,
+        "faces": built.cage.faces,
+        "description": describe_built_cage(built),
+        "notes": built.notes,
+    }
 
 
 def format_repair_command(cage: Path, rest: Path | None) -> str:

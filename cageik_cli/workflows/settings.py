@@ -66,8 +66,6 @@ class ExtractSettings(CommandSettings):
         Without it, and without a binding, a cage is built around the rest pose.
     binding : Path, optional
         A binding file of this rest pose, and of `cage` if that is given; `bind` is then ignored.
-    cache : Path, optional
-        The folder of the cache; none is used if absent.
     rest : Path, optional
         The rest pose; a frame of the clip if absent.
     rest_frame : int or "auto"
@@ -81,10 +79,6 @@ class ExtractSettings(CommandSettings):
         "stop", or "skip": leave a gap for a frame that cannot be read, and report it.
     scene : SceneHints
         Time and space, where they differ from what the files of the clip say.
-    memory : int
-        Bytes for the weights and blocks of frames.
-    jobs : int
-        Threads.
     cage_output : Path, optional
         An OBJ file to which the cage that is built is written.
     fit : FitSettings, optional

@@ -218,11 +218,6 @@ def run_time_pass(
     -------
     tuple of int
         The frames that were filled.
-
-    Raises
-    ------
-    InputError
-        When a frame has changed since it was solved.
     """
     progress, sequence = block_solver.progress, block_solver.sequence
     time_pass, filled = TimePass(block_solver.solver, checkpoint, settings, fps), []
@@ -290,12 +285,12 @@ def _measure_again(
     rebuilt = reconstruct_frames(binding, cages, rotations)
     positions, given = block_solver.complete(block)
     weights = solved.kept.expand_weights(rebuilt.shape[1])
-    solution = Solution(cages, rebuilt, rotations, solved.sampled)
+    solution = Solution(cages, rebuilt, rotations, solved.sampled, weights)
     errors: dict[int, InputError] = {
         k: FileAccessError(reason) for k, reason in solved.skipped.items()
     }
     again = replace(block, positions=positions, read_errors=errors)
-    return block_solver.measure_block(again, given, solution, weights, solved.digests)
+    return block_solver.measure_block(again, given, solution, solved.digests)
 
 
 def _set_filled(

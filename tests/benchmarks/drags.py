@@ -12,22 +12,14 @@ from scipy.spatial import ConvexHull, cKDTree
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
-from tests.benchmarks.growth import wavy_sphere
+from tests.benchmarks.growth import spread_directions, wavy_sphere
 
 NEAREST = 10
 
 
-def sphere_points(count: int) -> np.ndarray:
-    """Evenly spread directions, (count, 3)."""
-    k = np.arange(count) + 0.5
-    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
-    across = np.sqrt(1 - z * z)
-    return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
-
-
 def synthetic(vertices: int, points: int, is_meshed: bool = False) -> Binding:
     """A cage of `vertices` around a model of `points`; meshed, the model is a closed surface."""
-    cage, directions = wavy_sphere(vertices), sphere_points(points)
+    cage, directions = wavy_sphere(vertices), spread_directions(points)
     corners = cage.vertices / np.linalg.norm(cage.vertices, axis=1)[:, None]
     distances, nearest = cKDTree(corners).query(directions, NEAREST)
     shares = np.exp(-((2 * distances / distances[:, -1:]) ** 2))

@@ -28,12 +28,17 @@ def wavy(directions: np.ndarray) -> np.ndarray:
     return 1 + 0.25 * np.sin(3 * x + y) * np.cos(2 * z)
 
 
-def wavy_sphere(count: int) -> TriMesh:
-    """A cage of `count` vertices, evenly spread over the directions."""
+def spread_directions(count: int) -> np.ndarray:
+    """Evenly spread directions, (count, 3)."""
     k = np.arange(count) + 0.5
     z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
     across = np.sqrt(1 - z * z)
-    directions = np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
+    return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
+
+
+def wavy_sphere(count: int) -> TriMesh:
+    """A cage of `count` vertices, evenly spread over the directions."""
+    directions = spread_directions(count)
     faces = ConvexHull(directions).simplices.astype(np.int64)
     a, b, c = (directions[faces[:, i]] for i in range(3))
     inward = np.einsum("fx,fx->f", np.cross(b - a, c - a), a) < 0

@@ -29,9 +29,7 @@ def example():
     """A poser of the size that the paper's 78 microseconds are held against, and its moves."""
     binding = synthetic(100, 10_000, is_meshed=True)
     poser = Poser(binding, spread_anchors(binding, 8))
-    poser.solve_mesh(
-        moves_of(1, 8)[0]
-    )  # the response of the mesh is computed once, not at every move
+    poser.solve_mesh(moves_of(1, 8)[0])  # its response is computed once, not at every move
     return poser, moves_of(MOVES, 8)
 
 
@@ -56,8 +54,8 @@ def test_a_move(n, m, count):
 
 def test_a_move_of_cells_that_turn(example):
     poser, moves = example
-    cage = microseconds(moves, lambda move: poser.cage(move, 10))
-    both = microseconds(moves, lambda move: poser.mesh(move, 10))
+    cage = microseconds(moves, lambda move: poser.solve_cage(move, 10))
+    both = microseconds(moves, lambda move: poser.solve_mesh(move, 10))
     print(f"\nrigidity 10: cage {cage:.0f} us, mesh too {both:.0f} us", end="")
     assert cage <= 2000
 
@@ -69,7 +67,7 @@ def test_an_anchor_more_and_one_less(example):
     new = microseconds(rounds[:20], lambda _: Poser(poser.binding, wider.anchors))
     more = microseconds(rounds, lambda _: poser.with_anchor(another))
     less = microseconds(rounds, lambda _: wider.without_anchor("another"))
-    whole = microseconds(rounds, lambda _: poser.with_anchor(another).mesh(np.ones((9, 3))))
+    whole = microseconds(rounds, lambda _: poser.with_anchor(another).solve_mesh(np.ones((9, 3))))
     print(
         f"\none anchor more {more:.0f} us, one less {less:.0f} us, made new {new:.0f} us; with the "
         f"response of the mesh {whole:.0f} us",
@@ -90,9 +88,9 @@ def test_against_lstsq_from_scratch(example):
         right = np.vstack([smooth @ rest, pull @ rest + scale * move])
         return binding.weights @ np.linalg.lstsq(matrix, right, rcond=None)[0]
 
-    np.testing.assert_allclose(posed(moves[0]), poser.mesh(moves[0]), atol=1e-9)
+    np.testing.assert_allclose(posed(moves[0]), poser.solve_mesh(moves[0]), atol=1e-9)
     theirs = microseconds(moves[:100], posed)
-    ours = microseconds(moves, lambda move: (poser.cage(move), poser.mesh(move)))
+    ours = microseconds(moves, lambda move: (poser.solve_cage(move), poser.solve_mesh(move)))
     print(
         f"\ncage and mesh {ours:.1f} us, by lstsq {theirs:.0f} us: {theirs / ours:.0f} times",
         end="",
@@ -114,8 +112,8 @@ def test_against_libigl_on_the_mesh_itself(example, rounds):
     posed = igl.arap_solve(handles + moves[0], data, rest)
     np.testing.assert_allclose(posed[vertices], handles + moves[0], atol=1e-12)
     theirs = microseconds(moves[:20], lambda move: igl.arap_solve(handles + move, data, rest))
-    ours = microseconds(moves, lambda move: (poser.cage(move), poser.mesh(move)))
-    turning = microseconds(moves[:200], lambda move: poser.mesh(move, rounds))
+    ours = microseconds(moves, lambda move: (poser.solve_cage(move), poser.solve_mesh(move)))
+    turning = microseconds(moves[:200], lambda move: poser.solve_mesh(move, rounds))
     print(
         f"\nigl.arap_solve, {rounds} rounds: {theirs:.0f} us; cage and mesh {ours:.1f} us, with "
         f"rigidity {rounds} {turning:.0f} us: {theirs / ours:.0f} and {theirs / turning:.1f} times",

@@ -10,9 +10,8 @@ import pytest
 from cageik_cli.report.figures import format_change, format_percent
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.html.page import render_page
-from cageik_cli.report.html.pictures import render_pictures
 from cageik_cli.report.limits import Limit, Limits
-from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.workflows.extract import extract
@@ -48,13 +47,13 @@ def report(result):
 
 
 @pytest.fixture(scope="session")
-def pictures(result):
-    return render_pictures(load_poses(result))
+def poses(result):
+    return load_poses(result)
 
 
 @pytest.fixture(scope="session")
-def html(report, pictures):
-    return render_page(report, pictures)
+def html(report, poses):
+    return render_page(report, poses)
 
 
 @pytest.fixture(scope="session")
@@ -62,7 +61,7 @@ def index(report):
     entry = build_clip_entry(report, page="clip.html")
     entries = [change(entry, f"walks/shot_{k}", rms_percent=(7 * k % 12) / 10) for k in range(12)]
     return render_index(
-        build_overview([*entries, ClipEntry("walks/broken", fault="it could not be read")])
+        Overview([*entries, ClipEntry("walks/broken", fault="it could not be read")])
     )
 
 
@@ -217,9 +216,7 @@ def test_all_columns_of_an_index_are_in_the_window(opened, index):
 def test_the_reason_of_a_failure_stays_in_the_window(opened, report, width):
     fault = "/srv/walks/broken/mesh_0020.obj: line 5180: 1 coordinates; " + 20 * "export it again "
     entries = [build_clip_entry(report, page="clip.html"), ClipEntry("walks/broken", fault=fault)]
-    page = opened(
-        render_index(build_overview(entries)), viewport={"width": width, "height": 800}
-    ).page
+    page = opened(render_index(Overview(entries)), viewport={"width": width, "height": 800}).page
     page.eval_on_selector(".most", "one => { one.scrollLeft = 160; }")
     window = page.locator(".most").bounding_box()
     sentence = page.locator(".sentence > div").bounding_box()
@@ -237,7 +234,7 @@ def test_links_to_sections_show_their_headings(opened, html):
 
 
 @pytest.mark.parametrize("kind", ["page", "index"])
-def test_long_names_are_wrapped(opened, report, pictures, kind):
+def test_long_names_are_wrapped(opened, report, poses, kind):
     long = 300 * "x"
     summary = replace(
         report.summary, worst_frame=long, max_deviation_frame=long, volume_change_frame=long
@@ -253,7 +250,7 @@ def test_long_names_are_wrapped(opened, report, pictures, kind):
         frames=tuple(replace(frame, name=long) for frame in report.frames),
     )
     entries = [build_clip_entry(named, page="a.html"), ClipEntry(long, fault=long)]
-    html = render_page(named, pictures) if kind == "page" else render_index(build_overview(entries))
+    html = render_page(named, poses) if kind == "page" else render_index(Overview(entries))
     page = opened(html, viewport={"width": 360, "height": 800}).page
     if kind == "page":
         page.locator("#plot").focus()
@@ -309,8 +306,8 @@ def test_a_pose_can_be_enlarged(opened, html):
     assert picture.bounding_box()["width"] == small
 
 
-def test_hostile_names_do_nothing(opened, report, pictures):
-    page = opened(render_page(with_hostile_names(report), pictures)).page
+def test_hostile_names_do_nothing(opened, report, poses):
+    page = opened(render_page(with_hostile_names(report), poses)).page
     page.mouse.move(*_frame_position(page, 1))
     page.locator("#plot").focus()
     for _ in NAMES:
@@ -323,9 +320,7 @@ def test_hostile_names_do_nothing(opened, report, pictures):
 def test_hostile_names_do_nothing_among_clips(opened, report):
     hostile = build_clip_entry(with_hostile_names(report), page=NAMES[-1])
     entries = [replace(hostile, name=name) for name in NAMES]
-    page = opened(
-        render_index(build_overview([*entries, *(ClipEntry(n, fault=n) for n in NAMES)]))
-    ).page
+    page = opened(render_index(Overview([*entries, *(ClipEntry(n, fault=n) for n in NAMES)]))).page
     page.get_by_role("button", name="Clip", exact=True).click()
     page.get_by_label("Filter by name").fill("<script>")
     hrefs = page.eval_on_selector_all("th a", "links => links.map(link => link.protocol)")
@@ -370,12 +365,12 @@ def test_clips_are_filtered_by_parts_of_their_names(opened, index):
     assert page.locator("#clips tbody tr:visible").count() == 13
 
 
-def test_two_thousand_frames_can_be_sorted(opened, report, pictures):
+def test_two_thousand_frames_can_be_sorted(opened, report, poses):
     frames = tuple(
         replace(report.frames[k % 30], index=k, number=1 + k, name=f"take_{k}.obj")
         for k in range(2000)
     )
-    page = opened(render_page(replace(report, frames=frames), pictures)).page
+    page = opened(render_page(replace(report, frames=frames), poses)).page
     page.get_by_role("button", name="RMS, %", exact=True).click()
     figures = [float(text) for text in _column(page, "frames-table", 3)]
     assert all(a >= b for a, b in pairwise(figures))
@@ -385,7 +380,7 @@ def test_two_thousand_frames_can_be_sorted(opened, report, pictures):
 
 
 def test_five_hundred_clips_load_in_time(opened, report):
-    page = opened(render_index(build_overview(make_500_clips(report)))).page
+    page = opened(render_index(Overview(make_500_clips(report)))).page
     taken = page.evaluate(
         "() => new Promise(done => requestAnimationFrame(() => setTimeout("
         "() => done(performance.getEntriesByType('navigation')[0].loadEventEnd))))"

@@ -10,8 +10,7 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.player.clip import load_player_clip, make_single_pose
 from cageik_cli.report.record import build_report
-from cageik_cli.store.result import read_result
-from cageik_cli.store.result_frames import read_binding
+from cageik_cli.store.result import read_binding, read_result
 from tests.browser.players import WALKER, check_positions, drag, middle_of, run_cageik, settle
 
 pytestmark = pytest.mark.browser
@@ -39,7 +38,7 @@ def single_page(walk):
     """A page that poses the walker at rest."""
     result = walk[0]
     clip = make_single_pose(read_binding(result), ["walker_1.obj", "--cage", "cage.obj"])
-    return render_page(build_report(result), None, None, clip)
+    return render_page(build_report(result), player=clip)
 
 
 def place_of(page, vertex):
@@ -495,14 +494,14 @@ def test_a_name_and_exactness_are_saved(pose, tmp_path):
 
 
 def test_a_decimated_model_has_the_vertex_numbers_of_its_file(pose, walk, tmp_path, monkeypatch):
-    from cageik_cli.report.player import payload
+    from cageik_cli.report.player import section
 
-    monkeypatch.setattr(payload, "MAX_DRAWN_VERTICES", 400)
+    monkeypatch.setattr(section, "MAX_DRAWN_VERTICES", 400)
     result = walk[0]
     clip = load_player_clip(result)
-    drawn = payload.choose_vertices(clip.binding).vertices
+    drawn = section.choose_vertices(clip.binding)[0]
     report = replace(build_report(result), notes=())
-    page = pose(render_page(report, None, None, clip))
+    page = pose(render_page(report, player=clip))
     hand = int(drawn[np.abs(drawn - HAND).argmin()])
     for vertex in drawn[[10, 100, 200]].tolist():
         add_vertex(page, vertex, "pin")

@@ -3,6 +3,7 @@
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
+from tests.shapes import merged
 
 
 def turn_faces(cage, generator):
@@ -45,17 +46,12 @@ def open_holes(cage, generator):
 
 def add_inner_shell(cage, generator):
     """A small copy of itself inside."""
-    count, centre = len(cage.vertices), cage.vertices.mean(axis=0)
-    inner = centre + 0.05 * (cage.vertices - centre)
-    return TriMesh(
-        np.concatenate([cage.vertices, inner]), np.concatenate([cage.faces, cage.faces + count])
-    )
+    return merged(cage, _scale(cage, 0.05))
 
 
 def shrink(cage, generator):
     """Smaller by 5 %, so that it is not inflated."""
-    centre = cage.vertices.mean(axis=0)
-    return TriMesh(centre + 0.95 * (cage.vertices - centre), cage.faces)
+    return _scale(cage, 0.95)
 
 
 def dent(cage, generator):
@@ -101,6 +97,11 @@ DAMAGES = (
     swap,
     change_axes_and_unit,
 )
+
+
+def _scale(cage, factor):
+    centre = cage.vertices.mean(axis=0)
+    return TriMesh(centre + factor * (cage.vertices - centre), cage.faces)
 
 
 def _move(cage, generator, count, share):

@@ -26,21 +26,25 @@ class Opinion:
 
 
 def examine(cage, model, clearance, points=20_000):
-    """Look at a cage around a model; the clearance is a share of the model's diagonal."""
+    """Look at a cage around a model; the clearance is a share of the model's diagonal.
+
+    Vertices of the model that are in no face may be anywhere.
+    """
     vertices, faces = np.array(cage.vertices), np.array(cage.faces)
     centre = vertices.mean(axis=0)
     vertices = vertices - centre
-    surface = np.array(model.vertices) - centre
+    used, triangles = np.unique(model.faces, return_inverse=True)
+    surface, triangles = np.array(model.vertices)[used] - centre, triangles.reshape(-1, 3)
     diagonal = np.linalg.norm(np.ptp(surface, axis=0))
     faults = list(_topology_faults(len(vertices), faces))
     faults += [f"faces {a} and {b} meet" for a, b in _meeting_faces(vertices, faces)]
-    samples = _spread_points(surface, np.array(model.faces), points)
+    samples = _spread_points(surface, triangles, points)
     turns = _winding(vertices, faces, samples)
     if (np.abs(turns - 1) > 1e-6).any():
         faults.append(f"{np.count_nonzero(np.abs(turns - 1) > 1e-6)} points are not inside")
     faults += [
         f"cage face {a} meets model face {b}"
-        for a, b in _crossing_faces(vertices, faces, surface, np.array(model.faces))
+        for a, b in _crossing_faces(vertices, faces, surface, triangles)
     ]
     nearest = _distance(vertices, faces, samples).min() / diagonal
     if nearest < clearance * (1 - 1e-6):

@@ -5,32 +5,11 @@ from cageik_cli.cages import diagnosis as module
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
-from tests.shapes import ball, box, changed, concave, finer, octahedron
+from tests.cages.test_faults import pinched
+from tests.cages.torture import torus
+from tests.shapes import ball, box, changed, concave, finer, moved, octahedron
 
 pytestmark = pytest.mark.usefixtures("coarse_panels")
-
-
-def torus(thickness=1.0, around=8, across=5):
-    """A ring of radius 2: genus 1."""
-    u, v = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
-    a, b = 2 * np.pi * u / around, 2 * np.pi * v / across
-    radius = 2 + thickness / 2 * np.cos(b)
-    points = np.stack([radius * np.cos(a), radius * np.sin(a), thickness / 2 * np.sin(b)], axis=-1)
-
-    def at(i, j):
-        return ((u + i) % around) * across + (v + j) % across
-
-    lower = np.stack([at(0, 0), at(1, 0), at(1, 1)], axis=-1)
-    upper = np.stack([at(0, 0), at(1, 1), at(0, 1)], axis=-1)
-    return TriMesh(points.reshape(-1, 3), np.concatenate([lower, upper]).reshape(-1, 3))
-
-
-def shifted(mesh, along_x):
-    return TriMesh(mesh.vertices + np.array([along_x, 0, 0]), mesh.faces)
-
-
-def with_face(mesh, face):
-    return TriMesh(mesh.vertices, np.vstack([mesh.faces, [face]]))
 
 
 def kinds(diagnosis):
@@ -46,7 +25,7 @@ def test_clean_cages_are_fit(cage):
 
 
 def test_a_ring_is_fit_and_its_genus_stated():
-    found = diagnose(torus(), torus(0.4))
+    found = diagnose(torus(2, 0.5, 8, 5), torus(2, 0.2, 8, 5))
     assert found.verdict == "fit"
     assert found.cage.genus == 1
 
@@ -95,7 +74,7 @@ def test_a_cage_vertex_far_from_the_model_is_weak():
     vertices = mesh.vertices.copy()
     spike = int(np.flatnonzero((vertices == [0, 0, 1]).all(axis=1))[0])
     vertices[spike, 2] = 6
-    rest = TriMesh(ball(1, 0.3).vertices - [0, 0, 0.6], ball(1).faces)
+    rest = moved(ball(1, 0.3), (0, 0, -0.6))
     found = diagnose(TriMesh(vertices, mesh.faces), rest)
     (weak,) = (finding for finding in found.findings if finding.kind == "weak-vertex")
     assert spike in weak.numbers
@@ -104,8 +83,7 @@ def test_a_cage_vertex_far_from_the_model_is_weak():
 
 
 def test_a_thin_cage_is_usable_and_does_not_cross_itself():
-    slab = TriMesh(finer(box(), 1).vertices * [1, 1, 1e-6], finer(box(), 1).faces)
-    found = diagnose(slab)
+    found = diagnose(moved(finer(box(), 1), scale=[1, 1, 1e-6]))
     assert found.verdict == "usable"
     assert {finding.kind for finding in found.findings} == {"thin", "needle"}
 
@@ -113,7 +91,7 @@ def test_a_thin_cage_is_usable_and_does_not_cross_itself():
 def test_findings_are_sorted_from_the_worst():
     """Vertices outside, a lone cage vertex, and faces inward; the weights are not asked for."""
     cage = TriMesh(np.vstack([box().vertices, [[9.0, 9, 9]]]), box().flip().faces)
-    rest = shifted(ball(1, 0.5), 0.75)
+    rest = moved(ball(1, 0.5), (0.75, 0, 0))
     found = diagnose(cage, rest)
     assert found.verdict == "unfit"
     assert kinds(found) == [
@@ -128,14 +106,14 @@ def test_findings_are_sorted_from_the_worst():
 
 
 def test_the_worst_vertex_outside_is_measured():
-    rest = shifted(ball(1, 0.5), 0.75)
+    rest = moved(ball(1, 0.5), (0.75, 0, 0))
     (found,) = diagnose(box(), rest).findings
     assert found.kind == "outside"
     assert found.value == pytest.approx(100 * 0.25 / rest.diagonal)
 
 
 def test_a_model_wholly_outside_has_no_clearance():
-    found = diagnose(box(), shifted(ball(1), 9.0))
+    found = diagnose(box(), moved(ball(1), (9, 0, 0)))
     assert found.rest.outside == 18
     assert found.rest.clearance is None
 
@@ -143,9 +121,9 @@ def test_a_model_wholly_outside_has_no_clearance():
 @pytest.mark.parametrize(
     "cage",
     [
-        TriMesh(box().vertices, box().faces[1:]),
-        with_face(box(), [0, 1, 1]),
-        TriMesh(octahedron(3.0).vertices * [1, 1, 0], octahedron().faces),
+        changed(box(), box().faces[1:]),
+        changed(box(), np.vstack([box().faces, [0, 1, 1]])),
+        moved(octahedron(3.0), scale=[1, 1, 0]),
     ],
     ids=["open", "a vertex twice", "no volume"],
 )
@@ -157,8 +135,6 @@ def test_a_cage_without_an_inside_gives_no_facts_on_the_model(cage):
 
 
 def test_a_pinched_cage_has_no_genus():
-    from tests.cages.test_soundness import pinched
-
     assert diagnose(pinched()).cage.genus is None
 
 
@@ -191,8 +167,8 @@ def test_a_rest_pose_of_one_point_is_unfit():
 
 def test_no_repair_is_promised_to_a_cage_of_another_model():
     cage = ball(1)
-    near = changed(ball(2, 0.5), vertices=ball(2, 0.5).vertices + np.array([0.6, 0, 0]))
-    far = changed(ball(2, 0.5), vertices=ball(2, 0.5).vertices * [3, 0.2, 1] + np.array([9, 2, 1]))
+    near = moved(ball(2, 0.5), (0.6, 0, 0))
+    far = moved(ball(2, 0.5), (9, 2, 1), scale=[3, 0.2, 1])
     assert diagnose(cage, near).is_repairable
     misplaced = diagnose(cage, far)
     assert not misplaced.is_fit

@@ -8,10 +8,10 @@ from cageik_cli.cages.settings import RepairSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError
 from tests.cages.damage import DAMAGES
-from tests.shapes import QUADS, TETRAHEDRON, ball, box, changed, concave
+from tests.shapes import QUADS, TETRAHEDRON, ball, box, changed, concave, merged, moved
 
-MODEL = TriMesh(0.7 * ball(2).vertices * [1.0, 0.8, 0.6], ball(2).faces)
-CAGE = TriMesh(ball(1).vertices * [1.0, 0.8, 0.6], ball(1).faces)
+MODEL = moved(ball(2, 0.35), scale=[1.0, 0.8, 0.6])
+CAGE = moved(ball(1), scale=[1.0, 0.8, 0.6])
 FANS = TriMesh(
     box().vertices, np.array([f for a, b, c, d in QUADS for f in ([a, b, c], [a, c, d])])
 )
@@ -77,7 +77,7 @@ def test_a_copy_in_another_unit_and_with_other_axes_is_named_and_brought_back():
 
 def test_a_transform_can_be_refused():
     settings = RepairSettings(allow_transform=False)
-    repaired = repair_cage(TriMesh(0.001 * CAGE.vertices, CAGE.faces), MODEL, settings)
+    repaired = repair_cage(moved(CAGE, scale=0.001), MODEL, settings)
     assert repaired.transform is None
 
 
@@ -93,9 +93,7 @@ def test_quads_stay_quads():
 
 
 def test_a_quad_that_is_missing_comes_back_as_a_quad():
-    repaired = repair_cage(
-        TriMesh(FANS.vertices, FANS.faces[:-2]), MODEL, corner_counts=np.full(5, 4)
-    )
+    repaired = repair_cage(changed(FANS, FANS.faces[:-2]), MODEL, corner_counts=np.full(5, 4))
     assert repaired.is_fit
     assert repaired.mesh.corner_counts.tolist() == [4] * 6
     assert kinds(repaired) == ["close-hole"]
@@ -120,10 +118,7 @@ def test_moves_are_in_the_units_of_the_model():
     """A scene a thousand times as large is repaired by moves a thousand times as long."""
     damaged = DAMAGES[7](CAGE, np.random.default_rng(1))
     small = repair_cage(damaged, MODEL)
-    large = repair_cage(
-        TriMesh(1024 * damaged.vertices, damaged.faces),
-        TriMesh(1024 * MODEL.vertices, MODEL.faces),
-    )
+    large = repair_cage(moved(damaged, scale=1024), moved(MODEL, scale=1024))
     np.testing.assert_allclose(large.moves, 1024 * small.moves, rtol=1e-3, atol=1e-6)
 
 
@@ -177,14 +172,7 @@ def test_a_large_hole_is_left_and_named():
 
 
 def test_a_cage_of_two_parts_that_both_hold_some_of_the_model_is_not_called_fit():
-    ends = np.array([[-3.0, 0, 0], [3.0, 0, 0]])
-    model, cage = (
-        TriMesh(
-            np.concatenate([size * box().vertices + end for end in ends]),
-            np.concatenate([box().faces, box().faces + 8]),
-        )
-        for size in (0.5, 1.0)
-    )
+    model, cage = (merged(*(moved(box(size), (x, 0, 0)) for x in (-3, 3))) for size in (0.5, 1.0))
     repaired = repair_cage(cage, model)
     assert [fault.kind for fault in repaired.faults] == ["components"]
 
@@ -198,8 +186,7 @@ def test_a_strip_without_sides_is_not_called_fit():
 
 
 def test_a_flat_cage_is_not_called_fit():
-    flat = TriMesh(TETRAHEDRON.vertices * [1.0, 1, 0], TETRAHEDRON.faces)
-    assert not repair_cage(flat, MODEL).is_fit
+    assert not repair_cage(moved(TETRAHEDRON, scale=[1, 1, 0]), MODEL).is_fit
 
 
 def test_a_model_without_extent_is_refused():
@@ -216,14 +203,12 @@ def test_an_inner_wall_is_deleted():
     """The L with a wall between two of its cubes."""
     wall = np.array([[0, 3, 9], [0, 9, 6]])
     walled = TriMesh(concave().vertices, np.concatenate([concave().faces, wall]))
-    model = TriMesh(0.2 * ball(1).vertices + 0.5, ball(1).faces)
-    repaired = repair_cage(walled, model)
+    repaired = repair_cage(walled, moved(ball(1, 0.1), [0.5] * 3))
     assert repaired.is_fit
     np.testing.assert_array_equal(repaired.cage.faces, concave().faces)
 
 
 def test_a_fin_is_deleted():
-    fin = np.array([[0, 1, len(CAGE.vertices)]])
     a, b = CAGE.edges.ends[0]
     fin = np.array([[a, b, len(CAGE.vertices)]])
     vertices = np.concatenate([CAGE.vertices, [[3.0, 3, 3]]])

@@ -3,33 +3,29 @@ import pytest
 
 from cageik_cli.cages.sections import Loop, Slicer, find_shared_sections
 from cageik_cli.geometry.mesh import TriMesh
-from tests.shapes import ball, box, concave, finer
+from tests.shapes import ball, box, concave, finer, merged, moved, prism
 
 
 def trousers(gap):
     """A block with two legs, 0.8 long, `gap` apart, made of cubes of a grid; outward."""
-    return extrude(
-        [[0, 0], [1, 0], [1, 0.8], [1 + gap, 0.8], [1 + gap, 0], [2 + gap, 0], [2 + gap, 2], [0, 2]]
+    right = 1 + gap
+    return prism(
+        [
+            [0, 0],
+            [1, 0],
+            [1, 0.8],
+            [right, 0.8],
+            [right, 0],
+            [1 + right, 0],
+            [1 + right, 2],
+            [0, 2],
+        ],
+        [[0, 1, 2], [0, 2, 7], [2, 3, 6], [2, 6, 7], [3, 4, 5], [3, 5, 6]],
     )
 
 
-def extrude(outline):
-    """A prism over a polygon that goes around to the left, from z = 0 to 1."""
-    outline = np.array(outline, float)
-    count = len(outline)
-    vertices = np.concatenate(
-        [np.column_stack([outline, np.full(count, height)]) for height in (0.0, 1.0)]
-    )
-    cap = np.array([[0, 1, 2], [0, 2, 7], [2, 3, 6], [2, 6, 7], [3, 4, 5], [3, 5, 6]])
-    walls = [
-        face
-        for k in range(count)
-        for face in (
-            [k, (k + 1) % count, (k + 1) % count + count],
-            [k, (k + 1) % count + count, k + count],
-        )
-    ]
-    return TriMesh(vertices, np.concatenate([cap[:, ::-1], cap + count, walls]))
+BOX = moved(box(), (1.25, 1, 0.5), 1.5)
+"""A box around trousers."""
 
 
 def test_a_section_of_a_box_is_its_square():
@@ -56,8 +52,7 @@ def test_legs_are_two_loops():
 
 def test_a_box_around_two_legs_is_one_loop_for_both():
     model = finer(trousers(0.5), 3)
-    cage = TriMesh(1.5 * box().vertices + [1.25, 1, 0.5], box().faces)
-    place = find_shared_sections(cage, model)[0]
+    place = find_shared_sections(BOX, model)[0]
     assert place.axis == 1
     assert place.limbs == 2
     assert place.gap == pytest.approx(0.5)
@@ -70,15 +65,14 @@ def test_a_box_around_two_legs_is_one_loop_for_both():
 
 def test_places_near_points_are_found_alone():
     model = finer(trousers(0.5), 3)
-    cage = TriMesh(1.5 * box().vertices + [1.25, 1, 0.5], box().faces)
-    (place,) = find_shared_sections(cage, model, near=np.array([[1.25, 0.4, 0.5]]))
+    (place,) = find_shared_sections(BOX, model, near=np.array([[1.25, 0.4, 0.5]]))
     assert (place.axis, place.limbs) == (1, 2)
     step = 2 / 24
     assert abs(place.centre[1] - 0.4) <= step
     assert place.length <= 2 * step
     # Sections through the block above hold one limb; those across x hold one leg.
-    assert find_shared_sections(cage, model, near=np.array([[0.5, 1.6, 0.5]])) == []
-    assert find_shared_sections(cage, model, near=np.empty((0, 3))) == []
+    assert find_shared_sections(BOX, model, near=np.array([[0.5, 1.6, 0.5]])) == []
+    assert find_shared_sections(BOX, model, near=np.empty((0, 3))) == []
 
 
 def test_a_cage_with_legs_of_its_own_shares_nothing():
@@ -93,24 +87,17 @@ def test_a_cage_with_legs_of_its_own_shares_nothing():
 
 
 def test_legs_too_near_for_a_cage_between_are_one():
-    cage = TriMesh(1.5 * box().vertices + [1.25, 1, 0.5], box().faces)
-    assert find_shared_sections(cage, finer(trousers(0.005), 3)) == []
+    assert find_shared_sections(BOX, finer(trousers(0.005), 3)) == []
 
 
 def test_a_body_without_limbs_shares_nothing():
     assert find_shared_sections(box(1.0), ball(3)) == []
-    assert find_shared_sections(TriMesh(3 * box().vertices, box().faces), finer(concave(), 2)) == []
+    assert find_shared_sections(box(3.0), finer(concave(), 2)) == []
 
 
 def test_a_body_in_another_body_is_no_limb():
     """A shell within a shell, and one beside: only parts of one body are limbs."""
-    outer, inner = ball(3), TriMesh(0.5 * ball(3).vertices, ball(3).faces)
-    beside = TriMesh(ball(3).vertices + np.array([1.2, 0, 0]), ball(3).faces)
-    count = len(outer.vertices)
-    model = TriMesh(
-        np.concatenate([outer.vertices, inner.vertices, beside.vertices]),
-        np.concatenate([outer.faces, inner.faces + count, beside.faces + 2 * count]),
-    )
+    model = merged(ball(3), moved(ball(3), scale=0.5), moved(ball(3), (1.2, 0, 0)))
     assert find_shared_sections(box(3.0), model) == []
 
 
@@ -123,11 +110,7 @@ def test_only_loops_in_each_others_boxes_are_compared(monkeypatch):
         return goes_around(*arguments)
 
     monkeypatch.setattr(Loop, "goes_around", count)
-    row = [ball(2).vertices + np.array([1.2 * k, 0, 0]) for k in range(12)]
-    model = TriMesh(
-        np.concatenate(row),
-        np.concatenate([ball(2).faces + k * len(ball(2).vertices) for k in range(12)]),
-    )
-    assert find_shared_sections(TriMesh(20 * box().vertices, box().faces), model) == []
+    model = merged(*(moved(ball(2), (1.2 * k, 0, 0)) for k in range(12)))
+    assert find_shared_sections(box(20.0), model) == []
     # Each loop of the model is compared with the one loop of the cage.
     assert len(calls) <= 12 * 24 * 3

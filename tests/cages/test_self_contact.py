@@ -8,7 +8,7 @@ import pytest
 from cageik_cli.cages import self_contact as module
 from cageik_cli.cages.self_contact import make_contact_meter
 from cageik_cli.geometry.mesh import TriMesh
-from tests.shapes import ball, box
+from tests.shapes import ball, box, merged, moved
 from tests.strips import fold_strip, make_strip
 
 
@@ -51,16 +51,14 @@ def test_a_seam_does_not_part_the_surface():
 
 
 def test_parts_that_are_not_joined_touch():
-    one = ball(2)
-    two = np.concatenate([one.vertices, one.vertices + np.array([1.01, 0, 0])])
-    pair = TriMesh(two, np.concatenate([one.faces, one.faces + len(one.vertices)]))
+    pair, apart = (merged(ball(2), moved(ball(2), (gap, 0, 0))) for gap in (1.01, 2.01))
     assert 0 < measure(pair) < 0.2
-    assert measure(pair, two + np.repeat([[0.0], [1.0]], len(one.vertices), axis=0)) == 0
+    assert measure(pair, apart.vertices) == 0
 
 
 def test_size_and_place_do_not_matter():
     strip, frame = make_strip(0.5), fold_strip(0.02)
-    far = TriMesh(1000 * strip.vertices + 1e6, strip.faces)
+    far = moved(strip, [1e6] * 3, 1000)
     assert measure(far, 1000 * frame + 1e6) == pytest.approx(measure(strip, frame), abs=1e-4)
 
 

@@ -3,22 +3,7 @@
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
-from tests.shapes import TETRAHEDRON, ball, box, changed, concave, finer, octahedron, rotation
-
-
-def merged(*meshes):
-    """One model of several."""
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
-    return TriMesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]),
-    )
-
-
-def moved(mesh, shift=(0, 0, 0), scale=1.0, turn=None):
-    """The mesh somewhere else, of another size."""
-    vertices = mesh.vertices if turn is None else mesh.vertices @ rotation(turn).T
-    return changed(mesh, vertices=scale * vertices + np.asarray(shift, float))
+from tests.shapes import TETRAHEDRON, ball, box, changed, concave, finer, merged, moved, octahedron
 
 
 def sheet(across=12, along=12, height=lambda u, v: 0 * u, loops=(False, False)):

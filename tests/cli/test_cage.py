@@ -1,7 +1,6 @@
 """`cageik cage`: what is typed, what is told, and what is refused."""
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -41,27 +40,7 @@ def test_json_on_stdout_is_alone_there(run):
     assert "error " in outcome.err
 
 
-def test_json_in_a_file(run):
-    Path("record.json").write_text("mine")
-    refused = run(*TYPED, "--json", "record.json")
-    assert refused.code == 1
-    assert "record.json: exists already" in refused.err
-    assert not Path("built.obj").exists()
-    assert run(*TYPED, "--json", "record.json", "--overwrite").code == 0
-    assert json.loads(Path("record.json").read_text())["schema"] == 1
-
-
 @pytest.mark.parametrize("spelt", ["2%", "2 %", "2", "2.0"])
 def test_a_clearance_is_in_percent(run, spelt):
     outcome = run(*TYPED, "--clearance", spelt, "--json", "-", "-q")
     assert json.loads(outcome.out)["settings"]["clearance_percent"] == 2
-
-
-def test_what_exists_is_kept(run):
-    before = Path("cage.obj").read_bytes()
-    outcome = run("cage", "frames/frame_1.obj", "-o", "cage.obj")
-    assert outcome.code == 1
-    assert "cage.obj: exists already" in outcome.err
-    outcome = run("cage", "frames/frame_1.obj", "-o", "frames/frame_1.obj", "--overwrite")
-    assert outcome.code == 1
-    assert Path("cage.obj").read_bytes() == before

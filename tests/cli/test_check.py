@@ -7,11 +7,7 @@ import pytest
 import trimesh
 
 TYPED = ("check", "frames", "--cage", "cage.obj")
-UNFIT = (
-    "cage_open", "cage_non_manifold", "cage_two_components", "cage_degenerate_face",
-    "cage_zero_area", "cage_duplicate_faces", "cage_mixed_orientation", "cage_too_small",
-    "cage_unreferenced_vertex", "cage_self_crossing", "cage_pinched", "swapped",
-)  # fmt: skip
+UNFIT = ("cage_open", "cage_non_manifold", "cage_too_small", "cage_self_crossing", "swapped")
 
 
 def test_a_fit_cage_is_exit_code_0(run, folder):
@@ -58,12 +54,6 @@ def test_an_unfit_cage_still_gets_its_json(run, fixtures_folder):
     assert json.loads(outcome.out)["findings"][0]["kind"] == "open-edge"
 
 
-def test_quiet_is_the_exit_code_alone(run, folder, fixtures_folder):
-    assert run(*TYPED, "-q").out == ""
-    outcome = run("check", "--cage", fixtures_folder / "broken/cage_open/cage.obj", "-q")
-    assert (outcome.code, outcome.out, outcome.err) == (1, "", "")
-
-
 @pytest.fixture
 def small_cage(folder, write_obj):
     """A cage through which vertices and faces of the rest pose go."""
@@ -73,8 +63,8 @@ def small_cage(folder, write_obj):
 
 
 def test_a_picture_and_coloured_vertices_show_the_faults(run, small_cage):
-    typed = ("check", "frames", "--cage", small_cage, "--plot", "faults.png")
-    outcome = run(*typed, "--marked", "faults.ply")
+    views = ("--plot", "faults.png", "--marked", "faults.ply")
+    outcome = run("check", "frames", "--cage", small_cage, *views)
     assert outcome.code == 1
     assert "fault 1        outside: 6 vertices (0, 1, 2, ...)" in outcome.out
     assert outcome.out.endswith("wrote faults.png\nwrote faults.ply\n")
@@ -84,9 +74,6 @@ def test_a_picture_and_coloured_vertices_show_the_faults(run, small_cage):
     colours = mesh.visual.vertex_colors[:, :3]
     assert (colours[8:14] == [214, 47, 39]).all()
     assert not (colours[14:] == [214, 47, 39]).all(axis=1).any()
-    first = Path("faults.png").read_bytes(), Path("faults.ply").read_bytes()
-    run(*typed, "--marked", "faults.ply", "--overwrite")
-    assert (Path("faults.png").read_bytes(), Path("faults.ply").read_bytes()) == first
 
 
 def test_a_single_element_is_named_in_the_singular(run, fixtures_folder, tmp_path):

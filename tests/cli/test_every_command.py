@@ -185,6 +185,7 @@ FAILING = [
     ("extract frames --binding cages.h5 -o x.h5", "cages.h5: is not a binding"),
     ("extract frames --binding cages.h5 -o x.h5 --accuracy fine", "cages.h5: is not a binding"),
     ("extract binding.h5 --cage cage.obj -o x.h5", "binding.h5: is a binding"),
+    (f"{BIND} --fit nowhere", "nowhere: no such file"),
     ("report nowhere.h5", "nowhere.h5: no such result"),
     ("report binding.h5", "binding.h5: "),
     ("report cages.h5 cage.obj --json r.json", "cage.obj: is not an HDF5 file"),

@@ -74,7 +74,7 @@ def test_positions_without_faces_are_outlined(run, folder, animation):
     headline, rows = rows_of(run("info", "clip.mdd"))
     assert headline == "clip.mdd"
     assert rows == {
-        "holds": "positions without faces; give these by --rest",
+        "holds": "positions without faces, which cageik extract takes from --rest",
         "frames": "5",
         "vertices": "18",
         "scene": "30 frames per second, from frame 0",
@@ -152,20 +152,3 @@ def test_a_mesh_too_large_for_a_cage_is_not_tested_as_one(run, folder, monkeypat
 def test_polygons_are_noted(run, fixtures_folder):
     _, rows = rows_of(run("info", fixtures_folder / "broken" / "cage_quads" / "cage.obj"))
     assert rows["note"] == "6 polygons cut into triangles to compute with"
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["notes.txt"], "notes.txt: `.txt`"),
-        (["empty.obj"], "empty.obj: the file is empty"),
-        (["bad.h5"], "bad.h5: is not an HDF5 file"),
-    ],
-)
-def test_what_cannot_be_described_is_refused(run, folder, words, says):
-    for name in ("notes.txt", "empty.obj", "bad.h5"):
-        Path(name).touch()
-    outcome = run("info", *words)
-    assert (outcome.code, outcome.out) == (1, "")
-    assert says in outcome.err
-    assert len(outcome.err.splitlines()) == 1

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from cageik_cli.formats.open import clip_suffixes
+
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pipes have no names on this system")
 
 BASE = ("extract", "frames", "--cage", "cage.obj")
@@ -24,14 +26,8 @@ COMMANDS = {
     "export": ("export", "odd.h5", "out.npz"),
     "deform": ("deform", "cages.h5", "--mesh", "odd.obj", "-o", "out.npz"),
     "handles": ("pose", "cages.h5", "odd.json", "-o", "out.h5"),
-    **{
-        f"info {suffix}": ("info", f"odd{suffix}")
-        for suffix in (
-            ".obj", ".ply", ".off", ".h5", ".npz", ".npy", ".mdd", ".pc2", ".anime", ".usda",
-            ".usdc", ".usdz", ".abc",
-        )
-    },
-}  # fmt: skip
+    **{f"info {suffix}": ("info", f"odd{suffix}") for suffix in clip_suffixes()},
+}
 
 
 def make_device(path):

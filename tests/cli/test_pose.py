@@ -103,14 +103,6 @@ def test_names_in_a_note_are_of_one_line(run, handles, clip):
     assert "edited by a\ufffd b.json: figures" in read_result(Path("edited.h5")).notes[-1]
 
 
-def test_a_binding_is_posed_as_the_model_in_its_cage(run, handles):
-    assert run(*REST).code == 0
-    bind = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-o", "b.h5")
-    assert run(*bind).code == 0
-    assert run("pose", "b.h5", "handles.json", "-o", "again.obj").code == 0
-    assert Path("posed.obj").read_bytes() == Path("again.obj").read_bytes()
-
-
 @pytest.mark.parametrize("packed", [False, True])
 def test_models_and_cages_keep_what_their_obj_files_say(run, handles, packed):
     """Quads, texture coordinates, groups, materials; a cage is turned outward."""

@@ -65,17 +65,6 @@ def test_a_plot_is_of_the_kind_its_name_says(run, results, name, start):
     assert Path(name).read_bytes().startswith(start)
 
 
-@pytest.mark.slow
-def test_only_pictures_need_the_libraries_that_draw(run_process, results):
-    for command in ("extract", "report"):
-        code = (
-            f"import sys, cageik_cli.cli.{command}, cageik_cli.workflows.extract, "
-            "cageik_cli.report.overview, cageik_cli.report.views.text; "
-            "print({'matplotlib', 'PIL'} & set(sys.modules))"
-        )
-        assert run_process("-c", code).out == "set()\n"
-
-
 def test_the_remedy_is_one_that_report_has(run, results):
     Path("there").write_text("old")
     assert " -o" not in run("report", "--json", "there").err
@@ -136,9 +125,10 @@ def test_only_a_page_needs_what_pages_are_made_with(run_process, folder, run, wo
     assert outcome.out.splitlines()[-1] == str(used)
 
 
-def test_the_meshes_are_not_needed(run_process, results):
+def test_the_meshes_are_not_needed(run, results, monkeypatch):
     """A report reads the result alone, from any folder."""
     (results / "elsewhere").mkdir()
-    outcome = run_process("-m", "cageik_cli", "report", "../cages.h5", cwd=results / "elsewhere")
+    monkeypatch.chdir("elsewhere")
+    outcome = run("report", "../cages.h5")
     assert outcome.code == 0
     assert outcome.out.startswith("cages.h5: ")

@@ -70,7 +70,7 @@ def test_no_browser_is_opened_if_not_wanted(run, bound, viewed, opened):
 
 
 def test_a_cage_is_built_if_none_is_given(run, bound, viewed, coarse_grids):
-    outcome = run("view", "frames/frame_1.obj", "--cage-vertices", "30", "--no-browser")
+    outcome = run("view", "frames/frame_1.obj", "--cage-vertices", "20", "--no-browser")
     assert outcome.code == 0, outcome.err
     assert re.search(r"cage +built, \d+ vertices", outcome.err)
 

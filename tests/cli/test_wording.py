@@ -1,3 +1,12 @@
+"""Options in messages and notes, as they are typed, in place of parameters of the package."""
+
+import json
+import re
+import shutil
+import struct
+from pathlib import Path
+
+import h5py
 import pytest
 
 from cageik_cli.cli.deform import deform_command
@@ -44,3 +53,33 @@ def test_a_note_names_the_option():
     progress = ProgressBar(is_drawn=False)
     progress.note("note", "it is long; limit it by `memory=`")
     assert progress.notes == [("note", "it is long; limit it by --memory")]
+
+
+NOTE = "cage: weights are poor at `accuracy=preview`"
+VIEWS = {"--json": "r.json", "--html": "r.html", "--junit": "r.xml", "--markdown": "r.md"}
+
+
+def test_every_view_of_a_result_names_options(run, tiny_result, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(tiny_result, "cages.h5")
+    with h5py.File("cages.h5", "r+") as file:
+        file.attrs["notes"] = json.dumps([NOTE])
+    done = run("report", "--no-player", *(word for view in VIEWS.items() for word in view))
+    shown = {name: Path(name).read_text().replace("\\", "") for name in VIEWS.values()}
+    for view, text in (shown | {"text": done.out}).items():
+        assert "weights are poor at --accuracy preview" in text, view
+        assert not re.search("`[a-z_]+=", text), view
+
+
+def test_pages_and_reports_of_a_batch_name_options(run, folder, animation, here):
+    """The times of a clip are uneven, which a note says."""
+    frames, times = animation.frames.astype(">f4"), [0.0, 1.0, 1.5, 4.0, 5.0]
+    Path("anim").mkdir()
+    head = struct.pack(">ii5f", *frames.shape[:2], *times)
+    Path("anim/walk.mdd").write_bytes(head + frames.tobytes())
+    done = run("batch", "anim", "-o", "out", "--cage", "cage.obj", "--rest", "frames/frame_1.obj")
+    assert done.code == 0, done.err
+    for name in ("report.json", "junit.xml", "report.md", "clips/walk.mdd.html"):
+        text = Path("out", name).read_text().replace("\\", "")
+        assert "give --fps" in text, name
+        assert "`fps=" not in text, name

@@ -5,7 +5,7 @@ from scipy.spatial import ConvexHull
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
-from tests.shapes import ball, rotation
+from tests.shapes import ball, prism, rotation
 
 
 def random_cage(seed: int) -> TriMesh:
@@ -136,26 +136,8 @@ def _convex(places: np.ndarray) -> TriMesh:
 def _u_shape(gap: float, left: float, right: float, bridge: float) -> TriMesh:
     """A U of height and depth one, its arms `gap` apart, over a bridge."""
     x = np.cumsum([0, left, gap, right])
-    outline = np.array(
-        [
-            [x[0], 0],
-            [x[3], 0],
-            [x[3], 1],
-            [x[2], 1],
-            [x[2], bridge],
-            [x[1], bridge],
-            [x[1], 1],
-            [0, 1],
-        ]
-    )
-    low = np.column_stack([outline, np.zeros(8)])
-    cap = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [0, 4, 5], [0, 5, 7], [5, 6, 7]])
-    walls = [
-        face
-        for k, m in zip(range(8), np.roll(range(8), -1), strict=True)
-        for face in ([k, m, m + 8], [k, m + 8, k + 8])
-    ]
-    return TriMesh(
-        np.concatenate([low, low + np.array([0, 0, 1])]),
-        np.concatenate([cap[:, ::-1], cap + 8, walls]),
+    low, high = [[x[0], 0], [x[3], 0], [x[3], 1], [x[2], 1]], [[x[1], 1], [0, 1]]
+    return prism(
+        [*low, [x[2], bridge], [x[1], bridge], *high],
+        [[0, 1, 4], [1, 2, 4], [2, 3, 4], [0, 4, 5], [0, 5, 7], [5, 6, 7]],
     )

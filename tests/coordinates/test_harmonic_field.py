@@ -1,8 +1,12 @@
+from functools import cache
+
 import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
+from cageik_cli.coordinates import harmonic
 from cageik_cli.coordinates.bem import gradients as gradients_module
+from cageik_cli.coordinates.bem.panel_geometry import Panels
 from cageik_cli.coordinates.harmonic_field import HarmonicField
 from cageik_cli.coordinates.settings import ACCURACIES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
@@ -17,6 +21,17 @@ ACCURACIES_OF_CAGES = [
     *((cage, "standard") for cage in ("box", "ball")),
     *(pytest.param(cage, "fine", marks=pytest.mark.slow) for cage in ("box", "ball")),
 ]
+
+
+@cache
+def solve(name, accuracy="standard"):
+    """The field of a cage, and the points inside that it was solved for."""
+    points = inside(CAGES[name], 40)
+    return HarmonicField.solve(CAGES[name], points, accuracy), points
+
+
+def normals(cage):
+    return Panels(cage.vertices, cage.faces).normals
 
 
 def differentiate(field, points, step):
@@ -41,8 +56,7 @@ def assert_affine(gradient, cage, atol=1e-12):
 @pytest.mark.parametrize(("name", "accuracy"), ACCURACIES_OF_CAGES)
 def test_gradients_are_those_of_the_weights(name, accuracy):
     cage = CAGES[name]
-    points = inside(cage, 40)
-    field = HarmonicField.solve(cage, points, accuracy)
+    field, points = solve(name, accuracy)
     gradient = field.gradient(points)
     expected = differentiate(field, points, 1e-3 * cage.diagonal)
     np.testing.assert_allclose(gradient, expected, rtol=0, atol=1e-5 * abs(expected).max())
@@ -53,19 +67,15 @@ def test_gradients_are_those_of_the_weights(name, accuracy):
 def test_gradients_near_faces_and_edges_are_those_of_the_weights(name, accuracy):
     """A thousandth of the diagonal below them, where single densities decide."""
     cage = CAGES[name]
-    random = np.random.default_rng(2)
-    corner = cage.vertices[cage.faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    shares = random.dirichlet(np.ones(3), len(corner))
+    shares = np.random.default_rng(2).dirichlet(np.ones(3), len(cage.faces))
     shares[::2, 0] *= 0.01  # every second point is near an edge
     shares /= shares.sum(axis=1, keepdims=True)
     depth = 1e-3 * cage.diagonal
-    points = np.einsum("fk,fkx->fx", shares, corner) - depth * normal
+    points = np.einsum("fk,fkx->fx", shares, cage.vertices[cage.faces]) - depth * normals(cage)
     is_deep = closest_points(cage, points).distance > 0.5 * depth
     points = points[is_deep & (winding_numbers(cage, points) > 0.5)]
     assert len(points) >= 6
-    field = HarmonicField.solve(cage, inside(cage, 40), accuracy)
+    field, _ = solve(name, accuracy)
     expected = differentiate(field, points, depth / 24)
     np.testing.assert_allclose(
         field.gradient(points), expected, rtol=0, atol=1e-5 * abs(expected).max()
@@ -74,10 +84,8 @@ def test_gradients_near_faces_and_edges_are_those_of_the_weights(name, accuracy)
 
 def test_a_wrong_term_would_be_noticed(monkeypatch):
     """The fading of higher terms has a slope; without it the gradients miss the differences."""
-    cage = CAGES["concave"]
-    points = inside(cage, 40)
-    field = HarmonicField.solve(cage, points)
-    expected = differentiate(field, points, 1e-3 * cage.diagonal)
+    field, points = solve("concave")
+    expected = differentiate(field, points, 1e-3 * field.cage.diagonal)
     nothing = gradients_module._strength_slopes
     monkeypatch.setattr(gradients_module, "_strength_slopes", lambda *a: 0 * nothing(*a))
     assert abs(field.gradient(points) - expected).max() > 1e-4 * abs(expected).max()
@@ -110,26 +118,25 @@ def test_values_are_the_weights_of_a_binding():
 def test_gradients_on_the_cage_are_the_limit_from_inside():
     """Up to the error of the weights, which shrinks with the accuracy."""
     cage = CAGES["ball"]
-    corner = cage.vertices[cage.faces]
-    on_cage = np.einsum("fkx,k->fx", corner, [0.3, 0.3, 0.4])
-    outward = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    on_cage = np.einsum("fkx,k->fx", cage.vertices[cage.faces], [0.3, 0.3, 0.4])
     apart = []
-    for accuracy in ACCURACIES:
+    for accuracy in ("preview", "standard"):
         field = HarmonicField.solve(cage, on_cage * 0.99, accuracy)
-        limit, near = field.gradient(on_cage), field.gradient(on_cage - 1e-6 * outward)
+        limit, near = field.gradient(on_cage), field.gradient(on_cage - 1e-6 * normals(cage))
         assert_affine(limit, cage)
         apart.append(np.linalg.norm(limit - near) / np.linalg.norm(near))
-    assert apart[0] < 0.2
-    assert apart[2] < 0.25 * apart[0]
+    assert apart[0] < 0.02
+    assert apart[1] < 0.25 * apart[0]
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_gradients_of_random_cages_are_exact_for_affine_maps(seed):
+def test_gradients_of_random_cages_are_exact_for_affine_maps(seed, monkeypatch):
     """Also at points a ten-thousand-millionth of the diagonal from faces, edges and corners."""
     cage = random_cage(seed)
     points = points_within(cage, seed)
-    accuracy = "preview" if seed else "standard"  # most in haste
+    accuracy = "standard" if seed == 1 else "preview"
+    if seed != 1:  # most in haste: panels are divided once
+        monkeypatch.setattr(harmonic, "MAX_REFINEMENTS", 1)
     gradient = HarmonicField.solve(cage, points, accuracy).gradient(points)
     assert np.isfinite(gradient).all()
     size = max(1.0, abs(cage.vertices.mean(axis=0)).max() / cage.diagonal)
@@ -137,21 +144,12 @@ def test_gradients_of_random_cages_are_exact_for_affine_maps(seed):
     assert_affine(gradient, cage, atol=1e-13 * size * largest)
 
 
-def test_threads_do_not_change_gradients():
-    cage = concave()
-    points = inside(cage, 1500)
-    field = HarmonicField.solve(cage, points, "preview")
-    one, two = (field.gradient(points, jobs=jobs) for jobs in (1, 2))
-    np.testing.assert_array_equal(one, two)
-
-
-def test_progress_is_called_to_the_end():
-    cage = concave()
-    points = inside(cage, 600)
-    field = HarmonicField.solve(cage, points, "preview")
-    seen = []
-    field.gradient(points, progress=lambda done, total: seen.append((done, total)))
-    assert seen[-1] == (600, 600)
+def test_threads_do_not_change_gradients_and_progress_is_reported():
+    points = inside(concave(), 1500)
+    field, seen = HarmonicField.solve(concave(), points, "preview"), []
+    one = field.gradient(points, jobs=1, progress=lambda *done: seen.append(done))
+    np.testing.assert_array_equal(field.gradient(points, jobs=2), one)
+    assert seen[-1] == (1500, 1500)
 
 
 def test_points_outside_are_refused():

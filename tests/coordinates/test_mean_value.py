@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.polynomial.legendre import leggauss
 
 from cageik_cli.coordinates import mean_value
@@ -105,12 +103,6 @@ def by_quadrature(cage, point, order):
                 # It meets the face at r = 1 / Σ shares, and φ / r there are the shares.
                 sums[face] += np.sign(np.linalg.det(corner)) * (area[hit] @ shares[hit])
     return sums / sums.sum()
-
-
-@pytest.mark.parametrize("cage", CAGES.values(), ids=CAGES.keys())
-def test_rows_sum_to_one_and_give_the_points(cage):
-    points = inside(cage, 300)
-    assert_exact(cage, points, mean_value_weights(cage, points).values)
 
 
 def test_weights_are_in_closed_form():
@@ -257,18 +249,4 @@ def test_a_mirrored_point_has_mirrored_weights():
     found = mean_value_weights(cage, points * [-1, 1, 1]).values
     np.testing.assert_allclose(
         found, mean_value_weights(cage, points).values[:, mirrored], rtol=0, atol=1e-15
-    )
-
-
-@settings(max_examples=30)
-@given(st.integers(0, 1000), st.floats(1e-3, 1e3))
-def test_similar_cages_have_the_same_weights_and_permuted_vertices_permuted_ones(seed, scale):
-    cage, points = concave(), inside(concave(), 20, margin=0.03)
-    turn, order = rotation(seed), np.random.default_rng(seed).permutation(len(cage.vertices))
-    moved = TriMesh(scale * (cage.vertices @ turn.T)[order] + 3, np.argsort(order)[cage.faces])
-    weights = mean_value_weights(moved, scale * points @ turn.T + 3).values
-    # Rounding of the input grows with the offset over the scale.
-    tolerance = 1e-14 * max(1, 1 / scale)
-    np.testing.assert_allclose(
-        weights, mean_value_weights(cage, points).values[:, order], rtol=0, atol=tolerance
     )

@@ -5,6 +5,7 @@ line that differs only in masked parts stays as it is. What a line `...` stood f
 out: shown and found lines are paired by likeness, and new lines where a `...` was join it.
 """
 
+import argparse
 import contextlib
 import difflib
 import sys
@@ -132,7 +133,11 @@ def _write_steps(steps):
 
 def main(arguments):
     """Refresh the pages named, or all; return 1 when a block fails for another reason."""
-    pages = [Path(word).resolve() for word in arguments] or find_pages()
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.docs.refresh", description="Rewrite the output that pages show."
+    )
+    parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE", help="all by default")
+    pages = [page.resolve() for page in parser.parse_args(arguments).pages] or find_pages()
     failed = False
     with tempfile.TemporaryDirectory(prefix="cageik-docs-") as temporary:
         for number, path in enumerate(pages):

@@ -39,17 +39,18 @@ class BuiltScene:
 class UsdScene(BuiltScene):
     """A stage; frames are at the time codes 1, 2, 3, and a single one at none."""
 
-    def __init__(self, folder):
-        self.path = folder / "clip.usda"
+    def __init__(self, folder, name="clip.usda"):
+        self.path = folder / name
         self.stage = Usd.Stage.CreateNew(str(self.path))
         self.places = {None: ""}
 
     def close(self):
         self.stage.GetRootLayer().Save()
 
-    def mesh(self, name="mesh", parent=None, frames=FRAMES, faces=MESH.faces):
+    def mesh(self, name="mesh", parent=None, frames=FRAMES, faces=MESH.faces, times=None):
         self.places[name] = f"{self.places[parent]}/{name}"
-        times = range(1, len(frames) + 1) if len(frames) > 1 else ()
+        if times is None:
+            times = range(1, len(frames) + 1) if len(frames) > 1 else ()
         return add_usd_mesh(self.stage, self.places[name], frames, times, faces)
 
     def transform(self, matrices, name="move", parent=None, inherits=True):

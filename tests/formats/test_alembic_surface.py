@@ -1,7 +1,5 @@
 """Surfaces in Alembic: read by alembic3d alone, and read back as they were."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from alembic3d.Abc import IArchive, OArchive
@@ -21,11 +19,10 @@ from cageik_cli.geometry.surface_parts import FaceLabels, UvMap
 from tests.assets import asset_text, parse_asset
 from tests.formats.clips import written
 from tests.shapes import QUADS, box
-from tests.surfaces import ASSET, assert_same, change
+from tests.surfaces import ASSET, change
 
 TEXT = parse_asset(asset_text())
 FRAMES = np.stack([ASSET.vertices * (1, 1, 1 + k) for k in range(3)])
-KEPT = {"groups": None, "objects": None, "smoothing": None, "material_library": ""}
 
 
 def test_alembic_reads_what_the_text_says_corner_by_corner(tmp_path):
@@ -45,37 +42,6 @@ def test_alembic_reads_what_the_text_says_corner_by_corner(tmp_path):
         for face in schema.getFaceSet(name).getSchema().getValue().getFaces():
             found[face] = name
     assert found == [name[2] for name in TEXT.names]
-
-
-def test_what_is_written_is_read(tmp_path):
-    path = written(tmp_path / "a.abc", FRAMES, ASSET)
-    read, expected = open_sequence([str(path)]).first, replace(ASSET.attributes, **KEPT)
-    np.testing.assert_allclose(read.attributes.uvs.values, expected.uvs.values, atol=1e-7)
-    uvs = replace(read.attributes.uvs, values=expected.uvs.values)
-    assert read.attributes.parts.names == ("/tube",)
-    assert_same(replace(read.attributes, uvs=uvs, parts=expected.parts), expected)
-    np.testing.assert_array_equal(read.faces, ASSET.faces)
-
-
-PARTS = {
-    "no normals": {"normal_fans": None},
-    "normals alone": {"uvs": None, "materials": None},
-    "some names": {"materials": FaceLabels(("a/b", "b"), np.arange(27) % 3 - 1)},
-    "polygons": {"uvs": None, "materials": None, "normal_fans": None},
-}
-
-
-@pytest.mark.parametrize("parts", PARTS.values(), ids=PARTS)
-def test_each_part_is_read_as_it_is_written(tmp_path, parts):
-    mesh = change(ASSET, **parts)
-    read = open_sequence([str(written(tmp_path / "a.abc", FRAMES, mesh))]).first.attributes
-    for name in set(parts) - {"materials"}:
-        assert_same(getattr(read, name), getattr(mesh.attributes, name))
-    if "materials" in parts and parts["materials"] is not None:
-        assert read.materials.names == ("a_b", "b")
-        np.testing.assert_array_equal(read.materials.indices, parts["materials"].indices)
-    elif "materials" in parts:
-        assert read.materials is None
 
 
 def test_names_that_become_alike_stay_apart(tmp_path):

@@ -4,35 +4,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import ConnectivityError, FileAccessError, InputError
 from tests.clips import frames_of
+from tests.formats.polygons import MESH_KINDS, encode_polygons
+from tests.refusals import refused
 
 
-def test_gaps_are_taken_when_allowed(folder, animation):
-    (folder / "frames/frame_3.obj").unlink()
-    with pytest.raises(FileAccessError, match=r"frame_3\.obj: missing"):
-        open_sequence(["frames"])
-    found = frames_of(open_sequence(["frames"], ClipSettings(gaps="close")))
-    np.testing.assert_array_equal(found, animation.frames[[0, 1, 3, 4]])
-
-
-@pytest.mark.parametrize("kind", ["obj", "ply", "off"])
-def test_every_kind_gives_the_frames(tmp_path, animation, write_obj, kind):
+@pytest.mark.parametrize("kind", MESH_KINDS)
+def test_every_kind_gives_the_frames(tmp_path, animation, kind):
+    faces = animation.rest.faces.tolist()
     for k, vertices in enumerate(animation.frames):
-        path = tmp_path / f"f{k}.{kind}"
-        if kind == "obj":
-            write_obj(path, vertices, animation.rest.faces)
-        else:
-            mesh = trimesh.Trimesh(vertices, animation.rest.faces, process=False)
-            mesh.export(path, **({"digits": 17} if kind == "off" else {}))
+        (tmp_path / f"f{k}.{kind}").write_bytes(encode_polygons(kind, vertices, faces))
     sequence = open_sequence([str(tmp_path)])
-    np.testing.assert_array_equal(sequence.first.faces, animation.rest.faces)
-    # PLY as trimesh writes it is in single precision.
-    tolerance = {"obj": 0, "off": 1e-14, "ply": 1e-6}[kind]
+    np.testing.assert_array_equal(sequence.first.faces, faces)
+    tolerance = 1e-6 if "ply" in kind else 0  # in single precision
     np.testing.assert_allclose(frames_of(sequence), animation.frames, rtol=0, atol=tolerance)
 
 
@@ -71,12 +58,10 @@ def test_polygons_are_cut_alike_in_all_frames_as_in_the_first(tmp_path, kind):
     frames[1][2], frames[2][2] = (2, 2, 0), (2, 2, 0)
     frames[2][3] = (1.2, 0.4, 0)
     for k, vertices in enumerate(frames):
-        points = "".join("v {} {} {}\n".format(*vertex) for vertex in vertices.tolist())
-        faces = "f 2 3 4 1\n"
-        text = points + ("# another dialect\n" if k % 2 else "") + faces
-        if kind == "off":
-            text = "OFF\n4 1 0\n" + points.replace("v ", "") + "4 1 2 3 0\n"
-        (tmp_path / f"f{k}.{kind}").write_text(text)
+        data = encode_polygons(kind, vertices, [[1, 2, 3, 0]])
+        if k % 2:  # another dialect
+            data = data.replace(b"\nf", b"\n# faces\nf")
+        (tmp_path / f"f{k}.{kind}").write_bytes(data)
     sequence = open_sequence([str(tmp_path)])
     np.testing.assert_array_equal(frames_of(sequence), frames)
     a, b, c = (DART[corner] for corner in sequence.first.faces.T)
@@ -84,12 +69,9 @@ def test_polygons_are_cut_alike_in_all_frames_as_in_the_first(tmp_path, kind):
 
 
 def test_another_polygon_is_another_connectivity(tmp_path):
-    points = "".join("v {} {} {}\n".format(*vertex) for vertex in DART.tolist())
-    (tmp_path / "f0.obj").write_text(points + "f 2 3 4 1\n")
-    (tmp_path / "f1.obj").write_text(points + "f 1 2 3 4\n")
-    with pytest.raises(
-        ConnectivityError, match=r"f1\.obj: triangle 0 joins vertices 0-1-2, in the rest"
-    ):
+    for k, ring in enumerate([[1, 2, 3, 0], [0, 1, 2, 3]]):
+        (tmp_path / f"f{k}.obj").write_bytes(encode_polygons("obj", DART, [ring]))
+    with refused(ConnectivityError, "joins vertices 0-1-2, in the rest", at=tmp_path / "f1.obj"):
         frames_of(open_sequence([str(tmp_path)]))
 
 

@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
@@ -35,10 +37,15 @@ def write_ply(path, frames):
     path.write_bytes(trimesh.Trimesh(frames[0], FACES, process=False).export(file_type="ply"))
 
 
-IN_PROCESS = {name: KINDS[name] for name in ("clip.mdd", "clip.pc2", "clip.anime", "clip.npy")}
-IN_PROCESS |= {"clip.npz": KINDS["clip.npz"], "deflated_clip.npz": write_deflated}
-IN_PROCESS |= {"clip.ply": write_ply}
-HDF5 = {name: KINDS[name] for name in ("clip.h5", "clip.hdf5")}
+HDF5 = {name: write for name, write in KINDS.items() if Path(name).suffix in HDF5_SUFFIXES}
+OWN = {
+    name: write
+    for name, write in KINDS.items()
+    if Path(name).suffix not in (*HDF5_SUFFIXES, *USD_SUFFIXES, ".abc")
+}
+"""Files that no library of another reads."""
+
+IN_PROCESS = OWN | {"deflated_clip.npz": write_deflated, "clip.ply": write_ply}
 
 
 def damaged(data, rng):

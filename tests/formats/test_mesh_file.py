@@ -9,12 +9,9 @@ import trimesh
 
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.util.errors import FormatError, InputError
+from tests.formats.polygons import MESH_KINDS, encode_polygons
 from tests.refusals import refused
-from tests.shapes import box
-
-QUADS = np.array(
-    [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-)
+from tests.shapes import QUADS, box
 
 
 def _by_trimesh(path, mesh):
@@ -57,17 +54,10 @@ def test_files_of_other_programs_keep_every_vertex_in_its_place(tmp_path, name, 
     assert loaded.source == {"name": name, "sha256": digest}
 
 
-@pytest.mark.parametrize("kind", ["obj", "ply", "off"])
-def test_polygons_are_cut_and_said_so(tmp_path, write_obj, kind):
+@pytest.mark.parametrize("kind", MESH_KINDS)
+def test_polygons_are_cut_and_said_so(tmp_path, kind):
     path, mesh = tmp_path / f"quads.{kind}", box()
-    if kind == "obj":
-        write_obj(path, mesh.vertices, QUADS)
-    elif kind == "ply":
-        meshio.Mesh(mesh.vertices, [("quad", QUADS)]).write(path)
-    else:
-        faces = "".join(f"4 {a} {b} {c} {d}\n" for a, b, c, d in QUADS)
-        points = "".join("{} {} {}\n".format(*vertex) for vertex in mesh.vertices)
-        path.write_text(f"OFF\n8 6 0\n{points}{faces}")
+    path.write_bytes(encode_polygons(kind, mesh.vertices, QUADS))
     loaded = load_mesh(path)
     assert loaded.mesh.is_closed
     assert loaded.mesh.volume == pytest.approx(8)
@@ -77,26 +67,12 @@ def test_polygons_are_cut_and_said_so(tmp_path, write_obj, kind):
 PENTAGON = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [0.5, 1, 0], [0, 2, 0]])
 
 
-@pytest.mark.parametrize("kind", ["obj", "ply", "binary.ply", "off"])
+@pytest.mark.parametrize("kind", MESH_KINDS)
 @pytest.mark.parametrize("behind", [[], [[0, 1, 2]], [[4, 3, 1, 0]]])
 def test_a_concave_polygon_is_cut_without_folding_and_counted_once(tmp_path, kind, behind):
     """In files of one kind of polygon, and of several; in the order of the file."""
-    polygons = [[1, 2, 3, 4, 0], *behind]
     path = tmp_path / f"polygons.{kind}"
-    points = "".join("{} {} {}\n".format(*vertex) for vertex in PENTAGON)
-    lines = "".join(f"{len(p)} {' '.join(map(str, p))}\n" for p in polygons)
-    if kind == "obj":
-        corners = "".join("f " + " ".join(str(k + 1) for k in p) + "\n" for p in polygons)
-        path.write_text("".join(f"v {line}\n" for line in points.splitlines()) + corners)
-    elif kind == "off":
-        path.write_text(f"OFF\n5 {len(polygons)} 0\n{points}{lines}")
-    elif kind == "ply":
-        path.write_text(ply_header(len(polygons)) + points + lines)
-    else:
-        body = PENTAGON.astype("<f4").tobytes()
-        body += b"".join(bytes([len(p)]) + np.array(p, "<i4").tobytes() for p in polygons)
-        header = ply_header(len(polygons)).replace("ascii", "binary_little_endian")
-        path.write_bytes(header.encode() + body)
+    path.write_bytes(encode_polygons(kind, PENTAGON, [[1, 2, 3, 4, 0], *behind]))
     loaded = load_mesh(path)
     count = 1 + (len(behind) > 0 and len(behind[0]) > 3)
     assert loaded.notes == (
@@ -111,20 +87,10 @@ def test_a_concave_polygon_is_cut_without_folding_and_counted_once(tmp_path, kin
     assert len(loaded.mesh.faces) == 3 + sum(len(p) - 2 for p in behind)
 
 
-def ply_header(faces):
-    return (
-        "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
-        f"property float z\nelement face {faces}\nproperty list uchar int vertex_indices\n"
-        "end_header\n"
-    )
-
-
 def test_a_signalling_nan_is_refused_without_a_warning(tmp_path):
-    path = tmp_path / "snan.ply"
-    points = PENTAGON.astype("<f4")
+    path, points = tmp_path / "snan.ply", PENTAGON.astype("<f4")
     points.view("<u4")[2, 0] = 0x7FA00000
-    body = points.tobytes() + b"\5" + np.arange(5, dtype="<i4").tobytes()
-    path.write_bytes(ply_header(1).replace("ascii", "binary_little_endian").encode() + body)
+    path.write_bytes(encode_polygons("binary.ply", points, [range(5)]))
     with pytest.raises(FormatError, match="vertex 2 is \\(nan, 1, 0\\)"):
         load_mesh(path)
 
@@ -191,11 +157,6 @@ FAULTS = {
     "text.off": (b"hello", "OFF"),
     "short.off": (OFF[:30].encode(), "OFF"),
     "short.ply": (PLY[:250].encode(), "PLY"),
-    "points.ply": (
-        b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
-        b"property float z\nend_header\n0 0 0\n",
-        "is a point cloud",
-    ),
     "nan.off": (OFF.replace("1 1 0", "1 nan 0").encode(), "vertex 2 is (1, nan, 0)"),
     "huge.off": (OFF.replace("3 0 2 3", f"3 0 2 {10**30}").encode(), "OFF"),
     "two.off": (OFF.replace("3 0 2 3", "2 0 2").encode(), "face 1 has 2 corners"),
@@ -220,18 +181,11 @@ def test_what_is_no_mesh_is_refused(tmp_path, name, content, says):
         load_mesh(path)
 
 
-POINTS = {
-    "a.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\n",
-    "a.off": b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n",
-    "a.ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
-    b"property float z\nend_header\n0 0 0\n1 0 0\n0 1 0\n",
-    "binary.ply": trimesh.PointCloud(np.eye(3)).export(file_type="ply"),
-}
-
-
-@pytest.mark.parametrize("name", POINTS)
-def test_a_point_cloud_is_called_one(tmp_path, name):
-    path = tmp_path / name
-    path.write_bytes(POINTS[name])
+@pytest.mark.parametrize("kind", MESH_KINDS)
+def test_a_point_cloud_is_called_one(tmp_path, kind):
+    path = tmp_path / f"a.{kind}"
+    path.write_bytes(encode_polygons(kind, np.eye(3), []))
+    if kind == "binary.ply":  # without an element for faces
+        path.write_bytes(trimesh.PointCloud(np.eye(3)).export(file_type="ply"))
     with refused(FormatError, "is a point cloud: 3 points and no faces, ", at=path):
         load_mesh(path)

@@ -10,7 +10,6 @@ import trimesh
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.ply import Reader
 from cageik_cli.formats.write import write_mesh
-from cageik_cli.geometry.surface_attributes import number_normal_fans
 from cageik_cli.geometry.surface_parts import UvMap
 from tests.assets import asset_text, parse_asset
 from tests.shapes import quad_text
@@ -18,28 +17,11 @@ from tests.surfaces import ASSET, assert_same, change, read_obj
 
 TEXT = parse_asset(asset_text())
 COLOURS = np.rint(np.linspace(0, 255, 90)).reshape(30, 3) / 255
-SMOOTH = number_normal_fans(*[ASSET.attributes.corners] * 2)
-LOST = {
-    "materials": None, "groups": None, "objects": None, "smoothing": None, "material_library": "",
-}  # fmt: skip
 
 
 def write(path, mesh):
     write_mesh(path, mesh, mesh.vertices, overwrite=False)
     return path
-
-
-def test_what_ply_holds_is_read_as_it_is_written(tmp_path):
-    mesh = change(ASSET, normal_fans=SMOOTH, colours=COLOURS, **LOST)
-    read = load_mesh(write(tmp_path / "a.ply", mesh)).mesh
-    np.testing.assert_array_equal(read.vertices, mesh.vertices)
-    np.testing.assert_array_equal(read.faces, mesh.faces)
-    found, expected = read.attributes, mesh.attributes
-    corners = [each.uvs.values[each.uvs.indices] for each in (found, expected)]
-    np.testing.assert_allclose(*corners, atol=1e-7)
-    assert len(found.uvs.values) == len(expected.uvs.values)
-    assert found.parts is None
-    assert_same(replace(found, uvs=None), replace(expected, uvs=None, parts=None))
 
 
 def test_meshio_reads_polygons_of_several_sizes(tmp_path):

@@ -97,16 +97,23 @@ def test_a_single_time_says_nothing_of_speed(opened):
     assert (sequence.scene, sequence.notes) == (SceneHints(), ())
 
 
-PC2_DAMAGES = {
-    "header cut": (pc2()[:31], "31 bytes, a PC2 file has at least 32"),
-    "cut": (pc2()[:-4], "take 272 bytes, but has 268; it is cut short"),
-    "longer": (pc2() + b"\0", "take 272 bytes, but has 273; it is damaged"),
+def damage_header(make, size, *faces):
+    """What may be wrong with every header: its length, its counts, and the size that they need."""
+    return {
+        "empty": (b"", "0 bytes, a"),
+        "header cut": (make()[: size - 1], f"{size - 1} bytes, a"),
+        "cut": (make()[:-4], "it is cut short"),
+        "longer": (make() + b"\0", "it is damaged"),
+        "no frame": (make(counts=(0, 4, *faces)), "announces 0 frames, 4 vertices"),
+        "no vertex": (make(counts=(5, 0, *faces)), "announces 5 frames, 0 vertices"),
+        "negative": (make(counts=(-5, -4, *faces)), "announces -5 frames, -4 vertices"),
+        "huge": (make(counts=(HUGE, HUGE, *faces)), "which take 553402321"),
+    }
+
+
+PC2_DAMAGES = damage_header(pc2, 32) | {
     "other magic": (pc2(magic=b"POINTCACHE3\0"), "begins with b'POINTCACHE3\\x00' and version 1"),
     "other version": (pc2(version=2), f"and version 2, expected {PC2_MAGIC!r} and version 1"),
-    "no frame": (pc2(counts=(0, 4)), "announces 0 frames, 4 vertices"),
-    "no vertex": (pc2(counts=(5, 0)), "announces 5 frames, 0 vertices"),
-    "negative": (pc2(counts=(-5, -4)), "announces -5 frames, -4 vertices"),
-    "huge": (pc2(counts=(HUGE, HUGE)), "which take 55340232169"),
     "start nan": (pc2(start=np.nan), "starts at frame nan with a sample every 1.0 frames"),
     "start inf": (pc2(start=np.inf), "starts at frame inf"),
     "rate nan": (pc2(rate=np.nan), "a sample every nan frames"),
@@ -114,13 +121,7 @@ PC2_DAMAGES = {
     "rate negative": (pc2(rate=-1), "a sample every -1.0 frames"),
     "rate inf": (pc2(rate=np.inf), "a sample every inf frames"),
 }
-MDD_DAMAGES = {
-    "header cut": (b"1234567", "7 bytes, an MDD file has at least 8"),
-    "longer": (mdd() + b"\0", "take 268 bytes, but has 269; it is damaged"),
-    "no frame": (mdd(counts=(0, 4)), "announces 0 frames, 4 vertices"),
-    "no vertex": (mdd(counts=(5, 0)), "announces 5 frames, 0 vertices"),
-    "negative": (mdd(counts=(-5, -4)), "announces -5 frames, -4 vertices"),
-    "huge": (mdd(counts=(HUGE, HUGE)), "which take 55340232178178981904 bytes"),
+MDD_DAMAGES = damage_header(mdd, 8) | {
     "little-endian": (
         np.array([5, 4], "<i4").tobytes() + mdd()[8:],
         "announces 83886080 frames, 67108864 vertices",
@@ -128,14 +129,9 @@ MDD_DAMAGES = {
     "time nan": (mdd(times=[0, 1, np.nan, 3, 4]), "the time of frame 2 is nan, expected seconds"),
     "time inf": (mdd(times=[0, 1, 2, 3, np.inf]), "the time of frame 4 is inf"),
 }
-ANIME_DAMAGES = {
-    "header cut": (anime()[:11], "11 bytes, an .anime file has at least 12"),
-    "longer": (anime() + b"\0", "has 301; it is damaged"),
-    "no frame": (anime(counts=(0, 4, 4)), "announces 0 frames, 4 vertices, 4 triangles"),
-    "no vertex": (anime(counts=(5, 0, 4)), "announces 5 frames, 0 vertices"),
+ANIME_DAMAGES = damage_header(anime, 12, 4) | {
     "no face": (anime(faces=FACES[:0]), "announces 5 frames, 4 vertices, 0 triangles"),
-    "negative": (anime(counts=(5, 4, -2)), "-2 triangles"),
-    "huge": (anime(counts=(HUGE,) * 3), "which take 553402321"),
+    "negative faces": (anime(counts=(5, 4, -2)), "-2 triangles"),
     "counted from 1": (anime(faces=FACES + 1), "faces name vertices 1 to 4 of 4"),
     "other vertices": (anime(faces=FACES + 2), "face 0 names vertices 2, 3, 4 (counted from 0)"),
     "negative vertices": (anime(faces=FACES - 1), "face 0 names vertices -1, 0, 1"),
@@ -147,7 +143,7 @@ DAMAGES = [
         ("clip.mdd", MDD_DAMAGES),
         ("clip.anime", ANIME_DAMAGES),
     )
-    for fault, damage in {"empty": (b"", "0 bytes, a"), **damages}.items()
+    for fault, damage in damages.items()
 ]
 
 

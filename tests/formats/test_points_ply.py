@@ -102,17 +102,6 @@ FAULTS = {
     "too few bytes": (encode_rows(make_rows())[:-1], "announces 7 points of at least 23 bytes"),
     "absurd count": (replace_in(b"vertex 7", b"vertex 99999999999"), "99999999999 points"),
     "absurd count of a text": (replace_in(b"vertex 7", b"vertex 99999999999", True), "cut short"),
-    "negative count": (replace_in(b"vertex 7", b"vertex -7"), "`element vertex -7`, which is not"),
-    "negative count of a text": (
-        replace_in(b"vertex 7", b"vertex -7", True),
-        "`element vertex -7`",
-    ),
-    "negative count of others": (
-        encode_rows(
-            make_rows(), extra=b"element face -2\nproperty list uchar int vertex_indices\n"
-        ),
-        "`element face -2`, which is not a valid count",
-    ),
     "no points": (replace_in(b"vertex 7", b"vertex 0"), "has no points"),
     "no z": (replace_in(b"double y", b"double why"), "no property `y`"),
     "whole y": (replace_in(b"double y", b"int64 y"), "`y` is a whole number"),

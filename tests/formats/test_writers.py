@@ -22,19 +22,11 @@ OWN = ("a.npz", "a.pc2", "a.mdd", "a.glb", "a/a_####.obj", "a/a_%04d.ply")
 """Without the library of another, which has its own words for a full disk, or ends the process."""
 
 OUTPUTS = (*OWN, "a.abc", *(f"a{suffix}" for suffix in USD_SUFFIXES))
-WHOLE_LOT = 1 << 12
-"""Bytes after which the disk is full; less than any output of `long`."""
 
 
 @pytest.fixture
 def scene():
     return Scene(fps=30.0, start=7.0, up_axis="Z", metres_per_unit=0.01)
-
-
-@pytest.fixture
-def long(animation):
-    """More frames than a buffer holds."""
-    return np.concatenate([animation.frames] * 40)
 
 
 def place(path):
@@ -79,14 +71,14 @@ def test_what_fails_leaves_nothing(tmp_path, animation, name, appended):
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_a_full_disk_is_said_and_what_was_there_stays(tmp_path, animation, long, name):
-    """As a limit on the size of a file, which the system enforces."""
+def test_a_full_disk_is_said_and_what_was_there_stays(tmp_path, animation, name):
+    """As a limit on the size of a file, which the system enforces; long before its end."""
     path = write(tmp_path / name, animation.rest, animation.frames)
     before = bytes_under(place(path))
     many = trimesh.creation.icosphere(4)
     mesh = TriMesh(many.vertices, many.faces)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (WHOLE_LOT, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 12, hard))
     try:
         with pytest.raises(OutputError, match=r"a(\.\w+)?: cannot be written \(File too large\)"):
             write(path, mesh, np.stack([mesh.vertices] * 3), overwrite=True)
@@ -118,10 +110,18 @@ def test_a_disk_that_is_full_anywhere_is_said(tmp_path, animation, name):
 
 
 @pytest.mark.parametrize("name", ["a.pc2", "a.mdd", "a.glb", "a.abc", "a.usda", "a.usdz"])
-def test_what_float32_does_not_hold_is_refused(tmp_path, animation, name):
+@pytest.mark.parametrize("size", [1e39, -1e39])
+def test_what_float32_does_not_hold_is_refused(tmp_path, animation, name, size):
     with pytest.raises(OutputError, match=r"e\+39 is too large"):
-        write(tmp_path / name, animation.rest, 1e39 * animation.frames)
+        write(tmp_path / name, animation.rest, size * animation.frames)
     assert not list(tmp_path.iterdir())
+
+
+def test_the_largest_float32_is_written(tmp_path, animation):
+    largest = float(np.finfo(np.float32).max)
+    frames = animation.frames / np.abs(animation.frames).max() * largest
+    data = write(tmp_path / "a.pc2", animation.rest, frames).read_bytes()
+    assert np.abs(np.frombuffer(data, "<f4", offset=32)).max() == np.float32(largest)
 
 
 # --- read back by others
@@ -185,19 +185,17 @@ def test_mdd_as_it_is_described(tmp_path, animation, scene):
 
 
 @pytest.mark.parametrize("name", ["a.pc2", "a.mdd"])
-@pytest.mark.parametrize(("start", "says"), [(0.0, ""), (1.0, "1"), (1001.5, "1001.5")])
-def test_where_the_first_frame_lands_is_said(tmp_path, animation, name, start, says):
-    described = Animation(animation.rest, 5, Scene(start=start), "a")
+@pytest.mark.parametrize(
+    ("scene", "ends"),
+    [
+        (Scene(start=0.0), []),
+        (Scene(start=1001.5), ["set its Frame Start to 1001.5"]),
+        (Scene(start=0.0, frame_step=2), ["set its Frame Scale to 0.5"]),
+    ],
+)
+def test_where_blender_puts_the_frames_is_said(tmp_path, animation, name, scene, ends):
+    described = Animation(animation.rest, 5, scene, "a")
     with Output(tmp_path / name).open_writer(described) as writer:
         writer.append(animation.frames)
-    assert " ".join(writer.notes).endswith(says)
-    assert bool(writer.notes) == bool(says)
-
-
-@pytest.mark.parametrize("name", ["a.pc2", "a.mdd"])
-def test_a_step_is_a_scale_in_blender(tmp_path, animation, name):
-    described = Animation(animation.rest, 5, Scene(start=0, frame_step=2), "a")
-    with Output(tmp_path / name).open_writer(described) as writer:
-        writer.append(animation.frames)
-    (note,) = writer.notes
-    assert note.endswith("set its Frame Scale to 0.5")
+    assert len(writer.notes) == len(ends)
+    assert all(map(str.endswith, writer.notes, ends))

@@ -4,14 +4,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.geometry import rotations
-from cageik_cli.geometry.rotations import (
-    nearest_rotations,
-    nearest_rotations_by_entry,
-    nearest_rotations_by_svd,
-)
+from cageik_cli.geometry.rotations import nearest_rotations_by_entry, nearest_rotations_by_svd
 from tests.shapes import rotation
 
 COUNT = 300
+
+
+def nearest_rotations(matrices):
+    return nearest_rotations_by_entry(matrices.reshape(-1, 9).T).T.reshape(-1, 3, 3)
 
 
 def turned(sizes):

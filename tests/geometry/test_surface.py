@@ -178,34 +178,30 @@ def test_no_points_have_no_closest_points(core):
     assert winding_numbers(box(), np.zeros((0, 3))).shape == (0,)
 
 
+@needs_core
 def test_the_compiled_functions_refuse_what_does_not_fit():
-    kernel = compiled.kernel
-    if kernel is None:
-        pytest.skip("the core was not compiled")
     points, mesh = np.zeros((4, 3)), box()
-    results = np.empty(4), np.empty(4, np.int64), np.empty((4, 3))
-    faces, boxes = surface._box_faces(mesh)
-    with pytest.raises(ValueError, match="faces: number 8, expected 0 to 7"):
-        kernel.closest_points(points, mesh.vertices, mesh.faces + 1, boxes, *results)
-    with pytest.raises(ValueError, match="names: length 11"):
-        kernel.closest_points(points, mesh.vertices, faces, (boxes[0][1:], boxes[1]), *results)
-    with pytest.raises(ValueError, match="boxes: length 1"):
-        kernel.closest_points(points, mesh.vertices, faces, (boxes[0], boxes[1][1:]), *results)
-    with pytest.raises(ValueError, match="faces: number 8, expected 0 to 7"):
-        kernel.winding_numbers(points, mesh.vertices, mesh.faces + 1, results[0])
-    with pytest.raises(ValueError, match="squares: length 3"):
-        kernel.closest_points(points, mesh.vertices, faces, boxes, results[0][1:], *results[1:])
-    with pytest.raises(ValueError, match="winding: length 3"):
-        kernel.winding_numbers(points, mesh.vertices, mesh.faces, results[0][1:])
-    with pytest.raises(TypeError, match="points: expected an array of float64"):
-        kernel.winding_numbers(points.astype(int), mesh.vertices, mesh.faces, results[0])
-    rows = np.zeros((3, 4)).T
-    with pytest.raises(TypeError, match=r"^points: expected a C-contiguous array$"):
-        kernel.winding_numbers(rows, mesh.vertices, mesh.faces, results[0])
-    with pytest.raises(TypeError, match=r"^points: expected a C-contiguous array$"):
-        kernel.winding_numbers(None, mesh.vertices, mesh.faces, results[0])
-    results[0].flags.writeable = False
-    with pytest.raises(
-        TypeError, match=r"^winding: expected a C-contiguous array that can be written$"
+    vertices, beyond = mesh.vertices, mesh.faces + 1
+    distances, results = np.empty(4), (np.empty(4, np.int64), np.empty((4, 3)))
+    faces, (names, boxes) = surface._box_faces(mesh)
+    closest = compiled.kernel.closest_points
+    for wanted, says in (
+        ((beyond, (names, boxes), distances), "faces: number 8, expected 0 to 7"),
+        ((faces, (names[1:], boxes), distances), "names: length 11"),
+        ((faces, (names, boxes[1:]), distances), "boxes: length 1"),
+        ((faces, (names, boxes), distances[1:]), "squares: length 3"),
     ):
-        kernel.winding_numbers(points, mesh.vertices, mesh.faces, results[0])
+        with pytest.raises(ValueError, match=says):
+            closest(points, vertices, *wanted, *results)
+    fixed = np.empty(4)
+    fixed.flags.writeable = False
+    for kind, given, indices, winding, says in (
+        (ValueError, points, beyond, distances, "faces: number 8, expected 0 to 7"),
+        (ValueError, points, mesh.faces, distances[1:], "winding: length 3"),
+        (TypeError, points.astype(int), mesh.faces, distances, "points: expected an array of floa"),
+        (TypeError, np.zeros((3, 4)).T, mesh.faces, distances, "^points: expected a C-contiguous"),
+        (TypeError, None, mesh.faces, distances, "^points: expected a C-contiguous array$"),
+        (TypeError, points, mesh.faces, fixed, "^winding: .* array that can be written$"),
+    ):
+        with pytest.raises(kind, match=says):
+            compiled.kernel.winding_numbers(given, vertices, indices, winding)

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_area_vectors, compute_fan_normals, cut_attributes
+from cageik_cli.geometry.normals import compute_area_vectors, compute_fan_normals
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
 from cageik_cli.geometry.surface_parts import MAX_NAMES, FaceLabels, Subdivision, UvMap
 from cageik_cli.util.errors import FormatError
-from tests.assets import SIDES, asset_text, parse_asset
-from tests.shapes import box, quad_text
-from tests.surfaces import ASSET, read_obj
+from tests.shapes import box
+from tests.surfaces import ASSET
 
 QUADS = np.array([0, 1, 3, 2, 4, 6, 7, 5, 0, 4, 5, 1, 2, 3, 7, 6, 0, 2, 6, 4, 1, 5, 7, 3])
 PLAIN = SurfaceAttributes(np.full(6, 4), QUADS)
@@ -70,38 +69,6 @@ def test_normals_of_several_vertices_are_told_apart():
     assert number_normal_fans(np.array([1]), np.array([-1])).tolist() == [-1]
 
 
-def test_triangles_have_what_the_text_says():
-    """Each corner of each triangle has the UV and the material of its polygon."""
-    cut, text = cut_attributes(ASSET), parse_asset(asset_text())
-    ends = np.repeat(np.arange(len(text.polygons)), [len(p) - 2 for p in text.polygons])
-    assert [cut.material_names[k] for k in cut.materials] == [text.names[p][2] for p in ends]
-    for triangle, uvs, polygon in zip(ASSET.faces, cut.uvs, ends, strict=True):
-        places = [text.polygons[polygon].index(vertex) for vertex in triangle]
-        np.testing.assert_array_equal(uvs, [text.corner_uvs[polygon][place] for place in places])
-    given = np.unique(np.column_stack([ASSET.faces.ravel(), cut.uvs.reshape(-1, 2)]), axis=0)
-    # The seam of the tube, and the edges of its caps, part vertices; no others.
-    assert len(given) == (SIDES + 1) ** 2 + 2 * SIDES
-
-
-def test_triangles_have_the_normals_of_their_corners():
-    cut = cut_attributes(ASSET)
-    pairs = np.column_stack([ASSET.faces.ravel(), cut.normal_fans.ravel()])
-    expected = np.column_stack([ASSET.attributes.corners, ASSET.attributes.normal_fans])
-    np.testing.assert_array_equal(np.unique(pairs, axis=0), np.unique(expected, axis=0))
-
-
-def test_corners_without_uvs_are_at_zero():
-    cut = cut_attributes(read_obj(quad_text(1).replace("f 1/1/1 ", "f 1//1 ", 1)))
-    assert cut.uvs[0, 0].tolist() == [0, 0]
-
-
-def test_triangles_alone_have_nothing():
-    cut = cut_attributes(box())
-    assert (cut.uvs, cut.normal_fans, cut.materials, cut.material_names) == (None, None, None, ())
-    bare = cut_attributes(TriMesh(box().vertices, box().faces, PLAIN))
-    assert (bare.uvs, bare.normal_fans, bare.materials) == (None, None, None)
-
-
 def test_names_with_their_polygons():
     labels = FaceLabels(("a", "unused", "b"), np.array([2, 0, -1, 2]))
     found = [(name, polygons.tolist()) for name, polygons in labels.list_members()]
@@ -153,7 +120,7 @@ def test_arrays_are_read_only():
 def test_a_description_names_what_there_is():
     assert PLAIN.description == "6 polygons"
     assert ASSET.attributes.description == (
-        "27 polygons with texture coordinates, normals, 3 materials, 3 groups, 1 object"
+        "27 polygons with texture coordinates, normals, 3 materials, 3 groups, 1 part"
     )
     whole = SurfaceAttributes(np.array([24]), QUADS)
     rich = replace(whole, colours=np.zeros((8, 3)), subdivision=Subdivision("loop"))

@@ -184,24 +184,14 @@ def test_a_component_without_anchors_follows_the_others():
 
 
 @pytest.mark.parametrize("rigidity", [0, 4])
-def test_no_displacement_is_the_rest_pose_bit_for_bit(binding, rigidity):
-    poser = Poser(binding, some_anchors(5, hard=(2,)))
-    np.testing.assert_array_equal(poser.solve_cage(np.zeros((5, 3)), rigidity), CAGE.vertices)
-    np.testing.assert_array_equal(
-        poser.solve_mesh(np.zeros((5, 3)), rigidity), binding.rest.vertices
-    )
-
-
-@pytest.mark.parametrize("rigidity", [0, 4])
-def test_without_anchors_nothing_moves(binding, rigidity):
-    poser = Poser(binding, [])
-    assert poser.free_modes == 1
-    np.testing.assert_array_equal(poser.solve_cage(np.empty((0, 3)), rigidity), CAGE.vertices)
-    np.testing.assert_array_equal(
-        poser.solve_mesh(np.empty((0, 3)), rigidity), binding.rest.vertices
-    )
+@pytest.mark.parametrize("count", [0, 5])
+def test_without_anchors_or_displacements_nothing_moves_a_bit(binding, rigidity, count):
+    poser, still = Poser(binding, some_anchors(count, hard=(2,))), np.zeros((2, count, 3))
+    assert poser.free_modes == (count == 0)
+    np.testing.assert_array_equal(poser.solve_cage(still[0], rigidity), CAGE.vertices)
+    np.testing.assert_array_equal(poser.solve_mesh(still[0], rigidity), binding.rest.vertices)
     cages = CAGE.vertices + np.arange(2.0)[:, None, None]
-    np.testing.assert_array_equal(poser.edit_cages(cages, np.empty((2, 0, 3)), rigidity), cages)
+    np.testing.assert_array_equal(poser.edit_cages(cages, still, rigidity), cages)
 
 
 def test_targets_are_displacements_from_the_rest_pose(binding):
@@ -377,7 +367,7 @@ def test_invalid_weights_are_refused(binding, name, value):
         Poser(binding, [], **{name: value})
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(
     st.integers(1, 12),
     st.integers(0, 10**6),
@@ -398,7 +388,7 @@ def test_posing_commutes_with_motions_and_units(binding, count, seed, scale, rig
     np.testing.assert_allclose(found, expected, atol=1e-9 * scale)
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(st.integers(1, 12), st.integers(0, 10**6), st.floats(-3, 3))
 def test_poses_add_up(binding, count, seed, share):
     """Without rigidity everything is linear in the anchors' displacements."""
@@ -431,14 +421,14 @@ def test_large_motions_with_rigidity_do_not_jump():
     generator = np.random.default_rng(11)
     chosen = generator.choice(len(rest.vertices), 4, replace=False)
     anchors = [Anchor(f"a{k}", point_at_vertex(rest, int(k))) for k in chosen]
-    poser = Poser(bind(rest, cage, accuracy="preview"), anchors)
+    poser = Poser(bind(rest, cage, coordinates="mean-value"), anchors)
     moves = generator.normal(size=(4, 3))
     moves *= 1.2 * rest.diagonal / np.linalg.norm(moves, axis=1).max()
 
     def pose(share):
         return poser.solve_cage(share * moves, rigidity=50)
 
-    shares = np.linspace(0.2, 1, 41)
+    shares = np.linspace(0.2, 1, 21)
     poses = [pose(share) for share in shares]
     k = int(np.argmax([np.abs(b - a).max() for a, b in pairwise(poses)]))
     (low, high), (first, last) = shares[k : k + 2], poses[k : k + 2]

@@ -1,21 +1,18 @@
 """The reach of handles: what is beyond their radius stays, whatever they do."""
 
-import json
-
 import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.posing import reach
+from cageik_cli.posing import constraints
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
-from cageik_cli.posing.constraints import Mirror, mirror_pairs
+from cageik_cli.posing.constraints import MAX_LEAK, Mirror, find_reach, mirror_pairs
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
-from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.reach import MAX_LEAK, find_reach
 from cageik_cli.posing.summary import PoseStatistics
 from cageik_cli.util.errors import HandlesError
+from tests.posing.handles.files import read
 
 HAND, OTHER_HAND, FOOT, CHEST = 1040, 1136, 994, 889
 LIFT = {"name": "hand", "vertex": HAND, "offset": [0.1, 0.8, 0.3], "radius": 0.75}
@@ -35,12 +32,9 @@ def pose(tmp_path, binding):
     """One frame that a document edits, and its summary."""
 
     def edit(document, **settings):
-        path = tmp_path / "handles.json"
-        path.write_text(json.dumps(document))
-        cage = binding.cage.vertices
-        target = EditTarget.of_model(binding)
-        layered = LayeredEdit(read_handles(path), target, PosingSettings(**settings))
-        block = layered.edit_frames(np.zeros(1, np.int64), cage[None])
+        handles, target = read(tmp_path, document), EditTarget.of_model(binding)
+        layered = LayeredEdit(handles, target, PosingSettings(**settings))
+        block = layered.edit_frames(np.zeros(1, np.int64), binding.cage.vertices[None])
         statistics = PoseStatistics(layered)
         statistics.update(block)
         return block, statistics.summarize()
@@ -63,13 +57,7 @@ def cage_motions(block):
 
 
 @pytest.mark.parametrize(
-    "settings",
-    [
-        {},
-        {"rigidity": 10},
-        {"alpha": 1e-2},
-        {"hard": True, "rigidity": 3},
-    ],
+    "settings", [{}, {"rigidity": 10}, {"alpha": 1e-2}, {"hard": True, "rigidity": 3}]
 )
 def test_what_is_beyond_the_radius_stays(binding, pose, settings):
     block, summary = pose({"handles": [LIFT, *PINS]}, **settings)
@@ -179,7 +167,7 @@ def test_the_sum_of_free_weights_is_the_bound(binding):
 
 def test_blocks_do_not_change_the_reach(binding, monkeypatch):
     _, locked = reach_of(binding, 1.0)
-    monkeypatch.setattr(reach, "MAX_REACH_ROWS", 7)
+    monkeypatch.setattr(constraints, "MAX_REACH_ROWS", 7)
     np.testing.assert_array_equal(reach_of(binding, 1.0)[1], locked)
 
 

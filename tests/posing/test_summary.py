@@ -1,15 +1,13 @@
 """The summary of an edit, against plain expressions over whole arrays."""
 
-import json
-
 import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
-from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import PoseStatistics
+from tests.posing.handles.files import read
 from tests.shapes import ball, box, changed
 
 COUNT = 12
@@ -40,9 +38,7 @@ def closed():
 @pytest.fixture
 def make_edit(tmp_path):
     def make(clip, document=DOCUMENT, **settings):
-        (tmp_path / "handles.json").write_text(json.dumps(document))
-        handles = read_handles(tmp_path / "handles.json")
-        return LayeredEdit(handles, clip, PosingSettings(**settings))
+        return LayeredEdit(read(tmp_path, document), clip, PosingSettings(**settings))
 
     return make
 

@@ -12,6 +12,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.report.limits import Limits, check_limits
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip
 from cageik_cli.report.record import Report, build_report
+from cageik_cli.report.render.model_views import PoseSet, load_poses
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.store.result import Result, read_result
 from cageik_cli.workflows.edit import EditSettings, edit
@@ -56,6 +57,12 @@ def closed(make_case, animation) -> Case:
 @pytest.fixture(scope="session")
 def report(closed) -> Report:
     return build_report(closed.result)
+
+
+@pytest.fixture(scope="session")
+def poses(closed) -> PoseSet:
+    """What a page draws of a closed model."""
+    return load_poses(closed.result)
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import lumped_areas
@@ -44,7 +45,7 @@ def clip(mesh):
 
 
 @pytest.fixture
-def make_report(tmp_path, weights_cache):
+def make_report(tmp_path):
     def make(mesh, **options):
         frames = tmp_path / f"frames{len(mesh.vertices)}"
         frames.mkdir(exist_ok=True)
@@ -53,7 +54,11 @@ def make_report(tmp_path, weights_cache):
         (tmp_path / "cage.obj").write_bytes(encode_exact_obj(box().vertices, box().faces))
         output = tmp_path / "out.h5"
         settings = ExtractSettings(
-            (str(frames),), tmp_path / "cage.obj", output, overwrite=True, cache=weights_cache
+            (str(frames),),
+            tmp_path / "cage.obj",
+            output,
+            overwrite=True,
+            bind=BindSettings("mean-value"),
         )
         return extract_to_file(replace(settings, **options))
 
@@ -75,14 +80,14 @@ def test_the_error_by_area_is_its_definition_in_all_views(make_report):
     percent = f"{100 * expected / result.rest.diagonal:.4f}"
     assert report.summary.area_rms_percent == pytest.approx(float(percent), abs=1e-4)
     assert f"by area        {percent} %" in format_text(report)
-    page = render_page(report, None)
+    page = render_page(report)
     assert "Error by area" in page
     assert percent in page
 
 
 def test_weights_by_area_lower_the_error_by_area():
     mesh = divide_head(BODY)
-    binding, errors = bind(mesh, box()), []
+    binding, errors = bind(mesh, box(), BindSettings("mean-value")), []
     areas = lumped_areas(mesh)
     for weights in (None, "area"):
         animation = extract(clip(mesh), binding, vertex_weights=weights, alpha=0)

@@ -9,7 +9,7 @@ import pytest
 
 from cageik_cli.report import baseline
 from cageik_cli.report.baseline import read_baseline
-from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_json, format_overview_json
 from cageik_cli.util.errors import FileAccessError, FormatError
@@ -40,9 +40,7 @@ def test_several_results_and_a_batch_are_read(closed, opened, old):
     assert read_baseline(old, TEN).metrics == expected
     failed = ClipEntry("c", fault="it is broken")
     old.write_text(
-        format_overview_json(
-            build_overview([build_clip_entry(first), failed, build_clip_entry(second)])
-        )
+        format_overview_json(Overview([build_clip_entry(first), failed, build_clip_entry(second)]))
     )
     assert read_baseline(old, TEN).metrics == expected
     old.write_text(old.read_text(), encoding="utf-8-sig")

@@ -8,7 +8,7 @@ from dataclasses import asdict, fields, replace
 import pytest
 
 from cageik_cli.report.figures import ClipRecord, ReportSummary
-from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_overview_csv, format_overview_json
 from tests.report.clips import clip, gate
@@ -35,8 +35,8 @@ UNJUDGED, BARE = clip("d", gate(None)), clip("e")
     ],
 )
 def test_the_exit_code(entries, code):
-    assert build_overview(entries).exit_code == code
-    assert build_overview(entries[::-1]).exit_code == code
+    assert Overview(entries).exit_code == code
+    assert Overview(entries[::-1]).exit_code == code
 
 
 def build_curve(report, rms, other, worst):
@@ -55,16 +55,12 @@ def report(request):
     return build_report(request.getfixturevalue(request.param).result)
 
 
-def test_a_curve_of_one_frame(report):
-    curve = build_curve(report, [0.5], [-1.0], 0)
-    assert (curve.rms_percent, curve.other, curve.worst) == ((0.5,), (-1.0,), 0)
-
-
 def test_short_clips_keep_all_frames_and_gaps(report):
     curve = build_curve(report, [0.5, None, 0.25, 1.0], [-1.0, None, 2.0, None], 3)
     assert curve.rms_percent == (0.5, None, 0.25, 1.0)
     assert curve.other == (-1.0, None, 2.0, None)
     assert curve.worst == 3
+    assert build_curve(report, [0.5], [-1.0], 0).rms_percent == (0.5,)
 
 
 @pytest.mark.parametrize("count", [120, 121, 239, 240, 1000])
@@ -95,15 +91,13 @@ def test_a_span_of_gaps_is_a_gap(report):
     assert curve.other[:4] == (1.0, None, 1.0, 1.0)
 
 
-def test_the_other_curve_of_a_closed_model_is_its_volume_change(closed, opened):
-    frames = build_report(closed.result).frames
-    assert build_clip_entry(build_report(closed.result)).curve.other == tuple(
-        f.volume_change for f in frames
-    )
-    frames = build_report(opened.result).frames
-    assert build_clip_entry(build_report(opened.result)).curve.other == tuple(
-        frame.max_deviation_percent for frame in frames
-    )
+@pytest.mark.parametrize(
+    ("case", "field"), [("closed", "volume_change"), ("opened", "max_deviation_percent")]
+)
+def test_the_other_curve_is_the_volume_change_if_there_is_one(request, case, field):
+    report = build_report(request.getfixturevalue(case).result)
+    expected = tuple(getattr(frame, field) for frame in report.frames)
+    assert build_clip_entry(report).curve.other == expected
 
 
 def test_an_entry_has_the_values_of_its_report(closed):
@@ -117,7 +111,7 @@ def test_an_entry_has_the_values_of_its_report(closed):
 def test_json_is_the_whole_record(closed):
     report = build_report(closed.result)
     entry = build_clip_entry(report, "walk.h5", "walk.html")
-    record = json.loads(format_overview_json(build_overview([entry, OVER, FAILED, UNJUDGED])))
+    record = json.loads(format_overview_json(Overview([entry, OVER, FAILED, UNJUDGED])))
     names = ("clip", "binding", "summary", "gates", "notes", "edited_from", "regions", "fit")
     expected = {"name": "cages.h5", "fault": None, "result": "walk.h5", "page": "walk.html"}
     expected |= {name: asdict(report)[name] for name in names} | {"curve": asdict(entry.curve)}
@@ -135,9 +129,7 @@ def test_json_is_the_whole_record(closed):
 
 def test_csv_has_one_line_per_clip():
     both = clip("x,y\n", gate(False), gate(False, metric="frame_rms"), gate(False))
-    rows = list(
-        csv.DictReader(io.StringIO(format_overview_csv(build_overview([WELL, both, FAILED]))))
-    )
+    rows = list(csv.DictReader(io.StringIO(format_overview_csv(Overview([WELL, both, FAILED])))))
     columns = {field.name for record in (ClipRecord, ReportSummary) for field in fields(record)}
     assert set(rows[0]) == {"name", "fault", "over_limit", *columns}
     assert [row["name"] for row in rows] == ["a", "x,y\n", "c"]

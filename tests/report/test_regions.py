@@ -7,17 +7,18 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.report.html.page import render_page, render_result_page
-from cageik_cli.report.html.pictures import render_pictures
-from cageik_cli.report.overview import build_clip_entry, build_overview
+from cageik_cli.cli.group import word_options
+from cageik_cli.report.html.page import render_page
+from cageik_cli.report.html.pictures import draw_pictures
+from cageik_cli.report.overview import Overview, build_clip_entry
 from cageik_cli.report.record import build_report
-from cageik_cli.report.regions import CAUSES, REGIONS_UNKNOWN, describe_region
+from cageik_cli.report.regions import CAUSES, REGIONS_UNKNOWN, describe_region, explain_regions
 from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.report.views.data import format_json
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.text import format_text
+from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY
 from cageik_cli.solver.regions import Cause
-from tests.report.html.test_page import pictures_of_one_point
 from tests.report.markup import find_faults, parse_page
 from tests.report.views.test_markdown import list_items
 from tests.store.bindings import record
@@ -67,19 +68,14 @@ def test_the_text_has_a_row_for_each_region(report):
 
 
 def test_the_reason_is_the_limit_that_is_exceeded(report):
-    def explain(rms, largest):
-        summary = replace(
-            report.summary, rms=rms, max_deviation=largest, max_deviation_percent=100 * largest / 2
-        )
-        return dict(
-            line[2:].split("  ", 1)
-            for line in format_text(replace(report, summary=summary)).splitlines()
-            if "worst regions" in line
-        )["worst regions"]
-
-    assert "more than 10 times the rms;" in explain(0.001, 0.02)
-    assert "more than 3 % of the diagonal;" in explain(0.02, 0.1)
-    assert "more than 10 times the rms and 3 % of the diagonal;" in explain(0.001, 0.1)
+    for rms, largest, why in (
+        (0.001, 0.02, "10 times the rms"),
+        (0.02, 0.1, "3 % of the diagonal"),
+        (0.001, 0.1, "10 times the rms and 3 % of the diagonal"),
+    ):
+        largest_percent = {"max_deviation": largest, "max_deviation_percent": 50 * largest}
+        summary = replace(report.summary, rms=rms, **largest_percent)
+        assert explain_regions(summary).endswith(f"more than {why}")
 
 
 @pytest.mark.parametrize("cause", list(Cause))
@@ -88,7 +84,7 @@ def test_every_cause_has_words(report, cause):
     told = replace(report, regions=(region,))
     assert describe_region(region).endswith(f"cage face 3: {CAUSES[cause][0]}")
     assert CAUSES[cause][1] in format_text(told)
-    assert CAUSES[cause][0] in parse_page(render_page(told, None)).by_id("regions").text
+    assert CAUSES[cause][0] in parse_page(render_page(told)).by_id("regions").text
 
 
 def test_a_fit_is_suggested_where_limbs_share_a_loop_and_there_is_none(report):
@@ -96,24 +92,24 @@ def test_a_fit_is_suggested_where_limbs_share_a_loop_and_there_is_none(report):
     told = replace(report, regions=(region, region))
     fitted = replace(told, fit=record())
     for one, count in ((told, 1), (fitted, 0)):
-        page = parse_page(render_page(one, None)).by_id("regions").text
-        assert format_text(one).count("weights that are fitted with --fit") == count
-        assert page.count("weights that are fitted with --fit") == count
-        assert "--rest-frame auto" in format_text(one)
+        assert format_text(one).count("weights that are fitted with `fit=True`") == count
+    page = parse_page(render_page(told, word=word_options)).by_id("regions").text
+    assert page.count("weights that are fitted with --fit") == 1
+    assert "--rest-frame auto" in page
     other = replace(region, cause=str(Cause.COARSE_FACES))
-    assert "--fit" not in format_text(replace(report, regions=(other,)))
+    assert "fit=" not in format_text(replace(report, regions=(other,)))
     assert all(len(line) < 160 for line in format_text(told).splitlines())
 
 
-def test_a_result_within_the_usual_says_nothing(result):
+def test_a_result_within_the_usual_says_nothing(result, poses):
     report = build_report(within_the_usual(result))
-    page = render_page(report, pictures_of_one_point())
+    page = render_page(report, replace(poses, region=None), pixels=8)
     assert report.regions == ()
     assert "region" not in format_text(report)
     assert REGIONS_UNKNOWN not in report.notes
     assert 'id="regions"' not in page
     assert 'href="#regions"' not in page
-    assert "Worst regions" not in format_markdown(build_overview([build_clip_entry(report)]))
+    assert "Worst regions" not in format_markdown(Overview([build_clip_entry(report)]))
 
 
 def test_an_earlier_result_says_that_it_does_not_know(result):
@@ -121,7 +117,7 @@ def test_an_earlier_result_says_that_it_does_not_know(result):
     assert report.regions is None
     assert report.notes == (*result.notes, REGIONS_UNKNOWN)
     assert "extract it again" in format_text(report)
-    assert REGIONS_UNKNOWN in render_page(report, None)
+    assert REGIONS_UNKNOWN in render_page(report)
     usual = replace(within_the_usual(result), regions=None)
     assert REGIONS_UNKNOWN not in build_report(usual).notes
 
@@ -132,8 +128,8 @@ def test_an_edit_has_no_regions_and_does_not_miss_them(edited):
     assert REGIONS_UNKNOWN not in report.notes
 
 
-def test_the_page_has_a_table_and_a_close_up(result, report):
-    text = render_result_page(result, report)
+def test_the_page_has_a_table_and_a_close_up(report, poses):
+    text = render_page(report, poses, pixels=8)
     section = parse_page(text).by_id("regions")
     rows = section.rows[1:]
     assert [row[0] for row in rows] == [str(k + 1) for k in range(len(report.regions))]
@@ -146,37 +142,33 @@ def test_the_page_has_a_table_and_a_close_up(result, report):
     ]
     assert 'href="#regions"' in text
     assert find_faults(text) == []
-    assert render_result_page(result, report) == text
 
 
 def test_a_page_without_pictures_has_the_table(report):
-    section = parse_page(render_page(report, None)).by_id("regions")
+    section = parse_page(render_page(report)).by_id("regions")
     assert list(section.all("img")) == []
     assert len(list(section.all("tr"))) == 1 + len(report.regions)
 
 
-def test_the_camera_looks_at_the_worst_region(result):
-    poses = load_poses(result)
+def test_the_camera_looks_at_the_worst_region(result, poses):
     view, worst = poses.region, result.regions[0]
     assert view.pose.name == result.frames[worst.frame]
     off = np.linalg.norm(view.pose.reconstruction[worst.worst_vertex] - view.centre)
     assert off < view.extent
-    close, plain = render_pictures(poses, 40), render_pictures(replace(poses, region=None), 40)
-    assert close.region is not None
-    assert plain.region is None
-    assert close.rest_views == plain.rest_views
 
 
-def test_all_poses_are_seen_from_the_side_of_the_worst_region(result):
-    poses = load_poses(result)
-    turns = [
-        render_pictures(replace(poses, region=replace(poses.region, turn=turn)), 40)
-        for turn in (32.0, 212.0)
-    ]
+def test_all_poses_are_seen_from_the_side_of_the_worst_region(poses):
+    regions = (None, *(replace(poses.region, turn=turn) for turn in (32.0, 212.0)))
+    plain, usual, behind = (
+        draw_pictures(replace(poses, region=region), EXTRACTION_VOCABULARY, 40)
+        for region in regions
+    )
     # The rest pose, a ball, looks the same from everywhere.
-    for one, other in zip(turns[0].poses[1:], turns[1].poses[1:], strict=True):
-        assert one.files["original"] != other.files["original"]
-    assert turns[0].poses == render_pictures(replace(poses, region=None), 40).poses
+    for one, other in zip(usual["poses"][1:], behind["poses"][1:], strict=True):
+        assert one["views"][0] != other["views"][0]
+    assert usual["poses"] == plain["poses"]
+    assert usual["rest_views"] == plain["rest_views"] == behind["rest_views"]
+    assert (len(plain["close_up"]), len(usual["close_up"])) == (0, 3)
 
 
 def test_without_its_frame_a_region_has_no_close_up(result, tmp_path):
@@ -189,6 +181,6 @@ def test_without_its_frame_a_region_has_no_close_up(result, tmp_path):
 
 
 def test_markdown_names_the_worst_region_of_each_clip(report):
-    text = format_markdown(build_overview([build_clip_entry(report, "a.h5")]))
+    text = format_markdown(Overview([build_clip_entry(report, "a.h5")]))
     part = text[text.index("### Worst regions") :].split("\n###")[0]
     assert list_items(part) == [f"cages.h5: {describe_region(report.regions[0])}"]

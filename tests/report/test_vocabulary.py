@@ -2,7 +2,9 @@
 
 import json
 import re
+from dataclasses import replace
 from decimal import Decimal
+from functools import partial
 from xml.etree import ElementTree
 
 import pytest
@@ -11,7 +13,7 @@ from cageik_cli.report import limits as gates
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.limits import Limit, Limits
-from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_json, format_junit, format_overview_json
 from cageik_cli.report.views.markdown import format_markdown
@@ -23,7 +25,6 @@ from cageik_cli.report.vocabulary import (
     choose_vocabulary,
 )
 from tests.report.drawings import texts
-from tests.report.html.test_page import pictures_of_one_point
 from tests.report.markup import find_faults, parse_page
 
 OF_ERRORS = re.compile(
@@ -37,9 +38,9 @@ def _text(report):
     return re.sub(r"\n  (weights|accuracy) .*", "", format_text(report))
 
 
-def _page(report):
+def _page(report, poses):
     """All texts of a page, with those of its pictures, without the section on weights."""
-    page = parse_page(render_page(report, pictures_of_one_point()))
+    page = parse_page(render_page(report, poses, pixels=8))
     page.by_id("weights").children.clear()
     names = ("alt", "aria-label", "data-cursor")
     told = [element.attributes.get(name, "") for element in page.all() for name in names]
@@ -51,22 +52,30 @@ def _figure(report):
 
 
 def _markdown(report):
-    return format_markdown(build_overview([build_clip_entry(report)]))
+    return format_markdown(Overview([build_clip_entry(report)]))
 
 
 def _junit(report):
-    root = ElementTree.fromstring(format_junit(build_overview([build_clip_entry(report)])))
+    root = ElementTree.fromstring(format_junit(Overview([build_clip_entry(report)])))
     return "\n".join([*root.itertext(), *(case.attrib["name"] for case in root.iter("testcase"))])
 
 
 def _index(report):
     """The heading "worst first" is for errors and edits."""
-    page = parse_page(render_index(build_overview([build_clip_entry(report)])))
+    page = parse_page(render_index(Overview([build_clip_entry(report)])))
     told = [element.attributes.get("aria-label", "") for element in page.all("svg")]
     return "\n".join([page.text, *told]).replace("worst first", "")
 
 
-VIEWS = (_text, _page, _figure, _markdown, _junit, _index)
+@pytest.fixture(scope="module")
+def plain(poses):
+    """Poses without a worst region, as those of an edit."""
+    return replace(poses, region=None)
+
+
+@pytest.fixture(params=[_text, _page, _figure, _markdown, _junit, _index])
+def view(request, plain):
+    return partial(_page, poses=plain) if request.param is _page else request.param
 
 
 @pytest.fixture(params=["edited", "edited_open"])
@@ -74,17 +83,14 @@ def report(request):
     return build_report(request.getfixturevalue(request.param), LIMITS)
 
 
-@pytest.mark.parametrize("view", VIEWS)
 def test_no_view_of_an_edit_mentions_errors(view, report):
     assert OF_ERRORS.findall(view(report)) == []
 
 
-@pytest.mark.parametrize("view", VIEWS)
 def test_every_view_of_an_extraction_mentions_errors(view, closed):
     assert OF_ERRORS.search(view(build_report(closed.result, LIMITS)))
 
 
-@pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("limits", [LIMITS, Limits()])
 def test_every_view_of_an_edit_says_that_it_moved(view, limits, edited):
     assert "moved" in view(build_report(edited, limits))
@@ -106,16 +112,16 @@ def test_the_text_names_the_edited_result_and_the_distance(edited):
     assert ("over limit", f"rms moved {percent}, limit 0.0001 %, most moved {worst}") in rows
 
 
-def test_the_page_of_an_edit_says_so_in_its_title(edited):
+def test_the_page_of_an_edit_says_so_in_its_title(edited, plain):
     report = build_report(edited)
-    page = parse_page(render_page(report, pictures_of_one_point()))
+    page = parse_page(render_page(report, plain, pixels=8))
     title = next(page.all("title"))
     assert title.text.startswith(f"edited.h5: moved {report.summary.rms_percent:.4f} %")
     assert "edited from cages.h5" in page.text
     assert "does not measure how well the cage follows the animation" in page.text
     assert "Edited by cageik" in page.text
     titles = [heading.text for heading in page.all("h3")]
-    assert titles[1] == "Most moved frame frame_5"
+    assert titles[1] == f"Most moved frame {plain.poses[1].name}"
     assert [column.text for column in page.by_id("frames-table").all("th")][2:11] == [
         "RMS, %", "RMS, file units", "Max distance, %", "Max distance, file units", "At vertex",
         "Volume change, %", "Volume before", "Volume after", "Drift before, %",
@@ -123,21 +129,21 @@ def test_the_page_of_an_edit_says_so_in_its_title(edited):
     assert "Of the extraction" in page.by_id("weights").text
 
 
-def test_the_page_of_an_edit_is_sound(report):
-    assert find_faults(render_page(report, pictures_of_one_point())) == []
+def test_the_page_of_an_edit_is_sound(report, plain):
+    assert find_faults(render_page(report, plain, pixels=8)) == []
 
 
 def test_records_name_the_edited_result(edited, closed):
     reports = [build_report(edited), build_report(closed.result)]
-    clips = json.loads(format_overview_json(build_overview(map(build_clip_entry, reports))))[
-        "clips"
-    ]
+    clips = json.loads(
+        format_overview_json(Overview([build_clip_entry(report) for report in reports]))
+    )["clips"]
     for records in (json.loads(format_json(reports)), clips):
         assert [record["edited_from"] for record in records] == ["cages.h5", None]
 
 
 def test_edits_are_marked_among_extractions(edited, closed):
-    both = build_overview(
+    both = Overview(
         [build_clip_entry(build_report(edited)), build_clip_entry(build_report(closed.result))]
     )
     name = "edited.h5 (edited: distance moved from cages.h5)"
@@ -154,10 +160,10 @@ def test_edits_are_marked_among_extractions(edited, closed):
 def test_several_results_use_the_words_of_edits_if_all_are_edited(edited, closed):
     clip = build_clip_entry(build_report(edited))
     failed = ClipEntry("broken", fault="it is empty")
-    assert build_overview([clip, failed]).vocabulary is EDIT_VOCABULARY
+    assert Overview([clip, failed]).vocabulary is EDIT_VOCABULARY
     extracted = build_clip_entry(build_report(closed.result))
-    assert build_overview([clip, extracted]).vocabulary is EXTRACTION_VOCABULARY
-    assert build_overview([failed]).vocabulary is EXTRACTION_VOCABULARY
+    assert Overview([clip, extracted]).vocabulary is EXTRACTION_VOCABULARY
+    assert Overview([failed]).vocabulary is EXTRACTION_VOCABULARY
     assert choose_vocabulary() is EXTRACTION_VOCABULARY
 
 

@@ -11,7 +11,7 @@ ALL = slice(None)
 
 
 def measure(rest, frames, rebuilt, counted):
-    return metrics.measure(rest, frames, rebuilt, counted).metrics
+    return metrics.measure(rest, frames, rebuilt, counted)[0]
 
 
 def clip():
@@ -85,7 +85,7 @@ def test_captured_frames_have_the_volumes_of_others():
     ):
         is_data = np.broadcast_to(rest.is_used, given.shape[:2])
         plain = measure(rest, given, found, rest.used_vertices)
-        kept = metrics.measure(rest, given, found, is_data, is_kept=is_data).metrics
+        kept = metrics.measure(rest, given, found, is_data, is_kept=is_data)[0]
         np.testing.assert_allclose(kept.volume, plain.volume, rtol=1e-9, atol=0)
         np.testing.assert_allclose(
             kept.volume_reconstructed, plain.volume_reconstructed, rtol=1e-9, atol=0
@@ -106,9 +106,9 @@ def test_metrics_do_not_change_with_a_rigid_motion():
 def test_squared_errors_are_nan_for_missing_data():
     frames, rebuilt = clip()
     expected = np.linalg.norm(rebuilt - frames, axis=2) ** 2
-    found = metrics.measure(REST, frames, rebuilt, ALL).squared_errors
+    found = metrics.measure(REST, frames, rebuilt, ALL)[1]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     counted = np.array([0, 4, 9])
-    some = metrics.measure(REST, frames, rebuilt, counted).squared_errors
+    some = metrics.measure(REST, frames, rebuilt, counted)[1]
     np.testing.assert_allclose(some[:, counted], expected[:, counted], rtol=1e-12)
     assert np.isnan(np.delete(some, counted, axis=1)).all()

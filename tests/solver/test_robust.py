@@ -63,12 +63,12 @@ def test_weighted_frames_are_solved_as_by_least_squares(binding, frames, align, 
     for k, frame in enumerate(frames):
         turn = turn_of(binding, frame, given[k]) if align else np.eye(3)
         expected = least_squares(binding, settings, frame, given[k], turn)
-        np.testing.assert_allclose(found.solution.cages[k], expected, rtol=0, atol=1e-9)
-        rebuilt = binding.weights @ found.solution.cages[k]
+        np.testing.assert_allclose(found.cages[k], expected, rtol=0, atol=1e-9)
+        rebuilt = binding.weights @ found.cages[k]
         if has_offsets:
             offsets = binding.rest.vertices - binding.weights @ binding.cage.vertices
-            rebuilt += offsets @ found.solution.rotations[k]
-        np.testing.assert_allclose(found.solution.reconstructions[k], rebuilt, rtol=0, atol=1e-9)
+            rebuilt += offsets @ found.rotations[k]
+        np.testing.assert_allclose(found.reconstructions[k], rebuilt, rtol=0, atol=1e-9)
 
 
 def test_where_a_missing_vertex_is_does_not_matter(binding, frames):
@@ -78,8 +78,8 @@ def test_where_a_missing_vertex_is_does_not_matter(binding, frames):
     moved[:, 7:30] += 0.3
     solver = RobustSolver(DualLaplacianSolver(binding, SolveSettings()))
     first, second = solver.solve(frames, given), solver.solve(moved, given)
-    np.testing.assert_allclose(first.solution.cages, second.solution.cages, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(first.solution.sampled, second.solution.sampled, atol=1e-6)
+    np.testing.assert_allclose(first.cages, second.cages, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(first.sampled, second.sampled, atol=1e-6)
 
 
 def test_frames_without_outliers_keep_every_bit(binding, frames):
@@ -88,7 +88,7 @@ def test_frames_without_outliers_keep_every_bit(binding, frames):
     found = RobustSolver(solver, np.full(frames.shape[1], 0.5)).solve(frames)
     assert found.weights is None
     for name in ("cages", "reconstructions", "rotations", "sampled"):
-        np.testing.assert_array_equal(getattr(found.solution, name), getattr(plain, name))
+        np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
 
 
 def throw(frames, share=0.03):
@@ -108,13 +108,13 @@ def test_outliers_are_found_and_do_not_move_the_cage(binding, frames):
     solver = DualLaplacianSolver(binding, SolveSettings())
     clean = solver.solve(frames).cages.copy()
     given = np.where(is_out, 0.0, 1.0)
-    without = RobustSolver(solver).solve(frames, given).solution.cages.copy()
+    without = RobustSolver(solver).solve(frames, given).cages.copy()
     plain = solver.solve(spoilt).cages.copy()
     found = RobustSolver(solver, np.full(frames.shape[1], 0.02)).solve(spoilt)
     np.testing.assert_array_equal(found.weights < 0.5, is_out)
-    np.testing.assert_allclose(found.solution.cages, without, rtol=0, atol=1e-3)
-    assert np.abs(plain - clean).max() > 20 * np.abs(found.solution.cages - clean).max()
-    np.testing.assert_array_equal(found.solution.cages[[0, 3]], plain[[0, 3]])
+    np.testing.assert_allclose(found.cages, without, rtol=0, atol=1e-3)
+    assert np.abs(plain - clean).max() > 20 * np.abs(found.cages - clean).max()
+    np.testing.assert_array_equal(found.cages[[0, 3]], plain[[0, 3]])
 
 
 def test_the_alignment_does_not_follow_outliers(binding, frames):
@@ -122,7 +122,7 @@ def test_the_alignment_does_not_follow_outliers(binding, frames):
     spoilt[:, :8] += [0.0, 0.0, 4.0]
     solver = DualLaplacianSolver(binding, SolveSettings())
     clean, plain = solver.solve(frames).rotations, solver.solve(spoilt).rotations
-    found = RobustSolver(solver, np.full(frames.shape[1], 0.02)).solve(spoilt).solution.rotations
+    found = RobustSolver(solver, np.full(frames.shape[1], 0.02)).solve(spoilt).rotations
     assert np.abs(found - clean).max() < 0.1 * np.abs(plain - clean).max()
 
 
@@ -150,9 +150,7 @@ def test_blocks_do_not_change_what_is_found(binding, frames):
     whole = solver.solve(spoilt)
     for k in range(len(frames)):
         alone = solver.solve(spoilt[[k]])
-        np.testing.assert_allclose(
-            alone.solution.cages[0], whole.solution.cages[k], rtol=0, atol=1e-10
-        )
+        np.testing.assert_allclose(alone.cages[0], whole.cages[k], rtol=0, atol=1e-10)
 
 
 def test_weights_of_residuals():

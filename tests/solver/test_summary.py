@@ -33,10 +33,7 @@ def test_blocks_are_summarized():
     np.testing.assert_allclose(summary.vertex_rms, np.sqrt(squares / 4), rtol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("rest", "best"),
-    [([2], 0), ([0, 2], 4), ([3], 2), ([0, 1, 2, 4], 2)],
-)
+@pytest.mark.parametrize(("rest", "best"), [([2], 0), ([0, 2], 4), ([3], 2), ([0, 1, 2, 4], 2)])
 def test_the_best_frame_is_not_the_rest_pose(rest, best):
     """Frame 3 is skipped; if all frames are the rest pose, the best of all is the best."""
     blocks = [replace(block, metrics=replace(block.metrics)) for block in BLOCKS]

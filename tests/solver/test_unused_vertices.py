@@ -144,6 +144,7 @@ def test_a_check_notes_strays_and_does_not_measure_them():
     assert (found.rest.outside, found.verdict) == (0, clean.verdict)
 
 
+@pytest.mark.usefixtures("coarse_grids")
 def test_built_cages_leave_strays_out():
-    built = build_cage(with_strays(ball(3)), vertices=40)
+    built = build_cage(with_strays(ball(2)), vertices=20)
     assert built.cage.diagonal < 2 * REST.diagonal

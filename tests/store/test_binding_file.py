@@ -1,6 +1,5 @@
 """Binding files: the schema, the same bytes for the same binding, and no damage taken for sound."""
 
-import errno
 import json
 from dataclasses import asdict, replace
 
@@ -103,16 +102,6 @@ def test_an_old_binding_stays_unless_it_may_be_replaced(path):
     assert [item.name for item in path.parent.iterdir()] == ["binding.h5"]
 
 
-def test_a_full_disk_is_an_error_that_names_the_file(tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(store, "write_weights", full)
-    with pytest.raises(InputError, match=r"b\.h5: .*No space left on device"):
-        store.write_binding(tmp_path / "b.h5", STORED, overwrite=False)
-    assert not list(tmp_path.iterdir())
-
-
 def quality(**changes):
     return attribute("quality", json.dumps(asdict(BINDING.quality) | changes))
 
@@ -158,14 +147,15 @@ DAMAGES = {
         f"no {name}": (replaced(name), f"`{name}`")
         for name in ("weights", "tris", "cage/verts", "rest/verts", "rest/tris")
     },
-    "settings of another kind": (settings(more="x"), "`settings`"),
+    "settings of another kind": (settings(more="x"), "`settings` holds more"),
     "settings that are no words": (settings(accuracy=3), "`settings`"),
     "unknown coordinates": (settings(coordinates="x"), "'x'"),
     "unknown accuracy": (settings(accuracy="best"), "'best'"),
-    "more figures": (quality(more=1), "`quality`"),
+    "more figures": (quality(more=1), "`quality` holds more"),
+    "no figures": (attribute("quality", "{}"), "`quality` does not hold partition_of_unity"),
     "figures that are words": (quality(panels="many"), "`quality`"),
-    "half a panel": (quality(panels=0.5), "`panels` in attribute `quality` is 0.5"),
-    "less than none": (quality(projected=-1), "`projected` in attribute `quality` is -1"),
+    "half a panel": (quality(panels=0.5), "`quality.panels` is 0.5"),
+    "less than none": (quality(projected=-1), "`quality.projected` is -1"),
     "no source of the cage": (
         attribute("sources", '{"rest": {"name": "a"}}'), "`sources`"
     ),

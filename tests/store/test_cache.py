@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +18,9 @@ from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding
 from cageik_cli.coordinates.settings import COORDINATES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store import cache as module
-from cageik_cli.store import cache_entries
+from cageik_cli.store import cache_keys
 from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_entries import WEIGHTS, compute_weight_key, find_binding
+from cageik_cli.store.cache_keys import WEIGHTS, compute_weight_key, find_binding
 from cageik_cli.util import compiled
 from cageik_cli.util.files import open_locked, remove_locked
 from tests.shapes import TETRAHEDRON, ball, box
@@ -178,7 +177,7 @@ def test_the_key_covers_all_that_weights_depend_on(monkeypatch):
     monkeypatch.setitem(ALGORITHM_VERSIONS, "harmonic", ALGORITHM_VERSIONS["harmonic"] + 1)
     keys["algorithm"] = compute_weight_key(ball(1), box(), SETTINGS)
     monkeypatch.undo()
-    monkeypatch.setattr(cache_entries, "__version__", "0.0.0")
+    monkeypatch.setattr(cache_keys, "__version__", "0.0.0")
     keys["version"] = compute_weight_key(ball(1), box(), SETTINGS)
     monkeypatch.undo()
     other = None if compiled.kernel else object()
@@ -414,7 +413,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_entries import WEIGHTS
+from cageik_cli.store.cache_keys import WEIGHTS
 
 folder, (seed, turns, largest) = Path(sys.argv[1]), map(int, sys.argv[2:])
 remarks, hits = [], 0
@@ -514,10 +513,3 @@ def test_an_unfinished_write_leaves_no_entry(kept, said, monkeypatch):
     assert kept.read(WEIGHTS, KEY) is None
     monkeypatch.undo()
     assert said == []
-
-
-def test_settings_of_a_hit_are_those_asked_for(kept, coarse_panels):
-    settings = replace(SETTINGS, accuracy="preview")
-    for _ in range(2):
-        found = find_binding(kept, ball(1), box(), settings, lambda: bind(ball(1), box(), settings))
-        assert found.settings == settings

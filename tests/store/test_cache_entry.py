@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.store.cache import CorruptEntry
-from cageik_cli.store.cache_entries import WEIGHTS
+from cageik_cli.store.cache_keys import WEIGHTS
 from tests.store.entries import entry, same
 
 KEY, OTHER = "1" * 64, "2" * 64

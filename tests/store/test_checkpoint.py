@@ -9,7 +9,7 @@ import pytest
 from cageik_cli.formats.base.sequence import Block
 from cageik_cli.solver.blocks import SolvedBlock, make_solved_block
 from cageik_cli.solver.dual_laplacian import Solution
-from cageik_cli.solver.metrics import FrameMetrics, Measured
+from cageik_cli.solver.metrics import FrameMetrics
 from cageik_cli.solver.summary import DeviationPeaks, summarize_blocks
 from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.store.checkpoint import (
@@ -348,7 +348,7 @@ def test_an_unreadable_frame_becomes_a_gap():
     read = Block(2, np.zeros((3, 1, 3)), {3: InputError("frame_3: missing")})
     squares = np.array([[1.0, 2.0], [10.0, 10.0], [3.0, 5.0]])
     solution = Solution(block.cages, np.zeros((3, 1, 3)), block.rotations, block.sampled)
-    found = make_solved_block(read, solution, Measured(block.metrics, squares), block.digests)
+    found = make_solved_block(read, solution, block.metrics, squares, block.digests)
     assert np.isnan(found.rotations[1]).all()
     assert found.sampled[:, 3:6].tolist() == [[0, 0, 0]] * 5
     np.testing.assert_array_equal(found.sampled[:, :3], block.sampled[:, :3])

@@ -7,8 +7,10 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.summary import VertexBound
-from cageik_cli.store import binding_file, result_frames
+from cageik_cli.store import binding_file
 from cageik_cli.store import result as results
 from cageik_cli.util.errors import FormatError, InputError
 from tests.store.bindings import as_fitted, record
@@ -55,15 +57,15 @@ def test_a_fitted_result_comes_back(tmp_path, form):
     result = results.read_result(write_result(tmp_path / "cages.h5", form))
     assert results.has_weights(result)
     assert result.bound == VertexBound(0.01, 4, 18)
-    assert_same_fit(result_frames.read_binding(result), as_fitted(MODEL, form))
+    assert_same_fit(results.read_binding(result), as_fitted(MODEL, form))
     assert result.has_offsets == (form == "few")
-    np.testing.assert_array_equal(result_frames.read_rotations(result), ROTATIONS)
+    np.testing.assert_array_equal(results.read_rotations(result), ROTATIONS)
 
 
 def test_key_frames_have_turned_offsets(tmp_path):
     result = results.read_result(write_result(tmp_path / "cages.h5", "few"))
-    binding = result_frames.read_binding(result)
-    found = result_frames.read_key_frames(result, binding)
+    binding = results.read_binding(result)
+    found = results.read_key_frames(result, binding)
     offsets = MODEL.rest.vertices - binding.weights @ MODEL.cage.vertices
     expected = binding.weights @ CAGES[4] + offsets @ ROTATIONS[4]
     np.testing.assert_allclose(found.reconstructed[0], expected, rtol=0, atol=1e-13)
@@ -74,8 +76,8 @@ def test_without_weights_only_a_change_of_low_rank_is_kept(tmp_path):
         path = write_result(tmp_path / "cages.h5", form, keep_weights=False)
         result = results.read_result(path)
         assert not results.has_weights(result)
-        assert result_frames.read_binding(result) is None
-        assert (result_frames.read_low_rank(result) is not None) == (form == "low rank")
+        assert results.read_binding(result) is None
+        assert (results.read_low_rank(result) is not None) == (form == "low rank")
 
 
 def test_weights_that_are_not_fitted_have_no_fit(tmp_path):
@@ -87,7 +89,7 @@ def test_weights_that_are_not_fitted_have_no_fit(tmp_path):
 
 def test_the_rotation_of_a_skipped_frame_is_that_of_the_nearest(tmp_path):
     path = written_with_gaps(tmp_path / "cages.h5", {1: "gone"})
-    found = result_frames.read_rotations(results.read_result(path))
+    found = results.read_rotations(results.read_result(path))
     np.testing.assert_array_equal(found, ROTATIONS[[0, 0, 2, 3, 4]])
 
 
@@ -128,8 +130,9 @@ RECORD_DAMAGES = [
     (fit_attribute(["report", "min_weight"], "x"), '`fit.report.min_weight` is "x"'),
     (fit_attribute(["report", "min_weight"], True), "`fit.report.min_weight` is true"),
     (fit_attribute(["report", "frames"], 1.5), "`fit.report.frames` is 1.5"),
-    (fit_attribute(["report", "roughness"], None), "`fit.report` does not hold"),
-    (fit_attribute(["report", "more"], 1), "`fit.report` does not hold"),
+    (fit_attribute(["report", "roughness"], None), "`fit.report` does not hold roughness"),
+    (fit_attribute(["report", "more"], 1), "`fit.report` holds more"),
+    (fit_attribute(["settings", "more"], 1), "a newer version of cageik; update"),
     (fit_attribute(["report", "fitted"], 1), "`fit.report.fitted` does not hold"),
     (fit_attribute(["report", "curve"], [[1, 2, 3]]), "`fit.report.curve[0]` has 3 values"),
     (fit_attribute(["report", "curve"], 3), "`fit.report.curve` is 3"),
@@ -162,6 +165,19 @@ def test_a_damaged_fit_is_refused(tmp_path, form, damage, says):
     assert_refused(path, damage, says, binding_file.read_binding, FormatError)
 
 
+def test_fields_that_an_older_file_lacks_take_their_defaults(tmp_path):
+    path = tmp_path / "binding.h5"
+    fit = write_binding(path, "dense").binding.fit
+    with h5py.File(path, "r+") as file:
+        fit_attribute(["settings", "smoothness"], None)(file)
+        fit_attribute(["report", "curve"], None)(file)
+        file.attrs["settings"] = "{}"
+    found = binding_file.read_binding(path).binding
+    assert found.settings == BindSettings()
+    assert found.fit.settings == replace(fit.settings, smoothness=FitSettings().smoothness)
+    assert found.fit.report == replace(fit.report, curve=())
+
+
 def test_a_form_that_the_record_does_not_state_is_refused(tmp_path):
     path = tmp_path / "binding.h5"
     for form, option in (("low rank", "rank"), ("few", "influences")):
@@ -185,7 +201,7 @@ def test_a_form_that_the_record_does_not_state_is_refused(tmp_path):
 def test_damaged_rotations_are_refused(tmp_path, damage, says):
     path = write_result(tmp_path / "cages.h5", "few")
     assert_refused(
-        path, damage, says, lambda path: result_frames.read_rotations(results.read_result(path))
+        path, damage, says, lambda path: results.read_rotations(results.read_result(path))
     )
 
 

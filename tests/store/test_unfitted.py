@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.store.fit_fields import UnfittedClip
-from cageik_cli.store.result import read_result
-from cageik_cli.store.result_frames import read_unfitted
+from cageik_cli.store.result import read_result, read_unfitted
 from cageik_cli.util.errors import FormatError
 from tests.store.bindings import as_fitted
 from tests.store.damages import assert_refused, replaced, rewritten

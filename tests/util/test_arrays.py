@@ -6,7 +6,13 @@ import os
 import numpy as np
 import pytest
 
-from cageik_cli.util.arrays import Workspace, allocate_floats, count_frames, spread_evenly
+from cageik_cli.util.arrays import (
+    Workspace,
+    allocate_floats,
+    count_frames,
+    fill_gaps,
+    spread_evenly,
+)
 from cageik_cli.util.errors import FileAccessError
 
 
@@ -64,3 +70,22 @@ def test_a_full_disk_is_named_before_anything_is_written(monkeypatch):
 )
 def test_numbers_are_spread_evenly(count, most, chosen):
     assert spread_evenly(count, most).tolist() == list(chosen)
+
+
+KNOWN = np.array([1, 2, 5, 6, 7])
+FRAMES = np.array([np.nan, 1, 5, np.nan, np.nan, 8, 6, 2, np.nan])[:, None, None]
+FILLED = [1, 1, 5, 6, 7, 8, 6, 2, 2]
+
+
+@pytest.mark.parametrize("size", [1, 2, 4, 9])
+def test_blocks_of_any_size_are_filled_alike(size):
+    for start in range(0, len(FRAMES), size):
+        block = FRAMES[start : start + size].copy()
+        fill_gaps(block, start, KNOWN, lambda k: FRAMES[k])
+        np.testing.assert_allclose(block.ravel(), FILLED[start : start + size], rtol=1e-15)
+
+
+def test_what_has_no_gap_is_not_read():
+    block = np.ones((3, 1, 1))
+    fill_gaps(block, 0, np.arange(3), None)
+    assert (block == 1).all()

@@ -1,7 +1,5 @@
 """JSON files within limits: what is read, what is refused, and how places are named."""
 
-import os
-
 import pytest
 
 from cageik_cli.util.errors import FileAccessError, FormatError
@@ -67,18 +65,6 @@ def test_a_file_that_is_too_large_is_not_read(path):
 
 def test_a_missing_file_is_refused(path):
     with pytest.raises(FileAccessError, match="No such file"):
-        read_json(path, SETTINGS)
-
-
-def test_a_folder_is_refused(tmp_path):
-    with pytest.raises(FileAccessError, match="is a folder"):
-        read_json(tmp_path, SETTINGS)
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes on this system")
-def test_a_pipe_is_not_waited_for(path):
-    os.mkfifo(path)
-    with pytest.raises(FileAccessError, match="plain file"):
         read_json(path, SETTINGS)
 
 

@@ -13,7 +13,6 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError, SettingError
-from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import (
     BindRunSettings,
     WeightSettings,
@@ -21,24 +20,8 @@ from cageik_cli.workflows.bind import (
     bind_files,
     load_matching_binding,
 )
+from tests.listeners import Listener
 from tests.shapes import ball, box
-
-
-class Listener(ProgressListener):
-    """Remembers what it was told."""
-
-    def __init__(self):
-        self.stages, self.counts, self.notes = [], [], []
-
-    def stage(self, name):
-        self.stages.append(name)
-        return super().stage(name)
-
-    def update(self, done, total):
-        self.counts.append((done, total))
-
-    def note(self, topic, text):
-        self.notes.append((topic, text))
 
 
 @pytest.fixture

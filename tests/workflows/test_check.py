@@ -6,7 +6,6 @@ import pytest
 
 from cageik_cli import __version__
 from cageik_cli.report.views.cage import format_check_json, format_check_text
-from cageik_cli.util.errors import InputError
 from cageik_cli.workflows.check import CheckSettings, check_cage
 from tests.shapes import ball, box
 
@@ -67,17 +66,6 @@ def test_the_rest_pose_may_be_a_file_with_frames_or_without(folder):
         checked = check_cage(CheckSettings(folder / "cage.obj", frames, rest))
         assert checked.rest.source["name"] == "frame_2.obj"
         assert checked.diagnosis.rest.vertices == 18
-
-
-def test_a_rest_pose_of_another_connectivity_is_refused(folder):
-    settings = CheckSettings(folder / "cage.obj", ("frames",), folder / "cage.obj")
-    with pytest.raises(InputError, match=r"cage\.obj: .*8 vertices.*first frame"):
-        check_cage(settings)
-
-
-def test_a_missing_rest_frame_is_refused(folder):
-    with pytest.raises(InputError, match="`rest_frame=5`"):
-        check_cage(CheckSettings(folder / "cage.obj", ("frames",), rest_frame=5))
 
 
 def test_findings_are_rows_with_the_worst_first(folder, cage_file):

@@ -19,21 +19,11 @@ from cageik_cli.util.errors import (
     OutputError,
     SettingError,
 )
-from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.jobs import compute_weights_key
 from cageik_cli.workflows.extract import Extraction, extract
 from cageik_cli.workflows.resume import check_output
 from cageik_cli.workflows.settings import ExtractSettings
-
-
-class Notes(ProgressListener):
-    """Remembers what was noted."""
-
-    def __init__(self):
-        self.notes = []
-
-    def note(self, topic, text):
-        self.notes.append((topic, text))
+from tests.listeners import Listener
 
 
 def fail(*_, **__):
@@ -86,13 +76,8 @@ def test_without_resume_an_existing_result_is_not_looked_for(plain):
 
 
 def test_a_checkpoint_is_not_overwritten_unasked(plain, single_frame_blocks):
-    class Interrupt(ProgressListener):
-        def update(self, done, total):
-            if (done, total) == (2, 5):
-                raise KeyboardInterrupt
-
     with pytest.raises(KeyboardInterrupt):
-        extract(plain, Interrupt())
+        extract(plain, Listener(stop_at=(2, 5)))
     with pytest.raises(CheckpointError) as caught:
         check_output(plain)
     assert str(caught.value) == (
@@ -137,7 +122,7 @@ def test_the_settings_of_a_binding_file_are_recorded(plain):
 
 @pytest.mark.usefixtures("coarse_grids")
 def test_a_cage_is_built_when_none_is_given(plain):
-    listener = Notes()
+    listener = Listener()
     settings = replace(plain, cage=None, build=BuildSettings(20), cage_output=Path("built.obj"))
     result = extract(settings, listener)
     assert (len(result.cage.vertices), result.settings["cage_vertices"]) == (20, 20)
@@ -212,7 +197,7 @@ def test_a_cage_from_the_cache_gives_the_same_bytes(plain, cache, monkeypatch, l
     plain_bytes = extract(replace(settings, cache=None)).path.read_bytes()
     assert extract(replace(settings, overwrite=True)).path.read_bytes() == plain_bytes
     monkeypatch.setattr("cageik_cli.workflows.run_cage._build", fail)
-    listener = Notes()
+    listener = Listener()
     result = extract(replace(settings, overwrite=True), listener)
     assert result.path.read_bytes() == plain_bytes
     assert [note.startswith("built cage: ") for note in result.notes] == [True] * loose

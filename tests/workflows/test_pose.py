@@ -11,22 +11,12 @@ import pytest
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError
-from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.pose import PoseSettings, pose
+from tests.listeners import Listener
 from tests.shapes import box, quad_text
 
 TIP = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}
 PIN = {"name": "pin", "vertex": 7, "pin": True}
-
-
-class Notes(ProgressListener):
-    """Keeps what is remarked."""
-
-    def __init__(self):
-        self.texts = []
-
-    def note(self, topic, text):
-        self.texts.append((topic, text))
 
 
 @pytest.fixture
@@ -45,9 +35,9 @@ def settings(folder):
 def test_how_handles_were_understood_is_noted(settings):
     other = TIP | {"name": "other", "offset": [0.3, 0.2, -0.3]}
     near = {"name": "near", "position": [0, 0, 3], "pin": True}
-    notes = Notes()
+    notes = Listener()
     pose(settings(TIP, other, near, snap=100, allow_conflicts=True), notes)
-    told = [text for topic, text in notes.texts if topic == "note"]
+    told = [text for topic, text in notes.notes if topic == "note"]
     assert [
         text for text in told if text.startswith("handles.json: handle 'near': position snapped to")
     ]
@@ -57,9 +47,9 @@ def test_how_handles_were_understood_is_noted(settings):
 def test_changes_of_the_cage_are_noted(settings, write_obj, animation):
     turned = animation.cage.flip()
     write_obj(Path("inward.obj"), turned.vertices, turned.faces)
-    notes = Notes()
+    notes = Listener()
     posed = pose(settings(TIP, PIN, cage="inward.obj"), notes)
-    assert [text for _, text in notes.texts if text.startswith("inward.obj: ")]
+    assert [text for _, text in notes.notes if text.startswith("inward.obj: ")]
     cage = TriMesh(posed.snapshot.cage_before, posed.snapshot.cage_faces)
     np.testing.assert_allclose(cage.volume, animation.cage.volume, rtol=1e-12)
 
@@ -68,12 +58,12 @@ def test_triangulation_is_noted(settings):
     Path("model.obj").write_text(quad_text(1.0))
     Path("quads.obj").write_text(quad_text(2.0, inward=True))
     made = settings(TIP, PIN, cage="quads.obj")
-    notes = Notes()
+    notes = Listener()
     pose(replace(made, target=Path("model.obj")), notes)
-    told = [text for topic, text in notes.texts if topic == "note"]
+    told = [text for topic, text in notes.notes if topic == "note"]
     assert "model.obj: 6 polygons cut into triangles to compute with" in told
     assert "quads.obj: 6 polygons cut into triangles to compute with" in told
-    warned = [text for topic, text in notes.texts if topic == "warning"]
+    warned = [text for topic, text in notes.notes if topic == "warning"]
     assert [text for text in warned if text.startswith("quads.obj: the cage's faces turn inward")]
 
 

@@ -10,8 +10,7 @@ import pytest
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.regions import Cause
 from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.store.result import read_result
-from cageik_cli.store.result_frames import read_binding, read_key_frames
+from cageik_cli.store.result import read_binding, read_key_frames, read_result
 from cageik_cli.workflows import compose
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import Extraction, extract

@@ -19,25 +19,11 @@ from cageik_cli.solver import executor
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.util.errors import CheckpointError, FileAccessError, InputError
-from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.settings import ExtractSettings
+from tests.listeners import Listener
 
 LOG = Path("cages.h5.partial")
-
-
-class Stopped(ProgressListener):
-    """Ends the run when so many frames are done, as Ctrl-C does; remembers what was remarked."""
-
-    def __init__(self, after=None):
-        self.after, self.notes = after, []
-
-    def update(self, done, total):
-        if total == 5 and done == self.after:
-            raise KeyboardInterrupt
-
-    def note(self, topic, text):
-        self.notes.append((topic, text))
 
 
 @pytest.fixture
@@ -54,7 +40,7 @@ def whole(plain):
 
 def interrupted(settings, after):
     with pytest.raises(KeyboardInterrupt) as caught:
-        extract(settings, Stopped(after))
+        extract(settings, Listener(stop_at=(after, 5)))
     return caught.value
 
 
@@ -64,7 +50,7 @@ def test_a_resumed_run_gives_the_same_bytes(plain, whole, after):
     kept = f"{after} of 5 frames are kept in cages.h5.partial; continue with `resume=True`"
     assert error.__notes__ == [kept]
     assert checkpoint_progress(LOG) == (after, 5)
-    watch = Stopped()
+    watch = Listener()
     result = extract(replace(plain, resume=True), watch)
     assert result.path.read_bytes() == whole
     assert watch.notes == [("resumed", f"from frame {after} of 5")]
@@ -84,7 +70,7 @@ def test_memory_and_jobs_may_change_before_a_run_is_resumed(plain, whole):
 
 
 def test_resume_without_a_checkpoint_starts_a_run(plain, whole):
-    watch = Stopped()
+    watch = Listener()
     assert extract(replace(plain, resume=True), watch).path.read_bytes() == whole
     assert watch.notes == []
 
@@ -108,7 +94,7 @@ def test_a_run_with_other_settings_is_refused(plain):
 def test_frames_that_changed_are_solved_again(plain, animation, write_obj):
     interrupted(plain, 4)
     write_obj(Path("frames/frame_3.obj"), animation.frames[2] + 0.25, animation.rest.faces)
-    watch = Stopped()
+    watch = Listener()
     resumed = extract(replace(plain, resume=True), watch).path.read_bytes()
     text = "from frame 2 of 5 (frame_3.obj has changed)"
     assert watch.notes == [("resumed", text)]
@@ -128,7 +114,7 @@ def test_a_run_resumes_after_a_bad_frame_is_repaired(plain, whole):
 
 def test_an_existing_result_is_kept(plain, whole):
     extract(plain)
-    watch = Stopped()
+    watch = Listener()
     assert extract(replace(plain, resume=True), watch).path.read_bytes() == whole
     assert watch.notes == [("unchanged", "up to date, nothing to do")]
 
@@ -153,7 +139,7 @@ def test_resume_with_overwrite_replaces_other_results_and_checkpoints(plain, who
     assert extract(both).path.read_bytes() == whole
     extract(replace(other, overwrite=True))
     assert extract(both).path.read_bytes() == whole
-    watch = Stopped()
+    watch = Listener()
     extract(both, watch)
     assert watch.notes == [("unchanged", "up to date, nothing to do")]
     Path("cages.h5").unlink()
@@ -163,7 +149,7 @@ def test_resume_with_overwrite_replaces_other_results_and_checkpoints(plain, who
 
 
 def test_a_key_frame_that_changes_during_the_run_is_refused(plain, animation, write_obj):
-    class Changing(Stopped):
+    class Changing(Listener):
         def update(self, done, total):
             for k in range(1, 6) if total == done == 5 else ():
                 path, vertices = Path(f"frames/frame_{k}.obj"), k * animation.frames[0]
@@ -302,7 +288,7 @@ def test_a_result_with_gaps_is_refused_by_a_run_without_skipping(gapped):
 def test_a_clip_of_gaps_only_is_refused(plain):
     """The first frame, which tells the connectivity, is damaged after it was opened."""
 
-    class Damaging(Stopped):
+    class Damaging(Listener):
         @contextmanager
         def stage(self, name):
             yield
@@ -372,6 +358,6 @@ def test_a_run_with_a_built_cage_goes_on_to_the_same_bytes(plain):
     interrupted(built, 2)
     with pytest.raises(CheckpointError, match="its cage_vertices was 20, not 21"):
         extract(replace(built, build=BuildSettings(21), resume=True))
-    listener = Stopped()
+    listener = Listener()
     assert extract(replace(built, resume=True), listener).path.read_bytes() == whole
     assert ("resumed", "from frame 2 of 5") in listener.notes

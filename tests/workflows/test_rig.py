@@ -9,8 +9,7 @@ from pxr import Usd, UsdGeom, UsdSkel
 
 from cageik_cli.coordinates.binding import reconstruct_frames
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.store.result import read_cages, read_result
-from cageik_cli.store.result_frames import read_binding, read_rotations
+from cageik_cli.store.result import read_binding, read_cages, read_result, read_rotations
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows import export as exporting

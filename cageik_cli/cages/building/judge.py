@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.cages.building.collapse import euler_characteristic
+from cageik_cli.cages.faults import find_cage_faults
 from cageik_cli.cages.quality import MIN_ANGLE, find_thin_parts
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.cages.surface_points import sample_in_blocks
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh

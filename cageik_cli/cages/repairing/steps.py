@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.cages.findings import format_elements
+from cageik_cli.cages.faults import format_elements
 from cageik_cli.cages.misfit import find_transform
 from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
 from cageik_cli.cages.repairing.shape import ShapeFit

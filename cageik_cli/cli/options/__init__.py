@@ -13,12 +13,7 @@ from click.core import ParameterSource
 
 from cageik_cli.cli.config import apply_config
 from cageik_cli.cli.options.types import FrameFormatType, SizeType
-from cageik_cli.coordinates.settings import (
-    ACCURACIES,
-    COORDINATES,
-    OUTSIDE_POLICIES,
-    BindSettings,
-)
+from cageik_cli.coordinates.settings import ACCURACIES, COORDINATES, OUTSIDE_POLICIES, BindSettings
 from cageik_cli.util.errors import SettingError
 
 Record = TypeVar("Record", covariant=True)
@@ -274,11 +269,6 @@ def refuse_options(
         Why, and what to do; `{}` stands for the option as it is typed.
     is_named : callable
         Tells whether an option is given: `is_on_command_line` lets files of options have it.
-
-    Raises
-    ------
-    click.UsageError
-        Naming the first of them.
     """
     for name in filter(is_named, names):
         raise click.UsageError(message.replace("{}", name_option(name)))
@@ -295,11 +285,6 @@ def choose_cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
 
     The command line comes before the file of options, then the environment, then the folder of
     the user.
-
-    Raises
-    ------
-    click.UsageError
-        When the command line both names and refuses one.
     """
     if is_on_command_line("cache") and is_on_command_line("no_cache"):
         raise click.UsageError("--cache and --no-cache exclude each other; leave one out")

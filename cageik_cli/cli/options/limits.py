@@ -20,13 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class LimitOptions:
-    """The limits as they were typed; the baseline is not read yet.
-
-    Raises
-    ------
-    click.UsageError
-        When there is a regression and no baseline.
-    """
+    """The limits as they were typed; the baseline is not read yet."""
 
     max_rms: LimitValue | None
     max_frame_rms: LimitValue | None
@@ -46,13 +40,6 @@ class LimitOptions:
         ----------
         load_baseline : callable, optional
             In place of `read_baseline`, for callers that ask for one baseline many times.
-
-        Raises
-        ------
-        click.UsageError
-            When the baseline states limits without units.
-        InputError
-            When the baseline cannot be read, or is not one.
         """
         from cageik_cli.report.baseline import read_baseline
         from cageik_cli.report.limits import FILE_UNITS, METRICS, PERCENT, Limit, Limits

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import Field, fields
-from typing import Any, get_args
+from typing import Any
 
 import click
 
 from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, refuse_options
 from cageik_cli.cli.options.types import OrWord
-from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.fitting.record import FitSettings, find_kind
 from cageik_cli.solver.settings import AREA, AUTO_SMOOTHING, CaptureSettings, SolveSettings
 
 vertex_weights_option = click.option(
@@ -63,26 +63,29 @@ CAPTURE_OPTIONS = OptionGroup(
 )
 
 
-def _make_fit_option(setting: "Field[Any]") -> Decorator:
+def make_setting_option(setting: "Field[Any]") -> Decorator:
     """Make the option of a setting of a fit, of what the setting says of itself."""
-    kind = click.INT if int in get_args(setting.type) else click.FLOAT
-    flag, text = f"--{setting.metadata['name'].replace('_', '-')}", setting.metadata["help"]
-    unset = setting.metadata.get("unset")
-    if setting.default is None:
-        return click.option(flag, setting.name, type=kind, help=f"{text}  [default: {unset}]")
-    is_found = unset == "auto"
+    word, text = setting.metadata["name"].replace("_", "-"), setting.metadata["help"]
+    kind, unset, default = find_kind(setting), setting.metadata["unset"], setting.default
+    if kind is bool:
+        words = f"--{word}/--no-{word}"
+        return click.option(words, setting.name, default=default, show_default=True, help=text)
+    if default is None:
+        text = f"{text}  [default: {unset}]"
+        return click.option(f"--{word}", setting.name, type=kind, help=text)
+    is_found, known = unset == "auto", click.types.convert_type(kind)
     return click.option(
-        flag,
+        f"--{word}",
         setting.name,
-        type=OrWord(kind, "auto", "a number, such as 0.1") if is_found else kind,
+        type=OrWord(known, "auto", "a number, such as 0.1") if is_found else known,
         metavar="NUMBER|AUTO" if is_found else None,
-        default=str(setting.default),
+        default=str(default),
         show_default=True,
         help=text,
     )
 
 
-FIT_STRENGTH_OPTIONS = tuple(map(_make_fit_option, fields(FitSettings)))
+FIT_STRENGTH_OPTIONS = tuple(map(make_setting_option, fields(FitSettings)))
 """The options that say how weights are fitted, one for each of the settings of a fit."""
 
 

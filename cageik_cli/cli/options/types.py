@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 
@@ -171,18 +171,13 @@ class PercentType(click.ParamType):  # type: ignore[type-arg]  # as above
         """Parse the text."""
         number, unit = _split_number(value)
         if not number or unit == "units":
-            self._refuse(value, param, ctx)
+            self.fail(
+                f"{value!r} is not {self._noun}; expected a finite number, zero or above, such "
+                f"as {self._example}",
+                param,
+                ctx,
+            )
         return float(number) / self._unit
-
-    def _refuse(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> NoReturn:
-        self.fail(
-            f"{value!r} is not {self._noun}; expected a finite number, zero or above, such as "
-            f"{self._example}",
-            param,
-            ctx,
-        )
 
 
 def _split_number(value: Any) -> tuple[str, str]:

@@ -8,19 +8,33 @@ by Gauss's theorem in the plane. Each term is linear in integrals that the weigh
 
     f = ∫ 1/r dl   and   g = ∫ (s − s_a)/r dl = r_b − r_a − s_a f     of every edge ab,
 
-and, for terms beyond linear, in those of `higher_gradients`. The double layer of a hat is a curl:
-its density is continuous on a closed surface, so that (Stokes)
+and, for terms beyond linear, in those of the recurrences below. The double layer of a hat is a
+curl: its density is continuous on a closed surface, so that (Stokes)
 
     ∇ ∫ φ h/r³ dA = Σ_panels (n × ∇φ) × ∇ ∫ 1/r dA.
 
 No integral over an edge remains that grows with the inverse of the distance.
+
+Beyond linear, for points near a panel, let K_P = ∫ P/r dA, D_P = ∫ P h/r³ dA, and
+
+    U_x(P) = Σ_k (∇x · m_k) ∫_k P/r dl − K of ∇x · ∇P,      U_y(P) likewise,
+
+with the gradients ∇x and ∇y of the panel's coordinates. Gauss's theorem gives, with the sides e_x
+and e_y along which only x or only y grows, by one,
+
+    ∇K_P = n D_P − e_x U_x(P) − e_y U_y(P),       D_xP = x(p) D_P − h U_x(P),
+
+and along an edge, with τ, s, ρ and lengths as in `higher_terms`,
+
+    N_j = ∫ τ^j/r dτ = ([τ^(j−1) r] − (2j − 1) s N_(j−1) − (j − 1) ρ² N_(j−2)) / j,
+
+where ρ² + s² is the squared distance of the edge's middle, as there.
 
 The derivative is that of the function that `boundary_equation.interior_weights` evaluates, with the
 fading of higher terms. Rounding is corrected as it is in the densities: the gradients of affine
 functions are known, and the least change of the gradients makes them exact.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -28,54 +42,42 @@ from scipy import sparse
 
 from cageik_cli.coordinates.bem.boundary_equation import BoundarySolution, affine_values
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.bem.higher_gradients import (
-    evaluate_higher_densities,
-    higher_gradients,
-)
-from cageik_cli.coordinates.bem.higher_terms import higher_moments
-from cageik_cli.coordinates.bem.panel_geometry import LINEAR_TERMS
-from cageik_cli.coordinates.bem.panels import (
-    PanelView,
-    close_solid_angles,
-    double_layer,
-    linear_moments,
-    panel_view,
-)
+from cageik_cli.coordinates.bem.higher_terms import HigherTerms, higher_moments, monomial_places
+from cageik_cli.coordinates.bem.panel_geometry import LINEAR_TERMS, monomials, orthogonal_basis
+from cageik_cli.coordinates.bem.panels import PanelView
 from cageik_cli.coordinates.bem.potentials import (
     FADE_FACTOR,
     compute_strength,
     find_near_panels,
     thread_workspace,
 )
-from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.util.arrays import Floats, Integers
 
 
-@dataclass(frozen=True, eq=False)
 class WeightGradients:
     """The gradients of the weights of a solved boundary equation."""
 
-    boundary: BoundarySolution
+    def __init__(self, boundary: BoundarySolution) -> None:
+        self._boundary, self._mesh, self._panels = boundary, boundary.mesh, boundary.mesh.panels
+        self._linear, self._higher = np.split(boundary.densities, [boundary.mesh.linear_unknowns])
 
     def evaluate(self, points: Floats) -> Floats:
         """Return ∇w at points strictly inside, (q, 3), as (3, n, q), in units of the panels."""
-        workspace = thread_workspace()
-        mesh, densities = self.boundary.mesh, self.boundary.densities
-        split, panels = mesh.linear_unknowns, mesh.panels
-        view = panel_view(panels, points, workspace)
-        close_solid_angles(view)
-        linear = linear_moments(panels, view, workspace)
-        integrals = self._stack_integrals(view, linear, workspace)
-        moved = (self._single_layer_map @ integrals).reshape(3, split, -1)
-        gradients = densities[:split].T @ moved
+        mesh = self._mesh
+        view = PanelView(self._panels, points, thread_workspace())
+        view.close_solid_angles()
+        linear = view.linear_moments()
+        integrals = _stack_integrals(view, linear)
+        moved = (self._single_layer_map @ integrals).reshape(3, mesh.linear_unknowns, -1)
+        gradients = self._linear.T @ moved
         gradients += (self._double_layer_map @ integrals).reshape(gradients.shape)
         near = find_near_panels(mesh, points)
         if len(near):
-            higher = higher_moments(mesh.higher_terms, near, view, linear, workspace)
-            moments = linear, higher
-            moved = higher_gradients(mesh.higher_terms, near, view, moments, workspace)
-            moved *= compute_strength(mesh, near, points, workspace)
+            higher = higher_moments(mesh.higher_terms, near, view, linear)
+            moved = _higher_gradients(mesh.higher_terms, near, view, linear, higher)
+            moved *= compute_strength(mesh, near, points, view.workspace)
             moved += _strength_slopes(mesh, near, points)[:, None] * higher
-            chosen = densities[split:].reshape(mesh.extra_terms, len(mesh.high_panels), -1)[:, near]
+            chosen = self._higher.reshape(mesh.extra_terms, len(mesh.high_panels), -1)[:, near]
             count = mesh.extra_terms * len(near)
             gradients += chosen.reshape(count, -1).T @ moved.reshape(3, count, -1)
         gradients /= 4 * np.pi
@@ -87,22 +89,16 @@ class WeightGradients:
 
         Along the panel it is the slope of the hats, across it the density.
         """
-        mesh, panels = self.boundary.mesh, self.boundary.mesh.panels
+        mesh, panels = self._mesh, self._panels
         corner = panels.vertices[panels.corners[chosen]]
         hat_slopes = panels.hat_slopes[:, chosen]
         rise = np.einsum("kqx,qkx->kq", hat_slopes, points[:, None] - corner)
-        densities = self.boundary.densities[: mesh.linear_unknowns]
-        per_panel = densities.reshape(LINEAR_TERMS, len(panels.corners), -1)[:, chosen]
+        per_panel = self._linear.reshape(LINEAR_TERMS, len(panels.corners), -1)[:, chosen]
         barycentric = 1 + rise
         across = per_panel[0]
         across = across + per_panel[1] * (barycentric[0] - 1 / 3)[:, None]
         across += per_panel[2] * (barycentric[1] - 1 / 3)[:, None]
-        across += evaluate_higher_densities(
-            mesh.higher_terms,
-            self.boundary.densities[mesh.linear_unknowns :],
-            chosen,
-            barycentric,
-        )
+        across += _evaluate_higher_densities(mesh.higher_terms, self._higher, chosen, barycentric)
         gradients = np.einsum("qn,qx->xnq", across, panels.normals[chosen])
         for k in range(3):
             hats = mesh.hats.evaluate(panels.corners[chosen], np.eye(3)[[k] * len(chosen)])
@@ -110,27 +106,10 @@ class WeightGradients:
         self._enforce_affine(gradients)
         return np.asarray(gradients)
 
-    def _stack_integrals(self, view: PanelView, linear: Floats, workspace: Workspace) -> Floats:
-        """Stack ∫ (1, x, y) h/r³ and ∫ 1/r of all panels, then f and g of all edges."""
-        panels = self.boundary.mesh.panels
-        p, q = view.height.shape
-        stacked = workspace.array("integral_stack", 4 * p + 2 * len(view.along), q)
-        stacked[: 3 * p] = double_layer(panels, view, workspace).reshape(3 * p, q)
-        stacked[3 * p : 4 * p] = linear[0]
-        log, moment = stacked[4 * p :].reshape(2, -1, q)
-        log[:] = view.edge_log
-        np.multiply(view.along, view.edge_log, out=moment)
-        r_a, r_b = (
-            workspace.take_rows(f"end_{k}", view.distance, panels.edges.ends[:, k]) for k in (0, 1)
-        )
-        np.subtract(r_b, moment, out=moment)
-        moment -= r_a
-        return stacked
-
     @cached_property
     def _single_layer_map(self) -> sparse.csr_array:
         """Return the map from stacked integrals to ∇ ∫ (1, x, y)/r, (3 · 3p, 4p + 2e)."""
-        panels = self.boundary.mesh.panels
+        panels = self._panels
         p = len(panels.corners)
         own = np.arange(p)
         entries = []
@@ -151,8 +130,7 @@ class WeightGradients:
     @cached_property
     def _double_layer_map(self) -> sparse.csr_array:
         """Return the map from stacked integrals to ∇D of the hats, (3n, 4p + 2e)."""
-        mesh = self.boundary.mesh
-        panels = mesh.panels
+        mesh, panels = self._mesh, self._panels
         v, own = len(panels.vertices), np.arange(len(panels.corners))
         entries = []
         for i in range(3):
@@ -168,13 +146,13 @@ class WeightGradients:
 
     def _edge_columns(self, k: int) -> tuple[Integers, Integers]:
         """Return the columns of f and g of the edges at sides k, (p,) each."""
-        panels = self.boundary.mesh.panels
+        panels = self._panels
         log = 4 * len(panels.corners) + panels.edges.side_edges[:, k]
         return log, log + len(panels.edges.ends)
 
     def _values_on_side(self, term: int, k: int) -> tuple[Floats, Floats]:
         """Return 1, x or y at the first end of the edge at sides k, and its slope on it, (p,)."""
-        panels = self.boundary.mesh.panels
+        panels = self._panels
         corner_values = np.array([[1.0, 1.0, 1.0], [2.0, -1.0, -1.0], [-1.0, 2.0, -1.0]])
         corner_values /= [[1], [3], [3]]
         ends = corner_values[term, [(k + 1) % 3, (k + 2) % 3]]
@@ -186,7 +164,7 @@ class WeightGradients:
         self, entries: list[tuple[Integers, Integers, Floats]], rows: int
     ) -> sparse.csr_array:
         """Return the sparse matrix with these (row, column, value)."""
-        panels = self.boundary.mesh.panels
+        panels = self._panels
         row, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
         shape = (rows, 4 * len(panels.corners) + 2 * len(panels.edges.ends))
         found = sparse.csr_array((value, (row, column)), shape=shape)
@@ -195,10 +173,10 @@ class WeightGradients:
 
     def _enforce_affine(self, gradients: Floats) -> None:
         """Change gradients, (3, n, q), least, so that Σ_k ∇w_k = 0 and Σ_k c_k ⊗ ∇w_k = 1."""
-        excess = affine_values(self.boundary.mesh).T @ gradients
+        excess = affine_values(self._mesh).T @ gradients
         for axis in range(3):
             excess[axis, 1 + axis] -= 1
-        gradients -= self.boundary.affine_correction.T @ excess
+        gradients -= self._boundary.affine_correction.T @ excess
 
 
 def _strength_slopes(mesh: BoundaryMesh, near: Integers, points: Floats) -> Floats:
@@ -211,3 +189,129 @@ def _strength_slopes(mesh: BoundaryMesh, near: Integers, points: Floats) -> Floa
     is_fading = (share > 0) & (share < 1)
     np.divide(-6 * share * (1 - share), reach * width * distance, out=slope, where=is_fading)
     return np.asarray(offset * slope)
+
+
+def _stack_integrals(view: PanelView, linear: Floats) -> Floats:
+    """Stack ∫ (1, x, y) h/r³ and ∫ 1/r of all panels, then f and g of all edges."""
+    p, q = view.height.shape
+    stacked = view.workspace.array("integral_stack", 4 * p + 2 * len(view.along), q)
+    stacked[: 3 * p] = view.double_layer().reshape(3 * p, q)
+    stacked[3 * p : 4 * p] = linear[0]
+    log, moment = stacked[4 * p :].reshape(2, -1, q)
+    log[:] = view.edge_log
+    np.multiply(view.along, view.edge_log, out=moment)
+    ends = view.panels.edges.ends
+    r_a, r_b = (view.workspace.take_rows(f"end_{k}", view.distance, ends[:, k]) for k in (0, 1))
+    np.subtract(r_b, moment, out=moment)
+    moment -= r_a
+    return stacked
+
+
+def _higher_gradients(
+    terms: HigherTerms, near: Integers, view: PanelView, linear: Floats, higher: Floats
+) -> Floats:
+    """Return ∇ ∫ ψ/r of the panels `terms.high_panels[near]`, (3, d − 3, k, q).
+
+    Parameters
+    ----------
+    linear, higher : (3, p, q) and (d − 3, k, q)
+        From `linear_moments` and `higher_moments`.
+    """
+    panels, chosen = terms.panels, terms.high_panels[near]
+    k, q = len(near), linear.shape[2]
+    basis = orthogonal_basis(terms.order)
+    single = np.concatenate([linear[:, chosen], higher])
+    single = (np.linalg.inv(basis) @ single.reshape(len(basis), -1)).reshape(-1, k, q)
+    slopes = _slope_sums(terms, near, view, single)
+    double = _double_moments(terms, chosen, view, slopes)
+    parts = np.concatenate([double[None], slopes]).reshape(3, len(basis), -1)
+    double, along_x, along_y = (basis[LINEAR_TERMS:] @ parts).reshape(3, -1, k, q)
+    corner = panels.vertices[panels.corners[chosen]]
+    found = view.workspace.array("higher_gradients", 3, len(higher), k, q)
+    product = view.workspace.array("gradient_product", len(higher), k, q)
+    for axis in range(3):
+        np.multiply(double, panels.normals[chosen, axis, None], out=found[axis])
+        for i, values in enumerate((along_x, along_y)):
+            side = corner[:, i, axis] - corner[:, 2, axis]
+            found[axis] -= np.multiply(values, side[:, None], out=product)
+    return found
+
+
+def _evaluate_higher_densities(
+    terms: HigherTerms, densities: Floats, chosen: Integers, barycentric: Floats
+) -> Floats:
+    """Return the terms beyond linear of densities at points on panels, (q, n).
+
+    Parameters
+    ----------
+    densities : ((d − 3) k, n)
+        Their coefficients.
+    chosen : (q,) int64
+        The panel of each point.
+    barycentric : (3, q)
+    """
+    total = np.zeros((len(chosen), densities.shape[1]))
+    on_high = np.flatnonzero(np.isin(chosen, terms.high_panels))
+    if len(on_high) == 0:
+        return total
+    place = np.searchsorted(terms.high_panels, chosen[on_high])
+    values = monomials(terms.order, barycentric[:, on_high].T)
+    values = orthogonal_basis(terms.order)[LINEAR_TERMS:] @ values
+    coefficients = densities.reshape(len(values), len(terms.high_panels), -1)
+    for term, value in enumerate(values):
+        total[on_high] += value[:, None] * coefficients[term, place]
+    return total
+
+
+def _slope_sums(terms: HigherTerms, near: Integers, view: PanelView, single: Floats) -> Floats:
+    """Return U_x and U_y of all monomials, (2, d, k, q), from their K, (d, k, q)."""
+    count, k, q = single.shape
+    sides = terms.panels.edges.side_edges[terms.high_panels[near]]
+    edges, place = np.unique(sides, return_inverse=True)
+    powers = _edge_powers(edges, terms.order, view)[place.ravel()]
+    sums = terms.gradient_factors[near] @ powers.reshape(k, -1, q)
+    slopes = np.ascontiguousarray(sums.transpose(1, 0, 2)).reshape(2, count, k, q)
+    places = monomial_places(terms.order)
+    metric = terms.panels.metric[:, :, terms.high_panels[near], None]
+    for (a, b), here in places.items():
+        for power, axis, lower in ((a, 0, (a - 1, b)), (b, 1, (a, b - 1))):
+            if power:
+                below = power * single[places[lower]]
+                slopes[0, here] -= metric[0, axis] * below
+                slopes[1, here] -= metric[1, axis] * below
+    return slopes
+
+
+def _double_moments(
+    terms: HigherTerms, chosen: Integers, view: PanelView, slopes: Floats
+) -> Floats:
+    """Return D of all monomials, (d, k, q)."""
+    places = monomial_places(terms.order)
+    height, foot = view.height[chosen], view.foot[:, chosen]
+    double = np.empty(slopes.shape[1:])
+    double[0] = view.solid_angle[chosen]
+    for (a, b), here in list(places.items())[1:]:
+        axis, lower = (0, (a - 1, b)) if a else (1, (a, b - 1))
+        below = places[lower]
+        np.multiply(foot[axis], double[below], out=double[here])
+        double[here] -= height * slopes[axis, below]
+    return double
+
+
+def _edge_powers(edges: Integers, order: int, view: PanelView) -> Floats:
+    """Return N_0 to N_order of some edges, (k, order + 1, q)."""
+    panels = view.panels
+    per_length = 1 / panels.edge_lengths[edges, None]
+    ends = panels.edges.ends[edges]
+    r_a, r_b = (view.distance[ends[:, k]] * per_length for k in (0, 1))
+    middle = view.along[edges] * per_length + 0.5
+    square = (r_a * r_a + r_b * r_b) / 2 - 0.25
+    powers = np.empty((len(edges), order + 1, r_a.shape[1]))
+    powers[:, 0] = view.edge_log[edges]
+    for j in range(1, order + 1):
+        found = (r_b - r_a if j % 2 else r_b + r_a) * 0.5 ** (j - 1)
+        found -= (2 * j - 1) * middle * powers[:, j - 1]
+        if j > 1:
+            found -= (j - 1) * square * powers[:, j - 2]
+        powers[:, j] = found / j
+    return powers

@@ -27,7 +27,7 @@ from cageik_cli.coordinates.bem.panel_geometry import (
     orthogonal_basis,
 )
 from cageik_cli.coordinates.bem.panels import PanelView
-from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.util.arrays import Floats, Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +101,7 @@ def _side_sum_places(order: int) -> dict[tuple[int, int], int]:
     return {entry: i for i, entry in enumerate(wanted)}
 
 
-def higher_moments(
-    terms: HigherTerms, near: Integers, view: PanelView, linear: Floats, workspace: Workspace
-) -> Floats:
+def higher_moments(terms: HigherTerms, near: Integers, view: PanelView, linear: Floats) -> Floats:
     """Return ∫ ψ / r dA of the panels `terms.high_panels[near]`, (d − 3, k, q), in the workspace.
 
     The recurrences lose digits like (distance / panel size) to the power 2 `order`: they are for
@@ -111,104 +109,90 @@ def higher_moments(
 
     Parameters
     ----------
+    view : PanelView
+        Of all panels.
     linear : (3, p, q)
-        From `linear_moments`.
+        Its linear moments.
     """
-    order, chosen = terms.order, terms.high_panels[near]
-    count, k, q = len(exponents(order)), len(near), linear.shape[2]
-    square = workspace.take_rows("near_h", view.height, chosen)
-    square *= square
-    recurrences = _Recurrences(
-        order=order,
-        sums=_compute_side_sums(terms, near, view, workspace),
-        foot=[workspace.take_rows(f"near_{i}", view.foot[i], chosen) for i in (0, 1)],
-        square=square,
-        metric=terms.panels.metric[:, :, chosen, None],
-        single=workspace.array("single", count, k, q),
-        radial=workspace.array("radial", len(exponents(order - 2)), k, q),
-        product=workspace.array("near_product", k, q),
-    )
-    np.take(linear, chosen, axis=1, out=recurrences.single[:LINEAR_TERMS], mode="clip")
+    order = terms.order
+    recurrences = _Recurrences(terms, near, view, linear)
     for degree in range(2, order + 1):
         recurrences.fill_radial(degree - 2)
         recurrences.fill_single(degree)
-    moments = workspace.array("higher", count - LINEAR_TERMS, k, q)
+    single = recurrences.single
+    count, k, q = single.shape
+    moments = view.workspace.array("higher", count - LINEAR_TERMS, k, q)
     np.matmul(
         orthogonal_basis(order)[LINEAR_TERMS:],
-        recurrences.single.reshape(count, -1),
+        single.reshape(count, -1),
         out=moments.reshape(-1, k * q),
     )
     return moments
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _Recurrences:
-    """The arrays of the recurrences, for k panels and q points.
+    """K and R of the monomials on k panels, for q points, from low degrees to higher ones.
 
     Attributes
     ----------
-    sums : (k, s, q)
-        The side sums.
-    foot : two (k, q)
-        x and y of the foot p.
-    square : (k, q)
-        h².
-    metric : (2, 2, k, 1)
-        ∇φ_i · ∇φ_j.
-    single, radial : (d, k, q)
-        K_P and R_P of the monomials; R up to degree `order` − 2.
-    product : (k, q)
-        Memory for products.
+    single : (d, k, q)
+        K_P of the monomials; those up to linear are given.
     """
 
-    order: int
-    sums: Floats
-    foot: list[Floats]
-    square: Floats
-    metric: Floats
-    single: Floats
-    radial: Floats
-    product: Floats
+    def __init__(self, terms: HigherTerms, near: Integers, view: PanelView, linear: Floats) -> None:
+        workspace, chosen = view.workspace, terms.high_panels[near]
+        k, q = len(near), linear.shape[2]
+        self._places = monomial_places(terms.order)
+        self._sum_places = _side_sum_places(terms.order)
+        self._sums = _compute_side_sums(terms, near, view)
+        self._foot = [workspace.take_rows(f"near_{i}", view.foot[i], chosen) for i in (0, 1)]
+        self._square = workspace.take_rows("near_h", view.height, chosen)
+        self._square *= self._square
+        self._metric = terms.panels.metric[:, :, chosen, None]
+        # R is needed up to degree `order` − 2.
+        self._radial = workspace.array("radial", len(exponents(terms.order - 2)), k, q)
+        self._product = workspace.array("near_product", k, q)
+        self.single = workspace.array("single", len(exponents(terms.order)), k, q)
+        np.take(linear, chosen, axis=1, out=self.single[:LINEAR_TERMS], mode="clip")
 
     def fill_radial(self, degree: int) -> None:
         """Compute R of the monomials of one degree, from K of this degree."""
-        place, sum_places = monomial_places(self.order), _side_sum_places(self.order)
+        place, sum_places = self._places, self._sum_places
         for a, b in exponents_at_degree(degree):
             here = place[a, b]
-            found = np.multiply(self.square, self.single[here], out=self.radial[here])
-            found += self.sums[:, sum_places[_RADIAL, here]]
-            self._add_product(found, self.foot[0], self.sums[:, sum_places[_RADIAL_X, here]])
-            self._add_product(found, self.foot[1], self.sums[:, sum_places[_RADIAL_Y, here]])
+            found = np.multiply(self._square, self.single[here], out=self._radial[here])
+            found += self._sums[:, sum_places[_RADIAL, here]]
+            self._add_product(found, self._foot[0], self._sums[:, sum_places[_RADIAL_X, here]])
+            self._add_product(found, self._foot[1], self._sums[:, sum_places[_RADIAL_Y, here]])
             for times, axis, lower in ((a, 0, (a - 1, b)), (b, 1, (a, b - 1))):
                 for _ in range(times):
-                    self._add_product(found, self.foot[axis], self.radial[place[lower]])
+                    self._add_product(found, self._foot[axis], self._radial[place[lower]])
             found /= 3 + degree
 
     def fill_single(self, degree: int) -> None:
         """Compute K of the monomials of one degree, from K and R of lower degrees."""
-        place, sum_places = monomial_places(self.order), _side_sum_places(self.order)
+        place, sum_places = self._places, self._sum_places
         for a, b in exponents_at_degree(degree):
             axis, below = (0, (a - 1, b)) if a else (1, (a, b - 1))
             here = place[below]
-            found = np.multiply(self.foot[axis], self.single[here], out=self.single[place[a, b]])
-            found += self.sums[:, sum_places[(_ALONG_X, _ALONG_Y)[axis], here]]
+            found = np.multiply(self._foot[axis], self.single[here], out=self.single[place[a, b]])
+            found += self._sums[:, sum_places[(_ALONG_X, _ALONG_Y)[axis], here]]
             c, d = below
             for times, other, lower in ((c, 0, (c - 1, d)), (d, 1, (c, d - 1))):
                 if times:
-                    factor = -times * self.metric[axis, other]
-                    self._add_product(found, factor, self.radial[place[lower]])
+                    factor = -times * self._metric[axis, other]
+                    self._add_product(found, factor, self._radial[place[lower]])
 
     def _add_product(self, total: Floats, first: Floats, second: Floats) -> None:
-        np.add(total, np.multiply(first, second, out=self.product), out=total)
+        np.add(total, np.multiply(first, second, out=self._product), out=total)
 
 
-def _compute_side_sums(
-    terms: HigherTerms, near: Integers, view: PanelView, workspace: Workspace
-) -> Floats:
+def _compute_side_sums(terms: HigherTerms, near: Integers, view: PanelView) -> Floats:
     """Return all side sums of `_side_sum_places`, (k, s, q)."""
+    workspace = view.workspace
     sides = terms.panels.edges.side_edges[terms.high_panels[near]]
     edges, place = np.unique(sides, return_inverse=True)
-    powers = _edge_powers(terms.panels, edges, terms.order, view, workspace)
+    powers = _edge_powers(edges, terms.order, view)
     k, q = len(near), powers.shape[2]
     gathered = workspace.array("powers", 3 * k, terms.order, q)
     np.take(powers, place.ravel(), axis=0, out=gathered, mode="clip")
@@ -217,10 +201,9 @@ def _compute_side_sums(
     return np.matmul(factors, gathered.reshape(k, 3 * terms.order, q), out=sums)
 
 
-def _edge_powers(
-    panels: Panels, edges: Integers, order: int, view: PanelView, workspace: Workspace
-) -> Floats:
+def _edge_powers(edges: Integers, order: int, view: PanelView) -> Floats:
     """Return J_0 to J_(order − 1) of some edges, (k, order, q)."""
+    panels, workspace = view.panels, view.workspace
     per_length = 1 / panels.edge_lengths[edges, None]
     ends = panels.edges.ends[edges]
     r_a, r_b = (workspace.take_rows(f"near_r_{k}", view.distance, ends[:, k]) for k in (0, 1))

@@ -26,8 +26,6 @@ Arrays have panels along the first axis and points along the last, so that gathe
 whole rows.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cageik_cli.coordinates.bem.panel_geometry import Panels
@@ -52,11 +50,14 @@ MAX_SERIES_TANGENT = 0.03
 """Tangent z below which z − z³/3 + z⁵/5 − z⁷/7 + z⁹/9 is arctan z to the last bit."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class PanelView:
-    """Geometry of p panels with e edges relative to q points, for the formulas of the module.
+    """Geometry of p panels with e edges relative to q points, and the integrals over the panels.
 
     The arrays are in workspace memory: valid until the next view with the same workspace.
+
+    Parameters
+    ----------
+    points : (q, 3) float64
 
     Attributes
     ----------
@@ -73,49 +74,152 @@ class PanelView:
         Distance r of each vertex.
     """
 
-    height: Floats
-    foot: Floats
-    solid_angle: Floats
-    along: Floats
-    edge_log: Floats
-    edge_moment: Floats
-    distance: Floats
+    def __init__(self, panels: Panels, points: Floats, workspace: Workspace) -> None:
+        self.panels, self.workspace = panels, workspace
+        p, q = len(panels.corners), len(points)
+        forms = workspace.array("forms", len(panels.linear_forms), q)
+        np.matmul(panels.linear_forms, np.vstack([points.T, np.ones(q)]), out=forms)
+        self.height, self.along = forms[:p], forms[3 * p :]
+        self.foot = forms[p : 3 * p].reshape(2, p, q)
+        self.distance = distances(panels.vertices, points, workspace, "distance")
+        gap, total, products = self._measure_edge_gaps()
+        self._recompute_small_gaps(gap, products)
+        self.edge_log = self._compute_edge_logs(gap, total)
+        self.edge_moment = self._compute_edge_moments()
+        self.solid_angle = self._compute_solid_angles(products)
 
+    def close_solid_angles(self) -> None:
+        """Correct the solid angles of a closed surface so that they sum to 4π for points inside.
 
-def panel_view(panels: Panels, points: Floats, workspace: Workspace) -> PanelView:
-    """Compute the geometry of `panels` relative to `points`, (q, 3)."""
-    p, q = len(panels.corners), len(points)
-    forms = workspace.array("forms", len(panels.linear_forms), q)
-    np.matmul(panels.linear_forms, np.vstack([points.T, np.ones(q)]), out=forms)
-    height, foot, along = forms[:p], forms[p : 3 * p].reshape(2, p, q), forms[3 * p :]
-    distance = distances(panels.vertices, points, workspace, "distance")
-    gap, total, products = _edge_gaps(panels, distance, workspace)
-    _recompute_small_gaps(panels, gap, products, height, foot)
-    edge_log = _edge_logs(panels, gap, total)
-    edge_moment = _edge_moments(panels, along, edge_log, workspace)
-    angle = _solid_angle(panels, height, distance, products, workspace)
-    return PanelView(height, foot, angle, along, edge_log, edge_moment, distance)
+        At a distance δ from an edge the angles of its panels are ill-conditioned, with an error of
+        rounding over δ; their sum is not. The missing angle is added to the largest one, whose
+        panel is near and so has the smallest h: constants and linear functions stay exact. Points
+        whose angles do not sum to about 4π are not inside, and are not changed.
+        """
+        angle = self.solid_angle
+        missing = 4 * np.pi - angle.sum(axis=0)
+        wrong = np.flatnonzero(
+            (np.abs(missing) > CLOSED_ANGLE_TOL) & (np.abs(missing) < 4 * np.pi * INSIDE_ANGLE_TOL)
+        )
+        angle[np.abs(angle[:, wrong]).argmax(axis=0), wrong] += missing[wrong]
 
+    def set_principal_values(self) -> None:
+        """Set Ω = 0 for points in a panel's plane: the principal value for those in the surface."""
+        self.solid_angle[np.abs(self.height) < EDGE_ON_TOL] = 0.0
 
-def close_solid_angles(view: PanelView) -> None:
-    """Correct the solid angles of a closed surface so that they sum to 4π for points inside.
+    def linear_moments(self) -> Floats:
+        """Return ∫ (1, x, y) / r dA, (3, p, q) indexed [moment, panel, point], in the workspace.
 
-    At a distance δ from an edge the angles of its panels are ill-conditioned, with an error of
-    rounding over δ; their sum is not. The missing angle is added to the largest one, whose panel is
-    near and so has the smallest h: constants and linear functions stay exact. Points whose angles
-    do not sum to about 4π are not inside, and are not changed.
-    """
-    angle = view.solid_angle
-    missing = 4 * np.pi - angle.sum(axis=0)
-    wrong = np.flatnonzero(
-        (np.abs(missing) > CLOSED_ANGLE_TOL) & (np.abs(missing) < 4 * np.pi * INSIDE_ANGLE_TOL)
-    )
-    angle[np.abs(angle[:, wrong]).argmax(axis=0), wrong] += missing[wrong]
+        x and y are relative to the panel's centroid, so that the moments of a distant panel are as
+        small as its share of an integral, and sums over panels do not cancel.
+        """
+        shape = self.height.shape
+        moments = self.workspace.array("moments", 3, *shape)
+        product = self.workspace.array("product", *shape)
+        # Σ_k t_k f_k with t_k = A_k φ_k(p) in powers of the foot's x and y
+        logs = (self.panels.altitude_sums @ self.edge_log).reshape(3, *shape)
+        total = np.multiply(self.height, self.solid_angle, out=moments[0])
+        np.subtract(logs[0], total, out=total)
+        for i in (0, 1):
+            total += np.multiply(self.foot[i], logs[1 + i], out=product)
+        np.multiply(self.foot, total, out=moments[1:])
+        moments[1:] += (self.panels.half_slope_sums @ self.edge_moment).reshape(2, *shape)
+        return moments
 
+    def double_layer(self) -> Floats:
+        """Return ∫ (1, x, y) h/r³ dA, (3, p, q), ordered as `linear_moments`, in the workspace."""
+        shape = self.height.shape
+        integrals = self.workspace.array("integrals", 3, *shape)
+        logs = (self.panels.half_slope_sums @ self.edge_log).reshape(2, *shape)
+        logs *= 2
+        logs *= self.height
+        integrals[0] = self.solid_angle
+        np.multiply(self.foot, self.solid_angle, out=integrals[1:])
+        integrals[1:] -= logs
+        return integrals
 
-def set_principal_values(view: PanelView) -> None:
-    """Set Ω = 0 for points in a panel's plane: the principal value for points in the surface."""
-    view.solid_angle[np.abs(view.height) < EDGE_ON_TOL] = 0.0
+    def _measure_edge_gaps(self) -> tuple[Floats, Floats, Floats]:
+        """Return r_a + r_b − L, r_a + r_b and 2 (a − x) · (b − x) of every edge ab, (e, q) each."""
+        workspace, length = self.workspace, self.panels.edge_lengths[:, None]
+        r_a = workspace.take_rows("r_a", self.distance, self.panels.edges.ends[:, 0])
+        r_b = workspace.take_rows("r_b", self.distance, self.panels.edges.ends[:, 1])
+        total = np.add(r_a, r_b, out=workspace.array("total", *r_a.shape))
+        gap = np.subtract(total, length, out=workspace.array("gap", *r_a.shape))
+        # 2 a · b = r_a² + r_b² − L² = (r_a + r_b)² − L² − 2 r_a r_b
+        products = np.add(total, length, out=workspace.array("products", *r_a.shape))
+        products *= gap
+        double = np.multiply(r_a, r_b, out=workspace.array("moment", *r_a.shape))
+        double *= 2
+        products -= double
+        return gap, total, products
+
+    def _recompute_small_gaps(self, gap: Floats, products: Floats) -> None:
+        """Recompute gaps that lose digits near edges, from the distance δ to the edges' lines.
+
+        r_a r_b + a · b = L² δ² / (r_a r_b − a · b) replaces differences of nearly equal numbers by
+        δ² = t² + h².
+        """
+        panels = self.panels
+        limits = NEAR_EDGE_RATIO * panels.edge_lengths
+        rows = np.flatnonzero(gap.min(axis=1) < limits)
+        row, point = np.nonzero(gap[rows] < limits[rows, None])
+        edge = rows[row]
+        panel, k = np.divmod(panels.edges.first_side[edge], 3)
+        x, y = self.foot[:, panel, point]
+        side = panels.altitudes[k, panel] * (np.choose(k, (x, y, -x - y)) + 1 / 3)
+        square = side**2 + self.height[panel, point] ** 2
+        length, dot = panels.edge_lengths[edge], products[edge, point] / 2
+        total = gap[edge, point] + length
+        product = (total * total - length * length) / 2 - dot
+        beside = dot < 0
+        exact = 2 * length[beside] ** 2 * square[beside]
+        exact /= (product[beside] - dot[beside]) * (total[beside] + length[beside])
+        gap[edge[beside], point[beside]] = exact
+
+    def _compute_edge_logs(self, gap: Floats, total: Floats) -> Floats:
+        """Return the logarithms f of every edge, (e, q), in the memory of `total`."""
+        length = self.panels.edge_lengths[:, None]
+        np.maximum(gap, MIN_GAP_RATIO * length, out=gap)
+        total += length
+        total /= gap
+        return np.log(total, out=total)
+
+    def _compute_edge_moments(self) -> Floats:
+        """Return B = (r_a² − s²) f + s (r_b − r_a) + L r_b of every edge, (e, q).
+
+        s is that of the first end a; that of b is s + L. The r_a and r_b that `_measure_edge_gaps`
+        has left in the workspace are overwritten.
+        """
+        workspace, shape = self.workspace, self.along.shape
+        r_a, r_b = (workspace.array(name, *shape) for name in ("r_a", "r_b"))
+        moment = np.multiply(r_a, r_a, out=workspace.array("moment", *shape))
+        moment -= np.multiply(self.along, self.along, out=workspace.array("gap", *shape))
+        moment *= self.edge_log
+        np.subtract(r_b, r_a, out=r_a)
+        r_a *= self.along
+        moment += r_a
+        r_b *= self.panels.edge_lengths[:, None]
+        moment += r_b
+        return moment
+
+    def _compute_solid_angles(self, products: Floats) -> Floats:
+        """Return Ω, (p, q), by Van Oosterom and Strackee, given 2 a · b of all edges, (e, q)."""
+        panels, workspace, shape = self.panels, self.workspace, self.height.shape
+        corner = [
+            workspace.take_rows(f"r_{k}", self.distance, panels.corners[:, k]) for k in range(3)
+        ]
+        denominator = workspace.array("denominator", *shape)
+        np.multiply(corner[0], corner[1], out=denominator)
+        denominator *= corner[2]
+        denominator *= 2
+        for k in range(3):
+            corner[k] *= workspace.take_rows("gathered", products, panels.edges.side_edges[:, k])
+            denominator += corner[k]
+        numerator = workspace.array("numerator", *shape)
+        np.multiply(self.height, 4 * panels.areas[:, None], out=numerator)
+        angle = _arctan2(numerator, denominator, workspace)
+        angle *= 2
+        return angle
 
 
 def distances(places: Floats, points: Floats, workspace: Workspace, name: str) -> Floats:
@@ -128,96 +232,6 @@ def distances(places: Floats, points: Floats, workspace: Workspace, name: str) -
         offset *= offset
         distance += offset
     return np.sqrt(distance, out=distance)
-
-
-def _edge_gaps(
-    panels: Panels, distance: Floats, workspace: Workspace
-) -> tuple[Floats, Floats, Floats]:
-    """Return r_a + r_b − L, r_a + r_b and 2 (a − x) · (b − x) of every edge ab, (e, q) each."""
-    length = panels.edge_lengths[:, None]
-    r_a = workspace.take_rows("r_a", distance, panels.edges.ends[:, 0])
-    r_b = workspace.take_rows("r_b", distance, panels.edges.ends[:, 1])
-    total = np.add(r_a, r_b, out=workspace.array("total", *r_a.shape))
-    gap = np.subtract(total, length, out=workspace.array("gap", *r_a.shape))
-    # 2 a · b = r_a² + r_b² − L² = (r_a + r_b)² − L² − 2 r_a r_b
-    products = np.add(total, length, out=workspace.array("products", *r_a.shape))
-    products *= gap
-    double = np.multiply(r_a, r_b, out=workspace.array("moment", *r_a.shape))
-    double *= 2
-    products -= double
-    return gap, total, products
-
-
-def _recompute_small_gaps(
-    panels: Panels, gap: Floats, products: Floats, height: Floats, foot: Floats
-) -> None:
-    """Recompute gaps that lose digits near edges, from the distance δ to the edges' lines.
-
-    r_a r_b + a · b = L² δ² / (r_a r_b − a · b) replaces differences of nearly equal numbers by
-    δ² = t² + h².
-    """
-    limits = NEAR_EDGE_RATIO * panels.edge_lengths
-    rows = np.flatnonzero(gap.min(axis=1) < limits)
-    row, point = np.nonzero(gap[rows] < limits[rows, None])
-    edge = rows[row]
-    panel, k = np.divmod(panels.edges.first_side[edge], 3)
-    x, y = foot[:, panel, point]
-    side = panels.altitudes[k, panel] * (np.choose(k, (x, y, -x - y)) + 1 / 3)
-    square = side**2 + height[panel, point] ** 2
-    length, dot = panels.edge_lengths[edge], products[edge, point] / 2
-    total = gap[edge, point] + length
-    product = (total * total - length * length) / 2 - dot
-    beside = dot < 0
-    exact = 2 * length[beside] ** 2 * square[beside]
-    exact /= (product[beside] - dot[beside]) * (total[beside] + length[beside])
-    gap[edge[beside], point[beside]] = exact
-
-
-def _edge_logs(panels: Panels, gap: Floats, total: Floats) -> Floats:
-    """Return the logarithms f of every edge, (e, q), in the memory of `total`."""
-    length = panels.edge_lengths[:, None]
-    np.maximum(gap, MIN_GAP_RATIO * length, out=gap)
-    total += length
-    total /= gap
-    return np.log(total, out=total)
-
-
-def _edge_moments(panels: Panels, along: Floats, log: Floats, workspace: Workspace) -> Floats:
-    """Return B = (r_a² − s²) f + s (r_b − r_a) + L r_b of every edge, (e, q).
-
-    s is that of the first end a; that of b is s + L. The r_a and r_b that `_edge_gaps` has left in
-    the workspace are overwritten.
-    """
-    r_a, r_b = (workspace.array(name, *along.shape) for name in ("r_a", "r_b"))
-    moment = np.multiply(r_a, r_a, out=workspace.array("moment", *along.shape))
-    square = np.multiply(along, along, out=workspace.array("gap", *along.shape))
-    moment -= square
-    moment *= log
-    np.subtract(r_b, r_a, out=r_a)
-    r_a *= along
-    moment += r_a
-    r_b *= panels.edge_lengths[:, None]
-    moment += r_b
-    return moment
-
-
-def _solid_angle(
-    panels: Panels, height: Floats, distance: Floats, products: Floats, workspace: Workspace
-) -> Floats:
-    """Return Ω, (p, q), by Van Oosterom and Strackee, given 2 a · b of all edges, (e, q)."""
-    corner = [workspace.take_rows(f"r_{k}", distance, panels.corners[:, k]) for k in range(3)]
-    denominator = workspace.array("denominator", *height.shape)
-    np.multiply(corner[0], corner[1], out=denominator)
-    denominator *= corner[2]
-    denominator *= 2
-    for k in range(3):
-        corner[k] *= workspace.take_rows("gathered", products, panels.edges.side_edges[:, k])
-        denominator += corner[k]
-    numerator = workspace.array("numerator", *height.shape)
-    np.multiply(height, 4 * panels.areas[:, None], out=numerator)
-    angle = _arctan2(numerator, denominator, workspace)
-    angle *= 2
-    return angle
 
 
 def _arctan2(y: Floats, x: Floats, workspace: Workspace) -> Floats:
@@ -238,36 +252,3 @@ def _arctan2(y: Floats, x: Floats, workspace: Workspace) -> Floats:
     large = np.flatnonzero(~((square < MAX_SERIES_TANGENT**2) & (x > 0)))
     angle.reshape(-1)[large] = np.arctan2(y.reshape(-1)[large], x.reshape(-1)[large])
     return angle
-
-
-def linear_moments(panels: Panels, view: PanelView, workspace: Workspace) -> Floats:
-    """Return ∫ (1, x, y) / r dA, (3, p, q) indexed [moment, panel, point], in the workspace.
-
-    x and y are relative to the panel's centroid, so that the moments of a distant panel are as
-    small as its share of an integral, and sums over panels do not cancel.
-    """
-    shape = view.height.shape
-    moments = workspace.array("moments", 3, *shape)
-    product = workspace.array("product", *shape)
-    # Σ_k t_k f_k with t_k = A_k φ_k(p) in powers of the foot's x and y
-    logs = (panels.altitude_sums @ view.edge_log).reshape(3, *shape)
-    total = np.multiply(view.height, view.solid_angle, out=moments[0])
-    np.subtract(logs[0], total, out=total)
-    for i in (0, 1):
-        total += np.multiply(view.foot[i], logs[1 + i], out=product)
-    np.multiply(view.foot, total, out=moments[1:])
-    moments[1:] += (panels.half_slope_sums @ view.edge_moment).reshape(2, *shape)
-    return moments
-
-
-def double_layer(panels: Panels, view: PanelView, workspace: Workspace) -> Floats:
-    """Return ∫ (1, x, y) h/r³ dA, (3, p, q) indexed [moment, panel, point], in the workspace."""
-    shape = view.height.shape
-    integrals = workspace.array("integrals", 3, *shape)
-    logs = (panels.half_slope_sums @ view.edge_log).reshape(2, *shape)
-    logs *= 2
-    logs *= view.height
-    integrals[0] = view.solid_angle
-    np.multiply(view.foot, view.solid_angle, out=integrals[1:])
-    integrals[1:] -= logs
-    return integrals

@@ -16,12 +16,8 @@ from cageik_cli.coordinates.bem.panels import (
     INSIDE_ANGLE_TOL,
     MIN_GAP_RATIO,
     NEAR_EDGE_RATIO,
-    close_solid_angles,
+    PanelView,
     distances,
-    double_layer,
-    linear_moments,
-    panel_view,
-    set_principal_values,
 )
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats, Integers, Workspace
@@ -100,19 +96,17 @@ def _compute_in_numpy(
     mesh: BoundaryMesh, points: Floats, is_inside: bool, near: Integers, workspace: Workspace
 ) -> Potentials:
     """Compute the potentials where nothing is compiled: the reference."""
-    panels = mesh.panels
-    view = panel_view(panels, points, workspace)
+    view = PanelView(mesh.panels, points, workspace)
     if is_inside:
-        close_solid_angles(view)
+        view.close_solid_angles()
     else:
-        set_principal_values(view)
-    linear = linear_moments(panels, view, workspace)
+        view.set_principal_values()
+    linear = view.linear_moments()
     higher = np.empty((mesh.extra_terms, 0, len(points)))
     if len(near):
-        higher = higher_moments(mesh.higher_terms, near, view, linear, workspace)
+        higher = higher_moments(mesh.higher_terms, near, view, linear)
         higher *= compute_strength(mesh, near, points, workspace)
-    integrals = double_layer(panels, view, workspace)
-    double = mesh.double_layer_to_hats @ integrals.reshape(-1, len(points))
+    double = mesh.double_layer_to_hats @ view.double_layer().reshape(-1, len(points))
     return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
 
 

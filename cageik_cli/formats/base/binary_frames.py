@@ -24,14 +24,8 @@ MAX_CHUNK_BYTES = 1 << 25
 class ChunkedFrames(ABC):
     """Frames read in chunks, by any thread.
 
-    Parameters
-    ----------
-    frame_count, vertex_count : int
-        Number of frames, and of vertices in each.
-    chunk_frames : int
-        Frames that are stored together: a chunk has as many, or what fits.
-    itemsize : int
-        Bytes of a coordinate.
+    A chunk has `chunk_frames` frames, which are stored together, or what fits; a coordinate has
+    `itemsize` bytes.
     """
 
     def __init__(
@@ -48,13 +42,7 @@ class ChunkedFrames(ABC):
         """Read frames `start` up to `stop`, exclusive: (k, m, 3)."""
 
     def read_frame(self, index: int) -> np.ndarray:
-        """Read the positions of one frame, (m, 3).
-
-        Raises
-        ------
-        InputError
-            When it cannot be read.
-        """
+        """Read the positions of one frame, (m, 3)."""
         start = index - index % self._chunk_size
         with self._lock:
             chunk = next((found for first, found in self._cached_chunks if first == start), None)
@@ -70,10 +58,7 @@ class ChunkedFrames(ABC):
 class BinaryFile:
     """An open file that any thread reads at any offset; it is closed with its last user.
 
-    Attributes
-    ----------
-    size : int
-        Bytes it had when it was opened.
+    It had `size` bytes when it was opened.
     """
 
     def __init__(self, stream: RawIOBase | BufferedIOBase) -> None:
@@ -83,36 +68,18 @@ class BinaryFile:
 
     @staticmethod
     def open(path: Path) -> "BinaryFile":
-        """Open a file for reading.
-
-        Raises
-        ------
-        InputError
-            When it cannot be opened, or is no plain file.
-        """
+        """Open a file for reading."""
         return BinaryFile(open_input(path))
 
     def read_header(self, layout: str, noun: str) -> tuple[Any, ...]:
-        """Unpack what is at the beginning, as `struct` does; `noun` is what the file should be.
-
-        Raises
-        ------
-        FormatError
-            When the file is shorter.
-        """
+        """Unpack what is at the beginning, as `struct` does; `noun` is what the file should be."""
         size = struct.calcsize(layout)
         if self.size < size:
             raise FormatError(f"{self.size} bytes, {noun} has at least {size}; export it again")
         return struct.unpack(layout, self.read_array(0, np.dtype(np.uint8), (size,)).tobytes())
 
     def read_array(self, offset: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
-        """Read an array at `offset`, its last axis fastest.
-
-        Raises
-        ------
-        InputError
-            When the file is too short, cannot be read, or memory is short.
-        """
+        """Read an array at `offset`, its last axis fastest."""
         try:
             array = np.empty(shape, dtype)
         except MemoryError as error:
@@ -124,13 +91,7 @@ class BinaryFile:
         return array
 
     def read_into(self, array: np.ndarray, offset: int) -> None:
-        """Read into a contiguous array, from `offset`.
-
-        Raises
-        ------
-        InputError
-            When the file is too short, or cannot be read.
-        """
+        """Read into a contiguous array, from `offset`."""
         left = array.reshape(-1).view(np.uint8).data
         with self._lock:
             try:
@@ -193,12 +154,7 @@ class StoredFrames(ChunkedFrames):
 
 
 def check_file_size(file: BinaryFile, expected: int, counts: dict[str, int]) -> None:
-    """Refuse a header whose counts are not above zero, or need another size of the file.
-
-    Raises
-    ------
-    FormatError
-    """
+    """Refuse a header whose counts are not above zero, or need another size of the file."""
     announced = ", ".join(f"{count} {noun}" for noun, count in counts.items())
     if min(counts.values()) < 1:
         raise FormatError(f"announces {announced}, expected at least one of each; export it again")

@@ -77,13 +77,7 @@ class FileSeries:
             self.notes = (self._describe_closed(odd, usual),) if odd else ()
 
     def trim(self, chosen: range) -> range:
-        """Return the chosen frames without missing ones at either end.
-
-        Raises
-        ------
-        FileAccessError
-            When all of them are missing.
-        """
+        """Return the chosen frames without missing ones at either end."""
         held = [k for k, frame in enumerate(chosen) if frame not in self.missing]
         if not held:
             raise FileAccessError(
@@ -218,13 +212,7 @@ class FrameNames:
 
     @classmethod
     def parse(cls, pattern: str) -> "FrameNames | None":
-        """Parse a pattern: `#` per digit, `%04d` as in C, `$F4` as in Houdini; None if it has none.
-
-        Raises
-        ------
-        InputError
-            When it has several numbers.
-        """
+        """Parse a pattern: `#` per digit, `%04d` as in C, `$F4` as in Houdini; None without one."""
         places = r"(?P<hashes>#+)|%0?(?P<printf>\d?)d|\$F(?P<houdini>\d?)"
         found = list(re.finditer(places, pattern))
         if len(found) > 1:

@@ -52,12 +52,7 @@ def compute_unpacked_limit(packed: int) -> int:
 
 
 def check_unpacked_size(size: int, packed: int) -> None:
-    """Refuse what takes more bytes, unpacked, than `compute_unpacked_limit` says.
-
-    Raises
-    ------
-    FormatError
-    """
+    """Refuse what takes more bytes, unpacked, than `compute_unpacked_limit` says."""
     limit = compute_unpacked_limit(packed)
     if size > limit:
         raise FormatError(

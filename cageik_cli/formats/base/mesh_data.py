@@ -53,13 +53,7 @@ class FileMesh:
 
     @property
     def fans(self) -> Integers:
-        """The faces cut into triangles (f, 3), as fans around their first corners.
-
-        Raises
-        ------
-        FormatError
-            Naming a face of fewer than three corners.
-        """
+        """The faces cut into triangles (f, 3), as fans around their first corners."""
         return fan_triangulate(self.corners, self.corner_counts)
 
     @property
@@ -72,11 +66,8 @@ class FileMesh:
     ) -> "FileMesh":
         """Return it with all that its file says of the surface; a damaged layer is left out.
 
-        Parameters
-        ----------
-        layers : dict
-            What adds each layer to the attributes that were read before, by the name of the layer
-            in a note: "its normals".
+        `layers` are what adds each layer to the attributes that were read before, by the name of
+        the layer in a note: "its normals".
         """
         attributes, left_out = SurfaceAttributes(self.corner_counts, self.corners), []
         for noun, read in layers.items():
@@ -93,12 +84,7 @@ class FileMesh:
         return replace(self, corners=turned.corners, attributes=turned)
 
     def make_mesh(self) -> TriMesh:
-        """Return the checked mesh, with polygons as fans, or as ears where a fan would fold over.
-
-        Raises
-        ------
-        FormatError
-        """
+        """Return the checked mesh: polygons are fans, or ears where a fan would fold over."""
         mesh = TriMesh(self.vertices, self.fans)
         attributes = self.attributes
         if attributes is None and self.polygon_count:
@@ -125,13 +111,8 @@ def share_normals(
 ) -> SurfaceAttributes:
     """Return attributes whose corners share the normals that are equal to so many decimals.
 
-    Many programs write the same normal for each corner anew.
-
-    Parameters
-    ----------
-    values : (k, 3)
-    indices : (c,)
-        Which of the values each corner has.
+    Many programs write the same normal for each corner anew. `indices` (c,) say which of the values
+    (k, 3) each corner has.
     """
     same = np.unique(values.round(decimals), axis=0, return_inverse=True)[1].ravel()
     fans = number_normal_fans(attributes.corners, same[indices])
@@ -139,12 +120,7 @@ def share_normals(
 
 
 def check_not_points(vertex_count: int, face_count: int) -> None:
-    """Refuse points without faces.
-
-    Raises
-    ------
-    FormatError
-    """
+    """Refuse points without faces."""
     if vertex_count and not face_count:
         raise FormatError(
             f"is a point cloud: {vertex_count} points and no faces, expected a mesh; reconstruct "
@@ -232,13 +208,7 @@ def _is_ear(triangle: Floats, ring: Floats) -> bool:
 
 
 def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_name: str) -> None:
-    """Refuse a mesh whose counts or `faces` differ from the expected ones.
-
-    Raises
-    ------
-    ConnectivityError
-        Naming the first difference.
-    """
+    """Refuse a mesh whose counts or `faces` differ from the expected ones."""
     for noun, found, wanted in (
         ("vertices", count, len(expected.vertices)),
         ("triangles", len(faces), len(expected.faces)),
@@ -268,11 +238,6 @@ def check_vertex_order(first: TriMesh, expected: TriMesh, expected_name: str) ->
 
     Other programs write faces in another order, from another corner or reversed, and cut quads
     along the other diagonal: the vertices keep their numbers, so that is accepted.
-
-    Raises
-    ------
-    InputError
-        Naming the first difference from the mesh called `expected_name`.
     """
     found = first.fan_triangulated
     counts = [(len(mesh.vertices), len(mesh.faces)) for mesh in (found, expected)]

@@ -2,11 +2,11 @@
 
 import hashlib
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -31,13 +31,6 @@ from cageik_cli.util.files import read_input
 from cageik_cli.util.text import to_unicode
 
 
-class FrameParser(Protocol):
-    """Reads frames whose faces are known from a first frame."""
-
-    def parse_positions(self, data: bytes) -> Floats | None:
-        """Return the vertices (m, 3) if all faces are the first frame's, else None."""
-
-
 class FrameFileReader(MeshSequence):
     """Frames from mesh files of one suffix; a format subclasses this and says how to parse a file.
 
@@ -48,17 +41,17 @@ class FrameFileReader(MeshSequence):
     @classmethod
     @abstractmethod
     def parse(cls, data: bytes) -> FileMesh:
-        """Parse the content of a file, which is not empty.
-
-        Raises
-        ------
-        FormatError
-            Without the file's name.
-        """
+        """Parse the content of a file, which is not empty; errors do not name the file."""
 
     @classmethod
-    def make_frame_parser(cls, data: bytes, mesh: FileMesh) -> FrameParser | None:
-        """Return a quicker way to read frames like the first, which holds `data` and `mesh`."""
+    def make_frame_parser(
+        cls, data: bytes, mesh: FileMesh
+    ) -> Callable[[bytes], Floats | None] | None:
+        """Return a quicker way to read frames like the first, which holds `data` and `mesh`.
+
+        It takes the content of a frame, and returns the vertices (m, 3) if all faces are the first
+        frame's, else None.
+        """
         return None
 
     @classmethod
@@ -94,14 +87,13 @@ class FrameFileReader(MeshSequence):
             self.first, self._kept, left_out = select_parts(self._whole, request)
         notes = (f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
         self.notes = (*series.notes, *notes, *left_out)
-        self._frame_parser = self.make_frame_parser(data, parsed)
+        self._parse_alike = self.make_frame_parser(data, parsed)
 
     def read_positions(self, index: int) -> Floats:
         """Read the vertices of one file, and compare its faces with the first frame's."""
         with error_context(self._paths[index]):
             data = self._read(index)
-            parser = self._frame_parser
-            vertices = parser.parse_positions(data) if parser is not None else None
+            vertices = self._parse_alike(data) if self._parse_alike is not None else None
             if vertices is None:
                 mesh = parse_mesh(type(self), data)
                 expected = self._whole.fan_triangulated
@@ -171,13 +163,7 @@ def select_parts(mesh: TriMesh, request: ClipRequest) -> tuple[TriMesh, Integers
 
 
 def parse_mesh(reader: type[FrameFileReader], data: bytes) -> FileMesh:
-    """Parse the content of a mesh file, unpacked.
-
-    Raises
-    ------
-    FormatError
-        When it is empty, a point cloud, or no mesh of the reader's format.
-    """
+    """Parse the content of a mesh file, unpacked."""
     if not data:
         raise FormatError("the file is empty, expected a mesh; export it again")
     mesh = reader.parse(data)
@@ -188,10 +174,7 @@ def parse_mesh(reader: type[FrameFileReader], data: bytes) -> FileMesh:
 class ClipFile(MeshSequence):
     """Frames of one file, each named by its number in it; formats implement `read_positions`.
 
-    Attributes
-    ----------
-    frame_indices : range
-        Which of the file's frames the clip's are; set by `set_frames`.
+    `set_frames` sets `frame_indices`: which of the file's frames the clip's are.
     """
 
     path: Path
@@ -213,13 +196,7 @@ class ClipFile(MeshSequence):
         self.names = tuple(f"{name}[{k}]" for k in self.frame_indices)
 
     def use_rest_faces(self, request: ClipRequest, vertex_count: int) -> None:
-        """Take the faces of the rest pose, for a file of `vertex_count` vertices and no faces.
-
-        Raises
-        ------
-        InputError
-            When no rest pose is given, or it has another number of vertices.
-        """
+        """Take the faces of the rest pose, for a file of `vertex_count` vertices and no faces."""
         rest = request.rest
         with error_context(self.path):
             if rest is None:
@@ -258,12 +235,7 @@ class ClipFile(MeshSequence):
 
 
 def check_zero_based(faces: np.ndarray, vertex_count: int) -> None:
-    """Refuse faces that count vertices from 1: they name `vertex_count` and never 0.
-
-    Raises
-    ------
-    FormatError
-    """
+    """Refuse faces that count vertices from 1: they name `vertex_count` and never 0."""
     if faces.size and faces.min() > 0 and faces.max() == vertex_count:
         raise FormatError(
             f"faces name vertices {faces.min()} to {vertex_count} of {vertex_count}, so "
@@ -314,10 +286,7 @@ class ArrayClipFile(ClipFile):
     def open_clip(cls, request: ClipRequest) -> ArrayClip:
         """Open the file, and check what its header announces against its size.
 
-        Raises
-        ------
-        InputError
-            Without the file's name.
+        Errors do not name the file.
         """
 
     @classmethod
@@ -329,7 +298,7 @@ class ArrayClipFile(ClipFile):
         if clip.faces is not None:
             return []
         return [
-            ("holds", "positions without faces; give these by `rest=`"),
+            ("holds", "positions without faces, which cageik extract takes from `rest=`"),
             ("frames", str(clip.frames.frame_count)),
             ("vertices", str(clip.frames.vertex_count)),
             *([("scene", clip.scene.description)] if clip.scene.description else []),

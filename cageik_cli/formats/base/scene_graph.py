@@ -234,13 +234,7 @@ def make_part_transform(matrix: Floats) -> Floats:
 def read_constant_polygons(
     read_at: Callable[[float], Polygons], times: Iterable[float]
 ) -> Polygons:
-    """Read the faces at the first of some times, and check that they never change.
-
-    Raises
-    ------
-    ConnectivityError
-        Naming the time at which they change.
-    """
+    """Read the faces at the first of some times, and check that they never change."""
     first, *others = times
     found = read_at(first)
     for time in others:

@@ -48,13 +48,7 @@ class ClipRequest:
 
     @property
     def path(self) -> Path:
-        """The only path, for a format that holds a clip in one file.
-
-        Raises
-        ------
-        SettingError
-            When there are several.
-        """
+        """The only path, for a format that holds a clip in one file."""
         if len(self.paths) > 1:
             raise SettingError(
                 f"{self.paths[0]}: {len(self.paths)} files that each hold a clip, expected one: "
@@ -66,11 +60,6 @@ class ClipRequest:
         """Return the vertices of the first frame, (m, 3), for the mesh of all frames' faces.
 
         Missing ones are at the mean of the others.
-
-        Raises
-        ------
-        FormatError
-            When vertices are not numbers and must not be missing.
         """
         if not np.isnan(positions).any():
             return positions
@@ -81,13 +70,7 @@ class ClipRequest:
         return positions
 
     def select_frames(self, count: int) -> range:
-        """Return the numbers of the selected frames of `count`.
-
-        Raises
-        ------
-        InputError
-            When there are none.
-        """
+        """Return the numbers of the selected frames of `count`."""
         wanted = self.settings.selection
         numbers = range(count)[wanted]
         if not numbers:
@@ -284,13 +267,7 @@ class ArraySequence(MeshSequence):
 
 
 def as_sequence(clip: MeshSequence | ArrayLike, rest: TriMesh) -> MeshSequence:
-    """Return a clip of a rest pose, or an array (F, m, 3) of its frames as one.
-
-    Raises
-    ------
-    ConnectivityError
-        When it has no frames, or other vertices than the rest pose.
-    """
+    """Return a clip of a rest pose, or an array (F, m, 3) of its frames as one."""
     if isinstance(clip, MeshSequence):
         sequence, found = clip, (len(clip), *clip.first.vertices.shape)
     else:

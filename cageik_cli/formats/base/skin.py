@@ -36,17 +36,9 @@ class SkinWeights:
 
 
 def compute_skin_weights(weights: Floats, block_rows: int = 1 << 14) -> SkinWeights:
-    """Compute skin weights from cage weights: negative ones are cut off, the sum scaled to 1.
+    """Compute skin weights from cage weights, (m, n), whose rows sum to one.
 
-    Parameters
-    ----------
-    weights : (m, n)
-        Rows sum to one.
-
-    Raises
-    ------
-    InputError
-        When a row has no weight above zero.
+    Negative ones are cut off, and the sum of the others is scaled to one.
     """
     blocks = [slice(row, row + block_rows) for row in range(0, len(weights), block_rows)]
     k = max(int((weights[rows] >= MIN_WEIGHT).sum(axis=1).max()) for rows in blocks)
@@ -82,7 +74,7 @@ class Skin:
 
 
 class JointMotion:
-    """Places the joints of a skin frame by frame.
+    """Places the joints of a skin frame by frame, for a rest cage of n vertices.
 
     The root is in the mean of the cage's vertices, and turns. Its children are where the cage's
     vertices are, and turn with it. So a skin of weights S gives
@@ -90,19 +82,14 @@ class JointMotion:
         S c + (X − S C) R,
 
     with X the rest mesh, c the cage of the frame, C the rest cage and R the rotation of the frame.
-    If S are all the weights of a binding, this is `weights @ cage`, whatever R is.
-
-    Parameters
-    ----------
-    cage : TriMesh
-        At rest, n vertices.
-    rotations : (F, 3, 3)
-        R of each frame.
+    If S are all the weights of a binding, this is `weights @ cage`, whatever R is. `rotations` are
+    the R of all frames, (F, 3, 3).
     """
 
     def __init__(self, cage: TriMesh, rotations: Floats) -> None:
         centre = cage.vertices.mean(axis=0)
-        self.names = name_joints(len(cage.vertices))
+        digits = max(3, len(str(len(cage.vertices) - 1)))
+        self.names = ["root", *(f"cage_{k:0{digits}}" for k in range(len(cage.vertices)))]
         self.bind_places = np.vstack([centre, cage.vertices])
         self.rest_translations = np.vstack([centre, cage.vertices - centre])
         self._rotations = iter(rotations)
@@ -123,9 +110,3 @@ class JointMotion:
             turn = Rotation.from_matrix(rotation.T).as_quat()
             self._last_turn = -turn if turn @ self._last_turn < 0 else turn
             yield np.vstack([centre, (cage - centre) @ rotation.T]), self._last_turn
-
-
-def name_joints(count: int) -> list[str]:
-    """Return the names of the root and of the joints of `count` cage vertices."""
-    digits = max(3, len(str(count - 1)))
-    return ["root", *(f"cage_{k:0{digits}}" for k in range(count))]

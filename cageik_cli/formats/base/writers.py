@@ -200,13 +200,7 @@ def get_positions(block: NDArray[Any]) -> Floats:
 
 
 def to_float32(positions: Floats) -> NDArray[np.float32]:
-    """Return `positions` as contiguous float32.
-
-    Raises
-    ------
-    InputError
-        When a value is too large.
-    """
+    """Return `positions` as contiguous float32."""
     with np.errstate(over="ignore"):
         singles = np.ascontiguousarray(positions, np.float32)
     if not np.isfinite(singles).all():
@@ -220,10 +214,7 @@ def to_float32(positions: Floats) -> NDArray[np.float32]:
 class PointCacheWriter(AnimationWriter):
     """Writes a header and float32 positions, frame by frame; formats implement `make_header`.
 
-    Attributes
-    ----------
-    dtype : str
-        Numpy's name of float32 in the file's byte order.
+    `dtype` is numpy's name of float32 in the file's byte order.
     """
 
     is_single = True

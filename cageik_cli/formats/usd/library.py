@@ -99,7 +99,7 @@ def check_layers(path: Path) -> list[Any]:
         seen |= named
         waiting += sorted(named & set(_list_composed_files(layer)))
     try:
-        count = _PrimCounter().count_layer(found[0]) if found else 0
+        count = _PrimCounter().count(found[0], found[0].pseudoRoot) if found else 0
     except RecursionError as error:
         raise FormatError("its references are nested too deeply; export the mesh alone") from error
     if count > MAX_PRIMS:
@@ -145,12 +145,11 @@ class _PrimCounter:
     def __init__(self) -> None:
         self._counts: dict[tuple[str, str], int] = {}
 
-    def count_layer(self, layer: Any) -> int:
-        """Bound the prims of a layer and its sublayers."""
-        return self._count(layer, layer.pseudoRoot)
+    def count(self, layer: Any, spec: Any) -> int:
+        """Bound the prims at and below one of a layer, or of all for its pseudo-root.
 
-    def _count(self, layer: Any, spec: Any) -> int:
-        """Bound the prims at and below one; a cycle, which USD refuses, counts nothing."""
+        A cycle, which USD refuses, counts nothing.
+        """
         key = layer.identifier, str(spec.path)
         if key not in self._counts:
             self._counts[key] = 0
@@ -160,7 +159,7 @@ class _PrimCounter:
     def _count_parts(self, layer: Any, spec: Any) -> Iterator[int]:
         """Yield a bound for each child, each arc and each variant of a prim."""
         for child in spec.nameChildren:
-            yield self._count(layer, child)
+            yield self.count(layer, child)
         if spec == layer.pseudoRoot:
             yield from (self._count_target(layer, name, None) for name in layer.subLayerPaths)
             return
@@ -172,7 +171,7 @@ class _PrimCounter:
                 yield self._count_target(layer, "", path)
         for variants in spec.variantSets.values():
             for variant in variants.variantList:
-                yield self._count(layer, variant.primSpec)
+                yield self.count(layer, variant.primSpec)
 
     def _count_target(self, layer: Any, asset: str, path: Any) -> int:
         """Bound the prims of what a prim refers to; without a path, of the default prim."""
@@ -182,7 +181,7 @@ class _PrimCounter:
             target = Sdf.Layer.Find(file)
             if target is not None:
                 spec = target.GetPrimAtPath(path) if path else target.pseudoRoot
-                return 0 if spec is None else self._count(target, spec)
+                return 0 if spec is None else self.count(target, spec)
         return 0
 
 

@@ -46,13 +46,7 @@ class UsdMesh:
             )
 
     def write_positions(self, positions: Floats, *time: float) -> None:
-        """Write points (m, 3), their extent and normals, at a time or for all times.
-
-        Raises
-        ------
-        InputError
-            When a value is too large.
-        """
+        """Write points (m, 3), their extent and normals, at a time or for all times."""
         from pxr import Vt
 
         points = to_float32(positions)

@@ -38,12 +38,7 @@ class UsdWriter(AnimationWriter):
     """Writes a stage whose default prim has the name of the animation; it is saved as it grows.
 
     USD reads saved samples of binary files from the disk on demand, and keeps only unsaved ones in
-    memory.
-
-    Attributes
-    ----------
-    root : str
-        Path of the default prim, which the formats define.
+    memory. Formats define the default prim, whose path is `root`.
     """
 
     suffixes = USD_SUFFIXES
@@ -214,19 +209,9 @@ class SkeletonWriter(UsdWriter):
     def __init__(
         self, target: Path, animation: Animation, skin: Skin, has_cage: bool = False
     ) -> None:
-        """Start writing to `target`, whose suffix is one of `suffixes`.
+        """Start writing the animation of a cage, whose `rest` is the rest cage, to `target`.
 
-        Parameters
-        ----------
-        animation : Animation
-            Of the cage: its `rest` is the rest cage.
-        has_cage : bool
-            Write the cage beside the mesh.
-
-        Raises
-        ------
-        InputError
-            When usd-core is not installed, or the format cannot hold the animation.
+        With `has_cage`, the cage is beside the mesh.
         """
         rest = skin.rest.move(skin.rest.vertices - np.array(animation.origin))
         to_float32(rest.vertices)  # refused before anything is written

@@ -15,26 +15,35 @@ from cageik_cli.util.errors import HandlesError, InputError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
-    """A value for each frame: keyframes, or one constant value.
+class Motion:
+    """How a point moves.
 
     Attributes
     ----------
-    values : (q, d) float64
+    kind : {"pin", "target", "offset", "screen.target", "screen.offset"}
+        Its field in the handles file. A pin keeps the point where it is in each frame, a target is
+        where it goes, an offset is how far it goes from there; on the screen it keeps its depth.
+    values : (q, d) float64, optional
+        The targets or offsets: positions, or pixels on the screen; None for a pin.
     frames : (q,) int64, optional
-        Frames of the values, increasing; None for one value, q = 1, that holds in all frames.
+        Keyframes of the values, increasing; None for one value, q = 1, that holds in all frames.
+    camera : Camera, optional
+        Of the screen.
 
     Notes
     -----
-    Between keyframes it is the monotone cubic of Fritsch and Butland 1984, which does not
-    overshoot; before the first and after the last keyframe it is constant.
+    Between keyframes values follow the monotone cubic of Fritsch and Butland 1984, which does not
+    overshoot; before the first and after the last keyframe they are constant.
     """
 
-    values: Floats
+    kind: str
+    values: Floats | None = None
     frames: Integers | None = None
+    camera: Camera | None = None
 
     def evaluate(self, frames: Integers) -> Floats:
-        """Return the values in frames (k,), as (k, d)."""
+        """Return the targets or offsets in frames (k,), as (k, d)."""
+        assert self.values is not None
         if self.frames is None or len(self.frames) == 1:
             return np.repeat(self.values, len(frames), axis=0)
         from scipy.interpolate import PchipInterpolator  # slow to import, and few files need it
@@ -44,37 +53,11 @@ class Track:
         with np.errstate(over="ignore"):
             return np.asarray(PchipInterpolator(self.frames, self.values)(clipped))
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """How a point moves.
-
-    Attributes
-    ----------
-    kind : {"pin", "target", "offset", "screen.target", "screen.offset"}
-        Its field in the handles file. A pin keeps the point where it is in each frame, a target is
-        where it goes, an offset is how far it goes from there; on the screen it keeps its depth.
-    track : Track, optional
-        The targets or offsets: positions, or pixels on the screen; None for a pin.
-    camera : Camera, optional
-        Of the screen.
-    """
-
-    kind: str
-    track: Track | None = None
-    camera: Camera | None = None
-
     def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Return the targets, (k, 3), in frames (k,) in which the point is at positions (k, 3).
-
-        Raises
-        ------
-        HandlesError
-            When the point is behind the camera, naming the frame.
-        """
-        if self.track is None:
+        """Return the targets, (k, 3), in frames (k,) in which the point is at positions (k, 3)."""
+        if self.values is None:
             return positions
-        values, is_offset = self.track.evaluate(frames), self.kind.endswith("offset")
+        values, is_offset = self.evaluate(frames), self.kind.endswith("offset")
         if self.camera is None:
             return positions + values if is_offset else values
         seen = _project_to_pixels(self.camera, frames, positions)
@@ -142,12 +125,10 @@ class Handle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandleSet:
-    """Handles that move together.
+    """Handles that move together, one at least.
 
     Attributes
     ----------
-    handles : tuple of Handle
-        At least one.
     frames : (first, last), optional
         Frames of full strength, counted from 0, both included; None for all frames.
     falloff : int
@@ -168,14 +149,12 @@ class Handles:
 
     Attributes
     ----------
-    path : Path
-        The file, for messages.
     data : bytes
-        All of it.
+        All of the file.
     sets : tuple of HandleSet
         Layers, applied one after another.
     constraints : CageConstraints
-        Constraints on cage vertices, for all layers.
+        On cage vertices, for all layers.
     """
 
     path: Path

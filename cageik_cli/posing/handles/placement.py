@@ -29,7 +29,7 @@ def place_handles(
     allow_conflicts: bool = False,
     hard: bool = False,
 ) -> HandleSchedule:
-    """Place handles on a surface.
+    """Place handles on a surface; with `hard`, as hard anchors.
 
     Parameters
     ----------
@@ -41,8 +41,6 @@ def place_handles(
         it, percent of the diagonal; None refuses all positions.
     allow_conflicts : bool
         Use the mean of different targets of one point, instead of refusing them.
-    hard : bool
-        Make all anchors hard.
 
     Raises
     ------
@@ -51,7 +49,11 @@ def place_handles(
         message names them.
     """
     full_strength = _full_strength_frames(handle_set, surface.frame_count)
-    affected_frames = _affected_frames(full_strength, handle_set.falloff, surface.frame_count)
+    beyond = max(handle_set.falloff - 1, 0)  # frames on each side with a strength above zero
+    affected_frames = range(
+        max(full_strength.start - beyond, 0),
+        min(full_strength.stop + beyond, surface.frame_count or 1),
+    )
     pick_frame = _choose_pick_frame(handle_set, full_strength, surface.frame_count)
     finder = _PointFinder(surface, pick_frame, snap)
     placed, notes = [], []
@@ -175,12 +177,6 @@ def _full_strength_frames(handle_set: HandleSet, count: int | None) -> range:
     return range(first, last + 1)
 
 
-def _affected_frames(full_strength: range, falloff: int, count: int | None) -> range:
-    """Return the frames in which the strength is above zero."""
-    beyond = max(falloff - 1, 0)
-    return range(max(full_strength.start - beyond, 0), min(full_strength.stop + beyond, count or 1))
-
-
 def _choose_pick_frame(handle_set: HandleSet, full_strength: range, count: int | None) -> int:
     if handle_set.pick_frame is None or count is None:
         return full_strength.start
@@ -191,13 +187,12 @@ def _choose_pick_frame(handle_set: HandleSet, full_strength: range, count: int |
 
 def _check_keyframes(handle: Handle, count: int | None) -> None:
     """Check that the clip has the frames of all keyframes."""
-    track = handle.motion.track
-    if track is None or track.frames is None:
+    if handle.motion.frames is None:
         return
     with error_context(handle.motion.kind):
         if count is None:
             raise HandlesError(f"keyframes: {_explain_one_pose()}")
-        for frame in track.frames.tolist():
+        for frame in handle.motion.frames.tolist():
             _check_frame(frame, count)
 
 

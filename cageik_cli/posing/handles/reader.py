@@ -9,9 +9,9 @@ import numpy as np
 
 from cageik_cli.geometry.camera import Camera
 from cageik_cli.posing.constraints import CageConstraints, Mirror
-from cageik_cli.posing.handles.model import Handle, Handles, HandleSet, Motion, Place, Track
+from cageik_cli.posing.handles.model import Handle, Handles, HandleSet, Motion, Place
 from cageik_cli.posing.handles.schema import HANDLES_FORMAT, check_schema
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, error_context
 from cageik_cli.util.files import read_input
 from cageik_cli.util.json_files import parse_json
@@ -35,11 +35,11 @@ def _parse_motion(raw: dict[str, Any], camera: Camera | None) -> Motion:
         return Motion("pin")
     if "screen" not in raw:
         kind = "target" if "target" in raw else "offset"
-        return Motion(kind, _parse_track(raw, kind))
+        return Motion(kind, *_parse_values(raw, kind))
     with error_context("screen"):
         kind = "target" if "target" in raw["screen"] else "offset"
-        track = _parse_track(raw["screen"], kind)
-        return Motion(f"screen.{kind}", track, _require_camera(camera))
+        values = _parse_values(raw["screen"], kind)
+        return Motion(f"screen.{kind}", *values, _require_camera(camera))
 
 
 def _require_camera(camera: Camera | None) -> Camera:
@@ -48,10 +48,11 @@ def _require_camera(camera: Camera | None) -> Camera:
     return camera
 
 
-def _parse_track(raw: dict[str, Any], field: str) -> Track:
+def _parse_values(raw: dict[str, Any], field: str) -> tuple[Floats, Integers | None]:
+    """Return the values of a field, (q, d), and their keyframes, (q,), if it has any."""
     value = raw[field]
     if isinstance(value, list):
-        return Track(np.array([value], np.float64))
+        return _to_array([value]), None
     frames, values = value["frames"], value["values"]
     with error_context(field):
         if len(frames) != len(values):
@@ -63,7 +64,7 @@ def _parse_track(raw: dict[str, Any], field: str) -> Track:
                 raise HandlesError(
                     f"has frame {after} after frame {before}, expected increasing frames"
                 )
-    return Track(np.array(values, np.float64), np.array(frames, np.int64))
+    return _to_array(values), np.array(frames, np.int64)
 
 
 def read_handles(path: Path) -> Handles:
@@ -82,13 +83,7 @@ def read_handles(path: Path) -> Handles:
 
 
 def parse_handles(path: Path, data: bytes) -> Handles:
-    """Return the handles of a file that was read.
-
-    Raises
-    ------
-    FormatError, HandlesError
-        As `read_handles`; messages do not name the file.
-    """
+    """Return the handles of a file that was read; messages do not name the file."""
     document = parse_json(data, HANDLES_FORMAT)
     check_schema(document)
     constraints, camera = _parse_constraints(document), _parse_camera(document, None)

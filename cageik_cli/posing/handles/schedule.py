@@ -48,13 +48,7 @@ class ScheduledAnchor:
     note: str = ""
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Return the targets, (k, 3), in frames (k,) in which the anchor is at positions (k, 3).
-
-        Raises
-        ------
-        HandlesError
-            When a target does not exist or is too far away; the message names handle and frame.
-        """
+        """Return the targets, (k, 3), in frames (k,) in which the anchor is at positions (k, 3)."""
         mean = np.zeros_like(positions)
         for name, motion, share in zip(self.names, self.motions, self.shares, strict=True):
             mean += share * _compute_targets(name, motion, frames, positions)
@@ -111,17 +105,7 @@ class HandleSchedule:
     def targets(self, frames: Integers, positions: Floats) -> Floats:
         """Return the targets of the anchors at full strength, (k, l, 3).
 
-        Parameters
-        ----------
-        frames : (k,) int64
-            Frames among `affected_frames`.
-        positions : (k, l, 3)
-            Positions of the anchors in these frames.
-
-        Raises
-        ------
-        HandlesError
-            When a target does not exist; the message names handle and frame.
+        Frames, (k,), are some of `affected_frames`; anchors have positions (k, l, 3) in them.
         """
         columns = np.moveaxis(positions, 1, 0)
         pairs = zip(self.scheduled, columns, strict=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.fit_figures import UnfittedRecord
-from cageik_cli.report.html.pictures import PosePictures
+from cageik_cli.report.html.pictures import View
 from cageik_cli.report.html.templating import format_ticks, make_png_url
 from cageik_cli.report.record import Report
 from cageik_cli.report.render.model_views import (
@@ -37,9 +37,7 @@ from cageik_cli.report.render.shading import (
     parse_colour,
     render,
 )
-from cageik_cli.report.vocabulary import Vocabulary
-from cageik_cli.store.result import Result
-from cageik_cli.store.result_frames import read_binding, read_unfitted
+from cageik_cli.store.result import Result, read_binding, read_unfitted
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.text import format_count
 
@@ -71,34 +69,6 @@ class FitShapes:
     unfitted: Floats
     fitted: Floats
     cage_faces: Integers
-
-
-@dataclass(frozen=True, slots=True)
-class FitPictures:
-    """All pictures of a fit, and their colour scales.
-
-    Attributes
-    ----------
-    poses : tuple of PosePictures
-        The worst and the median frame, coloured by deviation.
-    moved : tuple of PosePictures
-        The rest pose with a cage vertex moved, coloured by displacement along the move.
-    vertex : int
-        The vertex.
-    max_deviation_percent, max_move_percent : float
-        Ends of the colour scales, percent of the diagonal; larger values are clamped. The second
-        begins at its negative.
-    unfitted_range, fitted_range : (float, float)
-        The smallest and the largest displacement, percent of the diagonal.
-    """
-
-    poses: tuple[PosePictures, ...]
-    moved: tuple[PosePictures, ...]
-    vertex: int
-    max_deviation_percent: float
-    max_move_percent: float
-    unfitted_range: tuple[float, float]
-    fitted_range: tuple[float, float]
 
 
 def load_fit_shapes(result: Result, poses: PoseSet) -> FitShapes | None:
@@ -133,42 +103,83 @@ def _find_outward(corners: Floats) -> Floats:
     return normal / length if length > 0 else np.array([0.0, 0.0, 1.0])
 
 
-def render_fit_pictures(poses: PoseSet, shapes: FitShapes, pixels: int = 360) -> FitPictures:
-    """Draw frames and a moved vertex with both kinds of weights, in squares of `pixels`."""
+def draw_fit_section(
+    report: Report, poses: PoseSet, shapes: FitShapes | None, pixels: int = 360
+) -> dict[str, Any] | None:
+    """Draw frames and a moved vertex with both kinds of weights, in squares of `pixels`.
+
+    Returns
+    -------
+    dict, optional
+        Of the section's template: a `summary` of both errors; `names` of both kinds of weights;
+        `poses`, the worst and the median frame, coloured by deviation; `moved`, the rest pose with
+        a cage vertex moved, for each kind, coloured by displacement along the move; `ranges`, the
+        smallest and the largest displacement of each; colours of both scales, and the numbers at
+        their feet, percent of the diagonal. The second scale begins at the negative of its end.
+        None if the result holds nothing to compare.
+    """
+    unfitted, words = report.unfitted, report.vocabulary
+    if unfitted is None or shapes is None:
+        return None
+    names = (unfitted.coordinates, "fitted")
+    titles = (f"{words.worst} frame".capitalize(), "Median frame")
     known, size = np.isfinite(poses.vertex_rms), SAMPLES_PER_PIXEL * pixels
     deviations = [pose.deviation[known] for pair in shapes.poses for pose in pair]
     displaced = 100 * DEFAULT_MOVE * np.stack([shapes.unfitted, shapes.fitted])
     top = choose_scale_end(np.concatenate(deviations))
     reach = choose_scale_end(np.abs(displaced).ravel())
-    views = _choose_move_views(poses, shapes, size)
-    return FitPictures(
-        poses=tuple(_render_compared(poses, *pair, top, size) for pair in shapes.poses),
-        moved=tuple(_render_moved(poses, shapes, reach, name, views[name]) for name in views),
-        vertex=shapes.vertex,
-        max_deviation_percent=top,
-        max_move_percent=reach,
-        unfitted_range=(float(displaced[0].min()), float(displaced[0].max())),
-        fitted_range=(float(displaced[1].min()), float(displaced[1].max())),
-    )
+    cameras = _choose_move_views(poses, shapes, size)
+    return {
+        "summary": _describe_errors(unfitted, len(report.frames)),
+        "names": names,
+        "poses": [
+            (title, pair[1].name, _draw_compared(poses, pair, names, title, top=top, size=size))
+            for title, pair in zip(titles, shapes.poses, strict=True)
+        ],
+        "vertex": shapes.vertex,
+        "move": f"{100 * DEFAULT_MOVE:g} %",
+        "ranges": [
+            (name, _format_move(moves.min()), _format_move(moves.max()))
+            for name, moves in zip(names, displaced, strict=True)
+        ],
+        "moved": [
+            (
+                f"{name} weights".capitalize(),
+                _draw_moved(poses, shapes, influence, cameras, name, top=reach),
+            )
+            for name, influence in zip(names, (shapes.unfitted, shapes.fitted), strict=True)
+        ],
+        "colours": COLOUR_SCALE,
+        "signed_colours": SIGNED_SCALE,
+        "ticks": format_ticks(top),
+        "signed_ticks": format_ticks(reach, -reach),
+    }
 
 
-def _render_compared(
-    poses: PoseSet, unfitted: Pose, fitted: Pose, top: float, size: int
-) -> PosePictures:
-    known, original = np.isfinite(poses.vertex_rms), fitted.original
-    shapes = np.stack([original, unfitted.reconstruction, fitted.reconstruction])
+def _draw_compared(
+    poses: PoseSet,
+    pair: tuple[Pose, Pose],
+    names: tuple[str, str],
+    title: str,
+    *,
+    top: float,
+    size: int,
+) -> list[View]:
+    """Draw the input of a frame, and its reconstructions before and after the fit."""
+    known, original = np.isfinite(poses.vertex_rms), pair[1].original
+    shapes = np.stack([original, *(pose.reconstruction for pose in pair)])
     points = shapes[:, poses.drawn].reshape(-1, 3)
     camera = ParallelCamera.fit(view_axes(poses.up_axis, poses.turn), points, size)
-
-    def draw(pose: Pose) -> bytes:
-        surface = project_surface(camera, pose.reconstruction, poses.faces)
-        shown = np.where(known, pose.deviation, np.nan)
-        return encode_png(render(surface, colour_pixels(surface, shown, top)))
-
     surface = project_surface(camera, original, poses.faces)
     drawn = encode_png(render(surface, parse_colour(MESH_COLOURS["input"])))
-    files = {"original": drawn, "unfitted": draw(unfitted), "fitted": draw(fitted)}
-    return PosePictures(fitted.label, fitted.name, files)
+    views = [("Input", make_png_url(drawn), f"{title}: the input")]
+    for name, pose in zip(names, pair, strict=True):
+        surface = project_surface(camera, pose.reconstruction, poses.faces)
+        shown = np.where(known, pose.deviation, np.nan)
+        drawn = encode_png(render(surface, colour_pixels(surface, shown, top)))
+        text = f"{title} with {name} weights, coloured by deviation"
+        views.append((name.capitalize(), make_png_url(drawn), text))
+    return views
 
 
 def _choose_move_views(poses: PoseSet, moved: FitShapes, size: int) -> dict[str, ParallelCamera]:
@@ -192,23 +203,29 @@ def _choose_move_views(poses: PoseSet, moved: FitShapes, size: int) -> dict[str,
     }
 
 
-def _render_moved(
-    poses: PoseSet, moved: FitShapes, top: float, name: str, camera: ParallelCamera
-) -> PosePictures:
+def _draw_moved(
+    poses: PoseSet,
+    moved: FitShapes,
+    influence: Floats,
+    cameras: dict[str, ParallelCamera],
+    name: str,
+    *,
+    top: float,
+) -> list[View]:
+    """Draw the rest pose with the cage vertex moved, by weights of this name."""
     cage = poses.poses[0].cage.copy()
     ends = cage[moved.vertex] + np.array([[0.0], [1.0]]) * moved.move
     cage[moved.vertex] = ends[1]
-
-    def draw(influence: Floats) -> bytes:
-        vertices = poses.poses[0].original + influence[:, None] * moved.move
+    vertices = poses.poses[0].original + influence[:, None] * moved.move
+    displaced, views = 100 * DEFAULT_MOVE * influence, []
+    for place, camera in cameras.items():
         surface = project_surface(camera, vertices, poses.faces)
-        displaced = 100 * DEFAULT_MOVE * influence
         picture = render(surface, colour_signed_pixels(surface, displaced, top))
         picture = overlay_cage(picture, camera, surface, cage, moved.cage_faces)
-        return encode_png(_overlay_move(picture, camera, ends))
-
-    files = {"unfitted": draw(moved.unfitted), "fitted": draw(moved.fitted)}
-    return PosePictures("moved", name, files)
+        drawn = encode_png(_overlay_move(picture, camera, ends))
+        what = f"The rest pose with one cage vertex moved, {name} weights, {place}"
+        views.append((place.capitalize(), make_png_url(drawn), f"{what}, coloured by displacement"))
+    return views
 
 
 def _overlay_move(picture: Picture, camera: ParallelCamera, ends: Floats) -> Picture:
@@ -216,42 +233,6 @@ def _overlay_move(picture: Picture, camera: ParallelCamera, ends: Floats) -> Pic
     width, projected = 4.0 * SAMPLES_PER_PIXEL, camera.project(ends)
     depth = rasterize_lines(projected, np.array([[0, 1]]), width, camera.size)
     return overlay(picture, parse_colour("#111418"), np.where(np.isfinite(depth), 1.0, 0.0))
-
-
-def build_fit_values(
-    report: Report, pictures: FitPictures | None, words: Vocabulary
-) -> dict[str, Any] | None:
-    """Collect the values of the section; None if the result holds nothing to compare."""
-    unfitted = report.unfitted
-    if unfitted is None or pictures is None:
-        return None
-    names = (unfitted.coordinates, "fitted")
-    top, reach = pictures.max_deviation_percent, pictures.max_move_percent
-    titles = {"worst": f"{words.worst} frame".capitalize(), "median": "Median frame"}
-    return {
-        "summary": _describe_errors(unfitted, len(report.frames)),
-        "names": names,
-        "poses": [
-            (titles[one.label], one.name, _list_pose_views(one, titles[one.label], names))
-            for one in pictures.poses
-        ],
-        "vertex": pictures.vertex,
-        "move": f"{100 * DEFAULT_MOVE:g} %",
-        "ranges": [
-            (name, _format_move(low), _format_move(high))
-            for name, (low, high) in zip(
-                names, (pictures.unfitted_range, pictures.fitted_range), strict=True
-            )
-        ],
-        "moved": [
-            (f"{name} weights".capitalize(), _list_moved_views(pictures, name, side))
-            for side, name in zip(("unfitted", "fitted"), names, strict=True)
-        ],
-        "colours": COLOUR_SCALE,
-        "signed_colours": SIGNED_SCALE,
-        "ticks": format_ticks(top),
-        "signed_ticks": format_ticks(reach, -reach),
-    }
 
 
 def _describe_errors(unfitted: UnfittedRecord, frames: int) -> str:
@@ -267,30 +248,3 @@ def _describe_errors(unfitted: UnfittedRecord, frames: int) -> str:
 def _format_move(percent: float) -> str:
     """Format a displacement, without the sign of what rounds to zero."""
     return format_percent(round(percent, 4) + 0.0)
-
-
-def _list_pose_views(
-    one: PosePictures, title: str, names: tuple[str, str]
-) -> list[tuple[str, str, str]]:
-    """List the caption, the picture and the description of each view of a frame."""
-    views = [("Input", make_png_url(one.files["original"]), f"{title}: the input")]
-    for name, side in zip(names, ("unfitted", "fitted"), strict=True):
-        text = f"{title} with {name} weights, coloured by deviation"
-        views.append((name.capitalize(), make_png_url(one.files[side]), text))
-    return views
-
-
-def _list_moved_views(pictures: FitPictures, name: str, side: str) -> list[tuple[str, str, str]]:
-    """List the caption, the picture and the description of each view of the moved vertex.
-
-    `side` is "unfitted" for the weights before the fit, and "fitted".
-    """
-    return [
-        (
-            one.name.capitalize(),
-            make_png_url(one.files[side]),
-            f"The rest pose with one cage vertex moved, {name} weights, {one.name}, coloured by "
-            "displacement",
-        )
-        for one in pictures.moved
-    ]

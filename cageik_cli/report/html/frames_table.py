@@ -81,14 +81,17 @@ def format_cells(frame: FrameRecord, columns: Sequence[Column]) -> list[str]:
     ]
 
 
-def build_quality_rows(report: Report) -> list[WeightRow]:
-    """Build the rows on a report's weights, then the one on its system."""
+def build_quality_rows(report: Report, word: Callable[[str], str] = str) -> list[WeightRow]:
+    """Build the rows on a report's weights, then the one on its system.
+
+    `word` puts parameters that they name into the words of the reader.
+    """
     quality, settings = report.binding, report.settings
     kind = "fitted" if report.fit is not None else settings.get("coordinates")
     return [
         *_exactness_rows(quality)[: 1 if report.has_offsets else None],
         _smallest_weight_row(quality, kind),
-        *_accuracy_rows(quality, str(settings.get("accuracy"))),
+        *_accuracy_rows(quality, str(settings.get("accuracy")), word),
         (
             "Projected vertices",
             str(quality.projected),
@@ -145,7 +148,9 @@ def _smallest_weight_row(quality: WeightQuality, kind: object) -> WeightRow:
     return "Smallest weight", f"{quality.min_weight:.1e}", meaning, expected
 
 
-def _accuracy_rows(quality: WeightQuality, accuracy_name: str) -> list[WeightRow]:
+def _accuracy_rows(
+    quality: WeightQuality, accuracy_name: str, word: Callable[[str], str]
+) -> list[WeightRow]:
     """Build the rows on the error of the weights and on the panels used to compute them."""
     if not quality.panels:
         return [("Accuracy", "exact", "These weights have a closed form.", "")]
@@ -155,7 +160,9 @@ def _accuracy_rows(quality: WeightQuality, accuracy_name: str) -> list[WeightRow
             "Estimated weight error",
             f"{quality.estimated_error:.1e}",
             "Mean over the vertices of the L1 distance between a vertex's weights and exact ones.",
-            f"{accuracy.tolerance:g} or less (--accuracy {accuracy_name})" if accuracy else "",
+            word(f"{accuracy.tolerance:g} or less (`accuracy={accuracy_name}`)")
+            if accuracy
+            else "",
         ),
         (
             "Panels",

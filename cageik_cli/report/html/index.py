@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from cageik_cli.report.figures import ReportSummary, format_change, format_percent
 from cageik_cli.report.html.templating import render_template
-from cageik_cli.report.limits import Verdict, make_overall_verdict
+from cageik_cli.report.limits import make_overall_verdict
 from cageik_cli.report.overview import ClipEntry, Curve, Overview
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import Vocabulary
@@ -45,23 +45,23 @@ def render_index(overview: Overview) -> str:
     )
 
 
-def _make_batch_verdict(failed: int, over: int, total: int) -> Verdict:
-    """Return the verdict on a batch."""
+def _make_batch_verdict(failed: int, over: int, total: int) -> tuple[str, str]:
+    """Return the verdict on a batch, as `make_overall_verdict` returns that on a clip."""
     parts = [
         f"{count} of {format_count(total, 'clip')} {what}"
         for count, what in ((failed, "failed"), (over, "over a limit"))
         if count
     ]
     if parts:
-        return Verdict("bad", ", ".join(parts))
-    return Verdict("good", "All clips done, none over a limit")
+        return "bad", ", ".join(parts)
+    return "good", "All clips done, none over a limit"
 
 
 def _build_clip_row(entry: ClipEntry, report: Report, curve: Curve) -> dict[str, Any]:
     clip, summary, words = report.clip, report.summary, report.vocabulary
     change = summary.volume_change_percent_max
     undefined = "unknown" if clip.closed else "open"
-    verdict = make_overall_verdict(entry.gates) if entry.gates else Verdict("none", "no limits")
+    state, verdict = make_overall_verdict(entry.gates) if entry.gates else ("none", "no limits")
     return {
         "name": entry.title,
         "href": entry.page and "./" + quote(entry.page, errors="surrogateescape"),
@@ -74,8 +74,9 @@ def _build_clip_row(entry: ClipEntry, report: Report, curve: Curve) -> dict[str,
         "skipped": summary.frames_skipped,
         "vertices": clip.vertices,
         "cage_vertices": clip.cage_vertices,
+        "state": state,
         "verdict": verdict,
-        "rank": {"bad": 0, "none": 1, "good": 2}[verdict.state],
+        "rank": {"bad": 0, "none": 1, "good": 2}[state],
         "exceeded": [
             f"{words.describe_metric(check.metric)} {check.format_found()} > "
             f"{check.format_limit_with_baseline(f' {check.unit}')}"

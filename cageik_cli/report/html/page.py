@@ -1,6 +1,7 @@
 """The report as a page: one HTML file without other files, for a browser or a printer."""
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +16,13 @@ from cageik_cli.report.figures import (
     format_number,
     format_percent,
 )
-from cageik_cli.report.html.fit_section import (
-    FitPictures,
-    build_fit_values,
-    load_fit_shapes,
-    render_fit_pictures,
-)
+from cageik_cli.report.html.fit_section import FitShapes, draw_fit_section, load_fit_shapes
 from cageik_cli.report.html.frames_table import build_quality_rows, choose_columns, format_cells
-from cageik_cli.report.html.pictures import Pictures, build_picture_values, render_pictures
-from cageik_cli.report.html.player_page import build_player_values
+from cageik_cli.report.html.pictures import draw_pictures
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS, make_data_url, render_template
 from cageik_cli.report.limits import PERCENT, LimitCheck, make_overall_verdict
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip
+from cageik_cli.report.player.section import build_player_values
 from cageik_cli.report.plots.error_plot import render_page_plot
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import (
@@ -36,7 +32,7 @@ from cageik_cli.report.regions import (
     list_remedies,
     name_cause,
 )
-from cageik_cli.report.render.model_views import load_poses
+from cageik_cli.report.render.model_views import PoseSet, load_poses
 from cageik_cli.report.views.data import format_json
 from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary
 from cageik_cli.store.result import Result
@@ -62,24 +58,32 @@ SECTIONS = (
 
 def render_page(
     report: Report,
-    pictures: Pictures | None,
-    fit_pictures: FitPictures | None = None,
+    poses: PoseSet | None = None,
+    shapes: FitShapes | None = None,
+    *,
     player: PlayerClip | None = None,
+    word: Callable[[str], str] = str,
+    pixels: int = 360,
 ) -> str:
     """Render the page of a report; the same text for the same arguments.
 
     Parameters
     ----------
-    pictures : Pictures, optional
-        None for a result without weights; the page then says so.
-    fit_pictures : FitPictures, optional
+    poses : PoseSet, optional
+        None for a result without weights; the page then has no pictures, and says so.
+    shapes : FitShapes, optional
         None for a result that does not hold the weights before a fit.
     player : PlayerClip, optional
         None for a page without a player.
+    word : callable
+        Puts parameters that the page names into the words of its reader, as in `build_report`.
+    pixels : int
+        Width and height of each picture.
     """
     columns, words = choose_columns(report), report.vocabulary
     digest = compute_record_digest(report)
-    fit = build_fit_values(report, fit_pictures, words)
+    pictures = None if poses is None else draw_pictures(poses, words, pixels)
+    fit = None if poses is None else draw_fit_section(report, poses, shapes, pixels)
     optional = {"regions": report.regions, "fit": fit, "player": player}
     return render_template(
         "page.html.j2",
@@ -95,10 +99,9 @@ def render_page(
         limit_rows=[_build_limit_row(check, words) for check in report.gates],
         plot=_build_plot_values(report),
         pictures=pictures,
-        **(build_picture_values(pictures, words) if pictures else {}),
-        regions=_build_region_values(report),
+        regions=_build_region_values(report, word),
         histogram=_build_histogram_values(report.vertices),
-        quality=build_quality_rows(report),
+        quality=build_quality_rows(report, word),
         **_build_provenance(report),
         worst_number=format_number(report.frames[report.summary.worst_frame_index].number),
         columns=columns,
@@ -146,7 +149,7 @@ def _list_sections(words: Vocabulary, absent: set[str]) -> list[tuple[str, str]]
     return [(anchor, title.format(**names)) for anchor, title in SECTIONS if anchor not in absent]
 
 
-def _build_region_values(report: Report) -> dict[str, Any]:
+def _build_region_values(report: Report, word: Callable[[str], str]) -> dict[str, Any]:
     """Collect the rows of the table of worst regions, and what to do about them."""
     return {
         "why": explain_regions(report.summary),
@@ -162,7 +165,9 @@ def _build_region_values(report: Report) -> dict[str, Any]:
             }
             for region in report.regions or ()
         ],
-        "remedies": list_remedies(report.regions or (), report.fit is not None),
+        "remedies": [
+            word(text) for text in list_remedies(report.regions or (), report.fit is not None)
+        ],
     }
 
 
@@ -180,18 +185,22 @@ def _build_provenance(report: Report) -> dict[str, Any]:
     }
 
 
-def render_result_page(result: Result, report: Report, has_player: bool = True) -> str:
+def render_result_page(
+    result: Result,
+    report: Report,
+    has_player: bool = True,
+    word: Callable[[str], str] = str,
+) -> str:
     """Render the page of a result and its report, with pictures.
 
-    Without weights a page has neither pictures nor a player.
+    Without weights a page has neither pictures nor a player. `word` is as in `render_page`.
     """
     poses = load_poses(result)
     if poses is None:
-        return render_page(report, None)
+        return render_page(report, word=word)
     shapes = load_fit_shapes(result, poses)
-    fit_pictures = None if shapes is None else render_fit_pictures(poses, shapes)
     player = load_player_clip(result) if has_player else None
-    return render_page(report, render_pictures(poses), fit_pictures, player)
+    return render_page(report, poses, shapes, player=player, word=word)
 
 
 def _build_limit_row(check: LimitCheck, words: Vocabulary) -> dict[str, Any]:
@@ -203,6 +212,7 @@ def _build_limit_row(check: LimitCheck, words: Vocabulary) -> dict[str, Any]:
         "value": check.format_found(),
         "unit": f"% of the {whole}" if check.unit == PERCENT else "file units",
         "frame": check.frame or "",
+        "state": check.state,
         "verdict": check.verdict,
     }
 

@@ -8,12 +8,16 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.posing.constraints import Mirror, mirror_pairs
 from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose_turn
-from cageik_cli.store.result import Result, read_cages
-from cageik_cli.store.result_frames import KeyFrames, read_binding, read_key_frames, read_rotations
+from cageik_cli.store.result import (
+    KeyFrames,
+    Result,
+    read_binding,
+    read_cages,
+    read_key_frames,
+    read_rotations,
+)
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import HandlesError
 from cageik_cli.util.text import single_line, to_unicode
 
 UNNAMED_CAGE = "CAGE.obj"
@@ -90,18 +94,13 @@ def make_single_pose(
         cages=binding.cage.vertices[None],
         rotations=np.eye(3)[None],
         up_axis=up_axis,
-        title=_format_title(words[0]) if words else "",
-        target=_join_words(words or unnamed),
+        title=_make_line(words[0]) if words else "",
+        target=_make_line(shlex.join(words or unnamed)),
     )
 
 
-def _format_title(name: str) -> str:
-    return single_line(to_unicode(name))
-
-
-def _join_words(words: Sequence[str]) -> str:
-    """Join words as they are typed in a shell, on one line."""
-    return _format_title(shlex.join(words))
+def _make_line(text: str) -> str:
+    return single_line(to_unicode(text))
 
 
 def load_player_clip(result: Result) -> PlayerClip | None:
@@ -127,8 +126,8 @@ def load_player_clip(result: Result) -> PlayerClip | None:
         vertex_rms=100 * result.vertex_rms / (result.rest.diagonal or 1.0),
         held=_collect_held_frames(key_frames, count),
         focus=focus if focus["frame"] < count else None,
-        title=_format_title(result.path.name),
-        target=_join_words([result.path.name]),
+        title=_make_line(result.path.name),
+        target=_make_line(shlex.join([result.path.name])),
         left_out=len(result.frames) - count,
     )
 
@@ -176,17 +175,3 @@ def _find_focus(result: Result, key_frames: KeyFrames, min_extent: float = 0.15)
         is_near = np.linalg.norm(rest - rest[vertex], axis=1) <= extent * diagonal / 3
         turn = choose_turn(pose, result.rest.faces, is_near, result.scene.up_axis)
     return {"frame": frame, "vertex": vertex, "extent": extent, "turn": turn}
-
-
-def find_mirror(binding: Binding) -> Mirror | None:
-    """Find an axis across which the cage is its own mirror image; None if there is none."""
-    vertices = binding.cage.vertices
-    for point in (vertices.mean(axis=0), 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))):
-        for normal in np.eye(3):
-            mirror = Mirror(normal, point)
-            try:
-                mirror_pairs(binding.cage, mirror)
-            except HandlesError:
-                continue
-            return mirror
-    return None

@@ -16,7 +16,7 @@ from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from cageik_cli.posing.snapshot import PoseSnapshot
+from cageik_cli.posing.summary import PoseSnapshot
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.plots.style import (
     PANEL_SIDE,

@@ -130,5 +130,5 @@ def _split_limits(
 
 def label_limit(check: LimitCheck, words: Vocabulary) -> str:
     """Format a limit and its verdict for a label."""
-    verdict = check.verdict.text
-    return f"{words.limits[check.metric]} ≤ {check.format_limit()} {check.unit}, {verdict}"
+    limit = f"{check.format_limit()} {check.unit}"
+    return f"{words.limits[check.metric]} ≤ {limit}, {check.verdict}"

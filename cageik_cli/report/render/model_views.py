@@ -19,8 +19,7 @@ from cageik_cli.report.render.shading import (
     rasterize_surface,
     render,
 )
-from cageik_cli.store.result import Result
-from cageik_cli.store.result_frames import KeyFrames, read_binding, read_key_frames
+from cageik_cli.store.result import KeyFrames, Result, read_binding, read_key_frames
 from cageik_cli.util.arrays import Floats, Integers
 
 FRAME_LABELS = ("worst", "median", "best")

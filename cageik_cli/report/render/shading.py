@@ -64,9 +64,7 @@ class VisibleSurface:
         return _weighted_sum(self.barycentric, values[self.corners])
 
 
-def rasterize_surface(
-    projected: Floats, faces: Integers, size: int, is_smooth: bool = True
-) -> VisibleSurface:
+def rasterize_surface(projected: Floats, faces: Integers, size: int) -> VisibleSurface:
     """Rasterize a mesh with projected vertices, (m, 3); both sides of its faces are visible."""
     face, depth = rasterize(projected[faces], size)
     pixels = np.flatnonzero(face >= 0)
@@ -74,11 +72,9 @@ def rasterize_surface(
     corners = faces.T[:, face_ids]
     shares = _barycentric_coordinates(projected, corners, np.stack([pixels % size, pixels // size]))
     face_normals = _face_normals(projected, faces)
-    normals = face_normals[:, face_ids]
-    away = normals[2] < 0
-    if is_smooth:
-        vertex_normals = _vertex_normals(face_normals, faces, len(projected))
-        normals = np.stack([_weighted_sum(shares, along[corners]) for along in vertex_normals])
+    vertex_normals = _vertex_normals(face_normals, faces, len(projected))
+    normals = np.stack([_weighted_sum(shares, along[corners]) for along in vertex_normals])
+    away = face_normals[2, face_ids] < 0
     return VisibleSurface(
         pixels, corners, shares, _normalize(np.where(away, -normals, normals)), depth
     )
@@ -147,28 +143,22 @@ def choose_scale_end(values: Floats, percentile: float = 99.5) -> float:
 
 def colour_pixels(surface: VisibleSurface, values: Floats, top: float) -> Floats:
     """Return the colours, (p, 3), of values of vertices, (m,), from 0 to `top`; grey for nan."""
-    return _map_to_scale(surface.interpolate(values), top, COLOUR_SCALE)
+    return map_colours(surface.interpolate(values), top, COLOUR_SCALE)
 
 
 def colour_signed_pixels(surface: VisibleSurface, values: Floats, top: float) -> Floats:
     """Return the colours, (p, 3), of values of vertices, (m,), from -`top` to `top`."""
-    return _map_to_scale(surface.interpolate(values) + top, 2 * top, SIGNED_SCALE)
+    return map_colours(surface.interpolate(values) + top, 2 * top, SIGNED_SCALE)
 
 
-def _map_to_scale(values: Floats, top: float, scale: tuple[str, ...]) -> Floats:
-    stops = np.array([parse_colour(stop) for stop in scale])
-    return map_colours(values, top, stops, parse_colour(MESH_COLOURS["missing"]))
-
-
-def map_colours(values: Floats, top: float, stops: Floats, missing: Floats) -> Floats:
-    """Return colours, (p, 3), of values on a scale of colours, (k, 3), from 0 to `top`.
-
-    Larger values are clamped; nan has the colour `missing`, (3,).
-    """
+def map_colours(values: Floats, top: float, scale: tuple[str, ...]) -> Floats:
+    """Return the colours, (p, 3), of values on a scale from 0 to `top`; larger ones are clamped."""
     places = np.clip(values / top, 0, 1)
     known = np.isfinite(places)
-    scale = np.linspace(0, 1, len(stops))
-    colours = [np.interp(np.where(known, places, 0), scale, stops[:, k]) for k in range(3)]
+    stops = np.array([parse_colour(stop) for stop in scale])
+    shares = np.linspace(0, 1, len(stops))
+    colours = [np.interp(np.where(known, places, 0), shares, stops[:, k]) for k in range(3)]
+    missing = parse_colour(MESH_COLOURS["missing"])
     return np.where(known[:, None], np.stack(colours, axis=1), missing)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts
-from cageik_cli.cages.findings import Finding
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
@@ -185,15 +184,7 @@ def format_repair_json(repaired: "RepairedCage", diagonal: float) -> str:
             "moved_vertices": repaired.moved_vertices.tolist(),
             "vertex_map": repaired.vertex_map.tolist(),
             "steps": [
-                {
-                    "kind": step.kind,
-                    "message": step.message,
-                    "count": step.count,
-                    "vertices": step.vertices.tolist(),
-                    "max_move": step.max_move,
-                    "mean_move": step.mean_move,
-                }
-                for step in repaired.steps
+                asdict(step) | {"vertices": step.vertices.tolist()} for step in repaired.steps
             ],
             "warnings": [finding.sentence for finding in repaired.warnings],
         }
@@ -269,7 +260,10 @@ def format_check_json(result: CheckResult) -> str:
             "rest": _rest_record(result),
             "notes": result.notes,
             "repair_command": result.repair_command,
-            "findings": [_finding_record(finding) for finding in diagnosis.findings],
+            "findings": [
+                asdict(finding) | {"numbers": finding.numbers.tolist()}
+                for finding in diagnosis.findings
+            ],
         }
     )
 
@@ -278,10 +272,6 @@ def _rest_record(result: CheckResult) -> dict[str, Any] | None:
     if result.rest is None or result.diagnosis.rest is None:
         return None
     return result.rest.source | asdict(result.diagnosis.rest)
-
-
-def _finding_record(finding: Finding) -> dict[str, Any]:
-    return asdict(finding) | {"numbers": finding.numbers.tolist()}
 
 
 def _cage_rows(facts: CageFacts) -> list[tuple[str, str]]:

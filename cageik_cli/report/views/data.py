@@ -9,10 +9,11 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+from cageik_cli import __version__
 from cageik_cli.report.figures import ClipRecord, FrameRecord, ReportSummary
 from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.overview import ClipEntry, Overview
-from cageik_cli.report.record import Report
+from cageik_cli.report.record import REPORT_SCHEMA, Report
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.text import single_line
@@ -41,8 +42,8 @@ def format_csv(reports: Sequence[Report]) -> str:
 def format_overview_json(overview: Overview) -> str:
     """Format the record of a batch as JSON; metrics not defined are null."""
     record = {
-        "schema": overview.schema,
-        "tool": overview.tool,
+        "schema": REPORT_SCHEMA,
+        "tool": {"name": "cageik", "version": __version__},
         "clips": [_collect_entry(entry) for entry in overview.clips],
     }
     return json.dumps(record, indent=1, allow_nan=False) + "\n"

@@ -26,7 +26,7 @@ def format_markdown(overview: Overview) -> str:
     rows = _fit_lines((_format_table_row(entry) for entry in clips), 21_000, "| {} |")
     table = [_table_header(overview.vocabulary), "|---|---|---:|---:|---|---:|---:|", *rows]
     parts = {
-        "Failed": (9_500, _list_faults(clips)),
+        "Failed": (9_500, [_make_item(one, one.fault) for one in clips if one.has_failed]),
         "Over a limit": (9_500, _list_exceeded_limits(clips)),
         "Worst regions": (6_000, _list_worst_regions(clips)),
         "Fitted weights": (6_000, _list_fits(clips)),
@@ -37,10 +37,6 @@ def format_markdown(overview: Overview) -> str:
         if lines:
             blocks += [f"### {heading}", "\n".join(_fit_lines(lines, max_bytes, "- {}"))]
     return "\n\n".join(blocks) + "\n"
-
-
-def _list_faults(clips: Iterable[ClipEntry]) -> list[str]:
-    return [_make_item(entry, entry.fault) for entry in clips if entry.has_failed]
 
 
 def _list_exceeded_limits(clips: Iterable[ClipEntry]) -> list[str]:

@@ -124,7 +124,7 @@ def format_accuracy_row(quality: WeightQuality, accuracy: object) -> tuple[str, 
 
 def format_check_row(check: LimitCheck, words: Vocabulary) -> tuple[str, str]:
     """Return the verdict of a check, and its metric, value, limit and frame as a line."""
-    metric, verdict = words.limits[check.metric], check.verdict.text
+    metric, verdict = words.limits[check.metric], check.verdict
     found = check.format_found()
     limit = f"limit {check.format_limit_with_baseline(f' {check.unit}')}"
     if check.found is None:

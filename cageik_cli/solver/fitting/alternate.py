@@ -192,14 +192,8 @@ class Alternator:
     ) -> tuple[Form, Motion]:
         """Fit to `target`; return the weights in their form, and the motion of the cage for them.
 
-        Parameters
-        ----------
-        start : Correction or Influences
-            A first guess of the weights.
-        step : callable
-            One fit of the weights to given cages, from the last ones.
-        expand : callable
-            Returns the weights of a form, (m, n).
+        `step` fits the weights to given cages, from the last ones, and from `start` first;
+        `expand` returns the weights (m, n) of a form.
         """
         jobs = self.problem.jobs
         form = start

@@ -114,12 +114,8 @@ class Displacements:
     def compress(self, row_weights: Floats | None = None) -> "Displacements":
         """Return displacements with fewer columns, whose fit is the same but for `COMPRESSION_TOL`.
 
-        Their frames are sums of frames; no single frame can be measured on them.
-
-        Parameters
-        ----------
-        row_weights : (m,) float64, optional
-            Weights of the vertices in the fit.
+        Their frames are sums of frames; no single frame can be measured on them. Row weights are
+        those of the vertices in the fit, (m,).
         """
         values, vectors = np.linalg.eigh(self.multiply_by_transpose(row_weights))
         left_out = np.cumsum(np.maximum(values, 0)) <= COMPRESSION_TOL**2 * values.sum()

@@ -48,8 +48,6 @@ class Fitter:
     ----------
     binding : Binding
         Its weights, harmonic or not, are what the fitted ones are pulled to.
-    solve : SolveSettings, optional
-        How the cages are solved.
     vertex_weights : (m,) float64, optional
         From `normalize_weights`; a vertex of weight 0 is missing data.
     memory : int
@@ -93,7 +91,7 @@ class Fitter:
                 else binding.weights
             ),
             complement=complement_basis(binding.cage),
-            surface=SurfaceLaplacian.from_mesh(binding.rest),
+            surface=SurfaceLaplacian(binding.rest),
             vertex_weights=weights,
             regularization=DEFAULT_REGULARIZATION,
             smoothness=self._settings.smoothness,
@@ -122,6 +120,7 @@ class Fitter:
             blocks, third = self._measure_unseen(sample, strength, is_strength_chosen=bool(curve))
             fitted = self.fit_sample(sample, strength)
             measured = self._cage_solve.compare(fitted.weights, sample.target)
+            solver = self._cage_solve.prepare(self._binding.weights)
             report = FitReport(
                 regularization=strength,
                 smoothness=self._settings.smoothness,
@@ -130,7 +129,7 @@ class Fitter:
                 needed_memory=sample.needed_memory,
                 fitted=measured,
                 held_out_blocks=blocks,
-                copied_frames=self._count_copies(sample, measured.fitted.rms),
+                copied_frames=sample.count_copies(solver, measured.fitted.rms),
                 unseen_third=third,
                 negative_per_row=abs(float(np.minimum(fitted.weights, 0).sum()))
                 / len(fitted.weights),
@@ -154,31 +153,30 @@ class Fitter:
 
     def fit_sample(self, sample: Sample, strength: float) -> Binding:
         """Fit the weights to a sample, with a given regularization, and do not measure them."""
-        alternator = self._make_alternator(strength, self._count_jobs(sample), self._max_rounds)
+        alternator = self._make_alternator(strength, self._plan(sample)[0])
         return alternator.fit(sample.target, self._settings)
 
     def limit_influences(self, sample: Sample, strength: float, count: int) -> Binding:
         """Fit weights with at most `count` influences to frames that the binding's weights give."""
-        alternator = self._make_alternator(strength, self._count_jobs(sample), self._max_rounds)
+        alternator = self._make_alternator(strength, self._plan(sample)[0])
         return alternator.fit_influences(sample.target, self._binding.weights, count)
 
-    def _make_alternator(self, strength: float, jobs: int, max_rounds: int) -> Alternator:
+    def _make_alternator(self, strength: float, jobs: int, most: int | None = None) -> Alternator:
+        """Make what fits with so many threads, in `most` rounds if that is fewer."""
         problem = replace(self._problem, regularization=strength, jobs=jobs)
-        return Alternator(problem, self._cage_solve, max_rounds)
+        rounds = self._max_rounds if most is None else min(most, self._max_rounds)
+        return Alternator(problem, self._cage_solve, rounds)
 
-    def _count_jobs(self, sample: Sample) -> int:
-        """Count the threads that there is memory for beside the sample, at least one."""
+    def _plan(self, sample: Sample) -> tuple[int, int]:
+        """Return the threads, and the fits to parts of a sample at once, two at most.
+
+        There is memory for them beside the sample; each is one at least.
+        """
         m, n = self._binding.weights.shape
         left = self._memory - 2 * sample.target.nbytes
-        jobs = range(self._jobs, 1, -1)
-        return next((count for count in jobs if estimate_memory(m, n, count) <= left), 1)
-
-    def _count_fits(self, sample: Sample) -> int:
-        """Count the fits to parts of a sample at the same time: two, if memory allows."""
-        m, n = self._binding.weights.shape
-        left = self._memory - 2 * sample.target.nbytes
+        fitting = (k for k in range(self._jobs, 1, -1) if estimate_memory(m, n, k) <= left)
         has_memory = 2 * estimate_memory(m, n, jobs=1) <= left
-        return 2 if has_memory and self._jobs > 1 else 1
+        return next(fitting, 1), 2 if has_memory and self._jobs > 1 else 1
 
     def _choose_regularization(self, sample: Sample) -> tuple[float, Curve]:
         """Return the regularization, and what was tried if it is chosen by held-out blocks."""
@@ -218,9 +216,8 @@ class Fitter:
         self, is_held: NDArray[np.bool_], strength: float, sample: Sample
     ) -> HeldOutCase:
         """Return which frames are held out, and the fit to the others, one of those at once."""
-        jobs = max(1, self._count_jobs(sample) // self._count_fits(sample))
-        rounds = min(self._max_rounds, MAX_HELD_OUT_ROUNDS)
-        alternator = self._make_alternator(strength, jobs, rounds)
+        jobs, fits = self._plan(sample)
+        alternator = self._make_alternator(strength, max(1, jobs // fits), MAX_HELD_OUT_ROUNDS)
         return is_held, lambda target: alternator.fit(target, self._settings)
 
     def _compare_held_out(
@@ -239,13 +236,9 @@ class Fitter:
             held_out = sample.target.take(np.flatnonzero(is_held))
             return self._cage_solve.compare(fit(seen).weights, held_out)
 
-        jobs = self._count_fits(sample)
-        with OrderedMap(compare, cases, jobs, jobs) as found:
+        fits = self._plan(sample)[1]
+        with OrderedMap(compare, cases, fits, fits) as found:
             return list(found)
-
-    def _count_copies(self, sample: Sample, rms_percent: float) -> int:
-        solver = self._cage_solve.prepare(self._binding.weights)
-        return sample.count_copies(solver, rms_percent)
 
     def _compare_roughness(self, weights: Floats) -> float:
         """Return the roughness of `weights` relative to that of the binding's."""

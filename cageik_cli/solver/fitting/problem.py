@@ -122,15 +122,10 @@ class WeightProblem:
     def fit(
         self, motion: Motion, start: Correction | None = None, subspace: Floats | None = None
     ) -> Correction:
-        """Return the best change of the weights for these cages.
+        """Return the best change of the weights for these cages, from `start` as a first guess.
 
-        Parameters
-        ----------
-        start : Correction, optional
-            A first guess.
-        subspace : (n, r), optional
-            The rows of the change are in it; an orthonormal part of the complement, which is the
-            default.
+        The rows of the change are in `subspace`, (n, r): an orthonormal part of the complement,
+        which is the default.
         """
         basis, gains = motion.diagonalize(self.complement if subspace is None else subspace)
         scale = motion.scale
@@ -218,31 +213,17 @@ def estimate_memory(m: int, n: int, jobs: int) -> int:
 def complement_basis(cage: TriMesh) -> Floats:
     """Return an orthonormal basis of the vectors orthogonal to 1 and to the cage's coordinates.
 
-    Rows of weights may change by these vectors; their sums and `weights @ cage` stay the same.
-
-    Returns
-    -------
-    (n, n - 4) float64.
-
-    Raises
-    ------
-    CageError
-        When all vertices of the cage lie in a plane.
+    It is (n, n − 4). Rows of weights may change by these vectors; their sums and `weights @ cage`
+    stay the same.
     """
-    return np.asarray(
-        np.linalg.qr(_affine_functions(cage), mode="complete")[0][:, AFFINE_FUNCTIONS:]
-    )
+    whole = np.linalg.qr(_affine_functions(cage), mode="complete")[0]
+    return np.asarray(whole[:, AFFINE_FUNCTIONS:])
 
 
 def restore_affine(weights: Floats, rest: TriMesh, cage: TriMesh) -> Floats:
     """Return the nearest weights, (m, n), whose rows sum to one and give the rest vertices.
 
     Weights that do so already, to rounding, are returned as they are.
-
-    Raises
-    ------
-    CageError
-        When all vertices of the cage lie in a plane.
     """
     functions = _affine_functions(cage)
     target = _evaluate(rest.vertices, cage)

@@ -3,9 +3,10 @@
 This module imports no numerics.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields
 from math import isfinite
-from typing import Any
+from types import NoneType
+from typing import Any, get_args
 
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.errors import SettingError
@@ -17,8 +18,12 @@ DEFAULT_REGULARIZATION = 0.1
 """λ where it is neither stated nor found by frames held out."""
 
 
-def _declare(default: Any, name: str, text: str, unset: str | None = None) -> Any:
-    """Return a field of the settings with all that its option and the files say of it.
+def declare_setting(
+    default: Any, name: str, text: str, *, meaning: str, unset: str | None = None
+) -> Any:
+    """Return a field of the settings with all that its option, files and reports say of it.
+
+    Whether its values are whole numbers, numbers, or on and off follows from its type.
 
     Parameters
     ----------
@@ -26,10 +31,20 @@ def _declare(default: Any, name: str, text: str, unset: str | None = None) -> An
         In result files, and of the option.
     text : str
         The help of the option.
+    meaning : str
+        What a report says that the setting is.
     unset : str, optional
         The word for None.
     """
-    return field(default=default, metadata={"name": name, "help": text, "unset": unset})
+    said = {"name": name, "help": text, "meaning": meaning, "unset": unset}
+    return field(default=default, metadata=said)
+
+
+def find_kind(setting: "Field[Any]") -> type:
+    """Return the type of the values of a setting, besides None."""
+    kinds = [one for one in get_args(setting.type) or (setting.type,) if one is not NoneType]
+    kind: type = kinds[0]
+    return kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,31 +70,37 @@ class FitSettings:
     Examples
     --------
     >>> from cageik_cli import FitSettings
-    >>> FitSettings(rank=10)
-    FitSettings(regularization=0.1, smoothness=1.0, rank=10, influences=None)
+    >>> FitSettings(rank=10).smoothness
+    1.0
     """
 
-    regularization: float | None = _declare(
+    regularization: float | None = declare_setting(
         DEFAULT_REGULARIZATION,
         "fit_regularization",
         "Pull of fitted weights to the others: higher is smoother and less exact; auto chooses it "
         "by frames held out.",
+        meaning="pull of fitted weights to the others",
         unset="auto",
     )
-    smoothness: float = _declare(
-        1.0, "fit_smoothness", "Smoothness over the surface of what the fit changes."
+    smoothness: float = declare_setting(
+        1.0,
+        "fit_smoothness",
+        "Smoothness over the surface of what the fit changes.",
+        meaning="smoothness over the surface of what a fit changes in the weights",
     )
-    rank: int | None = _declare(
+    rank: int | None = declare_setting(
         None,
         "fit_rank",
         "Rank of what the fit changes: few numbers to store beside weights that can be computed.",
+        meaning="rank of what a fit changes in the weights; none is any",
         unset="any",
     )
-    influences: int | None = _declare(
+    influences: int | None = declare_setting(
         None,
         "influences",
         "Cage vertices that move each vertex, with weights that are not negative, as skeletons "
         "need.",
+        meaning="cage vertices that move each vertex, at most; none is all",
         unset="all",
     )
 

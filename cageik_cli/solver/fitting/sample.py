@@ -28,12 +28,7 @@ class FrameReader(Protocol):
         """Return the number of frames."""
 
     def read_frame(self, index: int) -> Floats:
-        """Read the vertices of a frame, (m, 3).
-
-        Raises
-        ------
-        InputError
-        """
+        """Read the vertices of a frame, (m, 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,13 +83,9 @@ class Sample:
     def count_copies(self, solver: DualLaplacianSolver, rms_percent: float) -> int:
         """Count the frames of held-out blocks that are near to a frame which is not held out.
 
-        Parameters
-        ----------
-        solver : DualLaplacianSolver
-            Its missing vertices do not count.
-        rms_percent : float
-            Root mean square distance of the vertices, in percent of the rest pose's diagonal,
-            below which frames are near, unless this is more than 5 % of the motion.
+        Near is below `rms_percent`, the root mean square distance of the vertices in percent of
+        the rest pose's diagonal, and below 5 % of the motion. Missing vertices of the solver do
+        not count.
         """
         is_held = self.in_held_out_block
         vertices = choose_vertices(solver)
@@ -120,24 +111,18 @@ def sample_frames(
     skips_bad_frames: bool = False,
     max_frames: int = MAX_FITTED_FRAMES,
 ) -> Sample:
-    """Sample the frames of clips, and align them with the rest pose.
+    """Sample at most so many frames of clips, and align them with the rest pose by the solver.
 
     All frames are read once if they fit in memory. Otherwise only a few vertices of each are kept,
     and the chosen frames are read again.
 
     Parameters
     ----------
-    solver : DualLaplacianSolver
-        It aligns the frames.
     memory : int
         Limit in bytes for the fit, the weights included.
-    jobs : int
-        Threads.
     skips_bad_frames : bool
         Whether frames that cannot be read are left out, as missing ones are; otherwise they are
         refused.
-    max_frames : int
-        Most frames in the sample.
 
     Raises
     ------
@@ -183,20 +168,10 @@ def _read_aligned(
     jobs: int,
     skips_bad_frames: bool,
 ) -> tuple[list[tuple[int, int]], list[Floats]]:
-    """Read frames ahead by threads, and align them with the rest pose.
+    """Read frames at places, clip and frame, ahead by threads; align them with the rest pose.
 
-    Parameters
-    ----------
-    places : sequence of (int, int)
-        Clip and frame of each.
-    keep : callable
-        Returns what is kept of the displacements, (m, 3), of a frame.
-
-    Returns
-    -------
-    places : list of (int, int)
-        Of the frames that can be read.
-    kept : list of arrays
+    Returned are the places of the frames that can be read, and what `keep` returns of the
+    displacements, (m, 3), of each.
     """
     expected = solver.binding.rest.vertices.shape
 
@@ -254,10 +229,8 @@ def choose_vertices(solver: DualLaplacianSolver, count: int = 64) -> Integers:
 def spread_points(points: Floats, count: int) -> Integers:
     """Choose `count` points, (p, d), far from the origin and from each other, in ascending order.
 
-    Returns
-    -------
-    (min(count, p),) int64, fewer if there are not so many different points. The first choice is
-    the point farthest from the origin, the others as of `choose_farthest`.
+    They are fewer if there are not so many different points. The first choice is the point
+    farthest from the origin, the others as of `choose_farthest`.
     """
     if count >= len(points):
         return np.arange(len(points))

@@ -4,17 +4,11 @@ Conjugate gradients solve them. All columns of a block take their steps together
 step lengths. The blocks do not depend on the number of threads, so neither does the result.
 """
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import sparse_laplacian
 from cageik_cli.util.arrays import Floats
-
-if TYPE_CHECKING:
-    from scipy import sparse
 
 
 def count_columns(m: int) -> int:
@@ -22,34 +16,19 @@ def count_columns(m: int) -> int:
     return max(1, min(20, (1 << 21) // m))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SurfaceLaplacian:
-    """The operator ΛᵀΛ of a surface, with Λ its uniform Laplacian.
+    """The operator ΛᵀΛ of a surface, with Λ the uniform Laplacian of its edges, (m, m) sparse."""
 
-    Attributes
-    ----------
-    forward, backward : (m, m) csr_array
-        Λ and Λᵀ.
-    diagonal : (m,) float64
-        The diagonal of ΛᵀΛ.
-    """
-
-    forward: "sparse.csr_array"
-    backward: "sparse.csr_array"
-    diagonal: Floats
-
-    @staticmethod
-    def from_mesh(mesh: TriMesh) -> "SurfaceLaplacian":
-        """Build the operator of the edges of `mesh`."""
+    def __init__(self, mesh: TriMesh) -> None:
         from scipy import sparse
 
-        forward = sparse_laplacian(mesh)
-        squares = np.asarray(forward.power(2).sum(axis=0), np.float64)
-        return SurfaceLaplacian(forward, sparse.csr_array(forward.T), squares)
+        self.forward = sparse_laplacian(mesh)
+        self._backward = sparse.csr_array(self.forward.T)
+        self._diagonal = np.asarray(self.forward.power(2).sum(axis=0), np.float64)  # of ΛᵀΛ
 
     def apply(self, columns: Floats) -> Floats:
         """Return ΛᵀΛ times columns (m, b)."""
-        return np.asarray(self.backward @ (self.forward @ columns))
+        return np.asarray(self._backward @ (self.forward @ columns))
 
     def measure(self, weights: Floats) -> float:
         """Return the Frobenius norm of Λ times weights (m, n): their roughness."""
@@ -83,7 +62,7 @@ class SurfaceLaplacian:
             The steps end when the residual of each column, relative to its right-hand side and in
             the preconditioned norm, is at most this.
         """
-        inverse = 1 / (shifts + smoothness * self.diagonal[:, None])
+        inverse = 1 / (shifts + smoothness * self._diagonal[:, None])
         if not smoothness:
             return right * inverse
 

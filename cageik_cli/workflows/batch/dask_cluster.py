@@ -21,7 +21,7 @@ from cageik_cli.util.files import open_locked
 from cageik_cli.workflows.batch.dask_pieces import (
     MIN_PIECE_SECONDS,
     ClusterExecutor,
-    WeightsTask,
+    compute_weights,
     configure_worker,
     describe_killed_worker,
 )
@@ -71,13 +71,7 @@ class DaskScheduler:
         self._stack = ExitStack()
 
     def __enter__(self) -> "DaskScheduler":
-        """Connect.
-
-        Raises
-        ------
-        InputError
-            When the scheduler does not answer, or there are no workers, or unfit ones.
-        """
+        """Connect."""
         with require_optional("distributed", "dask", f"the scheduler {self._address}"):
             import distributed  # noqa: F401  creates its loggers
         with self._stack as stack:
@@ -91,13 +85,7 @@ class DaskScheduler:
         self._stack.close()
 
     def run_jobs(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
-        """Yield the outcome of each job, as they end.
-
-        Raises
-        ------
-        InputError
-            When the scheduler, or all workers, are lost.
-        """
+        """Yield the outcome of each job, as they end."""
         by_key: dict[str, list[ClipJob]] = {}
         for job, checked in self._iterate_results(self._submit_checks(jobs)):
             if isinstance(checked, Outcome):
@@ -117,10 +105,10 @@ class DaskScheduler:
         """Submit the tasks of jobs, those with the same weights after each other."""
         for jobs in by_key.values():
             # The cluster keeps the weights as long as this future, or a task that needs them.
-            task = WeightsTask(f"weights-{uuid4().hex}", jobs[0])
-            weights = task.submit(self._client)
+            key = f"weights-{uuid4().hex}"
+            weights = self._client.submit(compute_weights, jobs[0], key=key)
             for job in jobs:
-                arguments = (job, weights, task, self._piece_seconds)
+                arguments = (job, weights, key, self._piece_seconds)
                 yield job, self._client.submit(run_clip_task, *arguments, pure=False)
 
     def _iterate_results(
@@ -243,13 +231,14 @@ class DaskScheduler:
 def run_clip_task(
     job: ClipJob,
     stored_binding: StoredBinding | None,
-    weights_task: WeightsTask,
+    weights_key: str,
     piece_seconds: float,
 ) -> Outcome:
     """Run a job as a task; pieces of it take `piece_seconds` at least."""
     configure_worker()
     wait_for_checkpoint(checkpoint_path(job.settings.output), timeout=30.0)
-    return run_clip(job, stored_binding, ClusterExecutor(job.settings, weights_task, piece_seconds))
+    executor = ClusterExecutor(job, weights_key, piece_seconds)
+    return run_clip(job, stored_binding, executor.run_blocks)
 
 
 def wait_for_checkpoint(path: Path, timeout: float) -> None:

@@ -19,7 +19,7 @@ from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.captured import FrameWeights
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.executor import MemoryPlan, ThreadExecutor
+from cageik_cli.solver.executor import MemoryPlan, run_in_threads
 from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import ClusterError, FileAccessError
@@ -30,24 +30,6 @@ from cageik_cli.workflows.settings import ExtractSettings
 
 MIN_PIECE_SECONDS = 0.5
 """Seconds of work in a piece, at least; the scheduler takes a hundredth of it per task."""
-
-
-@dataclass(frozen=True, slots=True)
-class WeightsTask:
-    """The task that computes the weights of clips; submitted again, it gives the same result.
-
-    Attributes
-    ----------
-    job : ClipJob
-        Any of those that share the weights.
-    """
-
-    key: str
-    job: ClipJob
-
-    def submit(self, client: Any) -> Any:
-        """Submit the task, and return its future."""
-        return client.submit(compute_weights, self.job, key=self.key)
 
 
 def compute_weights(job: ClipJob) -> StoredBinding | None:
@@ -64,12 +46,15 @@ class ClusterExecutor:
 
     Attributes
     ----------
-    settings : ExtractSettings
-        Of the clip, whose files have the same paths on all workers.
+    job : ClipJob
+        Its files have the same paths on all workers.
+    weights_key : str
+        Of the task that computes the weights of all clips that share them; submitted again, it
+        gives the same weights.
     """
 
-    settings: ExtractSettings
-    weights_task: WeightsTask
+    job: ClipJob
+    weights_key: str
     min_seconds: float = MIN_PIECE_SECONDS
 
     def run_blocks(
@@ -80,7 +65,7 @@ class ClusterExecutor:
             self._solve_blocks(
                 block_solver,
                 starts,
-                replace(memory_plan, max_parallel_blocks=1, max_queued_frames=starts.step),
+                replace(memory_plan, jobs=1, max_parallel_blocks=1, max_queued_frames=starts.step),
             )
         )
 
@@ -88,7 +73,7 @@ class ClusterExecutor:
         self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
     ) -> Generator[SolvedBlock]:
         start_time, done = time.monotonic(), 0
-        with ThreadExecutor(1).run_blocks(block_solver, starts, memory_plan) as local_blocks:
+        with run_in_threads(block_solver, starts, memory_plan) as local_blocks:
             for block in local_blocks:
                 yield block
                 done += 1
@@ -108,9 +93,9 @@ class ClusterExecutor:
 
         pending: deque[Any] = deque()
         with worker_client() as client:
-            weights = self.weights_task.submit(client)
+            weights = client.submit(compute_weights, self.job, key=self.weights_key)
             context = client.scatter(
-                ClipContext.build(self.settings, block_solver, memory_plan), hash=False
+                ClipContext(self.job.settings, block_solver, memory_plan), hash=False
             )
             try:
                 while True:
@@ -132,44 +117,20 @@ class ClusterExecutor:
 
 
 class ClipContext:
-    """What all pieces of a clip need; it is sent to a worker once, and opens the clip there once.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Of the clip's frames.
-    first_digest : bytes
-        Of the first frame.
-    solver : bytes
-        The solver, by `pickle_without_weights`.
-    """
+    """What all pieces of a clip need; it is sent to a worker once, which opens the clip once."""
 
     def __init__(
-        self,
-        settings: ExtractSettings,
-        memory_plan: MemoryPlan,
-        names: tuple[str, ...],
-        first_digest: bytes,
-        solver: bytes,
+        self, settings: ExtractSettings, block_solver: BlockSolver, memory_plan: MemoryPlan
     ) -> None:
-        self._arguments = (settings, memory_plan, names, first_digest, solver)
         self.settings, self.memory_plan = settings, memory_plan
-        self._names, self._first_digest, self._solver = names, first_digest, solver
-
-    @staticmethod
-    def build(
-        settings: ExtractSettings, block_solver: BlockSolver, memory_plan: MemoryPlan
-    ) -> "ClipContext":
-        """Collect what other workers need to solve blocks of the clip."""
-        solvers = block_solver.solver, block_solver.robust, block_solver.frame_weights
-        solver = pickle_without_weights(block_solver.solver.binding, solvers)
         sequence = block_solver.sequence
-        return ClipContext(
-            settings, memory_plan, sequence.names, sequence.digest_or_zeros(0), solver
-        )
+        self._names, self._first_digest = sequence.names, sequence.digest_or_zeros(0)
+        solvers = block_solver.solver, block_solver.robust, block_solver.frame_weights
+        self._solvers = pickle_without_weights(block_solver.solver.binding, solvers)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return ClipContext, self._arguments
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is sent; each worker opens the clip itself."""
+        return {name: value for name, value in vars(self).items() if name != "sequence"}
 
     @cached_property
     def sequence(self) -> MeshSequence:
@@ -188,7 +149,7 @@ class ClipContext:
 
     def build_block_solver(self, binding: Binding) -> BlockSolver:
         """Make the block solver, of the clip and the weights."""
-        solver, robust, frame_weights = unpickle_with_weights(binding, self._solver)
+        solver, robust, frame_weights = unpickle_with_weights(binding, self._solvers)
         return BlockSolver(
             self.sequence,
             solver,
@@ -205,7 +166,7 @@ def solve_piece(
 ) -> list[SolvedBlock]:
     """Solve the blocks that begin at `starts`, as a task."""
     configure_worker()
-    with ThreadExecutor(1).run_blocks(
+    with run_in_threads(
         context.build_block_solver(stored_binding.binding), starts, context.memory_plan
     ) as blocks:
         return list(blocks)
@@ -235,13 +196,7 @@ def split_into_pieces(starts: range, size: int) -> Iterator[range]:
 
 
 def check_task_wanted(client: Any) -> None:
-    """Raise an error in a task that the cluster no longer assigns to this worker.
-
-    Raises
-    ------
-    InputError
-        When the batch was stopped, or another worker has been given the task.
-    """
+    """Raise an error in a task that the cluster no longer assigns to this worker."""
     from distributed import get_worker
 
     worker = get_worker()

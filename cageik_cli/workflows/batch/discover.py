@@ -1,6 +1,6 @@
 """Find the clips under folders: folders of frames, and files that hold clips."""
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
@@ -32,8 +32,6 @@ class DiscoveredClip:
     ----------
     name : str
         Its path under the searched folder, with forward slashes.
-    folder : Path
-        The folder it is in.
     path : Path
         The folder of its frames, or its file, or the file and the name of the clip in it.
     frames : tuple of str
@@ -47,13 +45,7 @@ class DiscoveredClip:
 
 
 def walk_folders(root: Path, output: Path) -> Iterator[Path]:
-    """Yield a folder and all folders in it, once, in natural order; not hidden ones, nor `output`.
-
-    Raises
-    ------
-    InputError
-        When it is not a folder, or one cannot be read.
-    """
+    """Yield a folder and those in it, once, in natural order; not hidden ones, nor `output`."""
     if root.is_file():
         raise FileAccessError(f"{root}: is a file; give its folder, or use cageik extract")
     if not root.is_dir():
@@ -96,11 +88,6 @@ def discover_clips(
         Cages, rest poses and other files that are not clips; resolved.
     exclude : sequence of str
         Patterns of names of clips that are left out.
-
-    Raises
-    ------
-    InputError
-        When two clips would have the same name, or there is no clip.
     """
     _check_not_nested(roots)
     found: list[DiscoveredClip] = []
@@ -137,11 +124,6 @@ def _check_names_differ(clips: Sequence[DiscoveredClip]) -> None:
                 f"{clip.frames[0]}: its result and that of {other.frames[0]} would have the same "
                 f"name ({clip.name}); rename one of them"
             )
-    _check_folder_conflicts(clips_by_name)
-
-
-def _check_folder_conflicts(clips_by_name: Mapping[str, DiscoveredClip]) -> None:
-    """Refuse clips whose results would have the name of a folder with results of others."""
     folders = {str(above): name for name in clips_by_name for above in PurePosixPath(name).parents}
     for name, clip in clips_by_name.items():
         for suffix in (".h5", ".h5.partial", ".html"):  # of the files that are written

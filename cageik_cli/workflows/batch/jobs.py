@@ -1,6 +1,6 @@
 """The jobs of a batch, one per clip: what each does, in whatever process, and its outcome."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from typing import Any, Protocol
@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from cageik_cli.report.limits import Limits
 from cageik_cli.report.overview import ClipEntry, build_clip_entry
 from cageik_cli.report.record import build_report
-from cageik_cli.solver.executor import BlockExecutor
+from cageik_cli.solver.executor import RunBlocks, run_in_threads
 from cageik_cli.solver.settings import AREA
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
@@ -39,6 +39,9 @@ class ClipJob:
         Whether a page is written beside the result.
     has_player : bool
         Whether the page plays the clip.
+    word : callable
+        Puts notes into the words of who reads the reports, as in `build_report`. It is sent to the
+        process that does the job.
     """
 
     name: str
@@ -46,6 +49,7 @@ class ClipJob:
     limits: Limits = field(default_factory=Limits)
     has_page: bool = True
     has_player: bool = False
+    word: Callable[[str], str] = str
 
 
 class ClipState(Enum):
@@ -82,20 +86,12 @@ class Scheduler(Protocol):
 
 
 def run_clip(
-    job: ClipJob, stored: StoredBinding | None = None, executor: BlockExecutor | None = None
+    job: ClipJob, stored: StoredBinding | None = None, run_blocks: RunBlocks = run_in_threads
 ) -> Outcome:
-    """Do a job; the outcome holds what failed, and this function raises no error.
-
-    Parameters
-    ----------
-    stored : StoredBinding, optional
-        The weights, if they are known.
-    executor : BlockExecutor, optional
-        Solves the frames; threads of this process by default.
-    """
+    """Do a job; the outcome holds what failed, and this function raises no error."""
     try:
         make_folder(job.settings.output.parent)
-        extraction = Extraction(job.settings, stored=stored, executor=executor)
+        extraction = Extraction(job.settings, stored=stored, run_blocks=run_blocks)
         result = extraction.run()
         return _make_outcome(job, result, is_new=extraction.existing is None)
     except Exception as error:
@@ -162,7 +158,8 @@ def make_failed_outcome(job: ClipJob, sentence: str) -> Outcome:
 def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
     """Make the outcome of a job that has a result; write its page unless that is up to date."""
     state = ClipState.DONE if is_new else ClipState.UNCHANGED
-    report, place = build_report(result, job.limits, job.name), f"{CLIPS_FOLDER}/{job.name}"
+    report = build_report(result, job.limits, job.name, job.word)
+    place = f"{CLIPS_FOLDER}/{job.name}"
     if not job.has_page:
         return Outcome(build_clip_entry(report, f"{place}.h5"), state)
     from cageik_cli.report.html.page import is_page_current, render_result_page
@@ -171,5 +168,6 @@ def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
     has_pictures = has_weights(result)
     has_player = job.has_player and has_pictures
     if not is_page_current(page, report, has_pictures, has_player):
-        write_text(page, render_result_page(result, report, has_player), overwrite=True)
+        text = render_result_page(result, report, has_player, job.word)
+        write_text(page, text, overwrite=True)
     return Outcome(build_clip_entry(report, f"{place}.h5", f"{place}.html"), state)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.html.index import render_index
-from cageik_cli.report.overview import ClipEntry, Overview, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.views.data import format_junit, format_overview_csv, format_overview_json
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.store.result import checkpoint_path, is_result
@@ -18,7 +18,6 @@ from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob, ClipState, Outcome, Scheduler
 from cageik_cli.workflows.extract import Extraction
-from cageik_cli.workflows.settings import ExtractSettings
 
 REPORT_FILES = {
     "index.html": render_index,
@@ -70,7 +69,7 @@ def run_batch(
     Parameters
     ----------
     word : callable
-        Puts the message of a failure into the words of who reads the report.
+        Puts messages of failures and notes into the words of who reads the reports.
 
     Raises
     ------
@@ -88,7 +87,9 @@ def run_batch(
         ):
             for entry in batch.rejected:
                 _log_outcome(Outcome(entry, ClipState.FAILED), width, progress)
-            for outcome in active_scheduler.run_jobs(batch.jobs):
+            for outcome in active_scheduler.run_jobs(
+                [replace(job, word=word) for job in batch.jobs]
+            ):
                 entries[outcome.entry.name] = outcome.entry
                 done.append(outcome)
                 _log_outcome(outcome, width, progress)
@@ -99,7 +100,7 @@ def run_batch(
             name: replace(entry, fault=word(entry.fault)) if entry.fault else entry
             for name, entry in entries.items()
         }
-        overview = build_overview([worded[name] for name in batch.order])
+        overview = Overview([worded[name] for name in batch.order])
         with progress.stage("write"):
             for name, view in REPORT_FILES.items():
                 write_text(batch.output / name, view(overview), overwrite=True)
@@ -133,27 +134,18 @@ def _describe_job(job: ClipJob) -> list[tuple[str, str]]:
         state = "would be new"
     sequence = extraction.sequence
     vertices = len(sequence.first.vertices)
+    cage = str(settings.cage or settings.binding)
+    if settings.builds_cage:
+        cage = f"would be built, of {settings.build.vertices} vertices"
     return [
         ("frames", f"{len(sequence)} of {vertices} vertices, from {sequence.names[0]}"),
-        ("cage", _describe_cage(settings)),
+        ("cage", cage),
         ("result", f"{settings.output}, {state}"),
     ]
 
 
-def _describe_cage(settings: ExtractSettings) -> str:
-    if settings.builds_cage:
-        return f"would be built, of {settings.build.vertices} vertices"
-    return str(settings.cage or settings.binding)
-
-
 def check_folder_empty(folder: Path) -> None:
-    """Refuse a folder of results that holds files.
-
-    Raises
-    ------
-    InputError
-        Saying what to do.
-    """
+    """Refuse a folder of results that holds files."""
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is a file; give a folder for the results")
     if any(not path.is_dir() for path in folder.rglob("*")):
@@ -164,13 +156,7 @@ def check_folder_empty(folder: Path) -> None:
 
 
 def check_batch_folder(folder: Path) -> None:
-    """Refuse to resume in a folder with report files that are not of a batch.
-
-    Raises
-    ------
-    InputError
-        Saying what to do.
-    """
+    """Refuse to resume in a folder with report files that are not of a batch."""
     for name in REPORT_FILES:
         if (folder / name).exists() and not (folder / CLIPS_FOLDER).is_dir():
             raise OutputError(
@@ -180,13 +166,7 @@ def check_batch_folder(folder: Path) -> None:
 
 
 def check_is_result(path: Path) -> None:
-    """Refuse to resume over a file that is not a result of cageik.
-
-    Raises
-    ------
-    InputError
-        Saying what to do.
-    """
+    """Refuse to resume over a file that is not a result of cageik."""
     if path.exists() and not is_result(path):
         raise OutputError(
             f"{path}: is not a result of cageik extract; move it away, or replace it with "

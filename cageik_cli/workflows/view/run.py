@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from threading import Condition
 from typing import Protocol
 
-from cageik_cli.posing.snapshot import PoseResult
-from cageik_cli.report.html.player_page import render_view_page
+from cageik_cli.posing.summary import PoseResult
+from cageik_cli.report.player.section import render_view_page
 from cageik_cli.report.views.pose_text import format_pose_rows
 from cageik_cli.util.errors import describe_error
 from cageik_cli.util.progress import ProgressListener
@@ -89,12 +89,7 @@ class JobBoard:
 
 
 class BoardProgress(ProgressListener):
-    """Puts the progress of an edit on the board, and passes it on.
-
-    Attributes
-    ----------
-    notes : list of (topic, text)
-    """
+    """Puts the progress of an edit on the board, and passes it on."""
 
     def __init__(self, board: JobBoard, inner: ProgressListener) -> None:
         self._board, self._inner = board, inner

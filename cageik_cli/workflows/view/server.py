@@ -290,11 +290,6 @@ def serve(site: Site, port: int) -> Iterator[str]:
     ----------
     port : int
         0 for any that is free.
-
-    Raises
-    ------
-    SettingError
-        When the port cannot be used.
     """
     handler = type("SiteHandler", (RequestHandler,), {"site": site})
     try:

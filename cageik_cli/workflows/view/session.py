@@ -13,12 +13,19 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import PosingSettings
-from cageik_cli.posing.handles.model import Handles
-from cageik_cli.posing.handles.reader import parse_handles
-from cageik_cli.posing.snapshot import PoseResult
+from cageik_cli.posing.handles.model import Handle, Handles, PosedSurface
+from cageik_cli.posing.handles.placement import place_handles
+from cageik_cli.posing.handles.reader import parse_handles, read_handles
+from cageik_cli.posing.summary import PoseResult
 from cageik_cli.report.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
 from cageik_cli.store.result import Result
-from cageik_cli.util.errors import OutputError, SettingError
+from cageik_cli.util.errors import (
+    FileAccessError,
+    HandlesError,
+    OutputError,
+    SettingError,
+    error_context,
+)
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings
@@ -27,13 +34,57 @@ from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.model_file import load_surface
 from cageik_cli.workflows.pose import check_target_kind, pose_model
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
-from cageik_cli.workflows.view.files import (
-    OwnOutputs,
-    WatchedInput,
-    check_places,
-    read_first_handles,
-)
 from cageik_cli.workflows.view.show import load_clip
+
+Mark = tuple[int, ...]
+"""What changes when a file is written or replaced."""
+
+
+def mark_file(path: Path) -> Mark | None:
+    """Return the mark of a file; None if there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
+class WatchedInput:
+    """An input that has to stay as it was when it was read."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._mark = path, mark_file(path)
+
+    def check(self) -> None:
+        """Refuse the file if it has changed."""
+        if mark_file(self._path) != self._mark:
+            raise FileAccessError(
+                f"{self._path}: has changed since the page was opened; start cageik view again"
+            )
+
+
+class OwnOutputs:
+    """Outputs that are written again and again: only what this run wrote is replaced.
+
+    Parameters
+    ----------
+    may_replace : bool
+        Whether other files may be replaced, too.
+    """
+
+    def __init__(self, may_replace: bool) -> None:
+        self._may_replace = may_replace
+        self._marks: dict[Path, Mark | None] = {}
+
+    def may_replace(self, path: Path) -> bool:
+        """Whether the file at `path` may be replaced: it is as this run wrote it, or any may."""
+        return self._may_replace or (
+            path in self._marks and mark_file(path) == self._marks[path] is not None
+        )
+
+    def record(self, path: Path) -> None:
+        """Take a file as one that this run has just written."""
+        self._marks[path] = mark_file(path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,24 +158,12 @@ class ViewSession(ABC):
         return self.settings.output is not None
 
     def begin_with(self, handles: Handles) -> None:
-        """Let the page begin with handles.
-
-        Raises
-        ------
-        HandlesError
-            When they do not fit the model or its clip.
-        """
+        """Let the page begin with handles."""
         check_places(handles, self.clip)
         self.first_handles = json.dumps(json.loads(handles.data))
 
     def parse(self, data: bytes, rigidity: int) -> Callable[[ProgressListener], PoseResult]:
-        """Return the edit of a handles file that was sent, with rounds of rigid rotations.
-
-        Raises
-        ------
-        FormatError, HandlesError
-            When it is not a handles file.
-        """
+        """Return the edit of a handles file that was sent, with rounds of rigid rotations."""
         path = self.settings.handles_output or Path("handles of the page")
         handles = parse_handles(path, data)
         return partial(self._apply, handles, PosingSettings(rigidity=rigidity))
@@ -132,15 +171,7 @@ class ViewSession(ABC):
     def _apply(
         self, handles: Handles, posing: PosingSettings, progress: ProgressListener
     ) -> PoseResult:
-        """Apply handles and write the outputs; the handles are written last.
-
-        Raises
-        ------
-        InputError
-            When the handles do not fit, or a file cannot be written or is someone else's.
-        NumericalError
-            When hard handles cannot all be met.
-        """
+        """Apply handles and write the outputs; the handles are written last."""
         if self.settings.output is None:
             raise SettingError("there is no file to write; name one by `output=`")
         for path in self.settings.outputs():
@@ -201,15 +232,7 @@ class _ModelSession(ViewSession):
 
 
 def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
-    """Read what is viewed; the handles and the outputs are checked before any work.
-
-    Raises
-    ------
-    InputError
-        Naming the file at fault and what to do.
-    NumericalError
-        When the weights cannot be trusted, or no cage can be built.
-    """
+    """Read what is viewed; the handles and the outputs are checked before any work."""
     check_no_overlap(settings.outputs(), settings.inputs())
     handles = None if settings.handles is None else read_first_handles(settings.handles)
     session = _open_target(settings, progress)
@@ -261,3 +284,37 @@ def _list_target_words(settings: ViewSettings, target: CagedModel) -> list[str]:
         if (value := getattr(settings.weights.bind, name)) != getattr(usual, name):
             words += [f"--{name}", value]
     return words
+
+
+def read_first_handles(path: Path) -> Handles:
+    """Read handles that a page can show, if they fit its model."""
+    handles = read_handles(path)
+    with error_context(path):
+        for handle_set in handles.sets:
+            for handle in handle_set.handles:
+                _check_shown(handle)
+    return handles
+
+
+def check_places(handles: Handles, clip: PlayerClip) -> None:
+    """Refuse handles that are at no vertex or face of a model, or at no frame of its clip."""
+    rest = clip.binding.rest
+    surface = PosedSurface(rest, lambda _: rest.vertices, len(clip.frames) or None)
+    for handle_set in handles.sets:
+        with error_context(handles.path):
+            place_handles(handle_set, surface, allow_conflicts=True)
+
+
+def _check_shown(handle: Handle) -> None:
+    """Refuse what the page has no means to show."""
+    is_on_screen = handle.motion.camera is not None
+    if is_on_screen or handle.place.kind in ("position", "screen.source"):
+        raise HandlesError(
+            f"handle {handle.name!r}: has a position or a screen, which the page does not show; "
+            "pose it with cageik pose, or give a vertex or a face, and an offset or a target"
+        )
+    if handle.radius is not None:
+        raise HandlesError(
+            f"handle {handle.name!r}: has a radius, which the page does not show; pose it with "
+            "cageik pose, or remove the radius"
+        )

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from html import escape
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.report.html.player_page import render_view_page
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip, make_single_pose
+from cageik_cli.report.player.section import render_view_page
 from cageik_cli.store.result import Result
 from cageik_cli.workflows.caged_model import make_weights_error
 
@@ -78,13 +78,7 @@ def show(shown: Result | Binding, *, height: int = DEFAULT_HEIGHT) -> ShownPage:
 
 
 def load_clip(result: Result) -> PlayerClip:
-    """Load what a page shows of a result.
-
-    Raises
-    ------
-    InputError
-        When it was written without weights, or its file is damaged.
-    """
+    """Load what a page shows of a result."""
     clip = load_player_clip(result)
     if clip is None:
         raise make_weights_error(result.path, "a page")

@@ -9,7 +9,7 @@ from cageik_cli.cages.building.polish import (
     move_vertex,
     settle,
 )
-from cageik_cli.cages.soundness import find_cage_faults
+from cageik_cli.cages.faults import find_cage_faults
 from tests.shapes import ball, box, finer, octahedron
 
 

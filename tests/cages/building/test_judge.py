@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.building.judge import find_near_points, measure_segments
-from tests.cages.torture import moved
-from tests.shapes import ball, box, changed, octahedron, rotation
+from tests.shapes import ball, box, changed, moved, octahedron, rotation
 
 
 def test_the_distance_of_a_corner_from_a_face_is_found_from_either_side():

@@ -8,8 +8,8 @@ from cageik_cli.cages.building.shell import (
     measure_segment_distance,
 )
 from cageik_cli.geometry.surface import closest_points, winding_numbers
-from tests.cages.torture import merged, moved, sheet, torus
-from tests.shapes import ball, changed
+from tests.cages.torture import sheet, torus
+from tests.shapes import ball, changed, merged, moved
 
 
 def shell_of(mesh, offset=0.05, closing=0.05, cell=0.03):
@@ -66,7 +66,7 @@ def test_distances_from_segments_are_exact_as_far_as_they_are_needed():
     segments = np.array([[[0.03, 0.52, 0.5], [0.75, 1.01, 0.2]], [[-3.0, 0, 0], [-1, 0, 0]]])
     found = measure_segment_distance(grid, segments, reach=0.35)
     nodes = grid.positions(np.argwhere(np.isfinite(grid.distance)))
-    share = np.linspace(0, 1, 2001)[:, None]
+    share = np.linspace(0, 1, 401)[:, None]
     sampled = np.min(
         [
             np.linalg.norm(nodes - place, axis=1)

@@ -1,10 +1,18 @@
 """The options of a fit: what contradicts another is wrong usage, whatever command it is."""
 
 import json
+from dataclasses import asdict, dataclass, fields, replace
 
+import click
 import h5py
 import numpy as np
 import pytest
+
+from cageik_cli.cli.options.solve import make_setting_option
+from cageik_cli.report.fit_figures import format_fit_rows
+from cageik_cli.report.vocabulary import SETTING_MEANINGS
+from cageik_cli.solver.fitting.record import FitSettings, declare_setting, find_kind
+from tests.store.bindings import record
 
 
 def refused(run, *words):
@@ -18,17 +26,45 @@ BIND = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj")
 
 
 @pytest.mark.parametrize("command", [EXTRACT, BIND])
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("--fit-regularization", "0.2"),
-        ("--fit-smoothness", "0"),
-        ("--fit-rank", "3"),
-        ("--influences", "4"),
-    ],
-)
-def test_options_of_a_fit_need_one(folder, run, command, option, value):
-    assert f"{option} is for weights that are fitted" in refused(run, *command, option, value)
+@pytest.mark.parametrize("setting", fields(FitSettings), ids=lambda setting: setting.name)
+def test_options_of_a_fit_need_one(folder, run, command, setting):
+    option = f"--{setting.metadata['name'].replace('_', '-')}"
+    value = () if find_kind(setting) is bool else ("3",)
+    assert f"{option} is for weights that are fitted" in refused(run, *command, option, *value)
+
+
+@dataclass(frozen=True, slots=True)
+class ToySettings(FitSettings):
+    """The settings of a fit, and one more of each kind."""
+
+    seed: int = declare_setting(0, "fit_seed", "Draws frames.", meaning="seed of the draw")
+    limit: int | None = declare_setting(None, "fit_limit", "Ends.", meaning="end", unset="never")
+    twice: bool = declare_setting(False, "fit_twice", "Does it again.", meaning="again or not")
+
+
+def test_an_option_of_a_fit_is_one_declaration():
+    """Name, kind and default of the option, and how the value is recorded and printed."""
+    given = {}
+    command = click.Command("fit", callback=lambda **values: given.update(values))
+    for setting in fields(ToySettings):
+        command = make_setting_option(setting)(command)
+    words = ["--fit-seed", "1234567", "--fit-twice", "--fit-regularization", "auto"]
+    command.main(words, standalone_mode=False)
+    settings = ToySettings(**given | {"regularization": None})
+    assert settings == ToySettings(regularization=None, seed=1234567, twice=True)
+    assert {type(settings.seed), type(settings.smoothness)} == {int, float}
+    assert settings.describe() == FitSettings(None).describe() | {
+        "fit_seed": 1234567, "fit_limit": None, "fit_twice": True
+    }  # fmt: skip
+    (_, text), *_ = format_fit_rows(replace(record(), settings=settings))
+    assert text.startswith("regularization 0.1 (auto), smoothness 1, seed 1234567, twice True; ")
+    with pytest.raises(click.BadParameter, match="not a valid integer"):
+        command.main(["--fit-seed", "1.5"], standalone_mode=False)
+
+
+def test_every_setting_of_a_fit_has_a_meaning():
+    for setting in fields(FitSettings):
+        assert SETTING_MEANINGS[setting.metadata["name"]] == setting.metadata["meaning"]
 
 
 @pytest.mark.parametrize("command", [(*EXTRACT, "--fit"), (*BIND, "--fit", "frames")])
@@ -80,12 +116,6 @@ def test_a_binding_is_fitted_with_the_solve_that_is_asked_for(folder, run):
     assert "\n  fit cages      alpha 0.001, beta 1\n" in run("info", "default.h5").out
 
 
-def test_a_missing_clip_is_named(folder, run):
-    outcome = run(*BIND, "--fit", "nowhere")
-    assert outcome.code == 1
-    assert "nowhere" in outcome.err
-
-
 def test_a_fit_is_reported_when_it_is_bound_and_described(folder, run):
     bound = run(*BIND, "--fit", "frames", "--fit-regularization", "auto", "-v")
     assert bound.code == 0, bound.err
@@ -107,7 +137,7 @@ def test_a_file_of_options_may_ask_for_a_fit(folder, run):
     assert outcome.code == 0, outcome.err
     with h5py.File("cages.h5") as file:
         settings = json.loads(file.attrs["fit"])["settings"]
-    assert settings == {"influences": None, "rank": 2, "regularization": None, "smoothness": 1.0}
+    assert settings == asdict(FitSettings(regularization=None, rank=2))
 
 
 def test_a_file_of_options_without_a_fit_is_wrong_usage(folder, run):
@@ -137,6 +167,6 @@ def test_each_clip_of_a_batch_has_its_own_fit(folder, run, write_obj, animation)
 
 
 def test_a_cage_that_is_built_can_be_fitted(folder, run, coarse_grids):
-    outcome = run("extract", "frames", "--fit", "--cage-vertices", "40")
+    outcome = run("extract", "frames", "--fit", "--cage-vertices", "20")
     assert outcome.code == 0, outcome.err
     assert "\n  fit            regularization 0.1" in outcome.err

@@ -2,7 +2,6 @@
 
 import json
 import os
-import sys
 from decimal import Decimal
 from pathlib import Path
 from xml.etree import ElementTree
@@ -204,11 +203,6 @@ def test_limits_come_from_the_file_of_options_too(run, result, table, code):
     assert run(*EXTRACT, "--config", "cageik.toml").code == code
 
 
-def test_the_command_line_wins(run, result):
-    Path("cageik.toml").write_text("[report]\nmax-rms = '0%'\n")
-    assert run("report", "--config", "cageik.toml", "--max-rms", "1000%").code == 0
-
-
 def halved(record: dict, name: str = "cages.h5") -> str:
     """A report whose figures are half of another's."""
     summary = {
@@ -316,25 +310,6 @@ def test_reports_are_written_although_a_limit_is_passed(run, result):
     assert json.loads(Path("r.json").read_text())["gates"][0]["passed"] is False
     for name, option in (("f.csv", "--csv"), ("j.xml", "--junit"), ("m.md", "--markdown")):
         assert Path(name).read_text() == run("report", "--max-rms", "0%", option, "-").out
-
-
-@pytest.mark.slow
-def test_every_exit_code_of_the_installed_command(run_process, result):
-    """0 done, 1 failed, 2 wrong usage, 3 a limit was passed."""
-    here = {"cwd": Path.cwd()}
-    for words, code in (
-        (["report"], 0),
-        (["report", "--max-rms", "1000%"], 0),
-        (["report", "nowhere.h5", "--max-rms", "0%"], 1),
-        (["report", "--max-rms", "low"], 2),
-        (["report", "--max-rms", "0%"], 3),
-        ([*EXTRACT, "-q", "--max-rms", "0%"], 3),
-        ([*TYPED, "--max-rms", "0%"], 1),
-    ):
-        assert run_process("-m", "cageik_cli", *words, **here).code == code
-        if code == 3:
-            command = Path(sys.executable).with_name("cageik")
-            assert run_process(command, *words, **here).code == code
 
 
 class TestStepSummary:

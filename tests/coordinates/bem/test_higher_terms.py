@@ -3,7 +3,7 @@ import pytest
 
 from cageik_cli.coordinates.bem.higher_terms import HigherTerms, higher_moments
 from cageik_cli.coordinates.bem.panel_geometry import LINEAR_TERMS, monomials, orthogonal_basis
-from cageik_cli.coordinates.bem.panels import linear_moments, panel_view
+from cageik_cli.coordinates.bem.panels import PanelView
 from cageik_cli.util.arrays import Workspace
 
 
@@ -13,9 +13,7 @@ def test_higher_moments_equal_quadrature(seen, order, digits):
     panels, points, _, barycentric, single, _ = seen
     polynomials = orthogonal_basis(order)[LINEAR_TERMS:] @ monomials(order, barycentric)
     terms = HigherTerms(panels, np.array([0, 3, 5, 11, len(panels.corners) - 1]), order)
-    near, scratch = np.array([0, 2, 4]), Workspace()
-    looked = panel_view(panels, points[:7], scratch)
-    linear = linear_moments(panels, looked, scratch)
+    near, looked = np.array([0, 2, 4]), PanelView(panels, points[:7], Workspace())
     expected = np.einsum("pqg,dg->dpq", single[terms.high_panels[near], :7], polynomials)
-    found = higher_moments(terms, near, looked, linear, scratch)
+    found = higher_moments(terms, near, looked, looked.linear_moments())
     np.testing.assert_allclose(found, expected, rtol=0, atol=digits)

@@ -9,8 +9,9 @@ import pytest
 from cageik_cli.formats.base import files as file_data
 from cageik_cli.formats.base.files import decompress
 from cageik_cli.formats.open import load_mesh, open_sequence
-from cageik_cli.util.errors import FileAccessError, FormatError, SettingError
+from cageik_cli.util.errors import FileAccessError, FormatError
 from tests.clips import frames_of
+from tests.formats.polygons import MESH_KINDS, encode_polygons
 
 
 @pytest.fixture
@@ -36,21 +37,9 @@ def test_a_missing_packed_frame_is_named(packed):
         open_sequence(["frames"])
 
 
-def test_packed_and_plain_frames_are_not_mixed(packed):
-    (packed / "frame_6.obj").write_bytes(b"v 0 0 0\n")
-    with pytest.raises(SettingError, match=r"\.obj, \.obj\.gz are mixed"):
-        open_sequence(["frames"])
-
-
-@pytest.mark.parametrize("kind", ["obj", "ply", "off"])
+@pytest.mark.parametrize("kind", MESH_KINDS)
 def test_a_packed_mesh_is_the_mesh(tmp_path, kind):
-    text = {
-        "obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
-        "off": b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
-        "ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
-        b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
-        b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
-    }[kind]
+    text = encode_polygons(kind, [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     path = tmp_path / f"mesh.{kind}.gz"
     path.write_bytes(gzip.compress(text[:40]) + gzip.compress(text[40:]))
     loaded = load_mesh(path)

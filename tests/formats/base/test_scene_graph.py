@@ -3,26 +3,16 @@
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.base.scene_graph import (
     EVEN_STEP_TOL,
     check_corner_counts,
     find_step,
-    is_mirroring,
     read_constant_polygons,
     transform_points,
 )
 from cageik_cli.util.errors import ConnectivityError, FormatError
 
-POINTS = np.arange(15.0).reshape(5, 3)
 COUNTS, CORNERS = np.array([3, 4]), np.array([0, 1, 2, 1, 2, 3, 4])
-
-
-def test_polygons_become_fans_of_either_winding():
-    mesh = FileMesh(POINTS, CORNERS, COUNTS)
-    assert mesh.fans.tolist() == [[0, 1, 2], [1, 2, 3], [1, 3, 4]]
-    turned = mesh.read_layers({}).turn_faces()
-    assert turned.fans.tolist() == [[2, 1, 0], [4, 3, 2], [4, 2, 1]]
 
 
 @pytest.mark.parametrize("counts", [[], [3], [3, 5], [-3, 10], [2**62, 2**62]])
@@ -61,17 +51,6 @@ def test_the_step_of_times_counted_up_from_far(fps):
     assert 1 / find_step(86400 + np.arange(2000) / fps) == pytest.approx(fps, rel=1e-8)
 
 
-def test_rows_are_multiplied_with_the_matrix():
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[3, :3] = np.diag([2, 3, 4]), [1, 1, 1]
-    np.testing.assert_array_equal(transform_points(POINTS, matrix), POINTS * [2, 3, 4] + 1)
-
-
 def test_what_is_not_moved_keeps_every_bit():
     tiny = np.array([[1e-300, -0.0, 1e300]])
     np.testing.assert_array_equal(transform_points(tiny, np.eye(4)), tiny)
-
-
-@pytest.mark.parametrize(("scales", "mirror"), [([1, 1, -1], True), ([-1, -1, 1], False)])
-def test_mirrors(scales, mirror):
-    assert is_mirroring(np.diag([*scales, 1.0])) == mirror

@@ -14,6 +14,7 @@ from cageik_cli.formats.write import Output
 from tests.assets import SIDES, asset_text, parse_asset
 from tests.formats.gltf.decoded import Glb
 from tests.formats.gltf.painted import paint
+from tests.surfaces import ASSET
 
 NAMES = ("red", "glass")
 RANDOM = np.random.default_rng(2)
@@ -64,6 +65,37 @@ def test_seams_do_not_break_the_shading(tmp_path, animation):
         cut.morph("NORMAL")[:, cut.faces()], whole.morph("NORMAL")[:, whole.faces()],
         rtol=0, atol=1e-4,
     )  # fmt: skip
+
+
+def test_triangles_have_what_the_text_says_of_their_polygons():
+    surface, text = cut_surface(ASSET, has_normals=False), parse_asset(asset_text())
+    found, expected = [], []
+    for part in surface.primitives:
+        for triangle in part.faces + part.start:
+            uvs = (surface.uv[triangle] * [1, -1] + [0, 1]).round(5).tolist()
+            found.append(
+                (surface.materials[part.material], surface.origins[triangle].tolist(), uvs)
+            )
+    polygons = np.repeat(np.arange(len(text.polygons)), [len(p) - 2 for p in text.polygons])
+    for triangle, number in zip(ASSET.faces.tolist(), polygons, strict=True):
+        places = [text.polygons[number].index(vertex) for vertex in triangle]
+        uvs = np.round([text.corner_uvs[number][place] for place in places], 5).tolist()
+        expected.append((text.names[number][2], triangle, uvs))
+    assert sorted(found) == sorted(expected)
+
+
+def test_corners_without_uvs_are_at_zero(animation):
+    mesh = paint(animation.rest, np.full((len(animation.rest.faces), 3, 2), 0.25))
+    indices = mesh.attributes.uvs.indices.copy()
+    indices[0] = -1
+    uvs = replace(mesh.attributes.uvs, indices=indices)
+    surface = cut_surface(replace(mesh, attributes=replace(mesh.attributes, uvs=uvs)), True)
+    (primitive,) = surface.primitives
+    assert surface.uv[primitive.faces[0]].tolist() == [
+        [0, 1],
+        [0.25, 0.75],
+        [0.25, 0.75],
+    ]
 
 
 def test_uv_of_vertices_cut_nothing(animation):

@@ -180,14 +180,6 @@ def test_a_clip_that_stands_still(tmp_path, animation):
     assert note == "1 morph target; exact to single precision"
 
 
-def test_the_bytes_do_not_depend_on_blocks_of_frames(tmp_path, animation, restless):
-    found = set()
-    for size in (1, 7, 40):
-        save(tmp_path / "a.glb", animation.rest, restless, size, count=9, has_normals=True)
-        found.add((tmp_path / "a.glb").read_bytes())
-    assert len(found) == 1
-
-
 def test_blocks_of_vertices_change_rounding_only(tmp_path, monkeypatch, animation, restless):
     before, _ = save(tmp_path / "a.glb", animation.rest, restless, count=9, has_normals=True)
     monkeypatch.setattr("cageik_cli.formats.gltf_file.MAX_SPOOL_BYTES", 24 * 40 * 5)
@@ -280,14 +272,14 @@ def test_there_is_no_time_before_zero(tmp_path, animation):
 
 @pytest.mark.parametrize(
     ("morphs", "says"),
-    [({}, "1.6 GiB"), ({"count": 256}, "6.9 GiB"), ({"has_normals": True}, "3.3 GiB"),
+    [({}, "0.2 GiB"), ({"count": 256}, "0.7 GiB"), ({"has_normals": True}, "0.3 GiB"),
      ({"tolerance": 1.0}, None)],
 )  # fmt: skip
 def test_what_there_is_no_room_for_is_refused_at_once(
     tmp_path, monkeypatch, animation, morphs, says
 ):
-    monkeypatch.setattr("cageik_cli.formats.gltf.MAX_GLB_BYTES", 1 << 30)
-    rest = TriMesh(np.tile(animation.rest.vertices, (2_400_000 // 18, 1)), animation.rest.faces)
+    monkeypatch.setattr("cageik_cli.formats.gltf.MAX_GLB_BYTES", 1 << 27)
+    rest = TriMesh(np.tile(animation.rest.vertices, (240_000 // 18, 1)), animation.rest.faces)
     described = Animation(rest, 1000, Scene(), "a", morphs=MorphSettings(**morphs))
     if says is None:
         Writer(tmp_path / "a.glb", described).abandon()

@@ -111,8 +111,8 @@ def test_a_comment_that_ends_in_a_backslash_swallows_no_line():
 
 
 def test_lines_that_end_in_bare_returns_are_read_in_linear_time():
-    """Each of a million comments was searched for the end of the text: hours."""
-    data = PLAIN.replace(b"\r\n", b"\n").replace(b"\n", b"\r") + b"# x\r" * 1_000_000
+    """Each of many comments was searched for the end of the text: minutes, or hours."""
+    data = PLAIN.replace(b"\r\n", b"\n").replace(b"\n", b"\r") + b"# x\r" * 300_000
     np.testing.assert_array_equal(parse_obj(data).vertices, VERTICES)
 
 

@@ -7,36 +7,17 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.settings import ClipSettings, SceneHints
+from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.usd import library as layers
 from cageik_cli.formats.usd import reader as usd
-from cageik_cli.util.errors import FormatError, InputError
+from cageik_cli.util.errors import FormatError
 from tests.clips import frames_of
-from tests.formats.kinds import add_usd_mesh
-from tests.formats.scenes import FRAMES, MESH
-
-
-def add_mesh(stage, path="/hero/mesh", frames=FRAMES, times=(1, 2, 3, 4), faces=MESH.faces):
-    return add_usd_mesh(stage, path, frames, times, faces)
+from tests.formats.scenes import FRAMES, MESH, UsdScene
 
 
 @pytest.fixture
-def stage(tmp_path):
-    """A stage to be saved by `opened`."""
-    return Usd.Stage.CreateNew(str(tmp_path / "clip.usda"))
-
-
-def opened(stage, member="", **how):
-    stage.GetRootLayer().Save()
-    return open_sequence([stage.GetRootLayer().realPath + member], ClipSettings(**how))
-
-
-def refused(stage, member=""):
-    with pytest.raises(InputError) as caught:
-        frames_of(opened(stage, member))
-    place, _, sentence = str(caught.value).partition(": ")
-    assert "clip.usda" in place
-    return sentence
+def scene(tmp_path):
+    return UsdScene(tmp_path)
 
 
 NESTED = {
@@ -61,51 +42,64 @@ def test_what_is_nested_too_deeply_is_refused_before_usd_crashes(tmp_path, kind)
         open_sequence([str(above)])
 
 
-def test_brackets_in_texts_and_comments_are_no_nesting(stage):
-    add_mesh(stage)
-    stage.GetRootLayer().comment = "{" * 600
-    stage.GetRootLayer().documentation = "\n'{\"" * 600
-    assert len(opened(stage)) == len(FRAMES)
+def test_brackets_in_texts_and_comments_are_no_nesting(scene):
+    scene.mesh()
+    scene.stage.GetRootLayer().comment = "{" * 600
+    scene.stage.GetRootLayer().documentation = "\n'{\"" * 600
+    assert len(scene.opened()) == len(FRAMES)
+
+
+def test_references_that_multiply_prims_are_refused(scene, monkeypatch):
+    """One root, two prims of a class, and three of each of its four copies."""
+    scene.places["proto"] = str(scene.stage.CreateClassPrim("/proto").GetPath())
+    scene.mesh(parent="proto")
+    for k in range(4):
+        copy = scene.stage.DefinePrim(f"/copy_{k}", "Xform")
+        copy.GetReferences().AddInternalReference("/proto")
+    monkeypatch.setattr(layers, "MAX_PRIMS", 15)
+    assert len(scene.opened().first.attributes.parts.names) == 4
+    monkeypatch.setattr(layers, "MAX_PRIMS", 14)
+    assert scene.refused().startswith("its references make more than 14 prims")
 
 
 def test_faces_that_unpack_to_far_more_than_the_file_are_refused(tmp_path):
-    stage = Usd.Stage.CreateNew(str(tmp_path / "clip.usdc"))
-    mesh = add_mesh(stage)
+    scene = UsdScene(tmp_path, "clip.usdc")
+    mesh = scene.mesh()
     mesh.GetFaceVertexCountsAttr().Set(Vt.IntArray.FromNumpy(np.full(10**6, 3, np.int32)))
     mesh.GetFaceVertexIndicesAttr().Set(Vt.IntArray.FromNumpy(np.zeros(3 * 10**6, np.int32)))
     with pytest.raises(FormatError, match=r"`faceVertexCounts`: takes at least 4000000 bytes"):
-        opened(stage)
+        scene.opened()
 
 
-def test_the_scene_is_what_the_stage_says(stage):
-    add_mesh(stage, times=(5, 6, 7, 8))
-    assert opened(stage).scene == SceneHints(start=5.0)
-    stage.SetTimeCodesPerSecond(30)
-    UsdGeom.SetStageUpAxis(stage, "Z")
-    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
-    assert opened(stage).scene == SceneHints(30.0, 5.0, "Z", 0.01)
-    assert opened(stage, selection=slice(1, None, 2)).scene == SceneHints(
+def test_the_scene_is_what_the_stage_says(scene):
+    scene.mesh(times=(5, 6, 7, 8))
+    assert scene.opened().scene == SceneHints(start=5.0)
+    scene.stage.SetTimeCodesPerSecond(30)
+    UsdGeom.SetStageUpAxis(scene.stage, "Z")
+    UsdGeom.SetStageMetersPerUnit(scene.stage, 0.01)
+    assert scene.opened().scene == SceneHints(30.0, 5.0, "Z", 0.01)
+    assert scene.opened(selection=slice(1, None, 2)).scene == SceneHints(
         30.0, 6.0, "Z", 0.01, frame_step=2.0
     )
 
 
-def test_frames_a_second_alone_are_time_codes_a_second_too(stage):
-    add_mesh(stage)
-    stage.SetFramesPerSecond(12)
-    assert opened(stage).scene.fps == 12
+def test_frames_a_second_alone_are_time_codes_a_second_too(scene):
+    scene.mesh()
+    scene.stage.SetFramesPerSecond(12)
+    assert scene.opened().scene.fps == 12
 
 
-def test_time_codes_between_samples_are_the_step_of_frame_numbers(stage):
-    add_mesh(stage, times=(1, 6, 11, 16))
-    stage.SetTimeCodesPerSecond(30)
-    sequence = opened(stage)
+def test_time_codes_between_samples_are_the_step_of_frame_numbers(scene):
+    scene.mesh(times=(1, 6, 11, 16))
+    scene.stage.SetTimeCodesPerSecond(30)
+    sequence = scene.opened()
     assert (len(sequence), sequence.scene) == (4, SceneHints(30.0, 1.0, frame_step=5.0))
 
 
-def test_uneven_samples_are_taken_at_whole_time_codes(stage):
-    add_mesh(stage, times=(0.5, 1, 4, 5.5))
-    stage.SetTimeCodesPerSecond(30)
-    sequence = opened(stage)
+def test_uneven_samples_are_taken_at_whole_time_codes(scene):
+    scene.mesh(times=(0.5, 1, 4, 5.5))
+    scene.stage.SetTimeCodesPerSecond(30)
+    sequence = scene.opened()
     (note,) = sequence.notes
     assert note.startswith(
         "clip.usda: its 4 time samples are not evenly spaced; frames are at the whole"
@@ -117,88 +111,82 @@ def test_uneven_samples_are_taken_at_whole_time_codes(stage):
 
 
 @pytest.mark.parametrize("times", [(0, 1, 1e9), (0.1, 0.2, 0.7)])
-def test_a_span_of_uneven_samples_is_bounded(stage, times):
-    add_mesh(stage, times=times)
-    assert refused(stage).endswith("expected 1 to 100000; bake it to one sample per frame")
+def test_a_span_of_uneven_samples_is_bounded(scene, times):
+    scene.mesh(times=times)
+    assert scene.refused().endswith("expected 1 to 100000; bake it to one sample per frame")
 
 
-def test_as_many_whole_codes_as_the_bound_are_taken(stage, monkeypatch):
+def test_as_many_whole_codes_as_the_bound_are_taken(scene, monkeypatch):
     monkeypatch.setattr(usd, "MAX_TIME_CODES", 5)
-    add_mesh(stage, times=(1, 2, 5))
-    assert len(opened(stage)) == 5
-
-
-def test_points_that_never_move_are_one_frame(stage):
-    add_mesh(stage, times=())
-    np.testing.assert_array_equal(frames_of(opened(stage)), FRAMES[:1])
+    scene.mesh(times=(1, 2, 5))
+    assert len(scene.opened()) == 5
 
 
 @pytest.mark.parametrize("is_left", [False, True])
 @pytest.mark.parametrize("is_mirrored", [False, True])
-def test_faces_turn_outward_whatever_turns_them(stage, is_left, is_mirrored):
+def test_faces_turn_outward_whatever_turns_them(scene, is_left, is_mirrored):
     """What faces outward in its own space does so in a mirror, whose faces then turn."""
     faces = MESH.faces[:, ::-1] if is_left else MESH.faces
-    mesh = add_mesh(stage, frames=[MESH.vertices], times=(1,), faces=faces)
+    mesh = scene.mesh(frames=[MESH.vertices], times=(1,), faces=faces)
     if is_left:
         mesh.CreateOrientationAttr("leftHanded")
     if is_mirrored:
         mesh.AddScaleOp().Set((-1, 1, 1))
-    sequence = opened(stage)
+    sequence = scene.opened()
     np.testing.assert_allclose(sequence.first.volume, MESH.volume, rtol=1e-6)
     assert ("clip.usda: left-handed faces turned" in sequence.notes) == is_left
 
 
-def test_a_mesh_in_an_instance_is_found(stage):
-    stage.CreateClassPrim("/proto")
-    add_mesh(stage, "/proto/mesh")
-    one = stage.DefinePrim("/one", "Xform")
+def test_a_mesh_in_an_instance_is_found(scene):
+    scene.places["proto"] = str(scene.stage.CreateClassPrim("/proto").GetPath())
+    scene.mesh(parent="proto")
+    one = scene.stage.DefinePrim("/one", "Xform")
     one.GetReferences().AddInternalReference("/proto")
     one.SetInstanceable(True)
-    sequence = opened(stage)
+    sequence = scene.opened()
     np.testing.assert_array_equal(frames_of(sequence), FRAMES)
 
 
-def test_faces_that_change_are_refused(stage):
-    mesh = add_mesh(stage)
+def test_faces_that_change_are_refused(scene):
+    mesh = scene.mesh()
     corners = MESH.faces.ravel().tolist()
     mesh.GetFaceVertexIndicesAttr().Set(corners, 1)
     mesh.GetFaceVertexIndicesAttr().Set(corners, 2)
-    assert len(opened(stage)) == 4
+    assert len(scene.opened()) == 4
     mesh.GetFaceVertexIndicesAttr().Set(corners[::-1], 3)
-    assert "/hero/mesh: the faces change at time 3; all frames must share" in refused(stage)
+    assert scene.refused().startswith("/mesh: the faces change at time 3; all frames must")
 
 
-def test_a_skinned_mesh_is_refused_and_a_rig_without_root_is_none(stage):
-    UsdSkel.Skeleton.Define(stage, "/hero/rig")
-    mesh = add_mesh(stage)
-    UsdSkel.BindingAPI.Apply(mesh.GetPrim()).CreateSkeletonRel().SetTargets(["/hero/rig"])
-    assert len(opened(stage)) == 4
-    UsdSkel.Root.Define(stage, "/hero")
+def test_a_skinned_mesh_is_refused_and_a_rig_without_root_is_none(scene):
+    UsdSkel.Skeleton.Define(scene.stage, "/hero/rig")
+    scene.places["hero"] = "/hero"
+    mesh = scene.mesh(parent="hero")
+    binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+    binding.CreateSkeletonRel().SetTargets(["/hero/rig"])
+    assert len(scene.opened()) == 4
+    UsdSkel.Root.Define(scene.stage, "/hero")
     sentence = "the mesh /hero/mesh is moved by a skeleton or blend shapes"
-    assert sentence in refused(stage)
+    assert sentence in scene.refused()
+    binding.CreateSkeletonRel().ClearTargets(True)
+    assert len(scene.opened()) == 4
+    binding.CreateBlendShapesAttr(["smile"])
+    assert sentence in scene.refused()
 
 
-def test_blend_shapes_are_refused(stage):
-    UsdSkel.Root.Define(stage, "/hero")
-    mesh = add_mesh(stage)
-    UsdSkel.BindingAPI.Apply(mesh.GetPrim()).CreateBlendShapesAttr(["smile"])
-    assert "skeleton or blend shapes" in refused(stage)
+def no_points(scene):
+    scene.mesh(frames=[], times=(1,))
 
 
-def no_points(stage):
-    add_mesh(stage, frames=[])
+def blocked_points(scene):
+    scene.mesh().GetPointsAttr().Set(Sdf.ValueBlock(), 2)
 
 
-def blocked_points(stage):
-    add_mesh(stage).GetPointsAttr().Set(Sdf.ValueBlock(), 2)
-
-
-def points_of_text(stage):
-    add_mesh(stage)
-    points = stage.GetRootLayer().GetPrimAtPath("/hero/mesh").properties["points"]
-    stage.GetRootLayer().GetPrimAtPath("/hero/mesh").RemoveProperty(points)
+def points_of_text(scene):
+    scene.mesh()
+    points = scene.stage.GetRootLayer().GetPrimAtPath("/mesh").properties["points"]
+    scene.stage.GetRootLayer().GetPrimAtPath("/mesh").RemoveProperty(points)
     Sdf.AttributeSpec(
-        stage.GetRootLayer().GetPrimAtPath("/hero/mesh"), "points", Sdf.ValueTypeNames.String
+        scene.stage.GetRootLayer().GetPrimAtPath("/mesh"), "points", Sdf.ValueTypeNames.String
     ).default = "none"
 
 
@@ -210,19 +198,19 @@ def points_of_text(stage):
         (points_of_text, "`points` is not of type point3f[] at time 0; export it again"),
     ],
 )
-def test_what_makes_no_clip_is_a_sentence(stage, spoil, sentence):
-    spoil(stage)
-    assert sentence in refused(stage)
+def test_what_makes_no_clip_is_a_sentence(scene, spoil, sentence):
+    spoil(scene)
+    assert sentence in scene.refused()
 
 
-def test_a_mirror_as_thin_as_a_plane_is_no_error(stage):
-    add_mesh(stage).AddScaleOp().Set(Gf.Vec3f(1, 1, 0))
-    assert (frames_of(opened(stage))[..., 2] == 0).all()
+def test_a_mirror_as_thin_as_a_plane_is_no_error(scene):
+    scene.mesh().AddScaleOp().Set(Gf.Vec3f(1, 1, 0))
+    assert (frames_of(scene.opened())[..., 2] == 0).all()
 
 
-def test_what_usd_warns_of_is_noted_and_not_printed(stage, tmp_path, capfd):
-    add_mesh(stage)
-    stage.GetRootLayer().Save()
+def test_what_usd_warns_of_is_noted_and_not_printed(scene, tmp_path, capfd):
+    scene.mesh()
+    scene.close()
     path = tmp_path / "shot.usda"
     path.write_text("#usda 1.0\n(\n    subLayers = [@clip.usda@, @gone.usda@]\n)\n")
     assert open_sequence([str(path)]).notes == (
@@ -231,9 +219,9 @@ def test_what_usd_warns_of_is_noted_and_not_printed(stage, tmp_path, capfd):
     assert capfd.readouterr().err == ""
 
 
-def test_the_digest_is_over_all_files_that_a_stage_is_made_of(tmp_path, stage):
-    add_mesh(stage)
-    stage.GetRootLayer().Save()
+def test_the_digest_is_over_all_files_that_a_stage_is_made_of(tmp_path, scene):
+    scene.mesh()
+    scene.close()
     shot = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
     shot.GetRootLayer().subLayerPaths.append("clip.usda")
     shot.GetRootLayer().Save()

@@ -9,12 +9,10 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface_attributes import number_normal_fans
-from cageik_cli.geometry.surface_parts import FaceLabels, Subdivision, UvMap
 from tests.assets import asset_text, parse_asset
 from tests.formats.clips import faults_of, written
 from tests.shapes import box
-from tests.surfaces import ASSET, CREASES, assert_same, change
+from tests.surfaces import ASSET, CREASES, change
 
 TEXT = parse_asset(asset_text())
 
@@ -75,47 +73,6 @@ def test_normals_are_those_of_each_frame(path):
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, rtol=1e-6)
         np.testing.assert_allclose(normals[-10:, 2], [-1] * 5 + [1] * 5, atol=1e-6)
         np.testing.assert_allclose(normals[:-10, 2], 0, atol=1e-6)
-
-
-@pytest.mark.parametrize("suffix", ["usda", "usdc", "usdz"])
-def test_what_is_written_is_read(tmp_path, suffix):
-    mesh = change(ASSET, objects=None, smoothing=None)
-    read = read_back(written(tmp_path / f"a.{suffix}", FRAMES, mesh))
-    found, expected = read.attributes, mesh.attributes
-    np.testing.assert_allclose(found.uvs.values, expected.uvs.values, atol=1e-7)
-    found = replace(found, uvs=replace(found.uvs, values=expected.uvs.values))
-    names = {"materials": found.materials, "groups": found.groups}
-    for name, labels in names.items():  # in the order of their first faces there
-        wanted = getattr(expected, name)
-        given = [labels.names[k] for k in labels.indices]
-        assert given == [wanted.names[k] for k in wanted.indices]
-    assert found.parts.names == ("/hero/tube",)
-    unnamed = {"materials": None, "groups": None, "parts": None}
-    assert_same(replace(found, **unnamed), replace(expected, **unnamed))
-    np.testing.assert_array_equal(read.faces, ASSET.faces)
-
-
-PARTS = {
-    "creases": {"subdivision": CREASES, "normal_fans": None},
-    "bilinear": {"subdivision": Subdivision("bilinear"), "normal_fans": None},
-    "colours": {"colours": np.linspace(0, 1, 90).reshape(30, 3).astype("f4")},
-    "opacity": {"colours": np.linspace(0, 1, 120).reshape(30, 4).astype("f4")},
-    "smooth": {"normal_fans": number_normal_fans(*[ASSET.attributes.corners] * 2)},
-    "some UVs": {"uvs": UvMap(np.eye(2), np.arange(110) % 3 - 1)},
-    "one material": {"materials": FaceLabels(("a b",), np.zeros(27, int))},
-    "names alike": {"materials": FaceLabels(("a b", "a_b", "a-b"), np.arange(27) % 4 - 1)},
-    "names of the mesh": {"groups": FaceLabels(("hero", "cloth"), np.arange(27) % 2)},
-}
-
-
-@pytest.mark.parametrize("parts", PARTS.values(), ids=PARTS)
-def test_each_part_is_read_as_it_is_written_and_valid(tmp_path, parts):
-    mesh = change(ASSET, **{"objects": None, "smoothing": None, **parts})
-    path = written(tmp_path / "a.usdc", FRAMES, mesh)
-    assert faults_of(path) == []
-    read = read_back(path).attributes
-    for name in parts:
-        assert_same(getattr(read, name), getattr(mesh.attributes, name))
 
 
 def test_a_subdivided_surface_has_no_normals(tmp_path):

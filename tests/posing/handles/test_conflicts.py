@@ -34,15 +34,6 @@ def targets(found, surface=CLIP):
     return found.targets(frames, positions), positions
 
 
-def test_handles_on_different_points_are_not_merged(tmp_path):
-    other = (VERTEX + 1) % 8
-    found = drag(
-        read_set(tmp_path, HAND | {"vertex": VERTEX}, HAND | {"name": "b", "vertex": other})
-    )
-    assert [anchor.name for anchor in found.anchors] == ["hand", "b"]
-    assert found.notes == ()
-
-
 SAME = {
     "targets": (handle("a", target=[1, 2, 3]), on_face("b", target=[1, 2, 3])),
     "pins": (handle("a", pin=True), handle("b", pin=True)),
@@ -123,15 +114,6 @@ def test_allowed_conflicts_give_the_weighted_mean(tmp_path):
     (note,) = found.notes
     assert note.startswith("handles 'a' and 'b' conflict")
     assert note.endswith("weighted mean of 'a + b'")
-
-
-def test_the_weighted_mean_is_the_minimum_of_both(tmp_path):
-    """Σ w |q − x|² of two is Σ w |q̄ − x|² and a constant: its slope vanishes at the same x."""
-    handles = handle("a", target=[1, 0, 0], weight=2), handle("b", target=[0, 5, 4], weight=0.5)
-    found = drag(read_set(tmp_path, *handles), allow_conflicts=True)
-    q, x, w = targets(found)[0][0, 0], np.array([0.3, -1, 2]), found.anchors[0].weight
-    apart = 2 * (x - [1, 0, 0]) + 0.5 * (x - [0, 5, 4])
-    np.testing.assert_allclose(w * (x - q), apart, rtol=1e-14)
 
 
 def test_hard_handles_win(tmp_path):

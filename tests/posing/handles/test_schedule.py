@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
-from cageik_cli.posing.handles.model import Motion, Track
+from cageik_cli.posing.handles.model import Motion
 from cageik_cli.posing.handles.schedule import HandleSchedule, ScheduledAnchor
 from cageik_cli.util.errors import HandlesError
-from tests.posing.handles.test_model import FRAMES, POSITIONS, STANDING
+from tests.posing.handles.test_model import FRAMES, KEYS, POSITIONS, STANDING, VALUES
 from tests.shapes import box
 
 OFFSET = np.array([[1.0, -2.0, 0.5]])
@@ -66,14 +66,10 @@ def test_without_a_falloff_it_is_a_step(falloff):
     )
 
 
-def test_the_blend_is_half_in_the_middle():
-    assert drag_of().blend(np.array([15])) == pytest.approx(0.5, rel=1e-15)
-
-
 def test_targets_and_displacements_of_several():
     drag = drag_of(
-        Motion("target", Track(OFFSET)),
-        Motion("offset", Track(OFFSET)),
+        Motion("target", OFFSET),
+        Motion("offset", OFFSET),
         Motion("pin"),
         hold=range(4, 8),
         falloff=3,
@@ -92,7 +88,8 @@ def test_targets_and_displacements_of_several():
 
 
 def test_blocks_of_frames_are_parts_of_all():
-    drag = drag_of(Motion("target", Track(OFFSET)), Motion("pin"), hold=range(4, 8), falloff=3)
+    moving = Motion("target", VALUES, KEYS)
+    drag = drag_of(moving, Motion("pin"), hold=range(4, 8), falloff=3)
     positions = np.stack([POSITIONS, POSITIONS + 1], axis=1)
     blocks = [drag.displacements(FRAMES[k : k + 5], positions[k : k + 5]) for k in (0, 5, 10)]
     np.testing.assert_array_equal(np.concatenate(blocks), drag.displacements(FRAMES, positions))
@@ -104,7 +101,7 @@ def test_motions_are_averaged_by_shares():
     mover = ScheduledAnchor(
         anchor,
         ("a", "b"),
-        (Motion("target", Track(OFFSET)), Motion("target", Track(other))),
+        (Motion("target", OFFSET), Motion("target", other)),
         np.array([0.25, 0.75]),
     )
     np.testing.assert_allclose(
@@ -112,18 +109,17 @@ def test_motions_are_averaged_by_shares():
     )
 
 
-def test_a_point_behind_the_camera_is_named():
-    drag = drag_of(Motion("pin"), Motion("screen.target", Track(np.array([[1.0, 2.0]])), STANDING))
+@pytest.mark.parametrize("kind", ["screen.target", "screen.offset"])
+def test_a_point_behind_the_camera_is_named(kind):
+    drag = drag_of(Motion("pin"), Motion(kind, np.array([[1.0, 2.0]]), camera=STANDING))
     positions = np.stack([POSITIONS, POSITIONS], axis=1)
     positions[6, 1] += [2, 4, 18]
-    with pytest.raises(
-        HandlesError, match=r"^handle 'h1': screen.target: frame 6: the point is behind the camera"
-    ):
-        drag.targets(FRAMES, positions)
+    with pytest.raises(HandlesError, match=f"^handle 'h1': {kind}: frame 106: .* behind"):
+        drag.targets(FRAMES + 100, positions)
 
 
 def test_a_target_too_far_away_is_named():
-    motions = (Motion("pin"), Motion("offset", Track(np.array([[1e50, 0.0, 0.0]]))))
+    motions = (Motion("pin"), Motion("offset", np.array([[1e50, 0.0, 0.0]])))
     positions = np.zeros((12, 2, 3))
     assert np.isfinite(drag_of(*motions).targets(FRAMES, positions)).all()
     positions[9, 1] = 1e49

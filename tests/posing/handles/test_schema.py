@@ -9,6 +9,7 @@ from jsonschema import Draft202012Validator
 from cageik_cli.posing.handles.schema import check_schema, read_schema
 from cageik_cli.util.errors import HandlesError
 from tests.posing.handles.files import CAMERA, HAND, KEYS
+from tests.refusals import refused
 
 EYE = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
 MATRICES = {"view": EYE, "projection": EYE, "width": 640, "height": 480}
@@ -51,23 +52,14 @@ BAD = {
     "no handles": ({"handles": []}, "handles: is an empty list, expected a list of handles, at"),
     "no sets": ({"sets": []}, "sets: is an empty list, expected a list of sets, at least one"),
     "a set of nothing": ({"sets": [{}]}, "sets[0]: has no handles, which a set of handles needs"),
-    "an empty set": (
-        {"sets": [with_one(), {"handles": []}]},
-        "sets[1]: handles: is an empty list, expected a list of handles, at least one",
-    ),
+    "an empty set": ({"sets": [with_one(), {"handles": []}]}, "sets[1]: handles: is an empty"),
     "sets and handles": (
         {"sets": [with_one()], "handles": [HAND]},
         '"handles" is not a field of a handles file with sets; expected one of $schema, sets',
     ),
-    "frames beside sets": (
-        {"sets": [with_one()], "frames": [1, 2]},
-        '"frames" is not a field of a handles file with sets',
-    ),
+    "frames beside sets": ({"sets": [with_one()], "frames": [1, 2]}, '"frames" is not a field of'),
     "sets in sets": ({"sets": [{"sets": []}]}, 'sets[0]: "sets" is not a field of a set of'),
-    "ties of a set": (
-        {"sets": [with_one() | {"locked": []}]},
-        'sets[0]: "locked" is not a field of a set of handles',
-    ),
+    "ties of a set": ({"sets": [with_one() | {"locked": []}]}, 'sets[0]: "locked" is not a field'),
     "a name of a set": (
         {"sets": [with_one() | {"name": "wave"}]},
         'sets[0]: "name" is not a field of a set of handles; expected one of handles, camera,',
@@ -92,43 +84,28 @@ BAD = {
         with_one(position=[0, 0, 0]),
         "handle 'hand': has 2 places, vertex and position; keep one of them",
     ),
-    "no motion": (
-        with_one(["target"]),
-        "handle 'hand': has no motion; expected exactly one of target, offset, pin, screen",
-    ),
+    "no motion": (with_one(["target"]), "handle 'hand': has no motion; expected exactly one of"),
     "two motions": (
         with_one(offset=[0, 0, 0], pin=True),
-        "handle 'hand': has 3 motions, target and offset and pin; keep one of them",
+        "has 3 motions, target and offset and pin",
     ),
     "a screen handle moved in space": (
         {"handles": [NOSE | {"pin": True}]},
         "handle 'nose': has 2 motions, pin and screen; keep one of them",
     ),
-    "a screen handle that stays": (
-        on_screen(source=[1, 2]),
-        "handle 'nose': screen: has no motion; expected exactly one of target, offset",
-    ),
+    "a screen handle that stays": (on_screen(source=[1, 2]), "screen: has no motion; expected"),
     "a screen handle moved twice": (
         on_screen(source=[1, 2], target=[1, 2], offset=[1, 2]),
         "handle 'nose': screen: has 2 motions, target and offset",
     ),
-    "a screen handle of nowhere": (
-        on_screen(target=[1, 2]),
-        "handle 'nose': screen: has no source, which a place and a motion on the screen needs",
-    ),
+    "a screen handle of nowhere": (on_screen(target=[1, 2]), "screen: has no source, which"),
     "a face alone": (
         with_one(["vertex"], face=1),
         "handle 'hand': has face without barycentric; add it, or remove face",
     ),
-    "barycentric alone": (
-        with_one(barycentric=[1, 0, 0]),
-        "handle 'hand': has barycentric without face; add it, or remove barycentric",
-    ),
+    "barycentric alone": (with_one(barycentric=[1, 0, 0]), "has barycentric without face; add"),
     "a falloff alone": (with_one() | {"falloff": 2}, "has falloff without frames; add it"),
-    "a negative vertex": (
-        with_one(vertex=-1),
-        "handle 'hand': vertex: is -1, expected a whole number from 0 to 1000000000",
-    ),
+    "a negative vertex": (with_one(vertex=-1), "handle 'hand': vertex: is -1, expected a whole"),
     "half a vertex": (with_one(vertex=1.5), "vertex: is 1.5, expected a whole number"),
     "a vertex of truth": (with_one(vertex=True), "vertex: is true, expected a whole number"),
     "a huge vertex": (with_one(vertex=10**400), "vertex: is 100000"),
@@ -137,32 +114,20 @@ BAD = {
         "handle 'hand': target: is a list of 2, expected 3 numbers, or keyframes",
     ),
     "a word for a target": (with_one(target="up"), 'target: is "up", expected 3 numbers, or'),
-    "a word in a target": (
-        with_one(target=[1, "x", 2]),
-        "handle 'hand': target[1]: is \"x\", expected a number within ±1e50",
-    ),
+    "a word in a target": (with_one(target=[1, "x", 2]), "handle 'hand': target[1]: is \"x\","),
     "a target of truth": (with_one(target=[1, True, 2]), "target[1]: is true, expected a number"),
     "a far target": (with_one(target=[1, 2, 2e50]), "target[2]: is 2e+50, expected a number"),
-    "no shares": (
-        {"handles": [FACE | {"barycentric": [0.5, 0.5]}]},
-        "handle 'knee': barycentric: is a list of 2, expected 3 numbers",
-    ),
+    "no shares": ({"handles": [FACE | {"barycentric": [0.5, 0.5]}]}, "barycentric: is a list of 2"),
     "a far pixel": (
         on_screen(source=[1, -2e9], target=[1, 2]),
-        "handle 'nose': screen.source[1]: is -2000000000.0, expected a number of pixels within",
+        "screen.source[1]: is -2000000000.0",
     ),
     "a point for a pixel": (
         on_screen(source=[1, 2], target=[1, 2, 3]),
         "handle 'nose': screen.target: is a list of 3, expected 2 numbers of pixels, or keyframes",
     ),
-    "keys without frames": (
-        with_one(target={"values": []}),
-        "handle 'hand': target: has no frames, which an object of keyframes needs; add it",
-    ),
-    "no keys": (
-        with_one(offset={"frames": [], "values": []}),
-        "handle 'hand': offset.frames: is an empty list, expected a list of frames, at least one",
-    ),
+    "keys without frames": (with_one(target={"values": []}), "target: has no frames, which"),
+    "no keys": (with_one(offset={"frames": [], "values": []}), "offset.frames: is an empty list"),
     "a key of two numbers": (
         with_one(target={"frames": [1], "values": [[1, 2]]}),
         "handle 'hand': target.values[0]: is a list of 2, expected 3 numbers",
@@ -170,19 +135,13 @@ BAD = {
     "no pin": (with_one(pin=False), "handle 'hand': pin: is false, expected true"),
     "no weight": (with_one(weight=0), "handle 'hand': weight: is 0, expected a number from 1e-12"),
     "a heavy handle": (with_one(weight=1e13), "weight: is 10000000000000.0, expected a number"),
-    "a hard word": (
-        with_one(hard="yes"),
-        "handle 'hand': hard: is \"yes\", expected true or false",
-    ),
+    "a hard word": (with_one(hard="yes"), "handle 'hand': hard: is \"yes\", expected true or"),
     "no radius": (with_one(radius=0), "handle 'hand': radius: is 0, expected a number above 0"),
     "a negative radius": (with_one(radius=-1), "radius: is -1, expected a number above 0"),
     "a far radius": (with_one(radius=2e50), "radius: is 2e+50, expected a number above 0, up to"),
     "a word for a radius": (with_one(radius="1 m"), 'radius: is "1 m", expected a number above 0'),
     "one frame": (with_one() | {"frames": [1]}, "frames: is a list of 1, expected two frames"),
-    "a frame before the first": (
-        with_one() | {"frames": [-1, 2]},
-        "frames[0]: is -1, expected a whole number from 0",
-    ),
+    "a frame before the first": (with_one() | {"frames": [-1, 2]}, "frames[0]: is -1, expected a"),
     "a falloff of halves": (
         with_one() | {"frames": [1, 2], "falloff": 0.5},
         "falloff: is 0.5, expected a whole number from 0",
@@ -249,17 +208,15 @@ def test_valid_documents_pass(document):
 
 @pytest.mark.parametrize(("document", "said"), BAD.values(), ids=BAD)
 def test_invalid_documents_are_refused(document, said):
-    with pytest.raises(HandlesError) as error:
+    with refused(HandlesError, said):
         check_schema(document)
-    assert said in str(error.value)
 
 
 def test_the_first_fault_in_the_file_is_reported():
     document = {"handles": [HAND | {"vertex": "a", "weight": "b"}, HAND | {"vertex": "c"}]}
     for said in ("handle 'hand': vertex: is \"a\"", 'weight: is "b"', 'vertex: is "c"'):
-        with pytest.raises(HandlesError) as error:
+        with refused(HandlesError, said):
             check_schema(document)
-        assert said in str(error.value)
         first = next(one for one in document["handles"] if any(map(is_letter, one.values())))
         first[next(key for key, value in first.items() if is_letter(value))] = 1
 

@@ -9,7 +9,7 @@ import pytest
 from cageik_cli.report.figures import format_change, format_percent
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.limits import Limit, Limits, check_limits
-from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from tests.report.clips import change, make_500_clips
 from tests.report.hostile import NAMES, with_hostile_names
@@ -18,12 +18,8 @@ from tests.report.markup import find_faults, parse_page
 FAULT = "frame_3.obj: line 7: `v 0.5` has 1 coordinate, expected 3; export it again"
 
 
-def _with_error(entry, name, rms_percent):
-    return change(entry, name, rms_percent=rms_percent)
-
-
 def _show(*entries):
-    return render_index(build_overview(entries))
+    return render_index(Overview(entries))
 
 
 def _rows(page):
@@ -34,31 +30,24 @@ def _names(page):
     return [next(row.all("th")).text for row in _rows(page)]
 
 
-def _with_limit(report, most):
-    return replace(
-        report,
-        gates=check_limits(report.result, report.summary, Limits((Limit("rms", Decimal(most)),))),
-    )
-
-
-def _over_limit(report):
-    return _with_limit(report, "0.0001")
+def _with_limit(report, most="0.0001"):
+    limits = Limits((Limit("rms", Decimal(most)),))
+    return replace(report, gates=check_limits(report.result, report.summary, limits))
 
 
 def test_failed_clips_come_first_then_those_over_a_limit_then_the_worst(report):
-    fine, over = build_clip_entry(report), build_clip_entry(_over_limit(report))
+    fine, over = build_clip_entry(report), build_clip_entry(_with_limit(report))
     page = _show(
-        _with_error(fine, "small", 0.1),
-        _with_error(fine, "large", 2.0),
-        _with_error(over, "over, small", 0.2),
-        _with_error(over, "over, large", 0.3),
+        change(fine, "small", rms_percent=0.1),
+        change(fine, "large", rms_percent=2.0),
+        change(over, "over, small", rms_percent=0.2),
+        change(over, "over, large", rms_percent=0.3),
         ClipEntry("broken", fault=FAULT),
     )
     assert _names(page) == ["broken", "over, large", "over, small", "large", "small"]
     assert _rows(page)[0].text.endswith(FAULT)
     assert "1 of 5 clips failed, 2 of 5 clips over a limit" in parse_page(page).text
-    counts = parse_page(page).text
-    assert "Failed 1 Over a limit 2 OK 2" in counts
+    assert "Failed 1 Over a limit 2 OK 2" in parse_page(page).text
 
 
 @pytest.mark.parametrize(
@@ -74,7 +63,7 @@ def test_the_verdict_of_a_batch_follows_the_limits(report, most, verdict):
 
 
 def test_a_row_shows_the_metrics_as_printed(report):
-    over = build_clip_entry(_over_limit(report))
+    over = build_clip_entry(_with_limit(report))
     (row,) = _rows(_show(over))
     summary, cells = report.summary, [cell.text for cell in row.all("td")]
     rms = format_percent(summary.rms_percent)
@@ -98,18 +87,16 @@ def test_an_open_model_has_no_volume_change(opened):
     assert "max deviation up to" in svg.attributes["aria-label"]
 
 
-def test_skipped_frames_are_counted(report):
-    entry = build_clip_entry(report)
-    skipping = change(entry, frames_skipped=2)
-    (row,) = _rows(_show(skipping))
-    assert [cell.text for cell in row.all("td")][6] == "5 2 skipped"
-
-
-def test_a_closed_model_with_missing_data_has_no_volume_change(report):
-    entry = build_clip_entry(report)
-    unknown = change(entry, volume_change_percent_max=None)
-    (row,) = _rows(_show(unknown))
-    assert [cell.text for cell in row.all("td")][5] == "unknown"
+@pytest.mark.parametrize(
+    ("figure", "value", "cell", "shown"),
+    [
+        ("frames_skipped", 2, 6, "5 2 skipped"),
+        ("volume_change_percent_max", None, 5, "unknown"),  # closed, with missing data
+    ],
+)
+def test_what_a_clip_lacks_is_said(report, figure, value, cell, shown):
+    (row,) = _rows(_show(change(build_clip_entry(report), **{figure: value})))
+    assert [cell.text for cell in row.all("td")][cell] == shown
 
 
 def _paths(page):
@@ -156,17 +143,13 @@ def test_a_clip_without_a_page_has_no_link(report):
     assert list(row.all("a")) == []
 
 
-@pytest.mark.parametrize("kinds", ["both", "failed", "done"])
-def test_the_page_fetches_nothing_and_is_accessible(report, kinds):
-    done = (
-        []
-        if kinds == "failed"
-        else [build_clip_entry(report, page="a.html"), build_clip_entry(_over_limit(report))]
-    )
-    failed = [] if kinds == "done" else [ClipEntry("broken", fault=FAULT)]
-    page = _show(*failed, *done)
-    assert find_faults(page) == []
-    assert page == _show(*failed, *done)
+def test_the_page_fetches_nothing_and_is_accessible(report):
+    done = [build_clip_entry(report, page="a.html"), build_clip_entry(_with_limit(report))]
+    failed = [ClipEntry("broken", fault=FAULT)]
+    for clips in (failed, done, failed + done):
+        page = _show(*clips)
+        assert find_faults(page) == []
+        assert page == _show(*clips)
 
 
 def test_hostile_names_are_shown_as_text(report):

@@ -80,20 +80,25 @@ def test_a_covered_point_costs_one():
     assert place_boxes(candidates, unknown) == [LEFT]
 
 
-def test_boxes_that_touch_do_not_overlap():
-    beside = (1.0, 0.0, 2.0, 1.0)
-    assert place_boxes([[(0, beside)]], NO_POINTS, [LEFT]) == [beside]
+@pytest.mark.parametrize(
+    ("candidates", "occupied", "placed"),
+    [
+        # Boxes that touch do not overlap; a label that can only overlap is left out.
+        ([[(0, (1.0, 0.0, 2.0, 1.0))]], [LEFT], [(1.0, 0.0, 2.0, 1.0)]),
+        ([[(0, LEFT)], [(0, LEFT)], [(0, RIGHT)]], [], [LEFT, None, RIGHT]),
+        ([[]], [], [None]),
+    ],
+)
+def test_boxes_do_not_overlap(candidates, occupied, placed):
+    assert place_boxes(candidates, NO_POINTS, occupied) == placed
 
 
-def test_a_label_that_can_only_overlap_is_left_out():
-    assert place_boxes([[(0, LEFT)], [(0, LEFT)], [(0, RIGHT)]], NO_POINTS) == [LEFT, None, RIGHT]
-    assert place_boxes([[]], NO_POINTS) == [None]
-
-
-def test_a_finite_cost_of_overlaps_is_paid_if_nothing_is_cheaper():
-    assert place_boxes([[(0, LEFT), (9, RIGHT)]], NO_POINTS, [LEFT], 8.0) == [LEFT]
-    assert place_boxes([[(0, LEFT), (9, RIGHT)]], NO_POINTS, [LEFT], 10.0) == [RIGHT]
-    assert place_boxes([[(0, LEFT), (9, RIGHT)]], NO_POINTS, [LEFT, LEFT], 8.0) == [RIGHT]
+@pytest.mark.parametrize(
+    ("occupied", "cost", "box"),
+    [([LEFT], 8.0, LEFT), ([LEFT], 10.0, RIGHT), ([LEFT, LEFT], 8.0, RIGHT)],
+)
+def test_a_finite_cost_of_overlaps_is_paid_if_nothing_is_cheaper(occupied, cost, box):
+    assert place_boxes([[(0, LEFT), (9, RIGHT)]], NO_POINTS, occupied, cost) == [box]
 
 
 HEIGHT, GAP, MARGIN = 0.05, 0.01, 0.02
@@ -153,14 +158,12 @@ def placed_names(dots, size=(20.0, 8.0), points=NO_POINTS):
     return place_names(dots, np.tile(size, (len(dots), 1)), np.asarray(points, float), SIDE)
 
 
-def test_a_name_is_to_the_right_of_its_dot():
-    (box,) = placed_names([(50, 50)])
-    assert box == pytest.approx((50 + 8, 46, 70 + 8, 54))
-
-
-def test_a_name_at_the_right_edge_is_to_the_left():
-    (box,) = placed_names([(95, 50)], points=[(95, 50)])
-    assert box == pytest.approx((75 - 8, 46, 95 - 8, 54))
+@pytest.mark.parametrize(
+    ("dot", "points", "left"), [((50, 50), NO_POINTS, 58), ((95, 50), [(95, 50)], 67)]
+)
+def test_a_name_is_to_the_right_of_its_dot_or_to_the_left_at_the_edge(dot, points, left):
+    (box,) = placed_names([dot], points=points)
+    assert box == pytest.approx((left, 46, left + 20, 54))
 
 
 def test_a_name_covers_no_points_if_it_can():
@@ -186,7 +189,4 @@ def test_names_do_not_overlap_or_leave_the_picture(spread):
 def test_a_name_without_room_is_left_out():
     assert placed_names([(50, 50)], size=(99.0, 8.0)) == [None]
     assert placed_names(20 * [(50, 50)], size=(60.0, 30.0)).count(None) >= 16
-
-
-def test_no_dots_have_no_names():
     assert placed_names([]) == []

@@ -5,9 +5,11 @@ import pytest
 
 from cageik_cli.report.render.raster import ParallelCamera, rasterize_lines
 from cageik_cli.report.render.shading import (
+    MESH_COLOURS,
     downsample,
     map_colours,
     overlay,
+    parse_colour,
     rasterize_surface,
     render,
     shade,
@@ -34,16 +36,12 @@ def test_values_are_interpolated():
     np.testing.assert_allclose(found, surface.pixels % SIZE + 0.5, rtol=1e-12)
 
 
-def test_flat_faces_have_one_normal_and_both_sides_are_lit():
+def test_normals_are_smooth_and_both_sides_are_lit():
     corners = np.array([[0.0, 0, 0], [SIZE, 0, SIZE], [SIZE, SIZE, 0], [0, SIZE, SIZE]])
     for faces in (SQUARE, SQUARE[:, ::-1]):
-        flat = rasterize_surface(corners, faces, SIZE, is_smooth=False)
-        assert len(np.unique(flat.normals.round(12), axis=1)[0]) == 2
-        assert (flat.normals[2] > 0).all()
-        assert (
-            len(np.unique(rasterize_surface(corners, faces, SIZE).normals.round(6), axis=1)[0])
-            > 100
-        )
+        normals = rasterize_surface(corners, faces, SIZE).normals
+        assert (normals[2] > 0).all()
+        assert len(np.unique(normals.round(6), axis=1)[0]) > 100
 
 
 def test_light_falls_from_above_and_the_left():
@@ -54,10 +52,10 @@ def test_light_falls_from_above_and_the_left():
 
 
 def test_colours_of_a_scale():
-    stops = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]])
+    missing = parse_colour(MESH_COLOURS["missing"])
     values = np.array([0, 1, 2, 3, 4, 9, np.nan])
-    expected = [[0, 0, 0], [0.5, 0, 0], [1, 0, 0], [1, 0.5, 0], [1, 1, 0], [1, 1, 0], [0, 0, 1]]
-    np.testing.assert_allclose(map_colours(values, 4, stops, np.array([0, 0, 1.0])), expected)
+    expected = [[0, 0, 0], [0.5, 0, 0], [1, 0, 0], [1, 0.5, 0], [1, 1, 0], [1, 1, 0], missing]
+    np.testing.assert_allclose(map_colours(values, 4, ("#000000", "#ff0000", "#ffff00")), expected)
 
 
 def test_pictures_are_laid_over_and_reduced_by_opacity():
@@ -91,11 +89,8 @@ MODELS = {
 def test_degenerate_models_are_drawn(vertices):
     camera = ParallelCamera.fit(np.eye(3), vertices, SIZE)
     projected = camera.project(vertices)
-    for is_smooth in (True, False):
-        surface = rasterize_surface(
-            projected, np.concatenate([SQUARE, [[1, 1, 1]]]), SIZE, is_smooth
-        )
-        assert np.isfinite(render(surface, np.ones(3))).all()
+    surface = rasterize_surface(projected, np.concatenate([SQUARE, [[1, 1, 1]]]), SIZE)
+    assert np.isfinite(render(surface, np.ones(3))).all()
     rasterize_lines(projected, np.array([[0, 1], [1, 3]]), 3.0, SIZE)
 
 

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cageik_cli.report.overview import ClipEntry, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.views.data import format_junit
 from tests.report.clips import HOSTILE, clip, gate
 
@@ -73,8 +73,8 @@ CLIPS = (
 
 
 def test_the_xml_follows_the_schema():
-    assert find_faults(format_junit(build_overview(CLIPS))) == []
-    assert find_faults(format_junit(build_overview([]))) == []
+    assert find_faults(format_junit(Overview(CLIPS))) == []
+    assert find_faults(format_junit(Overview([]))) == []
 
 
 @pytest.mark.parametrize(
@@ -101,13 +101,13 @@ def test_the_xml_follows_the_schema():
     ],
 )
 def test_the_schema_check_finds_faults(old, new, fault):
-    text = format_junit(build_overview(CLIPS))
+    text = format_junit(Overview(CLIPS))
     assert old in text
     assert fault in find_faults(text.replace(old, new))
 
 
 def test_every_clip_is_a_suite_and_every_limit_a_case():
-    root = ElementTree.fromstring(format_junit(build_overview(CLIPS)))
+    root = ElementTree.fromstring(format_junit(Overview(CLIPS)))
     run, broken, opened, plain = root
     outcomes = {
         suite.get("name"): {
@@ -142,11 +142,11 @@ def test_any_name_gives_valid_xml(name):
         clip(name, gate(False, frame=name), notes=[name]),
         ClipEntry(name, fault=name),
     ]
-    text = format_junit(build_overview(entries))
+    text = format_junit(Overview(entries))
     assert find_faults(text) == []
     if name.isprintable() and is_token(name):
         assert ElementTree.fromstring(text)[0].get("name") == name
 
 
 def test_the_same_run_gives_the_same_text():
-    assert format_junit(build_overview(CLIPS)) == format_junit(build_overview(CLIPS))
+    assert format_junit(Overview(CLIPS)) == format_junit(Overview(CLIPS))

@@ -6,7 +6,7 @@ import re
 import pytest
 from markdown_it import MarkdownIt
 
-from cageik_cli.report.overview import ClipEntry, build_overview
+from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.views.markdown import MAX_TEXT_LENGTH, format_markdown
 from tests.report.clips import HOSTILE, clip, gate
 
@@ -38,7 +38,7 @@ CLIPS = (
 
 
 def test_the_worst_clips_come_first_with_their_reasons():
-    text = format_markdown(build_overview(CLIPS))
+    text = format_markdown(Overview(CLIPS))
     assert text.startswith(
         "## cageik: 5 clips: 1 failed, 1 over limit, 2 within limits, 1 extracted\n\n| clip |"
     )
@@ -59,7 +59,7 @@ def test_the_worst_clips_come_first_with_their_reasons():
 
 
 def test_empty_parts_have_no_heading():
-    text = format_markdown(build_overview([clip("a")]))
+    text = format_markdown(Overview([clip("a")]))
     assert text.startswith("## cageik: 1 clip: 1 extracted\n")
     assert "###" not in text
 
@@ -76,7 +76,7 @@ def test_names_are_rendered_as_they_are(name):
         clip(name, gate(False, frame=name), notes=[f"{name} note"]),
         ClipEntry(name, fault=name),
     ]
-    text = format_markdown(build_overview(entries))
+    text = format_markdown(Overview(entries))
     assert [row[0] for row in table_cells(text)] == [seen(name)] * 2
     assert list_items(text)[0] == f"{seen(name)}: {seen(name)}".strip()
     rendered = RENDERER.render(text)
@@ -87,7 +87,7 @@ def test_names_are_rendered_as_they_are(name):
 def test_names_of_frames_are_rendered_as_they_are():
     for name in HOSTILE.values():
         entry = clip("a", worst_frame=name)
-        assert table_cells(format_markdown(build_overview([entry])))[0][4] == seen(name)
+        assert table_cells(format_markdown(Overview([entry])))[0][4] == seen(name)
 
 
 @pytest.mark.slow
@@ -100,7 +100,7 @@ def test_any_number_of_clips_fits(name):
         else ClipEntry(f"{k} {name}", fault="it is broken " * 50)
         for k in range(2000)
     ]
-    text = format_markdown(build_overview(clips))
+    text = format_markdown(Overview(clips))
     assert len(text.encode()) < 60_000
     assert "## cageik: 2000 clips: 20 failed, 40 over limit, 1940 within limits\n" in text
     *rows, last = table_cells(text)
@@ -114,6 +114,6 @@ def test_any_number_of_clips_fits(name):
 
 
 def test_a_few_clips_are_all_shown():
-    text = format_markdown(build_overview([clip(f"clip_{k}", gate(False)) for k in range(100)]))
+    text = format_markdown(Overview([clip(f"clip_{k}", gate(False)) for k in range(100)]))
     assert " more" not in text
     assert len(table_cells(text)) == 100

@@ -63,6 +63,6 @@ def test_the_error_by_radius_is_in_all_views_and_does_not_follow_the_axes(make_c
     )
     percent = f"{report.summary.radius_rms_percent:.4f}"
     assert f"by radius      {percent} % of the radius" in format_text(report)
-    page = render_page(report, None)
+    page = render_page(report)
     assert "Error by radius" in page
     assert percent in page

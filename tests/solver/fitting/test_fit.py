@@ -13,7 +13,7 @@ from cageik_cli.solver.fitting.problem import estimate_memory
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import normalize_weights
-from cageik_cli.util.errors import CageError, ConnectivityError, InputError, SettingError
+from cageik_cli.util.errors import CageError, ConnectivityError, SettingError
 from cageik_cli.workflows.extract_arrays import extract
 from tests.fitted import Frames, clip_of, small_binding, true_weights
 from tests.shapes import rotation
@@ -258,11 +258,6 @@ def test_threads_take_no_memory_from_the_sample(jobs):
     report = report_of(conditions={"memory": memory, "jobs": jobs})
     assert report.fitted_frames == 10
     assert report.needed_memory == estimate_memory(m, n, 1) + 24 * 2 * 3 * 4 * m
-
-
-def test_clips_without_frames_are_refused():
-    with pytest.raises(InputError, match="no frame"):
-        fit(CLIP[:0])
 
 
 @pytest.mark.parametrize(

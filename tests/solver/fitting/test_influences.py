@@ -18,7 +18,7 @@ from tests.fitted import cage_motion, small_binding
 
 
 def pose(binding, vertex_weights=None, jobs=1):
-    surface = SurfaceLaplacian.from_mesh(binding.rest)
+    surface = SurfaceLaplacian(binding.rest)
     basis = complement_basis(binding.cage)
     return WeightProblem(binding.weights, basis, surface, vertex_weights, 0.1, 1.0, jobs)
 

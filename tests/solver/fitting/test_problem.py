@@ -16,7 +16,7 @@ from tests.fitted import cage_motion, small_binding, true_weights
 from tests.shapes import TETRAHEDRON, ball
 
 BINDING = small_binding()
-SURFACE = SurfaceLaplacian.from_mesh(BINDING.rest)
+SURFACE = SurfaceLaplacian(BINDING.rest)
 COMPLEMENT = complement_basis(BINDING.cage)
 
 

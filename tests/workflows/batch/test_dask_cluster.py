@@ -39,13 +39,7 @@ from cageik_cli.workflows.batch.dask_pieces import (
     split_into_pieces,
     unpickle_with_weights,
 )
-from cageik_cli.workflows.batch.jobs import (
-    ClipJob,
-    ClipState,
-    bind_clip,
-    check_clip,
-    run_clip,
-)
+from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, bind_clip, check_clip, run_clip
 from cageik_cli.workflows.extract import Extraction
 from cageik_cli.workflows.settings import ExtractSettings
 
@@ -493,7 +487,7 @@ def test_files_that_changed_since_the_start_are_refused(job):
     bound = extraction.bind()
     solver = DualLaplacianSolver(bound.binding, settings.solve)
     work = BlockSolver(extraction.sequence, solver, ProgressListener())
-    common = ClipContext.build(settings, work, MemoryPlan(1, 1, 1))
+    common = ClipContext(settings, work, MemoryPlan(1, 1, 1, 1))
     copy = pickle.loads(pickle.dumps(common))
     assert copy.build_block_solver(bound.binding).sequence.names == extraction.sequence.names
     Path(settings.frames[0], "frame_4.obj").unlink()

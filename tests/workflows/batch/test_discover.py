@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.util.errors import FileAccessError, OutputError
-from cageik_cli.workflows.batch.discover import (
-    _sanitize_name,
-    discover_clips,
-    walk_folders,
-)
+from cageik_cli.workflows.batch.discover import _sanitize_name, discover_clips, walk_folders
 
 OUT = Path("out")
 

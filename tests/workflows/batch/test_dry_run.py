@@ -5,17 +5,11 @@ from dataclasses import replace
 import pytest
 
 from cageik_cli.report.overview import ClipEntry
-from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.jobs import ClipJob
 from cageik_cli.workflows.batch.run import FAULT_LABEL, BatchPlan, describe_batch
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.settings import ExtractSettings
-
-
-class Interrupt(ProgressListener):
-    def update(self, done, total):
-        if (done, total) == (2, 5):
-            raise KeyboardInterrupt
+from tests.listeners import Listener
 
 
 @pytest.fixture
@@ -43,7 +37,7 @@ def state(settings):
 def test_the_state_of_a_result_is_listed(settings, folder):
     assert state(settings) == "would be new"
     with pytest.raises(KeyboardInterrupt):
-        extract(settings, Interrupt())
+        extract(settings, Listener(stop_at=(2, 5)))
     before = sorted(folder.rglob("*"))
     assert state(settings) == "would continue from its checkpoint"
     assert state(replace(settings, resume=False, overwrite=True)) == "would be new"

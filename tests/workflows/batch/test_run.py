@@ -9,7 +9,6 @@ import pytest
 from cageik_cli.report.overview import ClipEntry
 from cageik_cli.util.errors import InputError, OutputError
 from cageik_cli.util.files import open_locked
-from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome
 from cageik_cli.workflows.batch.run import (
     LOCK_FILE,
@@ -20,6 +19,7 @@ from cageik_cli.workflows.batch.run import (
     run_batch,
 )
 from cageik_cli.workflows.settings import ExtractSettings
+from tests.listeners import Listener
 
 
 class Scripted:
@@ -41,17 +41,6 @@ class Scripted:
             yield outcome
 
 
-class Heard(ProgressListener):
-    def __init__(self):
-        self.notes, self.steps = [], []
-
-    def note(self, topic, text):
-        self.notes.append((topic, text))
-
-    def update(self, done, total):
-        self.steps.append((done, total))
-
-
 @pytest.fixture
 def done(entry):
     return lambda name: Outcome(replace(entry, name=name), ClipState.DONE)
@@ -71,14 +60,14 @@ def batch_of(output, *names, refused=()):
 
 
 def test_outcomes_are_noted_as_they_end_and_reported_in_order(tmp_path, done):
-    heard, scheduler = Heard(), Scripted(done("c"), failed("a"))
+    heard, scheduler = Listener(), Scripted(done("c"), failed("a"))
     overview = run_batch(batch_of(tmp_path / "o", "a", "c", refused=["b"]), scheduler, heard)
     assert [entry.name for entry in overview.clips] == ["a", "b", "c"]
     assert [entry.fault for entry in overview.clips] == ["a: is broken", "no cage", None]
     (entry,) = (entry for entry in overview.clips if entry.report)
     text = f"done, error {entry.report.summary.rms_percent:.4f} %"
     assert heard.notes == [("b", "failed"), ("c", text), ("a", "failed")]
-    assert heard.steps == [(1, 2), (2, 2)]
+    assert heard.counts == [(1, 2), (2, 2)]
     assert scheduler.has_ended
     held = json.loads((tmp_path / "o" / "report.json").read_text())
     assert [entry["name"] for entry in held["clips"]] == ["a", "b", "c"]
@@ -89,7 +78,9 @@ def test_outcomes_are_noted_as_they_end_and_reported_in_order(tmp_path, done):
 
 
 def test_faults_are_put_into_the_words_of_who_reads_the_report(tmp_path):
-    overview = run_batch(batch_of(tmp_path / "o", "a"), Scripted(failed("a")), Heard(), str.upper)
+    overview = run_batch(
+        batch_of(tmp_path / "o", "a"), Scripted(failed("a")), Listener(), str.upper
+    )
     assert [entry.fault for entry in overview.clips] == ["A: IS BROKEN"]
     assert "IS BROKEN" in (tmp_path / "o" / "report.md").read_text()
 
@@ -97,7 +88,7 @@ def test_faults_are_put_into_the_words_of_who_reads_the_report(tmp_path):
 def test_the_order_in_which_clips_end_does_not_change_the_reports(tmp_path, done):
     outcomes = [done("a"), failed("b"), done("c")]
     for name, order in (("one", outcomes), ("two", outcomes[::-1])):
-        run_batch(batch_of(tmp_path / name, "a", "b", "c"), Scripted(*order), Heard())
+        run_batch(batch_of(tmp_path / name, "a", "b", "c"), Scripted(*order), Listener())
     for view in REPORT_FILES:
         assert (tmp_path / "one" / view).read_bytes() == (tmp_path / "two" / view).read_bytes()
 
@@ -105,19 +96,19 @@ def test_the_order_in_which_clips_end_does_not_change_the_reports(tmp_path, done
 def test_an_interruption_says_how_many_clips_are_done_and_unlocks_the_folder(tmp_path, done):
     scheduler = Scripted(done("a"), KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt) as caught:
-        run_batch(batch_of(tmp_path / "o", "a", "b"), scheduler, Heard())
+        run_batch(batch_of(tmp_path / "o", "a", "b"), scheduler, Listener())
     assert caught.value.__notes__ == ["1 of 2 clips are done; continue with `resume=True`"]
     assert scheduler.has_ended
     assert not (tmp_path / "o" / LOCK_FILE).exists()
-    run_batch(batch_of(tmp_path / "o", "a", "b"), Scripted(done("a"), done("b")), Heard())
+    run_batch(batch_of(tmp_path / "o", "a", "b"), Scripted(done("a"), done("b")), Listener())
 
 
 def test_two_batches_cannot_use_one_folder(tmp_path, done):
     lock = open_locked(tmp_path / LOCK_FILE)
     with pytest.raises(OutputError, match="another batch"):
-        run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard())
+        run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Listener())
     lock.close()
-    assert run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard()).exit_code == 0
+    assert run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Listener()).exit_code == 0
 
 
 @pytest.mark.parametrize("is_used", [True, False])
@@ -127,14 +118,14 @@ def test_the_cache_of_the_batch_is_deleted(tmp_path, done, is_used):
     batch = batch_of(tmp_path, "a")
     cache = tmp_path / (WEIGHT_CACHE_FOLDER if is_used else "mine")
     job = replace(batch.jobs[0], settings=replace(batch.jobs[0].settings, cache=cache))
-    run_batch(replace(batch, jobs=(job,)), Scripted(done("a")), Heard())
+    run_batch(replace(batch, jobs=(job,)), Scripted(done("a")), Listener())
     assert (tmp_path / WEIGHT_CACHE_FOLDER).exists() is not is_used
 
 
 def test_folders_that_cannot_be_made_are_refused(tmp_path, done):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=r"file: cannot be created \("):
-        run_batch(batch_of(tmp_path / "file", "a"), Scripted(done("a")), Heard())
+        run_batch(batch_of(tmp_path / "file", "a"), Scripted(done("a")), Listener())
 
 
 def test_folders_with_files_are_refused(tmp_path):

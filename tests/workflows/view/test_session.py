@@ -12,10 +12,11 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.posing.snapshot import PoseResult
-from cageik_cli.report.html.player_page import render_view_page
+from cageik_cli.posing.summary import PoseResult
+from cageik_cli.report.player.section import render_view_page
 from cageik_cli.util.errors import CageikError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings
@@ -114,7 +115,11 @@ def test_a_binding_of_another_model_is_refused(clip, run):
             "frame_1.obj --cage cage.obj --coordinates mean-value --accuracy fine",
         ),
         ({"cage": None, "binding": Path("b.h5")}, "b.h5", "b.h5"),
-        ({"cage": None}, "frame_1.obj", "frame_1.obj --cage CAGE.obj"),
+        (
+            {"cage": None, "build": BuildSettings(20)},
+            "frame_1.obj",
+            "frame_1.obj --cage CAGE.obj",
+        ),
     ],
 )
 def test_the_page_names_the_words_of_the_command(clip, run, coarse_grids, changes, title, command):

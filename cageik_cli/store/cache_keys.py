@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -36,7 +36,9 @@ of the fit without its clips, as JSON.
 CAGES = EntryFormat(
     "cage", "the cage is", {"vertices": "<f8", "faces": "<i8"}, ("description", "notes")
 )
-"""How a built cage is kept."""
+"""How a built cage is kept: vertices (n, 3) in file units and faces, what was built in a line, and
+what the user should know of it, a sentence each.
+"""
 
 
 def find_binding(
@@ -148,37 +150,11 @@ def compute_fit_key(
     return compute_key(recorded, binding.weights, *meshes, *weights)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CachedCage:
-    """A cage that was built, without its candidates.
-
-    Attributes
-    ----------
-    vertices : (n, 3) float64
-        File units.
-    faces : (f, 3) int64
-    description : str
-        What was built, in a line.
-    notes : tuple of str
-        What the user should know of it, one sentence each.
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    description: str
-    notes: tuple[str, ...]
-
-
 def find_cage(
-    cache: EntryCache, model: TriMesh, settings: BuildSettings, build: Callable[[], CachedCage]
-) -> CachedCage:
-    """Return the cage that `build` gives, from the cache if it is there."""
-
-    def to_entry(built: CachedCage) -> Entry:
-        return {name: getattr(built, name) for name in (*CAGES.arrays, *CAGES.values)}
-
-    key = compute_cage_key(model, settings)
-    return cache.find_or_compute(CAGES, key, build, to_entry, lambda entry: CachedCage(**entry))
+    cache: EntryCache, model: TriMesh, settings: BuildSettings, build: Callable[[], Entry]
+) -> Entry:
+    """Return the entry of the cage that `build` gives, from the cache if it is there."""
+    return cache.find_or_compute(CAGES, compute_cage_key(model, settings), build, dict, dict)
 
 
 def compute_cage_key(model: TriMesh, settings: BuildSettings) -> str:

@@ -8,11 +8,11 @@ import pytest
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.player import clip as clip_module
-from cageik_cli.report.player import payload
-from cageik_cli.report.player.clip import find_mirror, load_player_clip, make_single_pose
-from cageik_cli.report.player.payload import build_payload, decimate
-from cageik_cli.store.result import read_cages
-from cageik_cli.store.result_frames import read_binding, read_rotations
+from cageik_cli.report.player import section
+from cageik_cli.report.player.clip import load_player_clip, make_single_pose
+from cageik_cli.report.player.compression import decimate
+from cageik_cli.report.player.section import build_payload, find_mirror
+from cageik_cli.store.result import read_binding, read_cages, read_rotations
 from tests.report.player.rebuild import rebuild_frame, unpack_payload
 from tests.shapes import ball, rotation
 
@@ -107,7 +107,7 @@ def test_a_single_pose_is_exact_at_rest(clip):
 
 
 def test_a_large_model_is_decimated(clip, monkeypatch):
-    monkeypatch.setattr(payload, "MAX_DRAWN_VERTICES", 12)
+    monkeypatch.setattr(section, "MAX_DRAWN_VERTICES", 12)
     header, arrays = unpack_payload(build_payload(clip))
     drawn = arrays["vertices"].astype(int)
     assert len(drawn) == arrays["lack"].shape[1] <= 12 < header["vertexCount"]
@@ -120,8 +120,8 @@ def test_a_large_model_is_decimated(clip, monkeypatch):
 
 
 def test_a_large_cage_leaves_fewer_vertices(clip, monkeypatch):
-    monkeypatch.setattr(payload, "MAX_WEIGHTS", 8 * len(clip.binding.cage.vertices))
-    assert len(payload.choose_vertices(clip.binding)[0]) <= 8
+    monkeypatch.setattr(section, "MAX_WEIGHTS", 8 * len(clip.binding.cage.vertices))
+    assert len(section.choose_vertices(clip.binding)[0]) <= 8
 
 
 def test_the_end_of_a_long_clip_is_left_out(closed, clip, monkeypatch):

@@ -1,4 +1,7 @@
-"""The data of a player as one text, for the script of a page; large models are drawn coarser."""
+"""The player of a page: its data for the script as one text, its section, and a page of it alone.
+
+Large models are drawn coarser.
+"""
 
 from typing import Any
 
@@ -6,18 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.posing.constraints import Mirror, mirror_pairs
 from cageik_cli.posing.poser import DEFAULT_POSE_ALPHA
-from cageik_cli.report.player.clip import PlayerClip, find_mirror
+from cageik_cli.report.html.templating import PLAYER_SCRIPTS, render_template
+from cageik_cli.report.player.clip import PlayerClip
 from cageik_cli.report.player.compression import (
     Predictor,
     RoundedWeights,
+    decimate,
     find_smooth_motions,
     pack_arrays,
     round_weights,
 )
 from cageik_cli.report.render.shading import COLOUR_SCALE, MESH_COLOURS, choose_scale_end
+from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import HandlesError
+from cageik_cli.util.text import format_count
 
 MAX_DRAWN_VERTICES = 50_000
 """A larger model is decimated."""
@@ -27,6 +35,56 @@ MAX_WEIGHTS = 1 << 24
 
 MAX_INT16 = 32_767
 """The largest integer that steps of lengths are stored as."""
+
+
+def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]:
+    """Collect the values of the section; `apply_url` is as in `build_payload`."""
+    count, drawn = len(clip.binding.rest.vertices), len(choose_vertices(clip.binding)[0])
+    notes = []
+    if drawn < count:
+        notes.append(
+            f"The player draws {drawn} of {format_count(count, 'vertex')}, so that the page stays "
+            "small; figures and pictures are of all."
+        )
+    if clip.left_out:
+        notes.append(
+            f"The player shows the first {format_count(len(clip.frames), 'frame')}; the last "
+            f"{clip.left_out} are left out, so that the page stays small."
+        )
+    return {
+        "title": "Player" if clip.frames else "Pose",
+        "payload": build_payload(clip, apply_url),
+        "is_open": not clip.frames,
+        "notes": notes,
+    }
+
+
+def render_view_page(
+    clip: PlayerClip, apply_url: str = "", handles: str = "", edited_from: str | None = None
+) -> str:
+    """Render a page that plays a clip and poses its model; the same text for the same arguments.
+
+    Parameters
+    ----------
+    apply_url : str
+        Where the page sends handles when they are applied, relative to its own address; "" if they
+        are only saved, and the page sends nothing at all.
+    handles : str
+        The text of a handles file that the page begins with, which has to be JSON; "" for none.
+    edited_from : str, optional
+        The result that the clip was edited from, if it was.
+    """
+    *scripts, start = PLAYER_SCRIPTS
+    return render_template(
+        "view.html.j2",
+        player_scripts=(*scripts, "apply", start),
+        words=choose_vocabulary(edited_from),
+        player=build_player_values(clip, apply_url),
+        title=clip.title,
+        is_applied=bool(apply_url),
+        # In JSON, "<" is only in strings; so written, it cannot end the element that holds it.
+        handles=handles.replace("<", "\\u003c"),
+    )
 
 
 def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
@@ -39,6 +97,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     rest, cage = clip.binding.rest, clip.binding.cage
     diagonal, origin = rest.diagonal or 1.0, cage.vertices.mean(axis=0)
     chosen, faces = choose_vertices(clip.binding)
+    mirror = find_mirror(clip.binding)
     rounded = round_weights(clip.binding.weights[chosen], find_smooth_motions(cage))
     arrays: dict[str, NDArray[Any]] = {
         "faces": faces.astype("<u4"),
@@ -66,7 +125,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "fps": clip.fps,
         "up": clip.up_axis,
         "focus": _list_focus(clip, chosen),
-        "mirror": _list_mirror(clip),
+        "mirror": mirror and {"normal": mirror.normal.tolist(), "point": mirror.point.tolist()},
         "colours": list(COLOUR_SCALE),
         "missing": MESH_COLOURS["missing"],
         "alpha": DEFAULT_POSE_ALPHA,
@@ -97,58 +156,6 @@ def choose_vertices(binding: Binding) -> tuple[Integers, Integers]:
     if count <= largest:
         return np.arange(count), rest.faces
     return decimate(rest, largest)
-
-
-def decimate(mesh: TriMesh, max_vertices: int) -> tuple[Integers, Integers]:
-    """Keep at most `max_vertices` vertices of a mesh, one per cell of a grid.
-
-    Vertices are not moved, so that weights of the mesh are weights of the coarse one. Faces of
-    which two corners fall together are left out. Vertices that no face uses are left out too.
-
-    Returns
-    -------
-    vertices : (k,) int64
-        Their numbers in the mesh, ascending.
-    faces : (t, 3) int64
-        Indices into `vertices`.
-    """
-    used = np.unique(mesh.faces)
-    if len(used) <= max_vertices:
-        return used, np.searchsorted(used, mesh.faces)
-    points = mesh.vertices[used]
-    points = (points - points.min(axis=0)) / (mesh.diagonal or 1.0)
-    size = 1 / np.sqrt(max_vertices)  # too small: a surface of m cells of this size is that large
-    cells = _find_cells(points, size)
-    while cells.max() >= max_vertices:
-        size *= 1.1
-        cells = _find_cells(points, size)
-    chosen = _choose_vertices(points, cells)
-    corners = cells[np.searchsorted(used, mesh.faces)]
-    is_kept = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
-    # Faces are turned so that the smallest corner is first: the same face is then kept once.
-    kept = corners[is_kept]
-    turned = np.take_along_axis(kept, (kept.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)
-    order = np.argsort(used[chosen])
-    number = np.empty(len(order), np.int64)
-    number[order] = np.arange(len(order))
-    return used[chosen[order]], number[np.unique(turned, axis=0)].reshape(-1, 3)
-
-
-def _find_cells(points: Floats, size: float) -> Integers:
-    """Return the number of each point's cell, counted from 0 without gaps."""
-    places = np.floor(points / size).astype(np.int64)
-    width = places.max() + 1
-    keys = (places[:, 0] * width + places[:, 1]) * width + places[:, 2]
-    return np.asarray(np.unique(keys, return_inverse=True)[1].reshape(-1))
-
-
-def _choose_vertices(points: Floats, cells: Integers) -> Integers:
-    """Return the point of each cell that is closest to the mean of its points."""
-    counts = np.bincount(cells)
-    means = np.stack([np.bincount(cells, weights=axis) for axis in points.T], axis=1)
-    distances = np.linalg.norm(points - (means / counts[:, None])[cells], axis=1)
-    order = np.lexsort((distances, cells))
-    return np.asarray(order[np.searchsorted(cells[order], np.arange(len(counts)))])
 
 
 def _round_cages(cages: Floats, step: float = 2.0**-20) -> Floats:
@@ -217,8 +224,15 @@ def _list_focus(clip: PlayerClip, chosen: Integers) -> dict[str, Any] | None:
     return clip.focus | {"vertex": int(nearest)}
 
 
-def _list_mirror(clip: PlayerClip) -> dict[str, Any] | None:
-    mirror = find_mirror(clip.binding)
-    if mirror is None:
-        return None
-    return {"normal": mirror.normal.tolist(), "point": mirror.point.tolist()}
+def find_mirror(binding: Binding) -> Mirror | None:
+    """Find an axis across which the cage is its own mirror image; None if there is none."""
+    vertices = binding.cage.vertices
+    for point in (vertices.mean(axis=0), 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))):
+        for normal in np.eye(3):
+            mirror = Mirror(normal, point)
+            try:
+                mirror_pairs(binding.cage, mirror)
+            except HandlesError:
+                continue
+            return mirror
+    return None

@@ -2,23 +2,26 @@ import igl
 import numpy as np
 import pytest
 
-from cageik_cli.cages.soundness import count_fans, find_cage_faults, validate_cage
+from cageik_cli.cages.faults import (
+    Finding,
+    count_fans,
+    find_cage_faults,
+    format_elements,
+    validate_cage,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError
 from tests.exact import improper_pairs
-from tests.shapes import ball, box, changed, concave, finer, octahedron
+from tests.shapes import ball, box, changed, concave, finer, merged, moved, octahedron
 
 
-def two_boxes(shift):
-    a = box()
-    return TriMesh(
-        np.concatenate([a.vertices, a.vertices + shift]), np.concatenate([a.faces, a.faces + 8])
-    )
+def two_boxes(*shift):
+    return merged(box(), moved(box(), shift))
 
 
 def pinched():
     """Two boxes that share one corner: every edge has two faces, the corner two fans."""
-    mesh = two_boxes(np.array([2.0, 2, 2]))
+    mesh = two_boxes(2, 2, 2)
     shared = int(np.flatnonzero((mesh.vertices[:8] == 1).all(axis=1))[0])
     other = 8 + int(np.flatnonzero((mesh.vertices[8:] == 1).all(axis=1))[0])
     faces = np.where(mesh.faces == other, shared, mesh.faces)
@@ -71,7 +74,7 @@ FAULTS = {
         "has a vertex twice in a face: face 12; delete it",
     ),
     "no area": (zero_area(), "degenerate, corners on a line, at face 0"),
-    "two components": (two_boxes(np.array([5.0, 0, 0])), r"has 2 components \(of 8, 8 vertices\)"),
+    "two components": (two_boxes(5, 0, 0), r"has 2 components \(of 8, 8 vertices\)"),
     "turned face": (
         changed(box(), np.vstack([box().faces[:1, ::-1], box().faces[1:]])),
         "has neighbours facing opposite ways at 3 edges",
@@ -132,7 +135,7 @@ def test_every_fault_is_found_alone_with_its_numbers(name):
 
 def test_all_faults_of_one_cage_are_found_at_once():
     """A cage with a hole, a repeated face, a lone vertex and a second component."""
-    mesh = two_boxes(np.array([5.0, 0, 0]))
+    mesh = two_boxes(5, 0, 0)
     faces = np.vstack([mesh.faces[1:], mesh.faces[5:6]])
     found = find_cage_faults(TriMesh(np.vstack([mesh.vertices, [[9.0, 9, 9]]]), faces))
     assert [(finding.kind, finding.value) for finding in found] == [
@@ -209,3 +212,22 @@ def test_fans_are_counted():
     assert count_fans(book).tolist() == [1] * 5
     loose = TriMesh(np.random.default_rng(0).normal(size=(7, 3)), [[0, 1, 2], [0, 3, 4], [0, 5, 6]])
     assert count_fans(loose).tolist() == [3, 1, 1, 1, 1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("noun", "numbers", "text"),
+    [
+        ("face", [12], "face 12"),
+        ("vertex", [3, 4], "2 vertices (3, 4)"),
+        ("edge", [[3, 7]], "edge 3-7"),
+        ("face pair", [[3, 7], [1, 2]], "2 face pairs (3-7, 1-2)"),
+        ("face", range(12), "12 faces (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, ...)"),
+    ],
+)
+def test_elements_are_formatted(noun, numbers, text):
+    assert format_elements(noun, np.array(numbers)) == text
+
+
+def test_the_sentence_has_message_and_remedy():
+    finding = Finding("open-edge", "unfit", "it is open", "close it")
+    assert finding.sentence == "it is open; close it"

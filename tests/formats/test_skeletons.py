@@ -1,0 +1,271 @@
+"""Skeletons, skinned by USD itself or by the nodes of glTF: they give what the weights give."""
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom, UsdSkel
+from scipy.spatial.transform import Rotation
+
+from cageik_cli.formats import gltf_skeleton
+from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.usd import writer as usd_writer
+from cageik_cli.formats.usd.library import USD_SUFFIXES
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.errors import FormatError, OutputError
+from tests.formats.clips import faults_of
+from tests.formats.gltf.decoded import Glb
+from tests.formats.gltf.painted import paint
+from tests.shapes import ball, box, finer
+
+RANDOM = np.random.default_rng(11)
+BALL, BOX = ball(levels=1, size=1.0), box(2.0)
+REST, CAGE = (mesh.move(mesh.vertices + np.array([0.5, 0, -0.25])) for mesh in (BALL, BOX))
+ROTATIONS = Rotation.from_rotvec(np.outer([0, 1, 2, 3, 4], [0.3, 0.9, -0.2])).as_matrix()
+CAGES = (CAGE.vertices + RANDOM.normal(0, 0.2, (5, 8, 3))) @ ROTATIONS + [[[3.0, 0, -2]]]
+SCENE = Scene(fps=25.0, start=3.0, up_axis="Z", metres_per_unit=0.1)
+UPRIGHT = 0.1 * np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+"""From z up and tenths of a metre to y up and metres, for columns."""
+
+CONVEX = ((BALL.vertices[:, None] / BOX.vertices + 1) / 2).prod(axis=2)
+"""Trilinear weights of a box's corners: they are convex inside, and rebuild the points."""
+# Moved along what gives no point: rows still sum to one and rebuild the rest pose.
+SIGNED = CONVEX + 0.2 * np.prod(np.sign(BOX.vertices), axis=1)
+
+
+def make_weights(count):
+    """Some weights with `count` influences per vertex; fewer for the first vertex."""
+    weights = RANDOM.dirichlet(np.ones(8), len(REST.vertices))
+    np.put_along_axis(weights, np.argsort(weights, axis=1)[:, : 8 - count], 0, axis=1)
+    weights[0] = np.eye(8)[5]
+    return compute_skin_weights(weights / weights.sum(axis=1, keepdims=True))
+
+
+WEIGHTS = {str(count): make_weights(count) for count in (1, 3, 4, 5, 8)}
+WEIGHTS |= {"convex": compute_skin_weights(CONVEX), "signed": compute_skin_weights(SIGNED)}
+
+
+class GltfRig:
+    """What a GLB file says, by its accessors and nodes."""
+
+    name, make = "rig.glb", gltf_skeleton.SkeletonWriter
+
+    def __init__(self, path):
+        self.file = Glb(path)
+        (self.animation,) = self.file.json["animations"]
+
+    def skin(self):
+        """The mesh at each frame, (F, m, 3), in the space of the cages."""
+        frames = np.array([self.file.skinned(k) for k in range(len(CAGES))])
+        return frames @ np.linalg.inv(UPRIGHT.T)
+
+    def turns(self):
+        """The quaternions of the root, the real part last, (F, 4)."""
+        (turn,) = [c for c in self.animation["channels"] if c["target"]["path"] == "rotation"]
+        return self.file.array(self.animation["samplers"][turn["sampler"]]["output"])
+
+    def joints(self):
+        """The names of the joints, and their places when they are bound."""
+        nodes, (skin,) = self.file.json["nodes"], self.file.json["skins"]
+        assert nodes[skin["skeleton"]]["name"] == "root"
+        inverse = self.file.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
+        return [nodes[k]["name"] for k in skin["joints"]], -inverse[:, 3, :3]
+
+
+class UsdRig:
+    """What USD says of a stage; `skin` changes it."""
+
+    name, make = "rig.usdc", usd_writer.SkeletonWriter
+
+    def __init__(self, path):
+        self.stage = Usd.Stage.Open(str(path))
+        self.skeleton = UsdSkel.Skeleton(self.stage.GetPrimAtPath("/hero/skeleton"))
+
+    def skin(self):
+        assert UsdSkel.BakeSkinning(UsdSkel.Root(self.stage.GetDefaultPrim()))
+        points = UsdGeom.Mesh(self.stage.GetPrimAtPath("/hero/mesh")).GetPointsAttr()
+        return np.array([np.array(points.Get(3 + k)) for k in range(len(CAGES))], float)
+
+    def turns(self):
+        motion = UsdSkel.Animation(self.stage.GetPrimAtPath("/hero/skeleton/motion"))
+        turns = [motion.GetRotationsAttr().Get(3 + k)[0] for k in range(len(CAGES))]
+        return np.array([[*turn.GetImaginary(), turn.GetReal()] for turn in turns])
+
+    def joints(self):
+        names = [name.removeprefix("root/") for name in self.skeleton.GetJointsAttr().Get()]
+        return names, translations(self.skeleton.GetBindTransformsAttr())
+
+
+def translations(attribute):
+    return np.array([matrix.ExtractTranslation() for matrix in attribute.Get()])
+
+
+@pytest.fixture(params=[GltfRig, UsdRig])
+def rig(request):
+    return request.param
+
+
+def start(rig, path, weights=WEIGHTS["4"], rest=REST):
+    animation = Animation(CAGE, len(CAGES), SCENE, "hero")
+    return rig.make(path, animation, Skin(rest, weights, ROTATIONS))
+
+
+def save(rig, path, weights=WEIGHTS["4"], size=2, rest=REST):
+    """Write the skeleton; return what another program reads, and the notes."""
+    writer = start(rig, path, weights, rest)
+    for first in range(0, len(CAGES), size):
+        writer.append(CAGES[first : first + size])
+    writer.complete()
+    return rig(path), writer.notes
+
+
+def expect(weights):
+    """The skin with offsets that turn, (F, m, 3)."""
+    dense = weights.to_dense(8)
+    return dense @ CAGES + (REST.vertices - dense @ CAGE.vertices) @ ROTATIONS
+
+
+def test_the_weights_of_the_test_are_what_they_claim():
+    for weights in (CONVEX, SIGNED):
+        np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-14)
+        np.testing.assert_allclose(weights @ CAGE.vertices, REST.vertices, atol=1e-14)
+    assert CONVEX.min() >= 0 > SIGNED.min()
+    np.testing.assert_allclose(expect(WEIGHTS["convex"]), CONVEX @ CAGES, atol=1e-14)
+    assert np.abs(expect(WEIGHTS["signed"]) - SIGNED @ CAGES).max() > 0.01
+
+
+@pytest.mark.parametrize("weights", WEIGHTS.values(), ids=WEIGHTS)
+def test_the_mesh_follows_the_cages(tmp_path, rig, weights):
+    """What weights lack that were cut off turns with the root."""
+    found, _ = save(rig, tmp_path / rig.name, weights)
+    np.testing.assert_allclose(found.skin(), expect(weights), rtol=0, atol=5e-6)
+    assert [file.name for file in tmp_path.iterdir()] == [rig.name]
+
+
+def test_the_root_takes_the_short_way(tmp_path, rig):
+    """Its rotation passes half a turn, where a quaternion may change its sign."""
+    turns = save(rig, tmp_path / rig.name)[0].turns()
+    assert (np.einsum("ki,ki->k", turns[1:], turns[:-1]) > 0).all()
+    assert turns[-1, 3] < 0
+
+
+def test_joints_are_the_vertices_of_the_cage(tmp_path, rig):
+    names, places = save(rig, tmp_path / rig.name)[0].joints()
+    assert names == ["root", *(f"cage_00{k}" for k in range(8))]
+    expected = np.vstack([CAGE.vertices.mean(axis=0), CAGE.vertices])
+    np.testing.assert_allclose(places, expected, atol=1e-6)
+
+
+def test_the_same_skeleton_gives_the_same_bytes(tmp_path, rig):
+    for size in (1, 3):
+        save(rig, tmp_path / f"{size}{rig.name}", size=size)
+    first, second = (path.read_bytes() for path in tmp_path.iterdir())
+    assert first == second
+
+
+@pytest.mark.parametrize(("rig", "name"), [(GltfRig, "rig.glb"), (UsdRig, "rig.usdz")])
+def test_abandoned_it_leaves_nothing(tmp_path, rig, name):
+    writer = start(rig, tmp_path / name)
+    writer.append(CAGES)
+    writer.abandon()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_mesh_too_large_for_single_precision_is_refused(tmp_path, rig):
+    huge = TriMesh(REST.vertices * 1e40, REST.faces)
+    with pytest.raises(OutputError, match="too large"):
+        start(rig, tmp_path / rig.name, rest=huge)
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- glTF
+
+
+def test_nodes_of_gltf_are_at_rest_and_their_keys_at_the_times_of_frames(tmp_path):
+    """A program that does not play shows the rest pose."""
+    found, _ = save(GltfRig, tmp_path / "a.glb")
+    for sampler in found.animation["samplers"]:
+        times = found.file.array(sampler["input"])[:, 0]
+        np.testing.assert_allclose(times * 25, 3 + np.arange(5), rtol=1e-6)
+    found.animation["channels"] = []
+    rest = REST.vertices @ UPRIGHT.T
+    np.testing.assert_allclose(found.file.skinned(0), rest, rtol=0, atol=1e-6)
+    nodes = [found.file.json["nodes"][k] for k in found.file.json["scenes"][0]["nodes"]]
+    assert [(node["name"], node.get("skin")) for node in nodes] == [("mesh", 0), ("hero", None)]
+
+
+@pytest.mark.parametrize(("count", "sets"), [(1, 1), (4, 1), (5, 2), (8, 2)])
+def test_weights_of_gltf_are_in_sets_of_four(tmp_path, count, sets):
+    rig, notes = save(GltfRig, tmp_path / "a.glb", WEIGHTS[str(count)])
+    found = list(rig.file.influences())
+    assert len(found) == sets
+    joints, weights = (np.concatenate(arrays, axis=1) for arrays in zip(*found, strict=True))
+    assert weights.min() >= 0
+    np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=0, atol=1e-6)
+    assert (np.diff(weights, axis=1) <= 0).all()
+    np.testing.assert_array_equal(joints[weights == 0], 0)
+    np.testing.assert_array_equal(joints[0], [6] + [0] * (4 * sets - 1))
+    assert any("`influences=4`" in note for note in notes) == (sets == 2)
+
+
+@pytest.mark.parametrize(("joint", "kind"), [(254, 5121), (255, 5123)])
+def test_many_joints_have_wider_numbers_in_gltf(tmp_path, joint, kind):
+    many = finer(CAGE, 3)
+    weights = SkinWeights(np.full((18, 1), joint), np.ones((18, 1)))
+    skin = Skin(REST, weights, ROTATIONS[:1])
+    writer = GltfRig.make(tmp_path / "a.glb", Animation(many, 1, Scene(), "hero"), skin)
+    up = np.array([0, 1, 0])
+    writer.append(many.vertices[None] + up)
+    writer.complete()
+    file = Glb(tmp_path / "a.glb")
+    number = file.primitives[0]["attributes"]["JOINTS_0"]
+    assert file.json["accessors"][number]["componentType"] == kind
+    np.testing.assert_allclose(file.skinned(0), REST.vertices + up, rtol=0, atol=1e-5)
+
+
+def test_materials_and_uvs_come_along_in_gltf(tmp_path):
+    uv = RANDOM.random((len(REST.faces), 3, 2))
+    rest = paint(REST, uv, np.zeros(len(REST.faces), np.int64), ("skin",))
+    rig, _ = save(GltfRig, tmp_path / "a.glb", rest=rest)
+    faces = rig.file.faces()
+    assert rig.file.json["materials"][0]["name"] == "skin"
+    expected = expect(WEIGHTS["4"])[:, REST.faces]
+    np.testing.assert_allclose(rig.skin()[:, faces], expected, rtol=0, atol=5e-6)
+    found = rig.file.attribute("TEXCOORD_0")[faces]
+    np.testing.assert_allclose(found, uv * [1, -1] + [0, 1], atol=1e-6)
+
+
+def test_more_joints_than_programs_read_from_gltf_are_refused(tmp_path):
+    weights = SkinWeights(np.tile(np.arange(9), (18, 1)), np.full((18, 9), 1 / 9))
+    with pytest.raises(OutputError, match="up to 9 joints move a vertex, and programs read at mos"):
+        start(GltfRig, tmp_path / "a.glb", weights)
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- USD
+
+
+@pytest.mark.parametrize("suffix", USD_SUFFIXES)
+def test_usd_finds_no_fault_with_any_of_its_kinds(tmp_path, suffix):
+    found, _ = save(UsdRig, tmp_path / f"rig{suffix}", WEIGHTS["convex"])
+    assert faults_of(tmp_path / f"rig{suffix}") == []
+    np.testing.assert_allclose(found.skin(), CONVEX @ CAGES, atol=5e-6)
+    assert [file.name for file in tmp_path.iterdir()] == [f"rig{suffix}"]
+
+
+def test_a_stage_is_at_rest_without_its_motion(tmp_path):
+    found, _ = save(UsdRig, tmp_path / "rig.usdc")
+    assert (found.stage.GetStartTimeCode(), found.stage.GetEndTimeCode()) == (3, 7)
+    centre = CAGE.vertices.mean(axis=0)
+    places = translations(found.skeleton.GetRestTransformsAttr())
+    np.testing.assert_array_equal(places, np.vstack([centre, CAGE.vertices - centre]))
+    mesh = UsdGeom.Mesh(found.stage.GetPrimAtPath("/hero/mesh"))
+    np.testing.assert_array_equal(mesh.GetPointsAttr().Get(), REST.vertices.astype("f4"))
+    assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
+
+
+def test_our_reader_says_that_it_does_not_skin(tmp_path):
+    save(UsdRig, tmp_path / "rig.usdc")
+    with pytest.raises(FormatError, match=r"/hero/mesh is moved by a skeleton.*bake it"):
+        open_sequence([str(tmp_path / "rig.usdc")])

@@ -1,0 +1,130 @@
+"""The player in a page, and alone: its data and script, under the same strict policy."""
+
+import base64
+import hashlib
+import json
+import re
+from importlib.resources import files
+
+import pytest
+
+from cageik_cli.cages.bind import bind
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.report.html.page import render_page, render_result_page
+from cageik_cli.report.html.templating import PLAYER_SCRIPTS
+from cageik_cli.report.player import section
+from cageik_cli.report.player.clip import make_single_pose
+from cageik_cli.report.player.section import render_view_page
+from tests.report.markup import find_faults, parse_page
+from tests.report.player.rebuild import unpack_payload
+from tests.shapes import ball, box
+
+MAX_SCRIPT_BYTES = 60_000
+
+
+@pytest.fixture(scope="module")
+def page(report, poses, clip):
+    return render_page(report, poses, player=clip, pixels=8)
+
+
+def test_the_player_comes_first(page):
+    sections = list(parse_page(page).by_id("main").all("section"))
+    assert sections[0].attributes["id"] == "player"
+    (first, *_) = next(parse_page(page).all("nav")).all("a")
+    assert first.attributes["href"] == "#player"
+
+
+def test_the_page_has_no_faults(page):
+    assert find_faults(page) == []
+
+
+def test_only_one_script_runs_and_the_policy_names_it(page):
+    data, script = parse_page(page).all("script")
+    assert data.attributes == {"type": "application/octet-stream", "id": "player-data"}
+    assert script.attributes == {}
+    digest = base64.b64encode(hashlib.sha256(script.source.encode()).digest()).decode()
+    policy = parse_page(page).policy
+    assert f"script-src 'sha256-{digest}'" in policy
+    assert policy.startswith("default-src 'none'; ")
+    assert "connect-src" not in policy
+    assert "fetch(" not in script.source
+    assert "eval" not in re.sub(r"evaluate", "", policy)
+
+
+def test_the_data_is_that_of_the_clip(page, clip):
+    (data, _) = parse_page(page).all("script")
+    header, arrays = unpack_payload(data.source)
+    assert tuple(header["frames"]) == clip.frames
+    assert arrays["weights"].shape == clip.binding.weights.T.shape
+
+
+def test_the_script_is_small(report, page, clip):
+    def measure(text):
+        return len(list(parse_page(text).all("script"))[-1].source.encode())
+
+    own = measure(page) - measure(render_page(report))
+    assert 10_000 < own <= MAX_SCRIPT_BYTES
+
+
+def test_every_script_of_the_player_is_in_the_page(page):
+    folder = files("cageik_cli.report.html") / "templates" / "player"
+    names = {one.name.removesuffix(".js") for one in folder.iterdir()}
+    assert names == {*PLAYER_SCRIPTS, "apply"}
+
+
+def test_the_same_result_gives_the_same_bytes(page, report, poses, clip):
+    assert render_page(report, poses, player=clip, pixels=8) == page
+
+
+def test_without_a_player_nothing_of_it_is_there(closed, report):
+    page = render_result_page(closed.result, report, has_player=False)
+    assert "player" not in page
+
+
+def test_what_is_left_out_is_said(report, clip, monkeypatch):
+    monkeypatch.setattr(section, "MAX_DRAWN_VERTICES", 10)
+    page = parse_page(render_page(report, player=clip)).by_id("player").text
+    drawn = len(section.choose_vertices(clip.binding)[0])
+    assert f"The player draws {drawn} of 18 vertices" in page
+
+
+@pytest.fixture(scope="module")
+def model():
+    binding = bind(ball(levels=1, size=0.9), box(2.0), BindSettings("mean-value"))
+    return make_single_pose(binding, ["<b>.obj", "--cage", "cage.obj"])
+
+
+def test_the_page_names_its_model(model):
+    page = render_view_page(model)
+    assert "<h1>&lt;b&gt;.obj</h1>" in page
+    assert page.count("data-player>") == 1
+
+
+def test_a_model_without_a_name_has_a_heading(model):
+    assert "<h1>Model in its cage</h1>" in render_view_page(make_single_pose(model.binding))
+
+
+@pytest.mark.parametrize(("apply_url", "allowed"), [("", False), ("apply", True)])
+def test_only_a_page_that_applies_may_send_anything(model, apply_url, allowed):
+    policy = parse_page(render_view_page(model, apply_url)).policy
+    assert ("; connect-src 'self'" in policy) == allowed
+    assert policy.startswith("default-src 'none'; ")
+    assert "unsafe-eval" not in policy
+
+
+def test_handles_are_in_the_page_whatever_their_names(model):
+    name = "</script><script>alert(1)</script><!-- & ]]> \\ "
+    document = {"handles": [{"name": name, "vertex": 0, "pin": True}]}
+    page = render_view_page(model, handles=json.dumps(document))
+    (text,) = re.findall(r'id="player-handles">(.*?)</script>', page, re.DOTALL)
+    assert json.loads(text) == document
+    assert "alert(1)</script>" not in page
+
+
+def test_the_words_of_an_edited_clip_are_of_motion(model):
+    assert ">error over the clip<" in render_view_page(model)
+    assert ">distance moved over the clip<" in render_view_page(model, edited_from="cages.h5")
+
+
+def test_without_handles_there_is_no_place_for_them(model):
+    assert '<script type="application/json"' not in render_view_page(model)
