@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cageik_cli.cages.faults import Finding, format_elements, validate_cage
 from cageik_cli.cages.misfit import MAX_OUTSIDE_SHARE, explain_misfit
@@ -16,7 +15,7 @@ from cageik_cli.geometry.surface import (
     closest_points,
     winding_numbers,
 )
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import CageError, join_truncated
 
 TOUCH_TOL = 1e-8
@@ -53,7 +52,7 @@ class Placement:
 
     rest: TriMesh
     closest: ClosestPoints
-    is_outside: NDArray[np.bool_]
+    is_outside: Mask
     tolerance: float
     notes: tuple[str, ...] = ()
 

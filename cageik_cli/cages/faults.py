@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask
-from cageik_cli.util.arrays import Integers
+from cageik_cli.util.arrays import Integers, Mask
 from cageik_cli.util.errors import CageError, join_truncated
 from cageik_cli.util.progress import mark_warning
 from cageik_cli.util.text import format_count, pluralize
@@ -220,7 +220,7 @@ def _find_volume_faults(surface: TriMesh, min_ratio: float = 1e-9) -> Iterator[F
         yield Finding("inward", "warning", message, remedy, value=volume)
 
 
-def _find_self_intersections(surface: TriMesh, is_degenerate: NDArray[np.bool_]) -> Integers:
+def _find_self_intersections(surface: TriMesh, is_degenerate: Mask) -> Integers:
     """Return pairs of faces, (p, 2), that meet, except at the vertices of degenerate faces."""
     faces = surface.faces
     judged = np.flatnonzero(~np.isin(faces, faces[is_degenerate]).any(axis=1))

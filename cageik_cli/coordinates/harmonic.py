@@ -14,7 +14,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cageik_cli.coordinates.bem.boundary_equation import (
     BoundarySolution,
@@ -31,7 +30,7 @@ from cageik_cli.coordinates.settings import ACCURACIES, Accuracy
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import measure_distances, order_by_place
 from cageik_cli.geometry.surface import closest_points, weights_on_surface
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.threads import count_processors, limit_blas_threads
@@ -89,20 +88,78 @@ def harmonic_weights(
     weights, within = weights_on_surface(cage, points)
     if len(within) == 0:
         return Weights(weights)
-    origin, scale = cage.vertices.mean(axis=0), cage.diagonal
-    unit = TriMesh((cage.vertices - origin) / scale, cage.faces)
-    within = within[order_by_place(points[within])]
-    places = (points[within] - origin) / scale
-    with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
-        boundary, error = solve_to_tolerance(unit, places, ACCURACIES[accuracy], pool)
+    solution = HarmonicSolution(cage, points[within], accuracy, jobs)
 
-        def fill(block: slice) -> int:
-            weights[within[block]] = rounded_interior_weights(boundary, places[block])
+    def fill(chosen: Integers, places: Floats) -> None:
+        weights[chosen] = rounded_interior_weights(solution.boundary, places)
+
+    solution.visit_blocks(points, within, fill, jobs, progress)
+    return Weights(weights, len(solution.boundary.mesh.panels.corners), solution.error)
+
+
+class HarmonicSolution:
+    """The boundary equation of a cage, solved to a tolerance at points inside.
+
+    It is solved in the cage's own units: centred, with a diagonal of one.
+
+    Parameters
+    ----------
+    cage, points, accuracy, jobs
+        As of `harmonic_weights`; the points are inside.
+
+    Attributes
+    ----------
+    boundary : BoundarySolution
+    error : float
+        Estimate of the mean row L1 error at the points.
+    scale : float
+        A unit of the solution, file units.
+    """
+
+    def __init__(self, cage: TriMesh, points: Floats, accuracy: str, jobs: int | None) -> None:
+        self._origin, self.scale = cage.vertices.mean(axis=0), cage.diagonal
+        unit = TriMesh(self.to_units(cage.vertices), cage.faces)
+        places = self.to_units(points[order_by_place(points)])
+        with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
+            self.boundary, self.error = _solve_to_tolerance(
+                unit, places, ACCURACIES[accuracy], pool
+            )
+
+    def to_units(self, points: Floats) -> Floats:
+        """Return places in file units, (m, 3), in those of the solution."""
+        return np.asarray((points - self._origin) / self.scale)
+
+    def visit_blocks(
+        self,
+        points: Floats,
+        chosen: Integers,
+        visit: Callable[[Integers, Floats], None],
+        jobs: int | None,
+        progress: Callable[[int, int], None],
+    ) -> None:
+        """Call `visit` with blocks of the chosen points, neighbours together, in threads.
+
+        Parameters
+        ----------
+        points : (m, 3)
+            File units.
+        chosen : (k,) int64
+            Numbers of points inside.
+        visit : callable
+            Of numbers of points, and their places in the units of the solution.
+        """
+        if len(chosen) == 0:
+            return
+        chosen = chosen[order_by_place(points[chosen])]
+        places = self.to_units(points[chosen])
+
+        def visit_block(block: slice) -> int:
+            visit(chosen[block], places[block])
             return int(block.stop)
 
-        for done in pool.map(fill, split_points(boundary.mesh, len(within))):
-            progress(done, len(within))
-    return Weights(weights, len(boundary.mesh.panels.corners), error)
+        with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
+            for done in pool.map(visit_block, split_points(self.boundary.mesh, len(chosen))):
+                progress(done, len(chosen))
 
 
 def check_request(cage: TriMesh, accuracy: str) -> None:
@@ -116,7 +173,7 @@ def check_request(cage: TriMesh, accuracy: str) -> None:
         )
 
 
-def solve_to_tolerance(
+def _solve_to_tolerance(
     cage: TriMesh, points: Floats, accuracy: Accuracy, pool: ThreadPoolExecutor
 ) -> tuple[BoundarySolution, float]:
     """Divide panels until the estimated error is below the tolerance, or there are too many.
@@ -147,7 +204,7 @@ def solve_to_tolerance(
     return best, error
 
 
-def _worst_panel_mask(shares: Floats, refined_share: float = 0.6) -> NDArray[np.bool_]:
+def _worst_panel_mask(shares: Floats, refined_share: float = 0.6) -> Mask:
     """Return a mask of the fewest panels that have `refined_share` of the error, (p,)."""
     order = np.argsort(-shares, kind="stable")
     count = np.searchsorted(np.cumsum(shares[order]), refined_share * shares.sum()) + 1

@@ -1,27 +1,19 @@
 """The harmonic coordinates of a cage as functions of a point: their values and gradients."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.bem.boundary_equation import (
-    BoundarySolution,
-    interior_weights,
-    split_points,
-)
+from cageik_cli.coordinates.bem.boundary_equation import BoundarySolution, interior_weights
 from cageik_cli.coordinates.bem.gradients import WeightGradients
-from cageik_cli.coordinates.harmonic import check_request, solve_to_tolerance
-from cageik_cli.coordinates.settings import ACCURACIES
+from cageik_cli.coordinates.harmonic import HarmonicSolution, check_request
 from cageik_cli.geometry.mesh import TriMesh, validate_positions
-from cageik_cli.geometry.points import order_by_place
 from cageik_cli.geometry.surface import ClosestPoints, closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
 from cageik_cli.util.progress import ignore_progress
-from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +26,12 @@ class HarmonicField:
     ----------
     cage : TriMesh
         n vertices.
+    solution : HarmonicSolution
+        At the points that it was solved for.
     boundary : BoundarySolution
         Of the cage in its own units: centred, with a diagonal of one.
     error : float
-        Estimate of the mean row L1 error at the points that it was solved for.
+        Estimate of the mean row L1 error at those points.
 
     Examples
     --------
@@ -56,8 +50,7 @@ class HarmonicField:
     """
 
     cage: TriMesh
-    boundary: BoundarySolution
-    error: float
+    solution: HarmonicSolution
 
     def __repr__(self) -> str:
         return f"<HarmonicField: a cage of {len(self.cage.vertices)}>"
@@ -88,13 +81,18 @@ class HarmonicField:
         check_request(cage, accuracy)
         points = validate_positions(points)
         within = ~closest_points(cage, points).is_touching
-        origin, scale = _unit_frame(cage)
         inside = points[within] if within.any() else points
-        places = (inside[order_by_place(inside)] - origin) / scale
-        unit = TriMesh((cage.vertices - origin) / scale, cage.faces)
-        with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
-            boundary, error = solve_to_tolerance(unit, places, ACCURACIES[accuracy], pool)
-        return HarmonicField(cage, boundary, error)
+        return HarmonicField(cage, HarmonicSolution(cage, inside, accuracy, jobs))
+
+    @property
+    def boundary(self) -> BoundarySolution:
+        """Return the densities of the weights."""
+        return self.solution.boundary
+
+    @property
+    def error(self) -> float:
+        """Return the estimated error of the weights."""
+        return self.solution.error
 
     def evaluate(
         self,
@@ -116,10 +114,11 @@ class HarmonicField:
         weights = np.empty((len(points), len(self.cage.vertices)))
         weights[nearest.is_touching] = nearest.barycentric_weights(nearest.is_touching)
 
-        def fill(chosen: Integers, unit_points: Floats) -> None:
-            weights[chosen] = interior_weights(self.boundary, unit_points)
+        def fill(chosen: Integers, places: Floats) -> None:
+            weights[chosen] = interior_weights(self.boundary, places)
 
-        self._visit_blocks(points, np.flatnonzero(~nearest.is_touching), fill, jobs, progress)
+        within = np.flatnonzero(~nearest.is_touching)
+        self.solution.visit_blocks(points, within, fill, jobs, progress)
         return weights
 
     def gradient(
@@ -139,7 +138,6 @@ class HarmonicField:
         CageError
             When a point is outside.
         """
-        scale = _unit_frame(self.cage)[1]
         points = validate_positions(points)
         nearest = self._locate(points)
         gradients = np.empty((len(points), len(self.cage.vertices), 3))
@@ -149,12 +147,12 @@ class HarmonicField:
             chosen = on_cage[start : start + size]
             gradients[chosen] = self._gradient_on_cage(nearest, chosen).transpose(2, 1, 0)
 
-        def fill(chosen: Integers, unit_points: Floats) -> None:
-            found = self._gradients.evaluate(unit_points)
-            gradients[chosen] = found.transpose(2, 1, 0)
+        def fill(chosen: Integers, places: Floats) -> None:
+            gradients[chosen] = self._gradients.evaluate(places).transpose(2, 1, 0)
 
-        self._visit_blocks(points, np.flatnonzero(~nearest.is_touching), fill, jobs, progress)
-        gradients /= scale
+        within = np.flatnonzero(~nearest.is_touching)
+        self.solution.visit_blocks(points, within, fill, jobs, progress)
+        gradients /= self.solution.scale
         return gradients
 
     def _locate(self, points: Floats) -> ClosestPoints:
@@ -169,33 +167,9 @@ class HarmonicField:
             )
         return nearest
 
-    def _visit_blocks(
-        self,
-        points: Floats,
-        within: Integers,
-        fill: Callable[[Integers, Floats], None],
-        jobs: int | None,
-        progress: Callable[[int, int], None],
-    ) -> None:
-        """Call `fill(numbers, their places in the unit frame)` for blocks of neighbours, (w,)."""
-        if len(within) == 0:
-            return
-        within = within[order_by_place(points[within])]
-        origin, scale = _unit_frame(self.cage)
-        places = (points[within] - origin) / scale
-
-        def visit(block: slice) -> int:
-            fill(within[block], places[block])
-            return int(block.stop)
-
-        with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
-            for done in pool.map(visit, split_points(self.boundary.mesh, len(within))):
-                progress(done, len(within))
-
     def _gradient_on_cage(self, nearest: ClosestPoints, chosen: Integers) -> Floats:
         """Return the limits of the gradients from inside, (3, n, q), in the unit frame."""
-        origin, scale = _unit_frame(self.cage)
-        places = (nearest.position[chosen] - origin) / scale
+        places = self.solution.to_units(nearest.position[chosen])
         panels = closest_points(self._surface, places).face
         return self._gradients.evaluate_on_panels(places, panels)
 
@@ -208,8 +182,3 @@ class HarmonicField:
         """The panels as a mesh."""
         panels = self.boundary.mesh.panels
         return TriMesh(panels.vertices, panels.corners)
-
-
-def _unit_frame(cage: TriMesh) -> tuple[Floats, float]:
-    """Return the origin and the length of the frame in which the equations are solved."""
-    return cage.vertices.mean(axis=0), cage.diagonal

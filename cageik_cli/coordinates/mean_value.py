@@ -34,7 +34,6 @@ Arrays have faces or edges along the first axis and points along the last.
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
@@ -58,7 +57,6 @@ MAX_SERIES_SQUARE = 0.02
 _SERIES = [(-1) ** k / (2 * k + 1) for k in range(9)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class _Faces:
     """The faces of a cage in local frames.
 
@@ -82,29 +80,20 @@ class _Faces:
         Sums over corners, ordered [corner, face], at each vertex.
     """
 
-    corners: Integers
-    edges: Edges
-    edge_lengths: Floats
-    base: Floats
-    apex: Floats
-    altitude: Floats
-    side_normals: Floats
-    linear_forms: Floats
-    corner_sums: sparse.csr_array
-
-    @staticmethod
-    def from_mesh(mesh: TriMesh) -> "_Faces":
-        """Build the local frames of the faces of `mesh`."""
-        corners = _put_longest_side_first(mesh)
-        edges = Edges.from_faces(corners)
-        start, stop = mesh.vertices[edges.ends].swapaxes(0, 1)
-        a, b, c = (mesh.vertices[corners[:, k]] for k in range(3))
+    def __init__(self, mesh: TriMesh) -> None:
+        self.corners = _put_longest_side_first(mesh)
+        self.edges = Edges.from_faces(self.corners)
+        start, stop = mesh.vertices[self.edges.ends].swapaxes(0, 1)
+        self.edge_lengths = np.linalg.norm(stop - start, axis=1)
+        a, b, c = (mesh.vertices[self.corners[:, k]] for k in range(3))
         axes = _face_axes(a, b, c)
         base = np.linalg.norm(c - b, axis=1)
         apex, altitude = np.einsum("fx,afx->af", a - b, axes)
-        zero = np.zeros(len(corners))
+        self.base, self.apex, self.altitude = base[:, None], apex[:, None], altitude[:, None]
+        zero = np.zeros(len(self.corners))
         normals = np.array([[zero, altitude, -altitude], [-base, base - apex, apex]])
         normals /= np.linalg.norm(normals, axis=0)
+        self.side_normals = normals[..., None]
         outward = np.einsum("akf,afx->kfx", normals, axes)
         anchored = [
             (np.cross(*axes), b),
@@ -113,21 +102,58 @@ class _Faces:
             (_normalize(stop - start), start),
         ]
         forms = [np.column_stack([-n, np.einsum("ix,ix->i", n, o)]) for n, o in anchored]
-        count = corners.size
-        return _Faces(
-            corners=corners,
-            edges=edges,
-            edge_lengths=np.linalg.norm(stop - start, axis=1),
-            base=base[:, None],
-            apex=apex[:, None],
-            altitude=altitude[:, None],
-            side_normals=normals[..., None],
-            linear_forms=np.concatenate(forms),
-            corner_sums=sparse.csr_array(
-                (np.ones(count), (corners.T.ravel(), np.arange(count))),
-                shape=(len(mesh.vertices), count),
-            ),
+        self.linear_forms = np.concatenate(forms)
+        count = self.corners.size
+        self.corner_sums = sparse.csr_array(
+            (np.ones(count), (self.corners.T.ravel(), np.arange(count))),
+            shape=(len(mesh.vertices), count),
         )
+
+    def integrate_rays(self, points: Floats) -> Floats:
+        """Return ∫ φ_i / r dS of every vertex, (n, q), for points off the cage, (q, 3)."""
+        count, normals = len(self.corners), self.side_normals
+        forms = self.linear_forms @ np.vstack([points.T, np.ones(len(points))])
+        height, along, start = forms[:count], forms[4 * count : 5 * count], forms[5 * count :]
+        side = forms[count : 4 * count].reshape(3, count, -1)
+        products = start * (start + self.edge_lengths[:, None])
+        edges = self._integrate_edges(height, side, products)
+        edge = [edges[self.edges.side_edges[:, k]] for k in range(3)]
+
+        with np.errstate(invalid="ignore", divide="ignore"):  # points in a plane are set next
+            total = sum(side[k] * edge[k] for k in range(3)) / (2 * height)
+        self._set_edge_on_totals(total, height, side, products)
+        half = height / 2
+        moment = along * total - half * sum(normals[0, k] * edge[k] for k in (1, 2))
+        apex = side[0] * total - half * sum(normals[1, k] * edge[k] for k in range(3))
+        apex /= self.altitude
+        last = (moment - self.apex * apex) / self.base
+        integrals = np.concatenate([apex, total - apex - last, last])
+        return np.asarray(self.corner_sums @ integrals)
+
+    def _integrate_edges(self, height: Floats, side: Floats, products: Floats) -> Floats:
+        """Return ∫ 1/r² ds of every edge, (e, q), given s_a s_b, (e, q)."""
+        face, k = np.divmod(self.edges.first_side, 3)
+        squares = side[k, face] ** 2
+        squares += height[face] ** 2
+        distance = np.maximum(np.sqrt(squares), 1e-200)  # on an edge's line θ/d has its limit
+        return np.asarray(
+            np.arctan2(distance * self.edge_lengths[:, None], squares + products) / distance
+        )
+
+    def _set_edge_on_totals(
+        self, total: Floats, height: Floats, side: Floats, products: Floats
+    ) -> None:
+        """Set V, (f, q), of faces seen nearly edge-on, given s_a s_b of every edge, (e, q)."""
+        points = height.shape[1]
+        beyond = -np.minimum(np.minimum(side[0], side[1]), side[2])
+        flat = np.flatnonzero(np.abs(height) < MAX_EDGE_ON_RATIO * beyond)
+        face, point = np.divmod(flat, points)
+        edge = self.edges.side_edges[face].T
+        height = height.reshape(-1)[flat]
+        side = side.reshape(3, -1)[:, flat]
+        products = products.reshape(-1)[edge * points + point]
+        strengths = _side_strengths(side, height, products, self.edge_lengths[edge])
+        total.reshape(-1)[flat] = -height / 2 * strengths.sum(axis=0)
 
 
 def mean_value_weights(
@@ -145,11 +171,11 @@ def mean_value_weights(
     origin = cage.vertices.mean(axis=0)
     mesh = TriMesh((cage.vertices - origin) / cage.diagonal, cage.faces)
     points = (points - origin) / cage.diagonal
-    faces, size = _Faces.from_mesh(mesh), max(1, MAX_RAY_ENTRIES // len(mesh.faces))
+    faces, size = _Faces(mesh), max(1, MAX_RAY_ENTRIES // len(mesh.faces))
 
     def fill(start: int) -> int:
         chosen = within[start : start + size]
-        sums = _ray_integrals(faces, points[chosen]).T
+        sums = faces.integrate_rays(points[chosen]).T
         weights[chosen] = sums / sums.sum(axis=1, keepdims=True)
         return start + len(chosen)
 
@@ -157,55 +183,6 @@ def mean_value_weights(
         for done in pool.map(fill, range(0, len(within), size)):
             progress(done, len(within))
     return Weights(weights)
-
-
-def _ray_integrals(faces: _Faces, points: Floats) -> Floats:
-    """Return ∫ φ_i / r dS of every vertex, (n, q), for points off the cage, (q, 3)."""
-    count, normals = len(faces.corners), faces.side_normals
-    forms = faces.linear_forms @ np.vstack([points.T, np.ones(len(points))])
-    height, along, start = forms[:count], forms[4 * count : 5 * count], forms[5 * count :]
-    side = forms[count : 4 * count].reshape(3, count, -1)
-    products = start * (start + faces.edge_lengths[:, None])
-    edges = _edge_integrals(faces, height, side, products)
-    edge = [edges[faces.edges.side_edges[:, k]] for k in range(3)]
-
-    with np.errstate(invalid="ignore", divide="ignore"):  # points in a plane are set next
-        total = sum(side[k] * edge[k] for k in range(3)) / (2 * height)
-    _set_edge_on_totals(total, faces, height, side, products)
-    half = height / 2
-    moment = along * total - half * sum(normals[0, k] * edge[k] for k in (1, 2))
-    apex = side[0] * total - half * sum(normals[1, k] * edge[k] for k in range(3))
-    apex /= faces.altitude
-    last = (moment - faces.apex * apex) / faces.base
-    integrals = np.concatenate([apex, total - apex - last, last])
-    return np.asarray(faces.corner_sums @ integrals)
-
-
-def _edge_integrals(faces: _Faces, height: Floats, side: Floats, products: Floats) -> Floats:
-    """Return ∫ 1/r² ds of every edge, (e, q), given s_a s_b, (e, q)."""
-    face, k = np.divmod(faces.edges.first_side, 3)
-    squares = side[k, face] ** 2
-    squares += height[face] ** 2
-    distance = np.maximum(np.sqrt(squares), 1e-200)  # on an edge's line θ/d has its limit
-    return np.asarray(
-        np.arctan2(distance * faces.edge_lengths[:, None], squares + products) / distance
-    )
-
-
-def _set_edge_on_totals(
-    total: Floats, faces: _Faces, height: Floats, side: Floats, products: Floats
-) -> None:
-    """Set V, (f, q), of faces seen nearly edge-on; `products` is s_a s_b of the edges, (e, q)."""
-    points = height.shape[1]
-    beyond = -np.minimum(np.minimum(side[0], side[1]), side[2])
-    flat = np.flatnonzero(np.abs(height) < MAX_EDGE_ON_RATIO * beyond)
-    face, point = np.divmod(flat, points)
-    edge = faces.edges.side_edges[face].T
-    height = height.reshape(-1)[flat]
-    side = side.reshape(3, -1)[:, flat]
-    products = products.reshape(-1)[edge * points + point]
-    strengths = _side_strengths(side, height, products, faces.edge_lengths[edge])
-    total.reshape(-1)[flat] = -height / 2 * strengths.sum(axis=0)
 
 
 def _side_strengths(side: Floats, height: Floats, products: Floats, length: Floats) -> Floats:

@@ -182,13 +182,12 @@ class PoseStatistics:
         """Return the summary of the frames so far."""
         name = self._edit.target.name_frame
         rms = float(np.sqrt(self._squares / max(1, self._frame_count)))
-        diagonal = self._rest.diagonal
         beyond = self._beyond_moved if self._is_beyond.any() else None
         return PoseSummary(
-            diagonal=diagonal,
+            diagonal=self._rest.diagonal,
             anchors=tuple(map(self._summarize_anchor, range(len(self._anchors)))),
             rms=rms,
-            rms_percent=100 * rms / diagonal,
+            rms_percent=100 * rms / self._rest.diagonal,
             moved=self._farthest,
             moved_least=self._smallest_motion,
             vertex=self._vertex,
@@ -200,7 +199,7 @@ class PoseStatistics:
             rigidity=self._edit.rigidity,
             changed=(name(self._changed[0]), name(self._changed[-1])) if self._changed else None,
             beyond_moved=beyond,
-            beyond_moved_percent=None if beyond is None else 100 * beyond / diagonal,
+            beyond_moved_percent=None if beyond is None else 100 * beyond / self._rest.diagonal,
             **self._summarize_acceleration(),
             has_surface=len(self._rest.faces) > 0,
         )

@@ -36,12 +36,6 @@ def test_the_figures_go_to_stderr_and_end_with_what_to_do_next(run, folder):
     )
 
 
-def test_the_next_command_works_as_told(run, folder):
-    assert run(*TYPED).code == 0
-    assert run("extract", "frames", "--binding", "binding.h5").code == 0
-    assert run("report").out.startswith("cages.h5: 5 frames of 18 vertices in a cage of 8")
-
-
 def test_info_shows_the_same(run, folder):
     _, said = rows_of(run(*TYPED).err)
     outcome = run("info", "binding.h5")
@@ -61,9 +55,11 @@ def test_coordinates_in_closed_form_have_no_panels():
     assert ("accuracy", "exact (closed form)") in format_binding_rows(bound)
 
 
-def test_info_takes_a_binding_beside_a_result(run, folder):
+def test_the_next_command_works_as_told(run, folder):
+    """And `info` takes the binding beside the result."""
     assert run(*TYPED).code == 0
     assert run("extract", "frames", "--binding", "binding.h5").code == 0
+    assert run("report").out.startswith("cages.h5: 5 frames of 18 vertices in a cage of 8")
     pages = run("info", "binding.h5", "cages.h5").out.split("\n\n")
     assert [page.splitlines()[0] for page in pages] == ["binding.h5", "cages.h5"]
 

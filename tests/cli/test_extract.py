@@ -68,21 +68,6 @@ def test_options_reach_the_result(run, folder, animation, write_obj):
         }  # fmt: skip
 
 
-def test_gaps_are_taken_when_allowed(run, folder):
-    Path("frames/frame_3.obj").unlink()
-    assert run(*TYPED).code == 1
-    assert run(*TYPED, "--allow-gaps").code == 0
-    assert run("report").out.startswith("cages.h5: 5 frames")
-    assert run(*TYPED, "--close-gaps", "--overwrite").code == 0
-    assert run("report").out.startswith("cages.h5: 4 frames")
-
-
-def test_two_names_of_one_run_hold_the_same_bytes(run, folder):
-    for name in ("one.h5", "other.h5"):
-        assert run(*TYPED, "-o", name).code == 0
-    assert Path("one.h5").read_bytes() == Path("other.h5").read_bytes()
-
-
 def test_timings_are_seconds_by_stage(run, folder):
     assert run(*TYPED, "--timings", "seconds.json").code == 0
     seconds = json.loads(Path("seconds.json").read_text())
@@ -113,22 +98,6 @@ def test_a_quiet_terminal_sees_none(folder):
     assert on_a_terminal(*TYPED, "-q") == (0, "")
 
 
-def test_no_terminal_sees_none(run_process, folder):
-    outcome = run_process("-m", "cageik_cli", *TYPED)
-    assert outcome.code == 0
-    assert "%|" not in outcome.err
-    assert "\r" not in outcome.err
-
-
-def test_a_clip_of_one_file_is_taken(run, folder, animation):
-    np.savez("clip.npz", vertices=animation.frames, faces=animation.rest.faces)
-    assert run("extract", "clip.npz", "--cage", "cage.obj", "-o", "npz.h5", "-q").code == 0
-    assert run(*TYPED, "-q").code == 0
-    with h5py.File("npz.h5") as one, h5py.File("cages.h5") as other:
-        np.testing.assert_array_equal(one["verts"], other["verts"])
-        assert list(one["frames/name"].asstr()) == [f"clip.npz[{k}]" for k in range(5)]
-
-
 BIND = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj")
 
 
@@ -144,25 +113,6 @@ def test_weights_are_the_same_from_the_cache_and_without_it(run, folder, cache):
     assert Path("miss.h5").read_bytes() == Path("hit.h5").read_bytes()
     assert Path("miss.h5").read_bytes() == Path("none.h5").read_bytes()
     assert len(list(cache.iterdir())) == 1
-
-
-def test_a_damaged_entry_is_said_and_made_again(run, folder, cache):
-    assert run(*TYPED).code == 0
-    (kept,) = cache.iterdir()
-    kept.write_bytes(kept.read_bytes()[:-1])
-    outcome = run(*TYPED, "-o", "other.h5")
-    assert outcome.code == 0
-    assert f"  cache          {kept}: is damaged; it is deleted" in outcome.err
-    assert "cache hit" in run(*TYPED, "-o", "third.h5").err
-    assert Path("cages.h5").read_bytes() == Path("other.h5").read_bytes()
-
-
-def test_a_cache_that_cannot_be_used_fails_nothing(run, folder):
-    outcome = run(*TYPED, "--cache", "cage.obj/in")
-    assert outcome.code == 0
-    (line,) = [line for line in outcome.err.splitlines() if line.startswith("  cache ")]
-    assert "cage.obj/in: cannot be written (" in line
-    assert Path("cages.h5").exists()
 
 
 @pytest.mark.slow
@@ -207,14 +157,6 @@ def test_a_binding_gives_what_its_weights_would(run, folder, words):
         one.visititems(lambda name, item: names.append(name) if hasattr(item, "shape") else None)
         for name in names:
             np.testing.assert_array_equal(one[name][()], other[name][()])
-
-
-def test_the_settings_recorded_are_those_of_the_binding(run, folder):
-    assert run(*BIND, "--accuracy", "fine", "--outside", "project").code == 0
-    assert run("extract", "frames", "--binding", "binding.h5").code == 0
-    with h5py.File("cages.h5") as file:
-        settings = json.loads(file.attrs["settings"])
-    assert (settings["accuracy"], settings["outside"]) == ("fine", "project")
 
 
 @pytest.mark.parametrize(

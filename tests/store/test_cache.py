@@ -329,7 +329,8 @@ def test_a_folder_that_cannot_be_created_is_noted_once(tmp_path, said, place):
     if folder is None and not Path("/proc/self").exists():
         pytest.skip("no such folder")
     kept = EntryCache(folder or Path(place), said.append)
-    binding = find_binding(kept, ball(1), box(), SETTINGS, lambda: bind(ball(1), box()))
+    fast = BindSettings("mean-value")
+    binding = find_binding(kept, ball(1), box(), fast, lambda: bind(ball(1), box(), fast))
     assert binding.weights.shape == (18, 8)
     (remark,) = said
     assert remark.startswith(f"{kept.folder}: cannot be written (")

@@ -125,7 +125,7 @@ def test_a_checkpoint_cut_anywhere_keeps_the_complete_blocks(log):
         checkpoint.close()
         ends.append(log.stat().st_size)
     frames = (0, 2, 4, 5)
-    for size in range(0, len(data) + 1, 7):
+    for size in range(0, len(data) + 1, 13):
         log.write_bytes(data[:size])
         whole = sum(end <= size for end in ends[1:])
         done, blocks = held(log)

@@ -220,7 +220,7 @@ def test_any_changed_bytes_of_indices_give_a_matrix_or_an_error(tmp_path):
     generator = np.random.default_rng(11)
     write_binding(path, "few")
     data = path.read_bytes()
-    for _ in range(60):
+    for _ in range(30):
         path.write_bytes(data)
         with h5py.File(path, "r+") as file:
             name = generator.choice(["weights_csr/indices", "weights_csr/indptr"])

@@ -63,13 +63,14 @@ def test_the_worst_region_is_where_the_largest_deviation_is(plain, animation):
     assert min(deviations) > 0.5 * misses.max()
 
 
-def test_a_clip_that_is_met_has_no_regions(fixtures_folder, tmp_path):
+def test_a_clip_that_is_met_has_no_regions(fixtures_folder, tmp_path, weights_cache):
     frames = fixtures_folder / "walker" / "frames"
     result = extract(
         ExtractSettings(
             tuple(str(frames / f"walker_{k}.obj") for k in (1, 26)),
             fixtures_folder / "walker" / "cage.obj",
             tmp_path / "cages.h5",
+            cache=weights_cache,
         )
     )
     assert result.regions == ()

@@ -1,7 +1,5 @@
 """What a cage can express of a motion, and what single edits of the cage would change in that."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -85,42 +83,8 @@ def _find_turns(products: Floats) -> Floats:
     return np.asarray(left @ right)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class EditGains:
-    """How edits of a cage change what a motion cannot be expressed in.
-
-    Attributes
-    ----------
-    error : float
-        Squared error of the cage as it is, without the cost of its smoothness.
-    squares : (s,) float64
-        The part that each point of the motion has in it.
-    splits : (k, 2) int64
-        Ends of edges that may be split at their middle. No two of them are sides of one face.
-    gains : (k,) float64
-        By how much each split lowers the error and that cost.
-    edges : (e, 2) int64
-        Ends of all edges.
-    losses : (e,) float64
-        By how much it raises both to merge the ends of each.
-    """
-
-    error: float
-    squares: Floats
-    splits: Integers
-    gains: Floats
-    edges: Integers
-    losses: Floats
-
-
-def measure_edits(
-    cage: TriMesh,
-    motion: Motion,
-    squares: Floats | None = None,
-    alpha: float = 1e-3,
-    split_share: float = 0.4,
-) -> EditGains:
-    """Measure what splits and collapses of edges change, in closed form.
+    """How edits of a cage change what a motion cannot be expressed in, in closed form.
 
     The cages of a motion D minimise |D − H c|² + a |L c|². A split adds a column g to H, which has
     no cost of its own, and takes |gᵀ R|² / gᵀ (1 − H N⁻¹ Hᵀ) g off the minimum, with the residual R
@@ -138,35 +102,54 @@ def measure_edits(
         Weight of the smoothness of the cage, as in an extraction: a is alpha s / n.
     split_share : float
         Edges for which splits are measured, over the number of vertices, at most.
+
+    Attributes
+    ----------
+    error : float
+        Squared error of the cage as it is, without the cost of its smoothness.
+    squares : (s,) float64
+        The part that each point of the motion has in it.
+    splits : (k, 2) int64
+        Ends of edges that may be split at their middle. No two of them are sides of one face.
+    gains : (k,) float64
+        By how much each split lowers the error and that cost.
+    edges : (e, 2) int64
+        Ends of all edges.
+    losses : (e,) float64
+        By how much it raises both to merge the ends of each.
     """
-    count, edges = len(cage.vertices), cage.edges.ends
-    chosen = edges[:0]
-    if squares is not None:
-        chosen = _choose_splits(cage, motion.points, squares, split_share)
-    divided = split_edges(cage, chosen)
-    weights = harmonic_weights(divided, motion.points, "preview").values
-    hats, own = weights[:, count:], weights[:, :count].copy()
-    for side in range(2):
-        np.add.at(own.T, chosen[:, side], 0.5 * hats.T)
-    laplacian = uniform_laplacian(cage)
-    smoothness = alpha * len(own) / count * laplacian.T @ laplacian
-    inverse = np.linalg.inv(own.T @ own + smoothness)
-    cages = inverse @ (own.T @ motion.displacements)
-    residual = motion.displacements - own @ cages
-    product = own.T @ hats
-    new = (hats**2).sum(axis=0) - (product * (inverse @ product)).sum(axis=0)
-    first, second = edges.T
-    apart = ((cages[first] - cages[second]) ** 2).sum(axis=1)
-    slack = inverse.diagonal()[edges].sum(axis=1) - 2 * inverse[first, second]
-    tiny = 1e-12  # an edit that changes nothing gains nothing
-    return EditGains(
-        error=float((residual**2).sum()),
-        squares=(residual**2).sum(axis=1),
-        splits=chosen,
-        gains=((hats.T @ residual) ** 2).sum(axis=1) / np.maximum(new, tiny),
-        edges=edges,
-        losses=apart / np.maximum(slack, tiny),
-    )
+
+    def __init__(
+        self,
+        cage: TriMesh,
+        motion: Motion,
+        squares: Floats | None = None,
+        alpha: float = 1e-3,
+        split_share: float = 0.4,
+    ) -> None:
+        count, self.edges = len(cage.vertices), cage.edges.ends
+        self.splits = self.edges[:0]
+        if squares is not None:
+            self.splits = _choose_splits(cage, motion.points, squares, split_share)
+        divided = split_edges(cage, self.splits)
+        weights = harmonic_weights(divided, motion.points, "preview").values
+        hats, own = weights[:, count:], weights[:, :count].copy()
+        for side in range(2):
+            np.add.at(own.T, self.splits[:, side], 0.5 * hats.T)
+        laplacian = uniform_laplacian(cage)
+        smoothness = alpha * len(own) / count * laplacian.T @ laplacian
+        inverse = np.linalg.inv(own.T @ own + smoothness)
+        cages = inverse @ (own.T @ motion.displacements)
+        residual = motion.displacements - own @ cages
+        self.error, self.squares = float((residual**2).sum()), (residual**2).sum(axis=1)
+        tiny = 1e-12  # an edit that changes nothing gains nothing
+        product = own.T @ hats
+        new = (hats**2).sum(axis=0) - (product * (inverse @ product)).sum(axis=0)
+        self.gains = ((hats.T @ residual) ** 2).sum(axis=1) / np.maximum(new, tiny)
+        first, second = self.edges.T
+        apart = ((cages[first] - cages[second]) ** 2).sum(axis=1)
+        slack = inverse.diagonal()[self.edges].sum(axis=1) - 2 * inverse[first, second]
+        self.losses = apart / np.maximum(slack, tiny)
 
 
 def split_edges(cage: TriMesh, chosen: Integers) -> TriMesh:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import igl
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
@@ -15,7 +14,7 @@ from cageik_cli.cages.surface_points import sample_in_blocks
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.geometry.surface import closest_points
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 
 
 class DistanceGrid:
@@ -129,13 +128,13 @@ def _compute_field(grid: DistanceGrid, offset: float, closing: float) -> Floats:
     return np.asarray(np.minimum(grid.distance - offset, closing - depth))
 
 
-def _reach(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _reach(free: Mask) -> Mask:
     """Return the nodes that can be reached from the grid's corner through free ones."""
     parts, _ = ndimage.label(free)
     return np.asarray(parts == parts[0, 0, 0])
 
 
-def _find_centres(grid: DistanceGrid, chosen: NDArray[np.bool_], min_nodes: int = 8) -> Floats:
+def _find_centres(grid: DistanceGrid, chosen: Mask, min_nodes: int = 8) -> Floats:
     """Return centres of connected parts of so many nodes, the largest first, (k, 3)."""
     parts, count = ndimage.label(chosen)
     if count == 0:
@@ -175,9 +174,7 @@ def _take_outermost(surface: TriMesh) -> TriMesh:
     return shell if shell.volume > 0 else shell.flip()
 
 
-def find_bridges(
-    grid: DistanceGrid, body: NDArray[np.bool_], max_parts: int = 400
-) -> Floats | None:
+def find_bridges(grid: DistanceGrid, body: Mask, max_parts: int = 400) -> Floats | None:
     """Return segments (b, 2, 3) that make one part of a body's parts, of the least total length.
 
     None when there is nothing to join, or more than `max_parts`: the time is their square.

@@ -4,7 +4,7 @@ import numpy as np
 
 from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.judge import Demand
-from cageik_cli.cages.building.motion import EditGains, Motion, measure_edits
+from cageik_cli.cages.building.motion import EditGains, Motion
 from cageik_cli.cages.building.polish import (
     MIN_KEPT_ANGLE,
     collapse_in_shape,
@@ -74,7 +74,7 @@ class _Shifter:
     def __init__(self, cage: TriMesh, samples: Floats, demand: Demand, motion: Motion) -> None:
         self.cage, self.moved = cage, 0
         self._samples, self._demand, self._motion = samples, demand, motion
-        self._gains = measure_edits(cage, motion, measure_edits(cage, motion).squares)
+        self._gains = EditGains(cage, motion, EditGains(cage, motion).squares)
 
     def try_round(self, count: int, skipped: tuple[int, int]) -> bool:
         """Move up to `count` vertices, without some best edits; return whether the error fell."""
@@ -97,7 +97,7 @@ class _Shifter:
         """Take a cage in the place of the last if its error is below a share of the last one's."""
         if not _is_no_thinner(cage, self.cage):
             return False
-        gains = measure_edits(cage, self._motion, self._gains.squares)
+        gains = EditGains(cage, self._motion, self._gains.squares)
         if not gains.error < share * self._gains.error:
             return False
         self.cage, self._gains = cage, gains

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import find_next_corners
 from cageik_cli.geometry.surface_attributes import fan_triangulate, find_folded_triangles
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +94,7 @@ class PolygonMesh:
         return TriMesh(self.vertices, fan_triangulate(self.corners, self.corner_counts))
 
     @cached_property
-    def is_folded(self) -> NDArray[np.bool_]:
+    def is_folded(self) -> Mask:
         """Return which polygons have a fan that folds over, (p,)."""
         counts = self.corner_counts - 2
         folded, _ = find_folded_triangles(self.vertices, self.triangles.faces, counts)
@@ -105,12 +104,12 @@ class PolygonMesh:
         """Return the same polygons with their vertices elsewhere."""
         return PolygonMesh(vertices, self.corners, self.corner_counts)
 
-    def keep(self, chosen: NDArray[np.bool_]) -> "PolygonMesh":
+    def keep(self, chosen: Mask) -> "PolygonMesh":
         """Return only the chosen polygons, all vertices."""
         corners = self.corners[chosen[self.polygon_numbers]]
         return PolygonMesh(self.vertices, corners, self.corner_counts[chosen])
 
-    def turn(self, chosen: NDArray[np.bool_]) -> "PolygonMesh":
+    def turn(self, chosen: Mask) -> "PolygonMesh":
         """Turn the chosen polygons over; first corners and diagonals stay."""
         rings = [
             np.concatenate([ring[:1], ring[:0:-1]]) if turned else ring

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cageik_cli.cages.faults import format_elements
 from cageik_cli.cages.misfit import find_transform
@@ -28,7 +27,7 @@ from cageik_cli.cages.repairing.tidy import (
 from cageik_cli.cages.transforms import Transform
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.geometry.surface import winding_numbers
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import CageError
 from cageik_cli.util.text import format_count
 
@@ -277,7 +276,7 @@ class Repair:
             message = f"deleted {format_elements('vertex', origins)} in no face"
             self._note("drop-vertices", message, len(origins), origins)
 
-    def _drop_faces(self, chosen: NDArray[np.bool_], what: str, kind: str = "drop-faces") -> None:
+    def _drop_faces(self, chosen: Mask, what: str, kind: str = "drop-faces") -> None:
         if not chosen.any():
             return
         if chosen.all():

@@ -6,14 +6,11 @@ Each function takes polygons and gives new ones, with vertices where they were.
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
 from cageik_cli.geometry.mesh import find_groups, signed_volumes
-from cageik_cli.util.arrays import Floats, Integers
-
-Booleans = NDArray[np.bool_]
+from cageik_cli.util.arrays import Floats, Integers, Mask
 
 
 def find_coincident(vertices: Floats, candidates: Integers) -> Integers:
@@ -42,7 +39,7 @@ def replace_corners(mesh: PolygonMesh, target: Integers) -> PolygonMesh:
     return PolygonMesh.from_rings(mesh.vertices, rings)
 
 
-def find_repeated(mesh: PolygonMesh) -> Booleans:
+def find_repeated(mesh: PolygonMesh) -> Mask:
     """Return which polygons have the vertices of one before them, (p,)."""
     keys = [tuple(sorted(ring.tolist())) for ring in mesh.rings]
     first = dict(zip(reversed(keys), reversed(range(len(keys))), strict=True))
@@ -87,7 +84,7 @@ def find_boundary_vertices(mesh: PolygonMesh) -> Integers:
     return np.unique(np.concatenate([mesh.corners[uses != 2], mesh.next_corners[uses != 2]]))
 
 
-def find_fins(mesh: PolygonMesh) -> Booleans:
+def find_fins(mesh: PolygonMesh) -> Mask:
     """Find polygons on an edge which two others share, that are open elsewhere, (p,)."""
     fins = np.zeros(len(mesh.corner_counts), bool)
     while True:
@@ -110,7 +107,7 @@ def label_patches(mesh: PolygonMesh) -> Integers:
     return find_groups(pairs, len(mesh.corner_counts))
 
 
-def find_turned(mesh: PolygonMesh) -> Booleans:
+def find_turned(mesh: PolygonMesh) -> Mask:
     """Return which polygons to turn so that neighbours face alike, (p,); the fewest of each patch.
 
     Each polygon is two nodes, as it is and turned; neighbours that agree tie like to like. A
@@ -129,7 +126,7 @@ def find_turned(mesh: PolygonMesh) -> Booleans:
     return np.asarray((votes[turned] > votes[as_is]) | is_tie_turned, np.bool_)
 
 
-def find_inward(mesh: PolygonMesh) -> Booleans:
+def find_inward(mesh: PolygonMesh) -> Mask:
     """Return which polygons belong to closed components of negative volume, (p,)."""
     uses, _ = count_edge_uses(mesh)
     label = label_patches(mesh)
@@ -142,7 +139,7 @@ def find_inward(mesh: PolygonMesh) -> Booleans:
     return inward
 
 
-def _find_neighbours(mesh: PolygonMesh) -> tuple[Integers, Booleans]:
+def _find_neighbours(mesh: PolygonMesh) -> tuple[Integers, Mask]:
     """Find pairs of polygons, (p, 2), that alone share an edge; and which pass it oppositely."""
     uses, edge = count_edge_uses(mesh)
     chosen = np.flatnonzero(uses == 2)

@@ -15,7 +15,7 @@ from cageik_cli.coordinates.bem.panel_geometry import (
     orthogonal_basis,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 
 if TYPE_CHECKING:
     from scipy import sparse
@@ -234,7 +234,7 @@ class BoundaryMesh:
         order = int(degrees.max(initial=1))
         return BoundaryMesh(self.panels, self.hats, order, high_panels, degrees, reach)
 
-    def divide(self, chosen: NDArray[np.bool_]) -> "BoundaryMesh":
+    def divide(self, chosen: Mask) -> "BoundaryMesh":
         """Divide each panel of the mask `chosen`, (p,), into four; all densities become linear.
 
         Children take the place of their parent. A long side may then meet two short ones, which

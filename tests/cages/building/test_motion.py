@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.building import motion as motion_module
-from cageik_cli.cages.building.motion import Motion, measure_edits, split_edges
+from cageik_cli.cages.building.motion import EditGains, Motion, split_edges
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from tests.shapes import ball
 
@@ -46,7 +46,7 @@ def test_a_motion_keeps_the_sizes_of_the_displacements():
 
 def test_a_collapse_costs_what_tied_vertices_cost(bent):
     cage, motion = bent
-    edits = measure_edits(cage, motion)
+    edits = EditGains(cage, motion)
     assert len(edits.gains) == 0
     weights = harmonic_weights(cage, motion.points, "preview").values
     smooth = penalty(cage, len(motion.points))
@@ -61,8 +61,8 @@ def test_a_collapse_costs_what_tied_vertices_cost(bent):
 
 def test_a_split_gains_what_a_new_vertex_gains(bent):
     cage, motion = bent
-    squares = measure_edits(cage, motion).squares
-    edits = measure_edits(cage, motion, squares, split_share=1 / len(cage.vertices))
+    squares = EditGains(cage, motion).squares
+    edits = EditGains(cage, motion, squares, split_share=1 / len(cage.vertices))
     assert len(edits.splits) == 1
     divided = split_edges(cage, edits.splits)
     weights = harmonic_weights(divided, motion.points, "preview").values
@@ -78,13 +78,13 @@ def test_a_split_gains_what_a_new_vertex_gains(bent):
 def test_no_more_splits_are_measured_than_weights_can_be_computed_of(bent, monkeypatch):
     cage, motion = bent
     monkeypatch.setattr(motion_module, "MAX_HARMONIC_FACES", len(cage.faces) + 5)
-    edits = measure_edits(cage, motion, measure_edits(cage, motion).squares)
+    edits = EditGains(cage, motion, EditGains(cage, motion).squares)
     assert len(edits.splits) == 2
 
 
 def test_splits_leave_the_surface_where_it_is(bent):
     cage, motion = bent
-    edits = measure_edits(cage, motion, measure_edits(cage, motion).squares)
+    edits = EditGains(cage, motion, EditGains(cage, motion).squares)
     divided = split_edges(cage, edits.splits)
     assert len(edits.splits) == int(0.4 * len(cage.vertices))
     assert len(divided.vertices) == len(cage.vertices) + len(edits.splits)

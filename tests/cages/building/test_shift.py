@@ -5,7 +5,7 @@ import pytest
 
 from cageik_cli.cages.build import build_cage
 from cageik_cli.cages.building.judge import Demand, judge
-from cageik_cli.cages.building.motion import Motion, measure_edits
+from cageik_cli.cages.building.motion import EditGains, Motion
 from cageik_cli.cages.building.shift import count_rounds, shift_vertices
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
@@ -34,7 +34,7 @@ def test_the_error_falls_and_the_cage_stays_valid(rod):
     shifted, moved = shift_vertices(cage, demand, motion)
     assert moved > 0
     assert judge(shifted, demand).faults == ()
-    assert measure_edits(shifted, motion).error < 0.9 * measure_edits(cage, motion).error
+    assert EditGains(shifted, motion).error < 0.9 * EditGains(cage, motion).error
 
 
 @pytest.mark.slow

@@ -156,8 +156,14 @@ def test_processes_that_cannot_be_started_are_an_error_of_the_machine(jobs, monk
         list(ProcessScheduler(1).run_jobs(jobs))
 
 
-@pytest.mark.parametrize("module", [local.PRELOAD, local.PRELOAD_PAGE])
-@pytest.mark.parametrize("error", ["OSError(5, 'no')", "ImportError('no')", "MemoryError()"])
+@pytest.mark.parametrize(
+    ("module", "error"),
+    [
+        (local.PRELOAD, "OSError(5, 'no')"),
+        (local.PRELOAD_PAGE, "ImportError('no')"),
+        (local.PRELOAD, "MemoryError()"),
+    ],
+)
 def test_what_cannot_be_imported_in_advance_ends_nothing(run_process, module, error):
     """The process from which others are forked would print a traceback and die."""
     script = (
