@@ -107,7 +107,7 @@ def _select_attributes(
         ),
         colours=colours,
         material_colours=material_colours,
-        material_library=whole.material_library,
+        material_library="" if materials is not None and kept is None else whole.material_library,
         subdivision=_select_subdivision(whole.subdivision, vertices, number),
         **labels,
     )

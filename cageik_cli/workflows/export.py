@@ -99,6 +99,7 @@ def _write_skeleton(
         make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=rig.skin)
     else:
         make_writer = partial(UsdSkeletonWriter, skin=rig.skin, has_cage=settings.with_model)
+        animation = replace(animation, guide=animation.name if settings.guide else "")
     with limit_blas_threads(1):  # the last digits of the cages depend on it
         return write_animation(settings.output, animation, cages, progress, make_writer)
 

@@ -68,8 +68,11 @@ def read_abc(path):
     from alembic3d.Abc import IArchive
     from alembic3d.AbcGeom import IPolyMesh
 
-    top = IArchive(path).getTop()
-    schema = IPolyMesh(top, top.children[0].getName()).getSchema()
+    archive = IArchive(path)
+    above = archive.getTop()
+    while not IPolyMesh.matches(above.children[0].getHeader()):
+        above = above.children[0]
+    schema = IPolyMesh(above, above.children[0].getName()).getSchema()
     counts = np.array(schema.getFaceCountsProperty().getValue(0))
     names = [""] * len(counts)
     for name in schema.getFaceSetNames():

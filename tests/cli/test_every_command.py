@@ -208,7 +208,7 @@ FAILING = [
     ("export cages.h5 c.usd --skeleton --influences 9", "cages.h5: --influences"),
     ("export cages.h5 c.glb --tolerance 1e-9%", "c.glb: 4 morph targets"),
     ("export cages.h5 c.npz --format ply", "c.npz: has another suffix"),
-    ("export cages.h5 c.abc --with-model", "c.abc: --with-model"),
+    ("export cages.h5 c.pc2 --with-model", "c.pc2: --with-model"),
     ("export bare.h5 c.usda --with-model", "bare.h5: has no weights"),
     ("export bare.h5 c.usda --skeleton", "bare.h5: has no weights"),
     ("deform nothing.h5 -o m.npz", "nothing.h5: no such "),

@@ -223,6 +223,7 @@ class SkeletonWriter(UsdWriter):
             name = f"{name_root(names, animation.name)}/{animation.name}"
             whole = slice(0, len(animation.rest.vertices))
             parts.append(Part(name, animation.rest, whole, np.eye(4)))
+            animation = replace(animation, guide=name if animation.guide else "")
         moving = count_frame_bytes(animation.rest) if has_cage else 0
         joint_bytes = 12 + 16  # a translation and a rotation in single precision
         self.open_stage(target, animation, moving + joint_bytes * len(self._motion.names))
