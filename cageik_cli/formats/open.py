@@ -1,20 +1,23 @@
 """Open clips: from files, folders and globs to a sequence of frames in natural order."""
 
-import glob
-import os
-import re
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from natsort import natsort_keygen, ns
 
-from cageik_cli.formats.base.file_numbers import group_numbered_files
-from cageik_cli.formats.base.files import decompress, describe_source, discover_plugins, file_suffix
+from cageik_cli.formats.base.files import decompress, describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
-from cageik_cli.formats.base.readers import FrameFileReader, parse_mesh
+from cageik_cli.formats.base.readers import parse_mesh
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
+from cageik_cli.formats.find_files import (
+    expand_arguments,
+    find_mesh_readers,
+    find_readers,
+    list_left_out,
+    mesh_suffixes,
+    split_member,
+    split_only_member,
+)
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import (
@@ -22,10 +25,8 @@ from cageik_cli.util.errors import (
     FormatError,
     SettingError,
     error_context,
-    join_truncated,
 )
 from cageik_cli.util.files import read_input
-from cageik_cli.util.text import to_unicode
 
 _UNSUPPORTED_REASONS = {
     ".bvh .c3d .asf .amc": "holds the motion of a skeleton, not a mesh; export the mesh that it "
@@ -36,8 +37,6 @@ _UNSUPPORTED_REASONS = {
     "frames instead",
 }
 """Why files that look like clips cannot be read, by their suffixes."""
-
-_natural_key = natsort_keygen(key=str, alg=ns.PATH)
 
 
 def open_sequence(
@@ -54,7 +53,7 @@ def open_sequence(
     """
     reader, request = _resolve_request(arguments, settings or ClipSettings(), rest)
     sequence = reader(request)
-    sequence.notes = (*_list_left_out(arguments, request.paths), *sequence.notes)
+    sequence.notes = (*list_left_out(arguments, request.paths), *sequence.notes)
     sequence.takes_missing = request.settings.missing
     return sequence
 
@@ -62,19 +61,9 @@ def open_sequence(
 def list_members(path: Path) -> list[str]:
     """List the clips in a file that holds several; empty if it is a clip itself, or damaged."""
     try:
-        return _find_readers()[file_suffix(path)].list_members(path)
+        return find_readers()[file_suffix(path)].list_members(path)
     except Exception:  # whatever is in the file: opening it says what is wrong
         return []
-
-
-def clip_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of the files that can be read."""
-    return tuple(_find_readers())
-
-
-def sort_naturally(paths: Iterable[Path]) -> list[Path]:
-    """Sort paths by the numbers in them: 2 before 10; then by their text, as 01 before 1."""
-    return sorted(paths, key=lambda path: (_natural_key(path), str(path)))
 
 
 def describe_contents(arguments: list[str], settings: ClipSettings) -> list[tuple[str, str]]:
@@ -86,8 +75,8 @@ def describe_contents(arguments: list[str], settings: ClipSettings) -> list[tupl
 def _resolve_request(
     arguments: list[str], settings: ClipSettings, rest: LoadedMesh | None
 ) -> tuple[type[MeshSequence], ClipRequest]:
-    readers_by_suffix = _find_readers()
-    arguments, member = _split_member(arguments)
+    readers_by_suffix = find_readers()
+    arguments, member = split_only_member(arguments)
     paths = expand_arguments(arguments, tuple(readers_by_suffix))
     for path in paths:
         if file_suffix(path) not in readers_by_suffix:
@@ -115,113 +104,8 @@ def _explain_unsupported(suffix: str) -> str:
     for suffixes, reason in _UNSUPPORTED_REASONS.items():
         if suffix in suffixes.split():
             return reason
-    expected = ", ".join(_find_readers())
+    expected = ", ".join(find_readers())
     return f"`{suffix}` is not a clip format that can be read, expected {expected}"
-
-
-def list_input_files(arguments: list[str]) -> list[Path]:
-    """List the files that `open_sequence` reads for the same arguments."""
-    return expand_arguments(_split_member(arguments)[0], tuple(_find_readers()))
-
-
-def expand_arguments(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:
-    """List every file that the arguments name, once, in natural order of the paths."""
-    named = [path for argument in arguments for path in _expand_argument(argument, suffixes)]
-    # A link to a frame is another frame (a hold); another spelling of its path is the same frame.
-    once = {os.path.abspath(path): path for path in named}
-    return sort_naturally(once.values())
-
-
-def split_member(path: Path | str) -> tuple[Path, str | None]:
-    """Return the file, and the text behind `::` in `FILE::TEXT`, or None."""
-    if "::" not in str(path) or Path(path).exists():
-        return Path(path), None
-    file, member = str(path).rsplit("::", 1)
-    return Path(file), member
-
-
-def _split_member(arguments: list[str]) -> tuple[list[str], str | None]:
-    """Return the arguments, and what the only one names behind `::`."""
-    if len(arguments) != 1:
-        return arguments, None
-    file, member = split_member(arguments[0])
-    return [arguments[0] if member is None else str(file)], member
-
-
-def _expand_argument(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
-    path = Path(argument)
-    if path.is_dir() and file_suffix(path) not in suffixes:
-        found = _choose_series(path, _list_folder(path, suffixes))
-    elif path.exists():
-        return [path]
-    elif glob.has_magic(argument):
-        matches = glob.glob(_escape_existing_folders(path), recursive=True)
-        found = [path for match in matches for path in _expand_argument(match, suffixes)]
-    else:
-        raise FileAccessError(f"{argument}: no such file or folder; check the path")
-    if not found:
-        raise FileAccessError(
-            f"{argument}: no frame found, expected files of formats {', '.join(suffixes)}"
-        )
-    return found
-
-
-def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
-    """Return the frames among the mesh and clip files of a folder.
-
-    If some are a series of numbered meshes, the others are a cage, a rest pose or props; those
-    whose names begin as the series does, up to a number, are frames all the same.
-    """
-    meshes = [path for path in files if file_suffix(path) in mesh_suffixes()]
-    groups = group_numbered_files(meshes).items()
-    series = {stem.rpartition("#")[0]: group for stem, group in groups if len(group) > 1}
-    if not series:
-        return files
-    begins = re.compile("|".join(map(re.escape, series)))
-    kinds = {file_suffix(group[0]) for group in series.values()}
-    if len(series) > 1 and len(kinds) == 1:
-        names = join_truncated((f"{start}*" for start in sorted(series)), 5)
-        example = folder / f"{min(series)}*{min(kinds)}"
-        raise SettingError(
-            f"{folder}: holds {len(series)} series of numbered meshes, {names}; choose one by a "
-            f"quoted glob, such as '{example}'"
-        )
-    return [path for path in files if _continues_with_number(path.name, begins)]
-
-
-def _continues_with_number(name: str, begins: re.Pattern[str]) -> bool:
-    match = begins.match(name)
-    return match is not None and re.match(r"-?\d", name[match.end() :]) is not None
-
-
-def _list_left_out(arguments: list[str], paths: tuple[Path, ...]) -> list[str]:
-    """Write a sentence on the files of folders that are no frames."""
-    suffixes, notes = tuple(_find_readers()), []
-    for folder in map(Path, arguments):
-        if not folder.is_dir() or file_suffix(folder) in suffixes:
-            continue
-        left = [path for path in _list_folder(folder, suffixes) if path not in paths]
-        if left:
-            names = join_truncated(to_unicode(path.name) for path in sort_naturally(left))
-            notes.append(f"left out, as not numbered as the frames are: {names}")
-    return notes
-
-
-def _list_folder(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
-    inside = (path for path in folder.iterdir() if not path.name.startswith("."))
-    return [path for path in inside if file_suffix(path) in suffixes]
-
-
-def _escape_existing_folders(pattern: Path) -> str:
-    """Escape folders of a pattern that exist as they are spelt, with brackets for instance."""
-    root = pattern.parents[-1]
-    existing = next((folder for folder in pattern.parents if folder.exists()), root)
-    return str(Path(glob.escape(str(existing))) / pattern.relative_to(existing))
-
-
-def _find_readers() -> dict[str, type[MeshSequence]]:
-    """Return the readers by the suffixes that they take."""
-    return discover_plugins("Reader")
 
 
 def open_clip_and_rest(
@@ -265,11 +149,6 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
     )
 
 
-def mesh_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of the mesh files that can be read."""
-    return tuple(_find_mesh_readers())
-
-
 def load_mesh(path: Path) -> LoadedMesh:
     """Read one mesh: a mesh file, or the first frame of a file that holds a clip.
 
@@ -284,12 +163,12 @@ def load_mesh(path: Path) -> LoadedMesh:
     with error_context(file):
         if file.is_dir():
             raise FileAccessError("is a folder, expected a file; give a mesh in it")
-        suffix, readers = file_suffix(file), _find_readers()
+        suffix, readers = file_suffix(file), find_readers()
         if suffix not in readers:
             raise FileAccessError(
                 f"`{suffix}` is not a mesh format that can be read, expected {', '.join(readers)}"
             )
-    reader = _find_mesh_readers().get(suffix)
+    reader = find_mesh_readers().get(suffix)
     if reader is None or member is not None:
         return _load_first_frame(path)
     with error_context(file):
@@ -309,9 +188,3 @@ def _load_first_frame(path: Path) -> LoadedMesh:
     return LoadedMesh(
         clip.first, clip.describe_source(), clip.notes, request.path, scene=clip.scene
     )
-
-
-def _find_mesh_readers() -> dict[str, type[FrameFileReader]]:
-    """Return the readers of files of one mesh, by suffix."""
-    found = discover_plugins("Reader").items()
-    return {suffix: kind for suffix, kind in found if issubclass(kind, FrameFileReader)}

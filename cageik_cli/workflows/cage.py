@@ -17,8 +17,9 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.files import describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
+from cageik_cli.formats.find_files import mesh_suffixes
 from cageik_cli.formats.obj import encode_exact_obj
-from cageik_cli.formats.open import load_mesh, mesh_suffixes, open_sequence
+from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.settings import ClipSettings, RestFrame
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.views.cage import CageResult

@@ -10,7 +10,8 @@ from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.open import describe_contents, mesh_suffixes, open_sequence
+from cageik_cli.formats.find_files import mesh_suffixes
+from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.ply_points import PointFile
 from cageik_cli.formats.settings import ClipSettings, Scene
 from cageik_cli.geometry.mesh import TriMesh

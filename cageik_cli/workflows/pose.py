@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-from cageik_cli.formats.open import clip_suffixes, mesh_suffixes
+from cageik_cli.formats.find_files import clip_suffixes, mesh_suffixes
 from cageik_cli.formats.ply_points import place_positions
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings

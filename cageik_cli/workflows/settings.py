@@ -7,7 +7,7 @@ from typing import Any, Final
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.open import list_input_files, split_member
+from cageik_cli.formats.find_files import list_input_files, split_member
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import CaptureSettings, SolveSettings

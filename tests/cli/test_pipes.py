@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.formats.open import clip_suffixes
+from cageik_cli.formats.find_files import clip_suffixes
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pipes have no names on this system")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.formats.base.files import MAX_UNPACKED_RATIO, MIN_UNPACKED_LIMIT
-from cageik_cli.formats.open import clip_suffixes
+from cageik_cli.formats.find_files import clip_suffixes
 from cageik_cli.formats.write import _find_writers
 
 ROOT = Path(__file__).parents[2]

@@ -4,12 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.formats.open import (
-    describe_contents,
-    expand_arguments,
-    list_input_files,
-    open_sequence,
-)
+from cageik_cli.formats.find_files import expand_arguments, list_input_files
+from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 from tests.clips import frames_of

@@ -10,7 +10,8 @@ import pytest
 
 import cageik_cli.formats
 from cageik_cli.formats.base.files import discover_plugins
-from cageik_cli.formats.open import clip_suffixes, load_mesh, mesh_suffixes, open_sequence
+from cageik_cli.formats.find_files import clip_suffixes, mesh_suffixes
+from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.write import write_mesh
 from tests.clips import frames_of
 from tests.formats.written import write

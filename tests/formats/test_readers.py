@@ -5,7 +5,8 @@ import hashlib
 import numpy as np
 import pytest
 
-from cageik_cli.formats.open import clip_suffixes, describe_contents, load_mesh, open_sequence
+from cageik_cli.formats.find_files import clip_suffixes
+from cageik_cli.formats.open import describe_contents, load_mesh, open_sequence
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import ConnectivityError, FormatError, InputError, SettingError
 from tests.clips import frames_of

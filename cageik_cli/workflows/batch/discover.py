@@ -8,7 +8,8 @@ from pathlib import Path, PurePosixPath
 from cageik_cli.formats.base.file_numbers import group_numbered_files
 from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-from cageik_cli.formats.open import clip_suffixes, list_members, mesh_suffixes, sort_naturally
+from cageik_cli.formats.find_files import clip_suffixes, mesh_suffixes, sort_naturally
+from cageik_cli.formats.open import list_members
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
 from cageik_cli.util.errors import FileAccessError, OutputError, SettingError
