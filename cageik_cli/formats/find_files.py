@@ -45,11 +45,13 @@ def sort_naturally(paths: Iterable[Path]) -> list[Path]:
 
 
 def split_member(path: Path | str) -> tuple[Path, str | None]:
-    """Return the file, and the text behind `::` in `FILE::TEXT`, or None."""
+    """Return the file, and the text behind `::` in `FILE::TEXT`, which may have others, or None."""
     if "::" not in str(path) or Path(path).exists():
         return Path(path), None
-    file, member = str(path).rsplit("::", 1)
-    return Path(file), member
+    words = str(path).split("::")
+    stops = range(len(words) - 1, 0, -1)
+    stop = next((k for k in stops if Path("::".join(words[:k])).exists()), 1)
+    return Path("::".join(words[:stop])), "::".join(words[stop:])
 
 
 def split_only_member(arguments: list[str]) -> tuple[list[str], str | None]:

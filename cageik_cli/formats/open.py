@@ -33,8 +33,6 @@ _UNSUPPORTED_REASONS = {
     "moves, as OBJ frames",
     ".blend .fbx .ma .max .mb .hip .hipnc .hiplc .bgeo": "is a scene of another program; export "
     "the mesh from it as USD, Alembic or OBJ frames",
-    ".glb .gltf": "is glTF, which cageik writes but does not read; export USD, Alembic or OBJ "
-    "frames instead",
 }
 """Why files that look like clips cannot be read, by their suffixes."""
 
@@ -182,7 +180,7 @@ def load_mesh(path: Path) -> LoadedMesh:
 def _load_first_frame(path: Path) -> LoadedMesh:
     """Read the first frame of a file that holds a clip, as a mesh."""
     reader, request = _resolve_request([str(path)], ClipSettings(selection=slice(0, 1)), None)
-    if dict(reader.describe_contents(request)).get("holds"):
+    if not reader.has_members and reader.describe_contents(request):
         raise FormatError(f"{path}: holds no faces, expected a mesh; give one in another format")
     clip = reader(request)
     return LoadedMesh(

@@ -162,6 +162,8 @@ class ClipSettings:
     exclude : tuple of str
         Patterns of the parts that are left out: of their paths, of a path above them, or of a name
         in it.
+    fps : float, optional
+        Frames per second of a clip that is sampled, as its file states no rate.
     """
 
     selection: slice = field(default_factory=lambda: slice(None))
@@ -169,6 +171,7 @@ class ClipSettings:
     gaps: Gaps = "refuse"
     missing: bool = False
     exclude: tuple[str, ...] = ()
+    fps: float | None = None
 
 
 DEFAULT_MORPHS = 60

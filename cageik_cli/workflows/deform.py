@@ -126,7 +126,8 @@ class _Deformation:
             source.require_result(NO_CAGES)
             return None
         assert source.cage is not None
-        clip = open_sequence([settings.cages], settings.clip, source.cage)
+        sampled = replace(settings.clip, fps=settings.scene.fps)
+        clip = open_sequence([settings.cages], sampled, source.cage)
         with error_context(settings.cages):
             check_vertex_order(clip.first, source.cage.mesh, source.cage_name)
         for note in clip.notes:

@@ -118,10 +118,11 @@ class Extraction:
             Naming the file at fault; or when there is another result that may not be overwritten.
         """
         settings = self.settings
+        clip = replace(settings.clip, fps=settings.scene.fps)
         self.sequence, self.rest, index = open_clip_and_choose_rest(
-            settings.frames, settings.clip, settings.rest, settings.rest_frame
+            settings.frames, clip, settings.rest, settings.rest_frame
         )
-        self.settings = settings = replace(settings, rest_frame=index or 0)
+        self.settings = settings = replace(settings, clip=clip, rest_frame=index or 0)
         self.cage = load_mesh(settings.cage) if settings.cage is not None else None
         self.sources = {"rest": self.rest.source}
         if settings.binding is not None:

@@ -137,6 +137,14 @@ class SceneReader(ClipFile):
     def open_mesh(self, found: Any) -> SceneMesh:
         """Open one of the meshes that were found."""
 
+    def find_top(self, member: str | None) -> str | None:
+        """Return what the meshes that are read are below, of the text behind `::`."""
+        return member
+
+    def list_times(self, meshes: Sequence[SceneMesh]) -> set[float]:
+        """List when the meshes that are read are sampled; nothing if none of them moves."""
+        return set(chain.from_iterable(mesh.list_times() for mesh in meshes))
+
     @abstractmethod
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the times of frames in place of uneven ones, and a note."""
@@ -174,13 +182,13 @@ class SceneReader(ClipFile):
     def _open_clip(self, path: Path, request: ClipRequest) -> list[str]:
         """Find the meshes and their frames; return notes on what was changed."""
         found, hidden = self.list_meshes(path)
-        names, notes = choose_parts(list(found), request.member, request.settings.exclude, hidden)
+        top = self.find_top(request.member)
+        names, notes = choose_parts(list(found), top, request.settings.exclude, hidden)
         self._meshes: dict[str, SceneMesh] = {}
         for name in names:
             with error_context(name):
                 self._meshes[name] = self.open_mesh(found[name])
-        sampled = set(chain.from_iterable(mesh.list_times() for mesh in self._meshes.values()))
-        times = np.array(sorted(sampled or {0.0}))
+        times = np.array(sorted(self.list_times(list(self._meshes.values())) or {0.0}))
         step = find_step(times)
         if step is None and len(times) > 1:
             times, note = self.replace_uneven(times)

@@ -1,0 +1,166 @@
+"""The tree of nodes: names of paths, and transforms from the top down."""
+
+import numpy as np
+
+from cageik_cli.formats.gltf_reader.document import Document
+from cageik_cli.geometry.surface_parts import MAX_NAME_LENGTH
+from cageik_cli.util.arrays import Floats, Integers, Mask
+from cageik_cli.util.errors import FormatError
+
+TRS_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
+"""Numbers of the values that place a node; rotations are quaternions (x, y, z, w)."""
+
+
+class NodeTree:
+    """The nodes of a file.
+
+    Attributes
+    ----------
+    values : dict
+        At rest, by name: (N, 3) translations and scales, (N, 4) rotations.
+    matrices : dict
+        Of the nodes that have one instead, (4, 4) for columns, by their numbers.
+    is_shown : (N,) bool
+        Whether each is in the scene that a viewer opens, and visible.
+    """
+
+    def __init__(self, document: Document) -> None:
+        self._items = document.nodes
+        self._parents = self._find_parents()
+        self._levels = self._order_levels()
+        self.is_shown = self._find_shown(document)
+        count = len(self._items)
+        self.values = {
+            "translation": np.zeros((count, 3)),
+            "rotation": np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
+            "scale": np.ones((count, 3)),
+        }
+        self.matrices: dict[int, Floats] = {}
+        for k, item in enumerate(self._items):
+            for name, width in TRS_WIDTHS.items():
+                found = item.find_numbers(name, width)
+                if found is not None:
+                    self.values[name][k] = found
+            matrix = item.find_numbers("matrix", 16)
+            if matrix is not None:
+                self.matrices[k] = matrix.reshape(4, 4).T
+        self._names = self._choose_names()
+
+    def compute_worlds(self, values: dict[str, Floats]) -> Floats:
+        """Return the transforms (N, 4, 4) of all nodes into the scene, for columns.
+
+        `values` are as the attribute of that name.
+        """
+        local = np.zeros((len(self._items), 4, 4))
+        local[:, :3, :3] = make_rotations(values["rotation"]) * values["scale"][:, None]
+        local[:, :3, 3] = values["translation"]
+        local[:, 3, 3] = 1
+        for k, matrix in self.matrices.items():
+            local[k] = matrix
+        world = local
+        for level in self._levels[1:]:
+            world[level] = world[self._parents[level]] @ local[level]
+        return world
+
+    def make_path(self, number: int) -> str:
+        """Return the names of the nodes from the top to one."""
+        names: list[str] = []
+        length, k = 0, number
+        while k >= 0:
+            names.append(self._names[k])
+            length += 1 + len(self._names[k])
+            if length > MAX_NAME_LENGTH:
+                raise FormatError(
+                    f"the path of nodes[{number}] has more than {MAX_NAME_LENGTH} characters; "
+                    "give its nodes shorter names, or fewer above it"
+                )
+            k = int(self._parents[k])
+        return "/" + "/".join(reversed(names))
+
+    def list_above(self, number: int) -> list[int]:
+        """Return a node and those above it."""
+        found = []
+        while number >= 0:
+            found.append(number)
+            number = int(self._parents[number])
+        return found
+
+    def _find_parents(self) -> Integers:
+        """Return the node above each; -1 at the top."""
+        parents = np.full(len(self._items), -1)
+        for k, item in enumerate(self._items):
+            for child in item.list_wholes("children", len(self._items)).tolist():
+                if parents[child] >= 0:
+                    raise FormatError(
+                        f"nodes[{child}] is below nodes[{parents[child]}] and nodes[{k}], expected "
+                        "one node above it; export the file again"
+                    )
+                parents[child] = k
+        return parents
+
+    def _order_levels(self) -> list[Integers]:
+        """Return the nodes at the top, those below them, and so on."""
+        children: list[list[int]] = [[] for _ in self._items]
+        for child, parent in enumerate(self._parents.tolist()):
+            if parent >= 0:
+                children[parent].append(child)
+        level = np.flatnonzero(self._parents < 0).tolist()
+        levels, found = [], 0
+        while level:
+            levels.append(np.array(level))
+            found += len(level)
+            level = [child for k in level for child in children[k]]
+        if found < len(self._items):
+            reached = np.zeros(len(self._items), bool)
+            for numbers in levels:
+                reached[numbers] = True
+            raise FormatError(
+                f"nodes[{int(np.argmin(reached))}] is below itself, or below one that is; export "
+                "the file again"
+            )
+        return levels
+
+    def _find_shown(self, document: Document) -> Mask:
+        """Return which nodes are in the scene that a viewer opens, and visible."""
+        shown = np.ones(len(self._items), bool)
+        scenes = document.root.list_items("scenes")
+        if scenes:
+            scene = scenes[document.root.find_whole("scene", len(scenes)) or 0]
+            tops = self._parents < 0
+            shown[tops] = False
+            shown[scene.list_wholes("nodes", len(self._items))] = True
+        for k, item in enumerate(self._items):
+            visibility = item.find_extension("KHR_node_visibility")
+            if visibility is not None and visibility.values.get("visible") is False:
+                shown[k] = False
+        for level in self._levels[1:]:
+            shown[level] &= shown[self._parents[level]]
+        return shown
+
+    def _choose_names(self) -> list[str]:
+        """Return a name per node, no two alike below one node; slashes would part paths."""
+        names = []
+        taken: set[tuple[int, str]] = set()
+        for k, item in enumerate(self._items):
+            above = int(self._parents[k])
+            plain = item.read_name().replace("/", "_") or f"node_{k}"
+            name = plain if (above, plain) not in taken else f"{plain}_{k}"
+            taken.add((above, name))
+            names.append(name)
+        return names
+
+
+def make_rotations(quaternions: Floats) -> Floats:
+    """Return the matrices (k, 3, 3), for columns, of quaternions (k, 4) of any length but 0.
+
+    A length of 0 turns nothing.
+    """
+    lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    unit = np.where(lengths > 0, quaternions / np.where(lengths > 0, lengths, 1), [0, 0, 0, 1])
+    x, y, z, w = unit.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)

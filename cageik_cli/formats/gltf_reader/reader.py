@@ -1,0 +1,277 @@
+"""A clip in glTF: meshes that joints, morph targets or nodes move, at an even rate."""
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cageik_cli.formats.base.files import hash_file
+from cageik_cli.formats.base.scene_graph import Polygons, SceneMesh, SceneReader
+from cageik_cli.formats.base.sequence import ClipRequest
+from cageik_cli.formats.gltf_reader.animation import DEFAULT_SAMPLING_RATE, Animation
+from cageik_cli.formats.gltf_reader.document import Document
+from cageik_cli.formats.gltf_reader.geometry import Geometry
+from cageik_cli.formats.gltf_reader.items import Item
+from cageik_cli.formats.gltf_reader.nodes import NodeTree
+from cageik_cli.formats.gltf_reader.primitives import count_targets, has_faces
+from cageik_cli.formats.gltf_reader.skins import Skin
+from cageik_cli.formats.gltf_reader.surface import SurfaceReader
+from cageik_cli.formats.settings import SceneHints
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import FormatError, SettingError, error_context, join_truncated
+
+MAX_KEPT_POSES = 8
+"""Times at which the transforms of all nodes are kept: those of the frames that threads read."""
+
+
+class Reader(SceneReader):
+    """Frames of the meshes of a scene; times are seconds."""
+
+    suffixes = (".glb", ".gltf")
+
+    def __init__(self, request: ClipRequest) -> None:
+        self._member, self._fps = request.member, request.settings.fps or DEFAULT_SAMPLING_RATE
+        super().__init__(request)
+        self._reading += (self._fps,)
+
+    @classmethod
+    def list_members(cls, path: Path) -> list[str]:
+        """List the animations, if there are several."""
+        names = name_animations(Document(path))
+        return names if len(names) > 1 else []
+
+    @classmethod
+    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
+        """List the animations of a file that has several, if none of them is requested."""
+        path = request.path
+        with error_context(path):
+            names = name_animations(Document(path))
+            if len(names) < 2 or choose_animation(names, request.member)[0] is not None:
+                return []
+        listed = [("animation", name) for name in names]
+        return [("holds", f"{len(names)} animations; choose one as FILE::ANIMATION"), *listed]
+
+    def check_file(self, path: Path) -> None:
+        """Check nothing, as opening the document does."""
+
+    @contextmanager
+    def guard(self) -> Iterator[list[str]]:
+        """Leave values that are not finite to the checks of frames."""
+        with np.errstate(all="ignore"):
+            yield []
+
+    def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
+        """Read the document, and list the nodes that have meshes."""
+        self._document = document = Document(path)
+        names = name_animations(document)
+        number, self._top = choose_animation(names, self._member)
+        if number is None and len(names) > 1:
+            raise SettingError(
+                f"holds {len(names)} animations: {join_truncated(names)}; choose one, as in "
+                f"FILE::{names[0]}" + (f"::{self._top}" if self._top else "")
+            )
+        tree = NodeTree(document)
+        mesh_numbers = {
+            k: mesh
+            for k, item in enumerate(document.nodes)
+            if (mesh := item.find_whole("mesh", len(document.meshes))) is not None
+        }
+        items = document.root.list_items("animations")
+        self._rig = Rig(document, tree, mesh_numbers, items[number or 0] if items else None)
+        self._sampled, self._start = self._rig.animation.choose_times(self._fps)
+        self._geometries: dict[tuple[int, int | None], Geometry] = {}
+        found: dict[str, Any] = {}
+        hidden: dict[str, str] = {}
+        for k, mesh in mesh_numbers.items():
+            name = tree.make_path(k)
+            found[name] = k, mesh
+            if not tree.is_shown[k]:
+                hidden[name] = "not in the scene, or invisible"
+            elif not has_faces(document.meshes[mesh]):
+                hidden[name] = "points or lines"
+        return found, hidden
+
+    def find_top(self, member: str | None) -> str | None:
+        """Return the path of the nodes that are read, without the name of the animation."""
+        return self._top
+
+    def list_times(self, meshes: Sequence[SceneMesh]) -> set[float]:
+        """List the times of the frames."""
+        return set(self._sampled.tolist())
+
+    def open_mesh(self, found: Any) -> "GltfMesh":
+        """Open the mesh of a node; nodes of one mesh and one skin share it."""
+        node, mesh = found
+        document, rig = self._document, self._rig
+        skin = document.nodes[node].find_whole("skin", len(document.skins))
+        key = mesh, skin
+        if key not in self._geometries:
+            with error_context(document.meshes[mesh].place):
+                item = document.meshes[mesh]
+                self._geometries[key] = Geometry(document, item, rig.find_skin(skin))
+        geometry = self._geometries[key]
+        document.claim(12 * len(geometry.base))
+        return GltfMesh(document, rig, geometry, node, skin)
+
+    def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
+        """Return the times, which are even."""
+        return times, ""
+
+    def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
+        """Return the rate of sampling, and what is true of all glTF files."""
+        fps = self._fps if step is not None else None
+        return SceneHints(fps=fps, start=self._start, up_axis="Y", metres_per_unit=1.0)
+
+    def describe_source(self) -> dict[str, Any]:
+        """Return the file's name, how many files hold its buffers, and a digest over all."""
+        count = len(self._document.files)
+        return super().describe_source() | ({"files": count} if count > 1 else {})
+
+    @cached_property
+    def _digest(self) -> bytes:
+        digests = [hash_file(file) for file in dict.fromkeys(self._document.files)]
+        return digests[0] if len(digests) == 1 else hashlib.sha256(b"".join(digests)).digest()
+
+
+class Rig:
+    """The nodes of a file, moved by one of its animations.
+
+    Attributes
+    ----------
+    find_worlds : callable
+        Returns the transforms (N, 4, 4) of all nodes at a time, for columns.
+    """
+
+    def __init__(
+        self, document: Document, tree: NodeTree, mesh_numbers: dict[int, int], item: Item | None
+    ) -> None:
+        self.tree, self._document = tree, document
+        counts = {k: count_targets(document.meshes[mesh]) for k, mesh in mesh_numbers.items()}
+        self.animation = Animation(document, tree, item, counts)
+        self.mesh_numbers = mesh_numbers
+        self.find_worlds = lru_cache(MAX_KEPT_POSES)(self._compute_worlds)
+        self._skins: dict[int, Skin] = {}
+
+    def find_skin(self, number: int | None) -> Skin | None:
+        """Return a skin by its number."""
+        if number is None:
+            return None
+        if number not in self._skins:
+            self._skins[number] = Skin(self._document, number)
+        return self._skins[number]
+
+    def _compute_worlds(self, time: float) -> Floats:
+        return self.tree.compute_worlds(self.animation.evaluate_nodes(time))
+
+
+class GltfMesh(SceneMesh):
+    """The mesh of a node.
+
+    One with a skin is where its joints are: the transform of its own node does not count.
+    """
+
+    is_clockwise = False
+
+    def __init__(
+        self, document: Document, rig: Rig, geometry: Geometry, node: int, skin: int | None
+    ) -> None:
+        self._document, self._rig, self._geometry, self._node = document, rig, geometry, node
+        self._skin = rig.find_skin(skin)
+        self._still_weights = np.zeros(geometry.target_count)
+        for item in (document.meshes[rig.mesh_numbers[node]], document.nodes[node]):
+            weights = item.find_numbers("weights", None)
+            if weights is None:
+                continue
+            if len(weights) != geometry.target_count:
+                raise FormatError(
+                    f"{item.place} has {len(weights)} weights of {geometry.target_count} morph "
+                    "targets; export the file again"
+                )
+            self._still_weights = weights
+
+    def list_times(self) -> set[float]:
+        """List no times, as they are those of the animation."""
+        return set()
+
+    def compute_matrix(self, time: float) -> Floats:
+        """Return the transform of the node, or none for a skin."""
+        if self._skin is not None:
+            return np.eye(4)
+        return np.asarray(self._rig.find_worlds(time)[self._node].T)
+
+    def has_moving_transform(self) -> bool:
+        """Return whether the node, or one above it, is animated."""
+        return self._skin is None and any(
+            self._rig.animation.moves(k) for k in self._rig.tree.list_above(self._node)
+        )
+
+    def read_points(self, time: float) -> Floats:
+        """Return the vertices, moved by morph targets and joints."""
+        weights = self._rig.animation.evaluate_weights(self._node, time)
+        if weights is None:
+            weights = self._still_weights
+        moves = None
+        if self._skin is not None:
+            moves = self._skin.compute_moves(self._rig.find_worlds(time))
+        return self._geometry.evaluate(weights, moves)
+
+    def list_polygon_times(self) -> list[float]:
+        """List nothing, as faces never change."""
+        return []
+
+    def read_polygons(self, time: float) -> Polygons:
+        """Return the triangles."""
+        corners = self._geometry.corners
+        return np.full(len(corners) // 3, 3), corners
+
+    def list_surface_layers(
+        self, vertex_count: int, time: float
+    ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+        """Return what reads UVs, normals, colours and materials."""
+        return SurfaceReader(self._document, self._geometry).list_layers()
+
+    def describe_transform(self, time: float) -> list[str]:
+        """Return notes on what was changed, too."""
+        return [*super().describe_transform(time), *self._geometry.notes]
+
+
+def name_animations(document: Document) -> list[str]:
+    """Return what a user types for each animation: its name, or its number if that is not clear."""
+    names: dict[str, None] = {}
+    for k, item in enumerate(document.root.list_items("animations")):
+        name = item.read_name()
+        is_clear = name and name not in names and "::" not in name and not name.startswith("/")
+        names[name if is_clear else f"{k}"] = None
+    return list(names)
+
+
+def choose_animation(names: list[str], member: str | None) -> tuple[int | None, str | None]:
+    """Return the number of the animation that is read, and the path that nodes are below.
+
+    Parameters
+    ----------
+    member : str, optional
+        `ANIMATION`, `/node/path`, or `ANIMATION::/node/path`; an animation by name or number.
+
+    Raises
+    ------
+    SettingError
+        When there is no such animation.
+    """
+    if member is None:
+        return None, None
+    typed, _, top = member.partition("::")
+    if typed.startswith("/"):
+        return None, member
+    if typed in names:
+        return names.index(typed), top or None
+    if typed.isdecimal() and int(typed[:9]) < len(names):
+        return int(typed), top or None
+    if not names:
+        raise SettingError(f"holds no animation `{typed}`, and none at all; leave out `::{typed}`")
+    raise SettingError(f"holds no animation `{typed}`; choose one of {join_truncated(names)}")
