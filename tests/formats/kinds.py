@@ -11,6 +11,8 @@ from alembic3d.AbcCoreAbstract import TimeSampling
 from alembic3d.AbcGeom import OPolyMesh, OPolyMeshSchemaSample
 from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 
+from tests.formats.gltf.built import Built
+
 FACES = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
 FRAMES = np.random.default_rng(0).integers(-99, 99, (5, 4, 3)) / 8
 """Numbers that every format holds exactly."""
@@ -109,6 +111,21 @@ def _write_usdz(path, frames):
     inner.unlink()
 
 
+def _write_gltf(path, frames):
+    """Write the first frame, and the others as morph targets that are on at one key each."""
+    file = Built()
+    targets = [{"POSITION": file.array(frame - frames[0])} for frame in frames[1:]]
+    primitive = {"attributes": {"POSITION": file.array(frames[0])}, "targets": targets}
+    primitive["indices"] = file.array(FACES.ravel(), "H")
+    file.add("meshes", {"primitives": [primitive]})
+    file.add("nodes", {"mesh": 0, "name": "mesh"})
+    weights = np.eye(len(frames))[:, 1:]
+    keys = (1 + np.arange(len(frames))) / 24
+    if len(frames) > 1:
+        file.animate("", (0, "weights", keys, weights.ravel(), "LINEAR"))
+    file.save(path)
+
+
 def _write_abc(path, frames):
     archive = OArchive(str(path))
     times = TimeSampling(1 / 24, 1 / 24)
@@ -128,6 +145,8 @@ KINDS = {
     "clip.usdc": _write_usd,
     "clip.usdz": _write_usdz,
     "clip.abc": _write_abc,
+    "clip.glb": _write_gltf,
+    "clip.gltf": _write_gltf,
 }
 """What writes a clip of `FACES` in one file, by the name of the file."""
 

@@ -36,6 +36,7 @@ class Reader(SceneReader):
 
     def __init__(self, request: ClipRequest) -> None:
         self._member, self._fps = request.member, request.settings.fps or DEFAULT_SAMPLING_RATE
+        self._warnings: list[str] = []
         super().__init__(request)
         self._reading += (self._fps,)
 
@@ -63,7 +64,7 @@ class Reader(SceneReader):
     def guard(self) -> Iterator[list[str]]:
         """Leave values that are not finite to the checks of frames."""
         with np.errstate(all="ignore"):
-            yield []
+            yield self._warnings
 
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Read the document, and list the nodes that have meshes."""
@@ -83,6 +84,7 @@ class Reader(SceneReader):
         }
         items = document.root.list_items("animations")
         self._rig = Rig(document, tree, mesh_numbers, items[number or 0] if items else None)
+        self._warnings += self._rig.animation.notes
         self._sampled, self._start = self._rig.animation.choose_times(self._fps)
         self._geometries: dict[tuple[int, int | None], Geometry] = {}
         found: dict[str, Any] = {}
@@ -124,7 +126,7 @@ class Reader(SceneReader):
 
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
         """Return the rate of sampling, and what is true of all glTF files."""
-        fps = self._fps if step is not None else None
+        fps = None if self._start is None else self._fps
         return SceneHints(fps=fps, start=self._start, up_axis="Y", metres_per_unit=1.0)
 
     def describe_source(self) -> dict[str, Any]:
