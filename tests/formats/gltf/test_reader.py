@@ -105,7 +105,7 @@ def test_frames_are_from_the_first_key_to_the_last(dance, fps, count):
     moves = [frame[0, 0] - clip.first.vertices[0, 0] for frame in clip]
     np.testing.assert_allclose(moves, np.arange(count) / rate, rtol=0, atol=1e-12)
     last = open_sequence([f"{dance}::step"], ClipSettings(slice(-1, None), fps=fps))
-    assert last.scene.start == 0.5 * rate + count - 1
+    assert last.scene.start == pytest.approx(0.5 * rate + count - 1)
 
 
 def test_times_of_single_precision_are_at_their_keys(tmp_path):
