@@ -124,7 +124,7 @@ def _find_option(name: str, command: click.Command | None) -> str | None:
 
     for known in (command, extract_command):
         for param in known.params if known is not None else ():
-            if param.name == name:
+            if param.name == name or f"--{name.replace('_', '-')}" in param.opts:
                 return max(param.opts, key=len) if param.opts[0][0] == "-" else name.upper()
     # Parameters that no option of this name sets.
     return {

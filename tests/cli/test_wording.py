@@ -9,6 +9,8 @@ from pathlib import Path
 import h5py
 import pytest
 
+import cageik_cli
+from cageik_cli.cli import main
 from cageik_cli.cli.deform import deform_command
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.output import ProgressBar
@@ -26,6 +28,8 @@ from cageik_cli.util.errors import SettingError
         ("has no part of `handles=`", "has no part of HANDLES"),
         ("`rigidity=2000` is too much", "--rigidity 2000 is too much"),
         ("replace it with `overwrite=True`", "replace it with --overwrite"),
+        ("few numbers by `fit_rank=`", "few numbers by --fit-rank"),
+        ("raise `fit_regularization=`", "raise --fit-regularization"),
         ("attribute `fps`, mesh `cage` of a file", "attribute `fps`, mesh `cage` of a file"),
         ("extract with it (`keep_weights=True`)", "extract with it (without --no-weights)"),
         ("a `.png`, a `vertex` and `Ctrl`", "a `.png`, a `vertex` and `Ctrl`"),
@@ -37,6 +41,16 @@ def test_parameters_are_shown_as_options(message, shown):
 
 def test_the_options_of_the_command_come_first():
     assert word_options("no `source=`, no `cages=`", deform_command) == "no SOURCE, no --cages"
+
+
+def test_every_parameter_that_a_message_names_is_an_option_of_a_command():
+    package = Path(cageik_cli.__file__).parent
+    texts = [path.read_text() for path in package.rglob("*.py") if path.name != "group.py"]
+    named = {name for text in texts for name in re.findall("`[a-z_]+=", text)}
+    commands = list(main.commands.values())
+    known = {name for name in named for one in commands if "`" not in word_options(f"{name}`", one)}
+    assert len(named) > 40
+    assert named == known
 
 
 def test_an_error_names_the_option(monkeypatch, folder, run):
