@@ -13,7 +13,8 @@ from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.usd import writer as usd_writer
 from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import FormatError, OutputError
+from cageik_cli.util.errors import OutputError
+from tests.clips import frames_of
 from tests.formats.clips import faults_of
 from tests.formats.gltf.decoded import Glb
 from tests.formats.gltf.painted import paint
@@ -265,7 +266,10 @@ def test_a_stage_is_at_rest_without_its_motion(tmp_path):
     assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
 
 
-def test_our_reader_says_that_it_does_not_skin(tmp_path):
-    save(UsdRig, tmp_path / "rig.usdc")
-    with pytest.raises(FormatError, match=r"/hero/mesh is moved by a skeleton.*bake it"):
-        open_sequence([str(tmp_path / "rig.usdc")])
+@pytest.mark.parametrize("weights", ["1", "8", "convex"])
+def test_our_reader_poses_what_our_writer_wrote(tmp_path, weights):
+    found, _ = save(UsdRig, tmp_path / "rig.usdc", WEIGHTS[weights])
+    sequence = open_sequence([str(tmp_path / "rig.usdc")])
+    np.testing.assert_allclose(frames_of(sequence), expect(WEIGHTS[weights]), rtol=0, atol=5e-6)
+    np.testing.assert_allclose(frames_of(sequence), found.skin(), rtol=0, atol=1e-6)
+    assert (sequence.scene.fps, sequence.scene.start) == (25, 3)

@@ -168,7 +168,10 @@ class SceneReader(ClipFile):
 
     def _read_joined(self, time: float) -> Floats:
         """Read the points of all meshes, whose numbers must be those of the first frame."""
-        points = [mesh.read_moved(time) for mesh in self._meshes.values()]
+        points = []
+        for name, mesh in self._meshes.items():
+            with error_context(name):
+                points.append(mesh.read_moved(time))
         parts = self.first.polygons.parts
         assert parts is not None
         for name, own, count in zip(parts.names, points, parts.vertex_counts, strict=True):

@@ -33,6 +33,8 @@ def capture_diagnostics(make_error: Callable[[str], Exception]) -> Iterator[list
             yield warnings
         except Tf.ErrorException as error:
             raise make_error(_format_diagnostic(error.args[0])) from error
+        except Tf.CppException as error:  # with the calls that led to it, in many lines
+            raise make_error(str(error).strip().split("\n")[0]) from error
         except UnicodeDecodeError as error:
             raise make_error("its text is not UTF-8") from error
         finally:

@@ -24,6 +24,7 @@ from cageik_cli.formats.usd.library import (
     check_layers,
     require_usd,
 )
+from cageik_cli.formats.usd.skinning import Rigs
 from cageik_cli.formats.usd.surface_reader import SurfaceReader
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats
@@ -56,15 +57,15 @@ class Reader(SceneReader):
         _ = check_layers(path)  # held, so that they are not read twice
         self._stage = Usd.Stage.Open(str(path))
         prims = Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies())
+        self._rigs = Rigs()
         meshes = {str(prim.GetPath()): prim for prim in prims if prim.IsA(UsdGeom.Mesh)}
         reasons = {path: _find_hidden_reason(prim) for path, prim in meshes.items()}
         return meshes, {path: why for path, why in reasons.items() if why}
 
     def open_mesh(self, found: Any) -> "UsdSceneMesh":
-        """Open a prim, which must not be moved by a skeleton."""
-        _check_not_skinned(found)
+        """Open a prim, and find the rig that poses it."""
         file_size = sum(file.stat().st_size for file in self._composed_files)
-        return UsdSceneMesh(found, file_size)
+        return UsdSceneMesh(found, file_size, self._rigs)
 
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the whole time codes in place of uneven samples."""
@@ -122,16 +123,18 @@ class Reader(SceneReader):
 class UsdSceneMesh(SceneMesh):
     """A mesh prim; times are time codes."""
 
-    def __init__(self, prim: Any, file_size: int) -> None:
+    def __init__(self, prim: Any, file_size: int, rigs: Rigs) -> None:
         from pxr import UsdGeom
 
         self._mesh, self._file_size = UsdGeom.Mesh(prim), file_size
-        self._transform_times = _find_transform_times(prim)
+        self._pose = rigs.find_pose(self._mesh)
+        self._transform_times = _find_transform_times(self._pose.placed_by if self._pose else prim)
         self.is_clockwise = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
 
     def list_times(self) -> set[float]:
-        """List the time samples of points and transforms."""
-        return {*self._mesh.GetPointsAttr().GetTimeSamples(), *self._transform_times}
+        """List the time samples of points, of transforms and of the rig."""
+        posed = set() if self._pose is None else self._pose.list_times()
+        return {*self._mesh.GetPointsAttr().GetTimeSamples(), *self._transform_times, *posed}
 
     def compute_matrix(self, time: float) -> Floats:
         """Return the transform of the prim into the stage."""
@@ -147,6 +150,16 @@ class UsdSceneMesh(SceneMesh):
         if len(points) == 0:
             raise FormatError(f"the mesh has no points at time {time:g}; export it again")
         return points
+
+    def read_moved(self, time: float) -> Floats:
+        """Read the points in the space of the stage, posed by the rig if there is one."""
+        if self._pose is None:
+            return super().read_moved(time)
+        return self._pose.move(self.read_points(time), time)
+
+    def describe_transform(self, time: float) -> list[str]:
+        """Return notes on what has moved the mesh."""
+        return super().describe_transform(time) if self._pose is None else self._pose.describe()
 
     def list_polygon_times(self) -> list[float]:
         """List the time samples of the faces."""
@@ -184,18 +197,6 @@ def _read_array(attribute: Any, time: float, dtype_kind: str, shape: tuple[int, 
             "export it again"
         )
     return array
-
-
-def _check_not_skinned(prim: Any) -> None:
-    from pxr import UsdSkel
-
-    binding = UsdSkel.BindingAPI(prim)
-    is_bound = binding.GetInheritedSkeleton() or binding.GetBlendShapesAttr().HasAuthoredValue()
-    if is_bound and UsdSkel.Root.Find(prim):
-        raise FormatError(
-            f"the mesh {prim.GetPath()} is moved by a skeleton or blend shapes, which cageik "
-            "does not evaluate; bake it to points first"
-        )
 
 
 def _find_hidden_reason(prim: Any) -> str:

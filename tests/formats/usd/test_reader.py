@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import SceneHints
@@ -155,22 +155,6 @@ def test_faces_that_change_are_refused(scene):
     assert len(scene.opened()) == 4
     mesh.GetFaceVertexIndicesAttr().Set(corners[::-1], 3)
     assert scene.refused().startswith("/mesh: the faces change at time 3; all frames must")
-
-
-def test_a_skinned_mesh_is_refused_and_a_rig_without_root_is_none(scene):
-    UsdSkel.Skeleton.Define(scene.stage, "/hero/rig")
-    scene.places["hero"] = "/hero"
-    mesh = scene.mesh(parent="hero")
-    binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
-    binding.CreateSkeletonRel().SetTargets(["/hero/rig"])
-    assert len(scene.opened()) == 4
-    UsdSkel.Root.Define(scene.stage, "/hero")
-    sentence = "the mesh /hero/mesh is moved by a skeleton or blend shapes"
-    assert sentence in scene.refused()
-    binding.CreateSkeletonRel().ClearTargets(True)
-    assert len(scene.opened()) == 4
-    binding.CreateBlendShapesAttr(["smile"])
-    assert sentence in scene.refused()
 
 
 def no_points(scene):
