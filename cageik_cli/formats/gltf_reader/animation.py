@@ -209,7 +209,8 @@ class Animation:
         document = self._document
         interpolation = item.read_text("interpolation") or "LINEAR"
         if interpolation not in _INTERPOLATIONS:
-            raise item.make_error("interpolation", interpolation, ", ".join(_INTERPOLATIONS))
+            expected = f"one of {', '.join(_INTERPOLATIONS)}"
+            raise item.make_error("interpolation", interpolation, expected)
         count = len(document.accessors)
         keys = read_floats(document, item.read_whole("input", count), (1,), needs_float=True)
         document.claim(8 * len(keys))

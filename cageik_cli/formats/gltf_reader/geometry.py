@@ -84,6 +84,8 @@ class Geometry:
         is_whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
         self.corners, self.origins = faces[is_whole].ravel(), triangles.faces[is_whole].ravel()
         self.materials = triangles.materials[is_whole]
+        if not len(self.corners):
+            raise FormatError("has no triangle with three different corners; export the file again")
         self._targets = [list(self._place_target(k)) for k in range(self.target_count)]
         self._matrix = None if influences is None else influences.make_matrix(self.firsts)
         self._note_changes(is_used, int(np.count_nonzero(~is_whole)))

@@ -138,8 +138,9 @@ def _find_pool(document: Document, primitive: Item, pools: dict[object, Pool]) -
                     f"accessors[{accessor}] has {found} vertices, expected {size} as "
                     f"accessors[{place}]; export the file again"
                 )
-        dense = [k for k in moved if document.accessors[k].has("bufferView")]
-        document.claim(12 * size * (1 + len(dense)))
+        # Sparse targets are not expanded, but compared vertex by vertex.
+        dense = sum(document.accessors[k].has("bufferView") for k in moved)
+        document.claim(size * (12 + 12 * dense + len(moved) - dense))
         start = max((pool.stop for pool in pools.values()), default=0)
         pools[key] = Pool(attributes, targets, start, start + size)
     return pools[key]
