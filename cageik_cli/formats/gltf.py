@@ -277,7 +277,7 @@ class Writer(GlbWriter):
             for node in nodes
         ]
         sampler = gltf.AnimationSampler(input=times, output=weights)
-        return gltf.Animation(name=self._animation.name, channels=channels, samplers=[sampler])
+        return self.make_animation(channels, [sampler])
 
     def _compose(self, primitives: list[Any], modes: Modes, rms: float, largest: float) -> None:
         """Compose a mesh and a node per part."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cageik_cli import __version__
 from cageik_cli.formats.base.writers import Animation, AnimationWriter
-from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.settings import GLTF_RATE_KEY, Scene
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, require_optional
 from cageik_cli.util.files import set_size
@@ -254,6 +254,18 @@ class GlbWriter(AnimationWriter):
         scene = self._animation.scene
         numbers = scene.start + scene.frame_step * np.arange(self._animation.frame_count)
         return self._file.add_array(np.asarray(numbers / scene.fps, np.float32), bounds=True)
+
+    def make_animation(self, channels: list[object], samplers: list[object]) -> object:
+        """Return the animation, which states the frame rate for cageik itself."""
+        import pygltflib as gltf
+
+        scene = self._animation.scene
+        return gltf.Animation(
+            name=self._animation.name,
+            channels=channels,
+            samplers=samplers,
+            extras={GLTF_RATE_KEY: [scene.fps, scene.frame_step]},
+        )
 
     def make_node_transform(self) -> dict[str, list[float]]:
         """Return a node's transform into metres and y up; empty if the scene has these."""

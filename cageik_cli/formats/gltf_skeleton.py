@@ -73,7 +73,7 @@ class SkeletonWriter(GlbWriter):
             meshes=meshes,
             materials=materials,
             skins=[self._write_skin()],
-            animations=[gltf.Animation(name=self._animation.name, **self._write_motion())],
+            animations=[self.make_animation(**self._write_motion())],
         )
         self._open.close()
 

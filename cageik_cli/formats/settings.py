@@ -174,6 +174,10 @@ class ClipSettings:
     fps: float | None = None
 
 
+GLTF_RATE_KEY = "cageik_rate"
+"""Where animations in glTF, which has no frame rate, state it: frames per second, and the step of
+frame numbers."""
+
 DEFAULT_MORPHS = 60
 """Morph targets at most, where neither their number nor a tolerance is given."""
 

@@ -1,15 +1,16 @@
 """Animations: what their samplers give at a time, and the frames that they are sampled at."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from math import floor
 
 import numpy as np
 
+from cageik_cli.formats.base.scene_graph import find_step
 from cageik_cli.formats.gltf_reader.accessors import count_rows, read_floats
 from cageik_cli.formats.gltf_reader.document import Document
 from cageik_cli.formats.gltf_reader.items import Item
 from cageik_cli.formats.gltf_reader.nodes import TRS_WIDTHS, NodeTree
+from cageik_cli.formats.settings import GLTF_RATE_KEY, SceneHints
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError
 
@@ -113,20 +114,20 @@ class Animation:
             How many morph targets the mesh of each node has, by the number of the node.
         """
         self._document, self._tree, self._target_counts = document, tree, target_counts
+        self._item = item
         self._samplers: dict[tuple[int, str], Sampler] = {}
         self.notes: list[str] = []
         self._read: dict[tuple[int, str, int], Sampler] = {}
         others: set[str] = set()
         channels = [] if item is None else item.list_items("channels")
         for channel in channels:
-            assert item is not None
             target = channel.find_item("target")
             node = None if target is None else target.find_whole("node", len(document.nodes))
             path = "" if target is None else target.read_text("path")
             if node is None or path not in {*TRS_WIDTHS, "weights"}:
                 others.add(path)
                 continue
-            self._add_channel(item, channel, node, path)
+            self._add_channel(channel, node, path)
         if others:
             self.notes.append("channels that move no node are left out")
         if any((np.diff(each.keys) == 0).any() for each in self._samplers.values()):
@@ -149,41 +150,54 @@ class Animation:
         sampler = self._samplers.get((node, "weights"))
         return None if sampler is None else sampler.evaluate(time)
 
-    @cached_property
-    def _range(self) -> tuple[float, float] | None:
-        """The first and the last key, seconds; None without any."""
-        ends = [(each.keys[0], each.keys[-1]) for each in self._samplers.values()]
-        if not ends:
-            return None
-        return float(min(first for first, _ in ends)), float(max(last for _, last in ends))
-
-    def choose_times(self, fps: float) -> tuple[Floats, float | None]:
-        """Return the times of the frames, (F,), and the number of the first one.
+    def choose_times(self, fps: float | None) -> tuple[Floats, SceneHints]:
+        """Return the times of the frames, (F,), and what that says of the scene.
 
         They are from the first to the last key, which is included to rounding. Without keys there
         is one frame, without a number.
+
+        Parameters
+        ----------
+        fps : float, optional
+            What cageik states in its own files if absent, or else `DEFAULT_SAMPLING_RATE`.
 
         Raises
         ------
         SettingError
             When there are too many.
         """
-        if self._range is None:
-            return np.zeros(1), None
-        first, last = self._range
-        tolerance = KEY_TOL * max(1.0, abs(first), abs(last)) * fps
-        start = first * fps
+        keys = [each.keys for each in self._samplers.values()]
+        if not keys:
+            return np.zeros(1), SceneHints(up_axis="Y", metres_per_unit=1.0)
+        first = min(float(each[0]) for each in keys)
+        last = max(float(each[-1]) for each in keys)
+        rate, step = (fps, 1.0) if fps is not None else _find_stated_rate(self._item)
+        tolerance = KEY_TOL * max(1.0, abs(first), abs(last)) * rate
+        start = first * rate
         if abs(start - round(start)) <= tolerance:
             start = float(round(start))
-        count = floor(last * fps - start + tolerance) + 1
+        count = max(1, floor((last * rate - start + tolerance) / step) + 1)
         if count > MAX_SAMPLED_TIMES:
             raise SettingError(
-                f"its keys are from {first:g} to {last:g} s, which is {count} frames at {fps:g} "
+                f"its keys are from {first:g} to {last:g} s, which is {count} frames at {rate:g} "
                 f"per second, expected at most {MAX_SAMPLED_TIMES}; give a lower `fps=`"
             )
-        return np.asarray((start + np.arange(max(count, 1))) / fps), start
+        if fps is None:
+            self._note_other_rate(np.unique(np.concatenate(keys)), rate / step)
+        hints = SceneHints(rate, start, "Y", 1.0, None if step == 1 else step)
+        return np.asarray((start + step * np.arange(count)) / rate), hints
 
-    def _add_channel(self, item: Item, channel: Item, node: int, path: str) -> None:
+    def _note_other_rate(self, keys: Floats, fps: float) -> None:
+        """Note even keys between which the frames fall."""
+        step = find_step(keys) if len(keys) > 2 else None
+        rate = 0.0 if step is None else round(1 / step, 3)
+        if rate and abs(fps / rate - round(fps / rate)) > KEY_TOL:
+            self.notes.append(
+                f"its keys are {rate:g} per second, and it is sampled at {fps:g}; `fps={rate:g}` "
+                "takes the keys as they are"
+            )
+
+    def _add_channel(self, channel: Item, node: int, path: str) -> None:
         width = TRS_WIDTHS.get(path) or self._target_counts.get(node, 0)
         if not width:
             self.notes.append(f"nodes[{node}] has no morph targets for its animated weights")
@@ -198,7 +212,8 @@ class Animation:
                 f"nodes[{node}] has a matrix, and its {path} is animated, expected translation, "
                 "rotation and scale; import it in Blender and export it again"
             )
-        samplers = item.list_items("samplers")
+        assert self._item is not None
+        samplers = self._item.list_items("samplers")
         number = channel.read_whole("sampler", len(samplers))
         known = number, path, width
         if known not in self._read:
@@ -240,3 +255,14 @@ class Animation:
             )
         shape = (len(keys), 3, width) if is_spline else (len(keys), width)
         return Sampler(keys, values.reshape(shape), interpolation, path == "rotation")
+
+
+def _find_stated_rate(item: Item | None) -> tuple[float, float]:
+    """Return the frames per second and the step of frame numbers that cageik has written."""
+    extras = None if item is None else item.values.get("extras")
+    stated = extras.get(GLTF_RATE_KEY) if isinstance(extras, dict) else None
+    if isinstance(stated, list) and len(stated) == 2:
+        rate, step = stated
+        if all(isinstance(x, int | float) and 0 < x < MAX_SAMPLED_TIMES for x in stated):
+            return float(rate), float(step)
+    return DEFAULT_SAMPLING_RATE, 1.0

@@ -12,7 +12,7 @@ import numpy as np
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.scene_graph import Polygons, SceneMesh, SceneReader
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.gltf_reader.animation import DEFAULT_SAMPLING_RATE, Animation
+from cageik_cli.formats.gltf_reader.animation import Animation
 from cageik_cli.formats.gltf_reader.document import Document
 from cageik_cli.formats.gltf_reader.geometry import Geometry
 from cageik_cli.formats.gltf_reader.items import Item
@@ -35,7 +35,7 @@ class Reader(SceneReader):
     suffixes = (".glb", ".gltf")
 
     def __init__(self, request: ClipRequest) -> None:
-        self._member, self._fps = request.member, request.settings.fps or DEFAULT_SAMPLING_RATE
+        self._member, self._fps = request.member, request.settings.fps
         self._warnings: list[str] = []
         super().__init__(request)
         self._reading += (self._fps,)
@@ -84,8 +84,8 @@ class Reader(SceneReader):
         }
         items = document.root.list_items("animations")
         self._rig = Rig(document, tree, mesh_numbers, items[number or 0] if items else None)
+        self._sampled, self._scene = self._rig.animation.choose_times(self._fps)
         self._warnings += self._rig.animation.notes
-        self._sampled, self._start = self._rig.animation.choose_times(self._fps)
         self._geometries: dict[tuple[int, int | None], Geometry] = {}
         found: dict[str, Any] = {}
         hidden: dict[str, str] = {}
@@ -126,8 +126,7 @@ class Reader(SceneReader):
 
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
         """Return the rate of sampling, and what is true of all glTF files."""
-        fps = None if self._start is None else self._fps
-        return SceneHints(fps=fps, start=self._start, up_axis="Y", metres_per_unit=1.0)
+        return self._scene
 
     def describe_source(self) -> dict[str, Any]:
         """Return the file's name, how many files hold its buffers, and a digest over all."""

@@ -21,7 +21,7 @@ from tests.formats.gltf.built import make_glb
 from tests.formats.gltf.rigs import INTERPOLATIONS, RIGS
 from tests.formats.gltf.test_reader import make_box
 
-FEW, MANY = 100, 2000
+FEW, MANY = 50, 2000
 MOST = 64 << 20
 """Bytes that a file of a few KiB may make the reader take."""
 
@@ -38,9 +38,13 @@ def list_places(value, steps=()):
             yield from list_places(inner, (*steps, step))
 
 
+def copy(value):
+    return json.loads(json.dumps(value))
+
+
 def change_values(document, rng):
     """The document with one to three values replaced, removed, or by those of other places."""
-    document = json.loads(json.dumps(document))
+    document = copy(document)
     for _ in range(rng.integers(1, 4)):
         places = list(list_places(document))
         *above, last = places[rng.integers(len(places))]
@@ -53,9 +57,9 @@ def change_values(document, rng):
         elif how == 1 and isinstance(holder[last], int):
             holder[last] += int(rng.integers(-2, 3))
         elif how == 2 and isinstance(holder, list):
-            holder.append(holder[last])
+            holder.append(copy(holder[last]))
         else:
-            holder[last] = VALUES[rng.integers(len(VALUES))]
+            holder[last] = copy(VALUES[rng.integers(len(VALUES))])
     return document
 
 

@@ -123,6 +123,21 @@ def test_times_of_single_precision_are_at_their_keys(tmp_path):
     np.testing.assert_array_equal([f[0, 0] - clip.first.vertices[0, 0] for f in clip], range(11))
 
 
+@pytest.mark.parametrize(
+    ("fps", "keys", "is_noted"),
+    [(None, 30, True), (None, 12, False), (None, 24, False), (25, 30, False)],
+)
+def test_frames_between_even_keys_are_noted(tmp_path, fps, keys, is_noted):
+    file = Built()
+    file.add("meshes", {"primitives": [{"attributes": {"POSITION": file.array(np.eye(3))}}]})
+    file.add("nodes", {"mesh": 0})
+    times = (3 + np.arange(9)) / keys
+    file.animate("", (0, "translation", times, np.zeros((9, 3)), "LINEAR"))
+    clip = opened(file, tmp_path / "even.glb", fps=fps)
+    note = "its keys are 30 per second, and it is sampled at 24; `fps=30` takes the keys"
+    assert any(note in text for text in clip.notes) == is_noted
+
+
 def test_a_time_that_is_there_twice_is_a_jump(tmp_path):
     file = Built()
     attributes = {"POSITION": file.array(np.eye(3))}
