@@ -49,13 +49,18 @@ def choose_parts(
         raise SettingError("`exclude=` leaves none of its meshes; give fewer patterns")
     seen = [path for path in chosen if path not in reasons]
     shown = [path for path in seen if path not in hidden or path == member]
+    unseen = {path: hidden[path] for path in seen if path not in shown}
     if shown:
-        reasons |= {path: hidden[path] for path in seen if path not in shown}
-    notes = []
-    for reason in dict.fromkeys(reasons.values()):
-        which = [path for path, why in reasons.items() if why == reason]
-        notes.append(f"left out {join_truncated(which)} ({reason})")
-    return shown or seen, notes
+        return shown, _describe("left out", reasons | unseen)
+    return seen, [*_describe("left out", reasons), *_describe("no other mesh than", unseen)]
+
+
+def _describe(what: str, reasons: Mapping[str, str]) -> list[str]:
+    """Return a sentence for each reason, with the paths that have it."""
+    paths: dict[str, list[str]] = {}
+    for path, reason in reasons.items():
+        paths.setdefault(reason, []).append(path)
+    return [f"{what} {join_truncated(each)} ({reason})" for reason, each in paths.items()]
 
 
 def _is_below(path: str, top: str) -> bool:

@@ -276,7 +276,8 @@ def transform_points(points: NDArray[np.floating], matrix: Floats) -> Floats:
 
 def is_mirroring(matrix: Floats) -> bool:
     """Return whether a matrix turns a surface inside out."""
-    return bool(np.linalg.det(matrix[:3, :3]) < 0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        return bool(np.linalg.det(matrix[:3, :3]) < 0)
 
 
 def find_step(times: Floats) -> float | None:

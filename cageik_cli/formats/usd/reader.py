@@ -29,6 +29,7 @@ from cageik_cli.formats.usd.surface_reader import SurfaceReader
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.text import format_count
 
 MAX_TIME_CODES = 100_000
 """Largest number of whole time codes, a frame each, that replace uneven samples."""
@@ -56,10 +57,14 @@ class Reader(SceneReader):
 
         _ = check_layers(path)  # held, so that they are not read twice
         self._stage = Usd.Stage.Open(str(path))
-        prims = Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies())
+        prims = list(Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies()))
         self._rigs = Rigs()
         meshes = {str(prim.GetPath()): prim for prim in prims if prim.IsA(UsdGeom.Mesh)}
-        reasons = {path: _find_hidden_reason(prim) for path, prim in meshes.items()}
+        scattered = _list_scattered(prims)
+        reasons = {
+            path: _find_scattered_reason(prim, scattered) or _find_hidden_reason(prim)
+            for path, prim in meshes.items()
+        }
         return meshes, {path: why for path, why in reasons.items() if why}
 
     def open_mesh(self, found: Any) -> "UsdSceneMesh":
@@ -158,8 +163,13 @@ class UsdSceneMesh(SceneMesh):
         return self._pose.move(self.read_points(time), time)
 
     def describe_transform(self, time: float) -> list[str]:
-        """Return notes on what has moved the mesh."""
-        return super().describe_transform(time) if self._pose is None else self._pose.describe()
+        """Return notes on what has moved the mesh, and when it is not seen."""
+        moved = super().describe_transform(time) if self._pose is None else self._pose.describe()
+        prim = self._mesh.GetPrim()
+        hidden = [each for each in _list_visibility_times(prim) if not _is_visible(prim, each)]
+        return moved + [
+            f"invisible at time {each:g}, but read in all frames" for each in hidden[:1]
+        ]
 
     def list_polygon_times(self) -> list[float]:
         """List the time samples of the faces."""
@@ -199,17 +209,63 @@ def _read_array(attribute: Any, time: float, dtype_kind: str, shape: tuple[int, 
     return array
 
 
+def _list_scattered(prims: list[Any]) -> dict[str, str]:
+    """Return why meshes are not seen that are at or below the prototypes of point instancers."""
+    from pxr import Usd, UsdGeom
+
+    reasons: dict[str, str] = {}
+    for prim in prims:
+        if prim.IsA(UsdGeom.PointInstancer):
+            scatter = UsdGeom.PointInstancer(prim)
+            count = len(scatter.GetProtoIndicesAttr().Get(Usd.TimeCode.EarliestTime()) or ())
+            reason = (
+                f"of the point instancer {prim.GetPath()}, whose {format_count(count, 'instance')} "
+                "are not read: make them meshes"
+            )
+            targets = scatter.GetPrototypesRel().GetForwardedTargets()
+            reasons |= {str(path): reason for path in (prim.GetPath(), *targets)}
+    return reasons
+
+
+def _find_scattered_reason(prim: Any, scattered: dict[str, str]) -> str:
+    """Return the reason of a prim, or of one above it; empty if there is none."""
+    if not scattered:
+        return ""
+    above = map(str, prim.GetPath().GetPrefixes())
+    return next((scattered[path] for path in above if path in scattered), "")
+
+
 def _find_hidden_reason(prim: Any) -> str:
     """Return why a renderer does not show a mesh at its first time; empty if it does."""
     from pxr import Usd, UsdGeom
 
-    shown = UsdGeom.Imageable(prim)
-    purpose = shown.ComputePurpose()
+    purpose = UsdGeom.Imageable(prim).ComputePurpose()
     if purpose not in (UsdGeom.Tokens.default_, UsdGeom.Tokens.render):
         return f"purpose {purpose}"
-    times = shown.GetVisibilityAttr().GetTimeSamples()
-    time = times[0] if times else Usd.TimeCode.EarliestTime()
-    return "invisible" if shown.ComputeVisibility(time) == UsdGeom.Tokens.invisible else ""
+    times = _list_visibility_times(prim)
+    if _is_visible(prim, times[0] if times else Usd.TimeCode.EarliestTime()):
+        return ""
+    later = next((time for time in times if _is_visible(prim, time)), None)
+    return "invisible" if later is None else f"invisible until time {later:g}"
+
+
+def _list_visibility_times(prim: Any) -> list[float]:
+    """List the time samples of the visibility of a prim and of those above it, in order."""
+    from pxr import UsdGeom
+
+    times: set[float] = set()
+    while not prim.IsPseudoRoot():
+        shown = UsdGeom.Imageable(prim)
+        if shown:
+            times.update(shown.GetVisibilityAttr().GetTimeSamples())
+        prim = prim.GetParent()
+    return sorted(times)
+
+
+def _is_visible(prim: Any, time: Any) -> bool:
+    from pxr import UsdGeom
+
+    return bool(UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible)
 
 
 def _find_transform_times(prim: Any) -> set[float]:

@@ -278,7 +278,7 @@ def _check_offsets(shape: Any, point_count: int) -> None:
     for each in (shape, *shape.GetInbetweens()):
         attribute = each.GetOffsetsAttr() if each is shape else each.GetAttr()
         count = len(attribute.Get() or ())
-        if count != expected:
+        if count not in (0, expected):  # a shape that moves nothing
             raise FormatError(
                 f"`{attribute.GetName()}` has {format_count(count, 'offset')} for {expected} "
                 "points; export it again"

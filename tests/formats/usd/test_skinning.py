@@ -87,6 +87,18 @@ def test_blend_shapes_come_before_joints(rig, names):
     assert "rig.usda: shaped by its blend shapes" in sequence.notes
 
 
+def test_a_blend_shape_may_move_nothing(rig):
+    """As the shape at rest that some programs write."""
+    rig.shape()
+    offset(rig).GetOffsetsAttr().Set([])
+    offset(rig).GetPointIndicesAttr().Set([])
+    _, frames = read(rig)
+    shaped = rigs.expect_shaped(3)
+    shaped[list(rigs.SMILE_POINTS)] -= rigs.SHAPE_WEIGHTS[3, 0] * rigs.SMILE
+    expected = rigs.transform(shaped + np.array([7, 0, 0]), rigs.ROOT)
+    np.testing.assert_allclose(frames[3], expected, rtol=0, atol=TOL)
+
+
 def test_a_mesh_with_blend_shapes_alone_is_placed_by_its_own_transform(rig):
     rig.shape()
     _, frames = read(rig)
