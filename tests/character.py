@@ -139,3 +139,10 @@ def write_usd(path):
     stage.SetEndTimeCode(FRAMES)
     stage.GetRootLayer().Save()
     return path
+
+
+def make_cage(radius=0.8):
+    """A prism around the character at rest, of 8 sides; below 0.6 parts are outside."""
+    vertices, polygons, _ = make_tube(radius, 2.6, 2, 8, bottom=-0.3)
+    fans = [[p[0], p[k], p[k + 1]] for p in polygons for k in range(1, len(p) - 1)]
+    return TriMesh(vertices, fans)

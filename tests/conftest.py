@@ -16,10 +16,14 @@ from hypothesis import settings
 from cageik_cli.cages import build
 from cageik_cli.cli import main, options
 from cageik_cli.coordinates import harmonic
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver import executor
+from cageik_cli.store.result import Result
 from cageik_cli.util import compiled
 from cageik_cli.workflows import run_cage
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.settings import ExtractSettings
 from tests.shapes import ball, box
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
@@ -97,6 +101,31 @@ def cache(tmp_path_factory, monkeypatch) -> Path:
 def weights_cache(tmp_path_factory) -> Path:
     """A cache for tests that bind one model to one cage again and again, and test what follows."""
     return tmp_path_factory.mktemp("weights")
+
+
+@pytest.fixture(scope="session")
+def character_usd(tmp_path_factory) -> Path:
+    """The character of four parts as a USD file."""
+    from tests.character import write_usd  # USD is slow to import
+
+    return write_usd(tmp_path_factory.mktemp("character") / "hero.usdc")
+
+
+@pytest.fixture(scope="session")
+def character_result(character_usd, write_obj, weights_cache) -> Result:
+    """The character of four parts, extracted with a given cage."""
+    from tests.character import make_cage
+
+    cage = make_cage()
+    path = write_obj(character_usd.parent / "cage.obj", cage.vertices, cage.faces)
+    settings = ExtractSettings(
+        (str(character_usd),),
+        path,
+        character_usd.parent / "hero.h5",
+        bind=BindSettings(accuracy="preview"),
+        cache=weights_cache,
+    )
+    return extract(settings)
 
 
 @pytest.fixture(autouse=True)

@@ -24,6 +24,7 @@ from cageik_cli.cages.quality import (
 )
 from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.part_names import PartShare
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import format_count
@@ -65,6 +66,8 @@ class RestFacts:
         File units.
     outside : int, optional
         Number of vertices that are outside by more than rounding.
+    outside_parts : tuple of PartShare
+        How many of these each part has, the most first; empty for a model of one part.
     clearance : float, optional
         Smallest distance of the other vertices from the cage, percent of the diagonal.
     clearance_vertex, clearance_face : int, optional
@@ -90,6 +93,7 @@ class RestFacts:
     inflation: float | None = None
     weakest_vertices: tuple[int, ...] = ()
     weakest_weights: tuple[float, ...] = ()
+    outside_parts: tuple[PartShare, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,7 +219,11 @@ def _note_unused_vertices(rest: TriMesh) -> Iterator[Finding]:
 
 
 def _add_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
-    facts = replace(facts, outside=len(placement.outside_indices))
+    facts = replace(
+        facts,
+        outside=len(placement.outside_indices),
+        outside_parts=tuple(placement.outside_parts),
+    )
     distance = placement.clearance
     distance[placement.outside_indices] = np.inf
     vertex = int(distance.argmin())

@@ -8,6 +8,12 @@ import numpy as np
 from cageik_cli.cages.faults import Finding, format_elements, validate_cage
 from cageik_cli.cages.misfit import MAX_OUTSIDE_SHARE, explain_misfit
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.part_names import (
+    PartShare,
+    count_by_part,
+    describe_by_part,
+    name_vertex,
+)
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.geometry.surface import (
     SURFACE_ROUNDING_TOL,
@@ -83,6 +89,11 @@ class Placement:
         return len(self.outside_indices) / len(self.rest.used_vertices)
 
     @property
+    def outside_parts(self) -> list[PartShare]:
+        """Return how many of these each part has, the most first; nothing for one part."""
+        return count_by_part(self.rest, self.outside_indices)
+
+    @property
     def is_misplaced(self) -> bool:
         """Return whether so many are outside that the cage must be for another rest pose."""
         return self.outside_share > MAX_OUTSIDE_SHARE
@@ -101,10 +112,12 @@ class Placement:
     def describe_outside(self, name: str = "") -> str:
         """Say which vertices are outside, of a mesh of this name."""
         owner = f" of {name}" if name else ""
+        worst = name_vertex(self.rest, self.worst_vertex)
         return (
             f"{len(self.outside_indices)} of {len(self.rest.used_vertices)} vertices{owner} are "
-            f"outside the cage, the worst, {self.worst_vertex}, by {self.worst_percent:.3g} % of "
-            f"the diagonal: numbers {join_truncated(self.outside_indices)} (from 0)"
+            f"outside the cage{describe_by_part(self.outside_parts)}, the worst, {worst}, by "
+            f"{self.worst_percent:.3g} % of the diagonal: numbers "
+            f"{join_truncated(self.outside_indices)} (from 0)"
         )
 
     def find_outside(self, remedy: str) -> Finding:

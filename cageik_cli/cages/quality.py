@@ -12,6 +12,7 @@ from cageik_cli.cages.sections import SharedSection, find_shared_sections
 from cageik_cli.cages.surface_points import sample_surface, thin_out
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.part_names import count_by_part, describe_by_part, name_vertex
 from cageik_cli.geometry.shape import (
     bounds_volume,
     corner_angles,
@@ -77,8 +78,10 @@ def find_low_clearance(placement: Placement) -> Iterator[Finding]:
         percent = float(100 * clearance[worst])
         message = (
             f"vertices of the rest pose are closer to the cage than {100 * MIN_CLEARANCE:g} % of "
-            f"the diagonal: {format_elements('vertex', near)}, the closest, with {percent:.2g} %, "
-            f"is vertex {worst} at face {placement.closest.face[worst]}"
+            f"the diagonal: {format_elements('vertex', near)}"
+            f"{describe_by_part(count_by_part(placement.rest, near))}, the closest, with "
+            f"{percent:.2g} %, is vertex {name_vertex(placement.rest, int(worst))} at face "
+            f"{placement.closest.face[worst]}"
         )
         remedy = "enlarge the cage there; these vertices follow single faces of the cage"
         found = Finding("clearance", "warning", message, remedy, value=percent)

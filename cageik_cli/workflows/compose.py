@@ -11,6 +11,7 @@ from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
+from cageik_cli.geometry.part_names import MAX_PARTS_NAMED, count_by_part
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.regions import (
     MIN_DEVIATION,
@@ -26,7 +27,7 @@ from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_writer import ResultWriter, open_result_writer
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.errors import FileAccessError, join_truncated
 from cageik_cli.util.progress import locate_note
 from cageik_cli.workflows.fit import choose_compared_frames, measure_unfitted
 
@@ -152,10 +153,15 @@ def collect_notes(
         *sequence.notes,
     ]
     if not rest.mesh.is_closed:
-        holes = np.count_nonzero(~rest.mesh.edges.is_balanced)
+        edges = rest.mesh.edges
+        holes = edges.ends[~edges.is_balanced]
+        counts = [
+            f"{share.found} of {share.name}" for share in count_by_part(rest.mesh, holes[:, 0])
+        ]
+        where = f": {join_truncated(counts, MAX_PARTS_NAMED)}" if counts else ""
         notes.append(
-            f"the model is open ({holes} edges without a counterpart), so its volume is not "
-            "defined and volume figures are left out"
+            f"the model is open ({len(holes)} edges without a counterpart{where}), so its volume "
+            "is not defined and volume figures are left out"
         )
     elif not rest.mesh.is_body:
         notes.append(

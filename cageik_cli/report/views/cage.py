@@ -12,6 +12,7 @@ from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.part_names import get_parts, name_vertex
 from cageik_cli.report.check_marks import FaultMark, list_marks
 from cageik_cli.util.text import format_block, format_count, format_row
 
@@ -228,7 +229,7 @@ def format_check_text(result: CheckResult) -> str:
     diagnosis = result.diagnosis
     rows = _cage_rows(diagnosis.cage)
     if result.rest is not None and diagnosis.rest is not None:
-        rows += _rest_rows(result.rest.source["name"], diagnosis.rest)
+        rows += _rest_rows(result.rest, diagnosis.rest)
     rows += [(finding.severity, finding.sentence) for finding in diagnosis.findings]
     rows += [("note", note) for note in result.notes]
     if result.repair_command is not None:
@@ -291,21 +292,20 @@ def _cage_rows(facts: CageFacts) -> list[tuple[str, str]]:
     return rows
 
 
-def _rest_rows(name: str, facts: RestFacts) -> list[tuple[str, str]]:
+def _rest_rows(rest: LoadedMesh, facts: RestFacts) -> list[tuple[str, str]]:
     counts = f"{facts.vertices} vertices, {facts.faces} triangles, diagonal {facts.diagonal:.6g}"
-    rows = [("rest pose", f"{name}: {counts}")]
+    parts = get_parts(rest.mesh)
+    if parts is not None:
+        counts += f", {len(parts.names)} parts"
+    rows = [("rest pose", f"{rest.source['name']}: {counts}")]
     if facts.outside is None:
         rows.append(("clearance", "not defined (the cage does not enclose a volume)"))
     elif facts.outside:
         rows.append(("clearance", f"none ({facts.outside} vertices are outside)"))
-    else:
-        rows.append(
-            (
-                "clearance",
-                f"{facts.clearance:.3g} % of the diagonal, vertex {facts.clearance_vertex} from "
-                f"face {facts.clearance_face}",
-            )
-        )
+    elif facts.clearance_vertex is not None:
+        vertex = name_vertex(rest.mesh, facts.clearance_vertex)
+        percent = f"{facts.clearance:.3g} % of the diagonal"
+        rows.append(("clearance", f"{percent}, vertex {vertex} from face {facts.clearance_face}"))
     if facts.weakest_vertices:
         pairs = zip(facts.weakest_vertices, facts.weakest_weights, strict=True)
         weakest = ", ".join(f"{vertex} (largest weight {weight:.3g})" for vertex, weight in pairs)
