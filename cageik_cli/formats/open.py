@@ -183,6 +183,6 @@ def _load_first_frame(path: Path) -> LoadedMesh:
     if not reader.has_members and reader.describe_contents(request):
         raise FormatError(f"{path}: holds no faces, expected a mesh; give one in another format")
     clip = reader(request)
-    return LoadedMesh(
-        clip.first, clip.describe_source(), clip.notes, request.path, scene=clip.scene
-    )
+    # A clip names its file in each note; what shows those of a mesh names it, too.
+    notes = tuple(note.removeprefix(f"{request.path.name}: ") for note in clip.notes)
+    return LoadedMesh(clip.first, clip.describe_source(), notes, request.path, scene=clip.scene)

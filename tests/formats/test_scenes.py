@@ -22,7 +22,7 @@ def test_points_are_moved_by_all_transforms_above(scene):
     x, y, z = FRAMES.astype(float).transpose(2, 0, 1)
     expected = np.stack([1 - y, 2 + x, 3 + z], axis=2)
     np.testing.assert_allclose(frames_of(sequence), expected, rtol=0, atol=1e-15)
-    note = f"{scene.path.name}: moved by its transform into the scene's space"
+    note = f"{scene.path.name}: moved by a transform into the scene's space"
     assert sequence.notes == (note,)
 
 
@@ -40,7 +40,7 @@ def test_a_mesh_moved_by_its_parent_alone(scene):
     sequence = scene.opened()
     expected = [FRAMES[0] + np.array([float(k), 0, 0]) for k in range(3)]
     np.testing.assert_allclose(frames_of(sequence), expected, rtol=1e-15)
-    note = f"{scene.path.name}: moved by its animated transform into the scene's space"
+    note = f"{scene.path.name}: moved by an animated transform into the scene's space"
     assert sequence.notes == (note,)
     assert sequence.scene.start == 1
 
@@ -82,8 +82,7 @@ def test_several_meshes_are_parts_of_one(clothed):
     expected = np.concatenate([FRAMES, still, still], axis=1)
     np.testing.assert_array_equal(frames_of(sequence), expected)
     assert sequence.notes == (
-        f"{clothed.path.name}: /move/hat, /move/shoe: "
-        "moved by its transform into the scene's space",
+        f"{clothed.path.name}: /move/hat, /move/shoe: moved by a transform into the scene's space",
     )
 
 

@@ -93,9 +93,9 @@ class SceneMesh(ABC):
     def describe_transform(self, time: float) -> list[str]:
         """Return a note on a mesh that its transform has moved."""
         if self.has_moving_transform():
-            return ["moved by its animated transform into the scene's space"]
+            return ["moved by an animated transform into the scene's space"]
         if not np.array_equal(self.compute_matrix(time), np.eye(4)):
-            return ["moved by its transform into the scene's space"]
+            return ["moved by a transform into the scene's space"]
         return []
 
 

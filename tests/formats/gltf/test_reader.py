@@ -172,7 +172,7 @@ def test_parts_are_paths_of_nodes_with_their_transforms(tmp_path):
     for part, node in zip(split_parts(clip.first), (2, 3), strict=True):
         world = np.array(expected.world(node, 0, clip.scene.start / 24))
         np.testing.assert_allclose(part.transform, world.T, rtol=0, atol=1e-12)
-    assert "moved by its animated transform" in " ".join(clip.notes)
+    assert "moved by an animated transform" in " ".join(clip.notes)
     assert "1 primitives without faces left out" in " ".join(clip.notes)
     skin = opened(skinned("LINEAR")[0], tmp_path / "skin.glb").first.attributes.parts
     assert skin.names == ("/one", "/two")
