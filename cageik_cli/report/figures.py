@@ -106,7 +106,7 @@ class ReportSummary:
     `radius_rms_percent` is `rms` in percent of the radius of the smallest sphere around the model.
     Of weights that were fitted to this clip, `gap_closed_percent` tells how much of the gap from
     the unfitted weights to it they close, and `held_out_rms_percent` their error on frames that
-    were held out.
+    were held out. `worst_part` is the part with the largest rms; None for a model of one part.
     """
 
     rms: float
@@ -133,6 +133,7 @@ class ReportSummary:
     best_possible_percent: float | None = None
     gap_closed_percent: float | None = None
     held_out_rms_percent: float | None = None
+    worst_part: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
+from cageik_cli.geometry.part_names import name_vertex
 from cageik_cli.report.figures import ReportSummary, format_percent
 from cageik_cli.report.fit_figures import list_fit_notes
 from cageik_cli.report.limits import Limits, list_limit_notes, missing_in_baseline
@@ -232,9 +233,9 @@ def _note_lonely_vertices(
         numbers = join_truncated(map(str, found.tolist()), 5)
         yield (
             f"{format_count(len(found), 'vertex')} moving unlike the neighbours: {numbers}; vertex "
-            f"{worst} is off by {format_percent(percent * rms[worst])} %, those around it by "
-            f"{format_percent(percent * around[worst])} %; reject them by `robust=True`, or "
-            "give them the weight 0 by `vertex_weights=`"
+            f"{name_vertex(result.rest, worst)} is off by {format_percent(percent * rms[worst])} "
+            f"%, those around it by {format_percent(percent * around[worst])} %; reject them by "
+            "`robust=True`, or give them the weight 0 by `vertex_weights=`"
         )
 
 

@@ -1,7 +1,7 @@
 """The record of a result that all views show; views compute nothing."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from cageik_cli.report.fit_figures import (
 )
 from cageik_cli.report.limits import LimitCheck, Limits, check_limits
 from cageik_cli.report.notes import list_notes
+from cageik_cli.report.parts import PartRecord, build_parts, sort_parts
 from cageik_cli.report.regions import RegionRecord, build_regions
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.solver.dual_laplacian import SolveQuality
@@ -46,6 +47,7 @@ class Report:
     tells how weights were fitted to clips, and `bound` the smallest error that is possible.
     `unfitted` is the error with the weights before a fit; None if the result does not hold it.
     `kept` tells what was left out as missing or as outliers; None if all vertices count alike.
+    `parts` are in the order of the model; None for a model of one part.
     `filled` are the skipped frames whose cages were filled from those around them.
     """
 
@@ -68,6 +70,7 @@ class Report:
     unfitted: UnfittedRecord | None = None
     kept: KeptSummary | None = None
     filled: tuple[str, ...] = ()
+    parts: tuple[PartRecord, ...] | None = None
 
     @property
     def has_offsets(self) -> bool:
@@ -94,8 +97,11 @@ def build_report(
     rest, result_name = result.rest, to_unicode(name or result.path.name)
     _, radius = smallest_enclosing_sphere(rest.vertices[rest.used_vertices])
     limits = limits or Limits()
-    frames = _build_frames(result)
-    summary = _build_summary(result, frames, radius)
+    frames, parts = _build_frames(result), build_parts(result)
+    summary = replace(
+        _build_summary(result, frames, radius),
+        worst_part=next((part.name for part in sort_parts(parts)), None),
+    )
     return Report(
         schema=REPORT_SCHEMA,
         tool={"name": "cageik", "version": result.version},
@@ -127,6 +133,7 @@ def build_report(
         unfitted=build_unfitted(result),
         kept=_build_kept(result),
         filled=tuple(result.frames[k] for k in result.filled),
+        parts=parts,
     )
 
 

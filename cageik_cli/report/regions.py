@@ -3,6 +3,7 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from cageik_cli.geometry.part_names import name_part
 from cageik_cli.report.figures import ReportSummary, format_percent
 from cageik_cli.solver.regions import MAX_DEVIATION, MAX_RMS_RATIO, Cause, has_bad_regions
 from cageik_cli.store.result import Result
@@ -67,6 +68,8 @@ class RegionRecord:
         The probable cause, one of `CAUSES`.
     evidence : dict
         What the cause was judged by.
+    part : str, optional
+        The part that it is of; None for a model of one part.
     """
 
     centre: tuple[float, float, float]
@@ -81,6 +84,7 @@ class RegionRecord:
     cage_faces: tuple[int, ...]
     cause: str
     evidence: dict[str, Any]
+    part: str | None = None
 
 
 def build_regions(result: Result) -> tuple[RegionRecord, ...] | None:
@@ -102,6 +106,7 @@ def build_regions(result: Result) -> tuple[RegionRecord, ...] | None:
             cage_faces=region.cage_faces,
             cause=str(region.cause),
             evidence=asdict(region.evidence),
+            part=name_part(result.rest, region.worst_vertex),
         )
         for region in result.regions
     )
@@ -133,7 +138,8 @@ def describe_region(region: RegionRecord) -> str:
     faces = ", ".join(map(str, region.cage_faces))
     noun = "cage face" if len(region.cage_faces) == 1 else "cage faces"
     return (
-        f"{format_percent(region.max_deviation_percent)} % in {region.frame}, at "
+        f"{format_percent(region.max_deviation_percent)} % in {region.frame}, "
+        f"{'' if region.part is None else f'of {region.part}, '}at "
         f"{format_centre(region)}, size {format_size(region)}, {noun} {faces}: "
         f"{name_cause(region)}"
     )

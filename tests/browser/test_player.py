@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from cageik_cli.report.html.page import render_result_page
+from cageik_cli.report.record import build_report
 from tests.browser.players import (
     WALKER,
     camera_of,
@@ -11,6 +13,7 @@ from tests.browser.players import (
     middle_of,
     settle,
 )
+from tests.character import NAMES
 
 pytestmark = pytest.mark.browser
 
@@ -277,3 +280,37 @@ def test_the_player_is_not_printed(play):
     page = play()
     page.emulate_media(media="print")
     assert page.locator("#player").is_hidden()
+
+
+@pytest.fixture
+def character_page(play, character_result):
+    """The page of the character of four parts, with the list of parts open."""
+    page = play(render_result_page(character_result, build_report(character_result)))
+    page.locator("#player [data-parts] summary").click()
+    return page
+
+
+def test_parts_are_listed_and_hidden(character_page, character_result):
+    page, count = character_page, "P.stage.renderer.faceCount / 3"
+    names = page.locator("#player [data-parts] label").all_inner_texts()
+    assert names == list(NAMES)
+    whole = page.evaluate(count)
+    assert whole == len(character_result.rest.faces)
+    page.get_by_label(NAMES[1], exact=True).uncheck()
+    assert page.evaluate(count) == whole - 2 * 6 * 16
+    page.get_by_role("button", name="Hide all").click()
+    assert page.evaluate(count) == 0
+    page.get_by_role("button", name="Show all").click()
+    assert page.evaluate(count) == whole
+
+
+def test_a_hidden_part_is_not_clicked(character_page):
+    ray = "{origin: P.stage.clip.fromFile([9, 0.01, 1]), direction: [-1, 0, 0]}"
+    vertex = f"P.stage.clip.fileVertex(P.stage.skin.pick(P.stage.positions, {ray}).corners[0])"
+    assert 208 <= character_page.evaluate(vertex) < 320  # the jacket is around the body
+    character_page.get_by_label(NAMES[1], exact=True).uncheck()
+    assert character_page.evaluate(vertex) < 208
+
+
+def test_a_model_of_one_mesh_has_no_list_of_parts(play):
+    assert play().locator("#player [data-parts]").is_hidden()

@@ -78,6 +78,7 @@ def test_the_summary(closed, report):
         "frames_skipped": 0,
         "gap_closed_percent": None,
         "held_out_rms_percent": None,
+        "worst_part": None,
     }
     assert {name: found.pop(name) for name in exact} == exact
     best = best_possible(closed.frames, cage_vertices=8) / diagonal

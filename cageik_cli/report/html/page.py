@@ -21,6 +21,7 @@ from cageik_cli.report.html.frames_table import build_quality_rows, choose_colum
 from cageik_cli.report.html.pictures import draw_pictures
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS, make_data_url, render_template
 from cageik_cli.report.limits import PERCENT, LimitCheck, make_overall_verdict
+from cageik_cli.report.parts import label_vertex, place_vertex, sort_parts
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip
 from cageik_cli.report.player.section import build_player_values
 from cageik_cli.report.plots.error_plot import render_page_plot
@@ -42,6 +43,7 @@ from cageik_cli.util.text import format_count
 SECTIONS = (
     ("player", "Player"),
     ("verdict", "Verdict"),
+    ("parts", "Parts"),
     ("per-frame", "{measure} per frame"),
     ("poses", "Poses"),
     ("fit", "Fitted weights"),
@@ -84,7 +86,7 @@ def render_page(
     digest = compute_record_digest(report)
     pictures = None if poses is None else draw_pictures(poses, words, pixels)
     fit = None if poses is None else draw_fit_section(report, poses, shapes, pixels)
-    optional = {"regions": report.regions, "fit": fit, "player": player}
+    optional = {"regions": report.regions, "fit": fit, "player": player, "parts": report.parts}
     return render_template(
         "page.html.j2",
         player_scripts=PLAYER_SCRIPTS if player else (),
@@ -99,6 +101,9 @@ def render_page(
         limit_rows=[_build_limit_row(check, words) for check in report.gates],
         plot=_build_plot_values(report),
         pictures=pictures,
+        parts=sort_parts(report.parts),
+        vertex_label=lambda vertex: label_vertex(report.parts, vertex),
+        vertex_place=lambda vertex: place_vertex(report.parts, vertex),
         regions=_build_region_values(report, word),
         histogram=_build_histogram_values(report.vertices),
         quality=build_quality_rows(report, word),
@@ -159,6 +164,7 @@ def _build_region_values(report: Report, word: Callable[[str], str]) -> dict[str
                 "size": format_size(region),
                 "vertices": region.vertices,
                 "frame": region.frame,
+                "part": region.part,
                 "deviation": format_percent(region.max_deviation_percent),
                 "faces": ", ".join(map(str, region.cage_faces)),
                 "cause": name_cause(region),

@@ -33,6 +33,7 @@ PLAYER_SCRIPTS = (
     "transport",
     "stage",
     "controls",
+    "parts",
     "response",
     "poser",
     "tracks",

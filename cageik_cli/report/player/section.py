@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
+from cageik_cli.geometry.part_names import get_parts
 from cageik_cli.posing.constraints import Mirror, mirror_pairs
 from cageik_cli.posing.poser import DEFAULT_POSE_ALPHA
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS, render_template
+from cageik_cli.report.parts import measure_rms
 from cageik_cli.report.player.clip import PlayerClip
 from cageik_cli.report.player.compression import (
     Predictor,
@@ -124,6 +126,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "skipped": list(clip.skipped),
         "fps": clip.fps,
         "up": clip.up_axis,
+        "parts": _list_parts(clip),
         "focus": _list_focus(clip, chosen),
         "mirror": mirror and {"normal": mirror.normal.tolist(), "point": mirror.point.tolist()},
         "colours": list(COLOUR_SCALE),
@@ -213,6 +216,22 @@ def _list_deviations(clip: PlayerClip) -> Floats:
         [100 * np.linalg.norm(errors, axis=1) for _, errors in clip.held.values()]
     )
     return np.asarray(found[np.isfinite(found)])
+
+
+def _list_parts(clip: PlayerClip) -> list[dict[str, Any]]:
+    """List the parts of the model with their errors, percent; nothing for a model of one part."""
+    parts = get_parts(clip.binding.rest)
+    if parts is None:
+        return []
+    errors = clip.vertex_rms
+    return [
+        {
+            "name": name,
+            "vertices": vertices.stop - vertices.start,
+            "rms": None if errors is None else measure_rms(errors[vertices]),
+        }
+        for name, vertices in zip(parts.names, parts.vertex_slices, strict=True)
+    ]
 
 
 def _list_focus(clip: PlayerClip, chosen: Integers) -> dict[str, Any] | None:

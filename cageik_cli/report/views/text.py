@@ -13,6 +13,7 @@ from cageik_cli.report.figures import (
 )
 from cageik_cli.report.fit_figures import format_fit_rows
 from cageik_cli.report.limits import LimitCheck
+from cageik_cli.report.parts import format_part_rows, label_vertex
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import describe_region, explain_regions, list_remedies
 from cageik_cli.report.vocabulary import Vocabulary
@@ -35,7 +36,8 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
     size = describe_size(clip, summary.fixed_floats)
     rows = [
         *([] if report.edited_from is None else [("edited from", report.edited_from)]),
-        *_error_rows(summary, words, clip.radius),
+        *_error_rows(report),
+        *format_part_rows(report.parts, words.worst),
         *map(_make_kept_row, describe_kept(report.kept, clip.vertices)),
         *_bound_rows(report),
         ("volume change", _format_volume(report, words)),
@@ -51,7 +53,8 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
     return format_block(headline, rows)
 
 
-def _error_rows(summary: ReportSummary, words: Vocabulary, radius: float) -> list[tuple[str, str]]:
+def _error_rows(report: Report) -> list[tuple[str, str]]:
+    summary, words = report.summary, report.vocabulary
     return [
         (
             words.measure,
@@ -62,7 +65,7 @@ def _error_rows(summary: ReportSummary, words: Vocabulary, radius: float) -> lis
         (
             "by radius",
             f"{format_percent(summary.radius_rms_percent)} % of the radius of the smallest sphere "
-            f"around the rest pose ({format_length(radius)})",
+            f"around the rest pose ({format_length(report.clip.radius)})",
         ),
         (
             words.worst_frame,
@@ -71,7 +74,8 @@ def _error_rows(summary: ReportSummary, words: Vocabulary, radius: float) -> lis
         (
             words.largest,
             f"{format_percent(summary.max_deviation_percent)} % "
-            f"({format_length(summary.max_deviation)}) at vertex {summary.max_deviation_vertex} "
+            f"({format_length(summary.max_deviation)}) at vertex "
+            f"{label_vertex(report.parts, summary.max_deviation_vertex)} "
             f"of {summary.max_deviation_frame}",
         ),
     ]

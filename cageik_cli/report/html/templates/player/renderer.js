@@ -49,16 +49,24 @@ class Renderer {
     if (!gl) throw new Error("no WebGL2");
     this.mesh = this.build(MESH_VERTEX, MESH_FRAGMENT, ["position", "normal", "value"]);
     this.mark = this.build(MARK_VERTEX, MARK_FRAGMENT, ["position"]);
-    this.faceCount = faces.length;
     this.edgeCount = cageEdges.length;
     this.buffers = {};
-    for (const [name, indices] of [["faces", faces], ["edges", cageEdges]]) {
-      this.buffers[name] = gl.createBuffer();
-      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers[name]);
-      gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, indices, gl.STATIC_DRAW);
-    }
+    this.setFaces(faces);
+    this.sendIndices("edges", cageEdges);
     gl.enable(gl.DEPTH_TEST);
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+  }
+
+  setFaces(faces) {
+    this.faceCount = faces.length;
+    this.sendIndices("faces", faces);
+  }
+
+  sendIndices(name, indices) {
+    const gl = this.gl;
+    this.buffers[name] ??= gl.createBuffer();
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers[name]);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, indices, gl.STATIC_DRAW);
   }
 
   build(vertex, fragment, attributes) {

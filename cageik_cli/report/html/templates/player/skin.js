@@ -85,9 +85,9 @@ class Skin {
     }
   }
 
-  // The front-most point of the surface on a ray, or null; faces are hit from both sides.
+  // The front-most point of the surface that is shown on a ray, or null; faces are hit from both sides.
   pick(positions, { origin, direction }) {
-    const f = this.faces, p = positions, [ox, oy, oz] = origin, [dx, dy, dz] = direction;
+    const f = this.shown ?? this.faces, p = positions, [ox, oy, oz] = origin, [dx, dy, dz] = direction;
     let best = Infinity, found = null;
     for (let k = 0; k < f.length; k += 3) {
       const a = 3 * f[k], b = 3 * f[k + 1], c = 3 * f[k + 2];

@@ -16,6 +16,7 @@ async function startPlayer(section) {
     ...makeHandles(section, stage),
   });
   makeControls(section, stage);
+  makeParts(section, stage);
   for (const extend of extensions) extend(section, stage);
   listenTo(canvas, "webglcontextlost", () => showStill(section, new Error("the graphics card was lost; load the page again")));
   listenTo(matchMedia("(prefers-color-scheme: dark)"), "change", () => stage.request());

@@ -1,0 +1,44 @@
+// The parts of a model: a list with their errors, in which each can be shown or hidden.
+
+// The faces of the parts that are shown; a face is of the part of its first corner.
+function selectFaces(clip, isShown) {
+  const { faces } = clip.arrays, stops = [];
+  for (const { vertices } of clip.header.parts) stops.push((stops.at(-1) ?? 0) + vertices);
+  const owners = Uint32Array.from({ length: clip.arrays.lack.length / 3 }, (_, vertex) => findPart(stops, clip.fileVertex(vertex)));
+  return faces.filter((_, k) => isShown[owners[faces[k - k % 3]]]);
+}
+
+// The first place whose stop is beyond a vertex.
+function findPart(stops, vertex) {
+  let low = 0, high = stops.length - 1;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (stops[middle] > vertex) high = middle; else low = middle + 1;
+  }
+  return low;
+}
+
+function makeParts(section, stage) {
+  const details = section.querySelector("[data-parts]"), { clip } = stage, { parts } = clip.header;
+  details.hidden = !parts.length;
+  if (!parts.length) return;
+  const boxes = parts.map(({ name, rms }, k) => {
+    const box = makeElement("input", { type: "checkbox", checked: true, id: `player-part-${k}` });
+    const label = makeElement("label", { htmlFor: box.id, textContent: name });
+    const error = makeElement("span", { className: "soft number", textContent: rms === null ? "" : `${rms.toFixed(4)} %` });
+    const item = makeElement("li", {});
+    item.append(box, label, error);
+    details.querySelector("ul").append(item);
+    listenTo(box, "change", () => show());
+    return box;
+  });
+  const show = (value) => {
+    if (value !== undefined) for (const box of boxes) box.checked = value;
+    const faces = selectFaces(clip, boxes.map((box) => box.checked));
+    stage.renderer.setFaces(faces);
+    stage.skin.shown = faces;
+    stage.request(true);
+  };
+  listenTo(details.querySelector("[data-all-parts]"), "click", () => show(true));
+  listenTo(details.querySelector("[data-no-parts]"), "click", () => show(false));
+}
