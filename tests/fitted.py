@@ -42,6 +42,16 @@ def clip_of(binding: Binding, weights: np.ndarray, count: int, size: float = 0.1
     return np.stack([f @ rotation(k).T + [k, 0, -k] for k, f in enumerate(frames)])
 
 
+def smooth_motion(binding: Binding, count: int, seed: int = 7) -> np.ndarray:
+    """Frames, (count, m, 3), of smooth motion that the weights of the binding cannot reproduce."""
+    times = np.arange(count) / 6
+    shapes = 0.12 * np.random.default_rng(seed).normal(size=(3, len(binding.cage.vertices), 3))
+    waves = np.stack([np.sin(times), np.cos(2 * times), np.sin(3 * times + 1)], axis=1)
+    moves = np.einsum("fs,snx->fnx", waves, shapes)
+    frames = true_weights(binding) @ (binding.cage.vertices + moves)
+    return np.stack([frame @ rotation(k).T + [k, 0, 0] for k, frame in enumerate(frames)])
+
+
 class Frames:
     """An array of frames as a clip."""
 

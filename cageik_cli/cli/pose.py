@@ -124,7 +124,12 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
         required=True,
         help="The posed model (.obj, .ply), or the edited result (.h5).",
     ),
-    click.option("--cage", type=PATH_TYPE, help="The cage around TARGET, if that is a model."),
+    click.option(
+        "--cage",
+        type=PATH_TYPE,
+        help="The cage around TARGET, if that is a model; or a result or a binding (.h5) with the "
+        "cage, whose fit is carried to TARGET.",
+    ),
     posed_cage_option,
     POSING_OPTIONS,
     WEIGHT_OPTIONS,

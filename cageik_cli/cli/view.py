@@ -60,7 +60,10 @@ def _reject(names: list[str], reason: str) -> None:
     make_view_settings,
     click.argument("target", type=PATH_TYPE),
     click.option(
-        "--cage", type=PATH_TYPE, help="The cage around a model.  [default: one is built]"
+        "--cage",
+        type=PATH_TYPE,
+        help="The cage around a model, or a result or a binding with it (.h5).  "
+        "[default: one is built]",
     ),
     click.option("--binding", type=PATH_TYPE, help="The binding file of a model."),
     BUILT_CAGE_OPTIONS,

@@ -15,6 +15,7 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
 
 if TYPE_CHECKING:
+    from cageik_cli.coordinates.carried import CarriedChange
     from cageik_cli.solver.fitting.record import FitRecord
 
 ALGORITHM_VERSIONS = {"harmonic": 8, "mean-value": 3}
@@ -140,6 +141,8 @@ class Binding:
         What a fit of low rank has added to the computed weights.
     unfitted : Binding, optional
         The same model with the weights before the fit, if they are known; files do not hold it.
+    carried : CarriedChange, optional
+        What was added to the computed weights from the fit of another model; files do not hold it.
 
     Examples
     --------
@@ -167,6 +170,7 @@ class Binding:
     fit: "FitRecord | None" = None
     low_rank: Correction | None = None
     unfitted: "Binding | None" = None
+    carried: "CarriedChange | None" = None
 
     def __repr__(self) -> str:
         settings = [self.settings.coordinates]

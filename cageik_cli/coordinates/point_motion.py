@@ -2,7 +2,8 @@
 
 A point x goes to Σ_k w_k(x) c_k. Its normal n goes to J⁻ᵀ n, and the covariance Σ of a Gaussian
 splat to J Σ Jᵀ, where J = Σ_k c_k ⊗ ∇w_k(x) is the derivative of the deformation. Weights and
-gradients are computed once.
+gradients are computed once. Weights W that do not reproduce the rest pose X from the cage C have
+offsets, which turn with a rotation R: points go to W c + (X - W C) R = W (c - C R) + X R.
 """
 
 from collections import Counter
@@ -73,6 +74,8 @@ class PointMotion:
         ]
         self._stored = allocate_floats(4 * n * count, memory)
         self._cage_count = n
+        self._rest, self._has_offsets = binding.cage.vertices, binding.has_offsets
+        self._points = binding.rest.vertices
         self._fill(binding, jobs, progress)
 
     @property
@@ -80,8 +83,13 @@ class PointMotion:
         """Whether the points are splats."""
         return self._oriented.splats is not None
 
-    def move(self, chosen: slice, cages: Floats) -> tuple[Floats, list[Oriented], Counter[str]]:
+    def move(
+        self, chosen: slice, cages: Floats, rotations: Floats | None = None
+    ) -> tuple[Floats, list[Oriented], Counter[str]]:
         """Move the points of one of the `blocks` with cages, (k, n, 3).
+
+        The rotations of the rest pose to each frame, (k, 3, 3), turn the offsets of weights that
+        have them; else these stay as at rest.
 
         Returns
         -------
@@ -92,13 +100,23 @@ class PointMotion:
         Counter
             Of all frames, as `count_map_faults` counts.
         """
+        turns = None
+        if self._has_offsets:
+            turns = (
+                np.broadcast_to(np.eye(3), (len(cages), 3, 3)) if rotations is None else rotations
+            )
+            cages = cages - self._rest @ turns
         middle = cages.mean(axis=1)
         rows = (cages - middle[:, None]).transpose(0, 2, 1).reshape(-1, self._cage_count)
         products = (rows @ self._block(chosen)).reshape(4, len(cages), 3, -1)
         places = products[0] + middle[:, :, None]
+        if turns is not None:
+            places += (self._points[chosen] @ turns).swapaxes(1, 2)
         rest, moved, faults = self._oriented[chosen], [], Counter[str]()
         for frame in range(len(cages)):
             maps = np.ascontiguousarray(products[1:, frame].swapaxes(0, 1))
+            if turns is not None:
+                maps += turns[frame].T[:, :, None]
             faults += count_map_faults(maps)
             moved.append(rest.move(maps))
         return places, moved, faults
@@ -117,6 +135,8 @@ class PointMotion:
             group = self.blocks[first : first + together]
             start, stop = group[0].start, group[-1].stop
             gradients = field.gradient(points[start:stop], jobs)
+            if binding.carried is not None:
+                binding.carried.add_gradients_to(gradients, self._points[start:stop])
             for chosen in group:
                 block = self._block(chosen)
                 block[0] = binding.weights[chosen].T

@@ -17,6 +17,9 @@ SURFACE_TOL = 1e-12
 SURFACE_ROUNDING_TOL = 8 * np.finfo(np.float64).eps
 """The same in the largest coordinate: more for a mesh far from the origin."""
 
+CORNER_TOL = 1e-9
+"""A closest point with no more of a corner than this is on the side across, or at the others."""
+
 MAX_WINDING_PAIRS = 40_000_000
 """Pairs of points and faces whose angles are all summed, where that is compiled, in 0.1 s. For
 more, the trees of libigl are faster, and worth their import."""
@@ -52,12 +55,15 @@ class ClosestPoints:
     position: Floats
 
     @property
+    def tolerance(self) -> float:
+        """The distance up to which a point is on the surface."""
+        largest = np.abs(self.mesh.vertices).max()
+        return float(max(SURFACE_TOL * self.mesh.diagonal, SURFACE_ROUNDING_TOL * largest))
+
+    @property
     def is_touching(self) -> NDArray[np.bool_]:
         """Which points are on the surface, up to rounding, (m,)."""
-        largest = np.abs(self.mesh.vertices).max()
-        return np.asarray(
-            self.distance <= max(SURFACE_TOL * self.mesh.diagonal, SURFACE_ROUNDING_TOL * largest)
-        )
+        return np.asarray(self.distance <= self.tolerance)
 
     def barycentric_weights(self, chosen: NDArray[np.bool_]) -> Floats:
         """Return the barycentric weights of the `chosen` closest points, (count, n)."""
@@ -76,16 +82,77 @@ class ClosestPoints:
         along, beside, inside = b - a, c - a, positions - a
         aa, ab, bb = _dot(along, along), _dot(along, beside), _dot(beside, beside)
         pa, pb = _dot(inside, along), _dot(inside, beside)
-        size = aa * bb - ab * ab
-        longest = np.maximum(aa, bb)
-        # The area of a face is too little to divide by up to this squared sine of its first corner,
-        # and up to this squared width over length. Others are right to rounding over these.
-        is_thin = ~(size > np.maximum(1e-3 * (aa * bb), 1e-6 * longest * longest))
-        size[is_thin] = 1
+        size, is_thin = _measure_faces(aa, ab, bb)
         second, third = (bb * pa - ab * pb) / size, (aa * pb - ab * pa) / size
         found = np.stack([1 - second - third, second, third], axis=1)
         found[is_thin] = _place_in_thin_faces(corners[is_thin], positions[is_thin])
         return found
+
+    def differentiate_coordinates(self, coordinates: Floats) -> Floats:
+        """Return how the barycentric coordinates of the closest points change with the points.
+
+        A closest point in a face moves along the face, one on a side along the side, and one at a
+        corner not at all. The closest point of a point on the surface counts as in its face.
+
+        Parameters
+        ----------
+        coordinates : (m, 3)
+            Of all closest points.
+
+        Returns
+        -------
+        (m, 3, 3) float64
+            The gradient of the coordinate of each corner, per file unit.
+        """
+        corners = self.mesh.vertices[self.mesh.faces[self.face]]
+        first, along, beside = corners[:, 0], corners[:, 1], corners[:, 2]
+        along, beside = along - first, beside - first
+        aa, ab, bb = _dot(along, along), _dot(along, beside), _dot(beside, beside)
+        size, is_thin = _measure_faces(aa, ab, bb)
+        found = np.zeros((len(corners), 3, 3))
+        found[:, 1] = (bb[:, None] * along - ab[:, None] * beside) / size[:, None]
+        found[:, 2] = (aa[:, None] * beside - ab[:, None] * along) / size[:, None]
+        found[:, 0] = -found[:, 1] - found[:, 2]
+        is_off = (coordinates <= CORNER_TOL) & ~self.is_touching[:, None]
+        is_off[is_thin] |= _mark_corners_across(corners[is_thin])
+        on_side = np.flatnonzero(is_off.any(axis=1))
+        found[on_side] = _differentiate_on_sides(corners[on_side], ~is_off[on_side])
+        return found
+
+
+def _measure_faces(aa: Floats, ab: Floats, bb: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return four times the squared areas of faces, (k,), and which are too thin to divide by them.
+
+    `aa`, `ab` and `bb` are products of the sides at the first corners. Squares of thin ones are 1.
+    """
+    size = aa * bb - ab * ab
+    longest = np.maximum(aa, bb)
+    # The area of a face is too little to divide by up to this squared sine of its first corner,
+    # and up to this squared width over length. Others are right to rounding over these.
+    is_thin = ~(size > np.maximum(1e-3 * (aa * bb), 1e-6 * longest * longest))
+    size[is_thin] = 1
+    return size, is_thin
+
+
+def _mark_corners_across(corners: Floats) -> NDArray[np.bool_]:
+    """Mark the corner of each face, (k, 3, 3), that is across its longest side, (k, 3)."""
+    squares = np.square(corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]).sum(axis=2)
+    return np.asarray(np.arange(3) == squares.argmax(axis=1)[:, None])
+
+
+def _differentiate_on_sides(corners: Floats, is_on: NDArray[np.bool_]) -> Floats:
+    """Return the gradients of coordinates, (k, 3, 3), on sides between corners, or at one corner.
+
+    `is_on`, (k, 3), marks at most two corners; of a point at one corner, nothing changes.
+    """
+    rows, ends = np.arange(len(corners)), np.argsort(~is_on, axis=1, kind="stable")
+    side = corners[rows, ends[:, 1]] - corners[rows, ends[:, 0]]
+    side[is_on.sum(axis=1) < 2] = 0
+    squares = _dot(side, side)
+    slope = np.divide(side, squares[:, None], out=np.zeros_like(side), where=squares[:, None] > 0)
+    found = np.zeros((len(corners), 3, 3))
+    found[rows, ends[:, 0]], found[rows, ends[:, 1]] = -slope, slope
+    return found
 
 
 def _place_in_thin_faces(corners: Floats, positions: Floats) -> Floats:

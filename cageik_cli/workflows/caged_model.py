@@ -27,6 +27,7 @@ from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import OrderedMap
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
+from cageik_cli.workflows.carry import carry_fit
 from cageik_cli.workflows.model_file import LoadedModel, load_model, note_on
 from cageik_cli.workflows.run_cage import build_cached, suggest_repair
 
@@ -45,6 +46,8 @@ class CagedModel:
         With the cages of a clip.
     stored : StoredBinding, optional
         With the weights, of a binding file.
+    source : CagedModel, optional
+        The result or the binding that the cage is of, whose fit is carried to this model.
     """
 
     path: Path
@@ -52,6 +55,7 @@ class CagedModel:
     cage: LoadedMesh | None
     result: Result | None = None
     stored: StoredBinding | None = None
+    source: "CagedModel | None" = None
 
     @staticmethod
     def open(
@@ -60,13 +64,18 @@ class CagedModel:
         binding: Path | None = None,
         load: Callable[[Path], LoadedModel] = load_model,
     ) -> "CagedModel":
-        """Open a result or a binding; or a model, with its cage or a binding of it, if given."""
+        """Open a result or a binding; or a model, with its cage or a binding of it, if given.
+
+        A cage may be that of a result or a binding, whose fit is then carried to the model.
+        """
         if path.suffix.lower() in HDF5_SUFFIXES:
             return CagedModel.read(path)
         model = load(path)
-        loaded = None if cage is None else load_mesh(cage)
+        holds_fit = cage is not None and cage.suffix.lower() in HDF5_SUFFIXES
+        source = CagedModel.read(cage) if cage is not None and holds_fit else None
+        loaded = source.cage if source else None if cage is None else load_mesh(cage)
         if binding is None:
-            return CagedModel(path, model, loaded)
+            return CagedModel(path, model, loaded, source=source)
         stored = load_matching_binding(binding, model.mesh, loaded)
         return CagedModel(path, model, loaded, stored=stored)
 
@@ -164,7 +173,9 @@ class CagedModel:
             binding = bind_cached(rest, cage, weights, progress).binding
         note_on(progress, self.model.name, *rest.notes)
         note_on(progress, cage.source["name"], *binding.notes)
-        return binding
+        return (
+            binding if self.source is None else carry_fit(self.source, binding, weights, progress)
+        )
 
 
 def _hold_meshes(

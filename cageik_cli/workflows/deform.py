@@ -24,6 +24,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
 from cageik_cli.workflows.caged_model import CagedModel, CageFrames, Reconstruction
+from cageik_cli.workflows.carry import carry_fit
 from cageik_cli.workflows.export import report_skipped_frames
 from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, load_model, note_on
 from cageik_cli.workflows.rig import check_influences, make_rig
@@ -162,10 +163,14 @@ class _Deformation:
                 mesh, source.cage, weights, self._progress, is_own_cage=settings.mesh is None
             ).binding
         note_on(self._progress, self._model.name, *mesh.notes, *binding.notes)
-        return binding if source.fit is None else self._apply_fit(binding, is_own)
+        if source.fit is None:
+            return binding
+        if settings.mesh is not None:
+            return carry_fit(source, binding, weights, self._progress)
+        return self._apply_fit(binding, is_own)
 
     def _apply_fit(self, binding: Binding, is_own: bool) -> Binding:
-        """Return a binding of computed weights with what a fit has changed, if that is known."""
+        """Return computed weights of the rest model with what a fit has changed, if known."""
         path = self._source.path
         if is_own:
             change = read_low_rank(self._source.require_result("which holds its weights"))
@@ -178,8 +183,8 @@ class _Deformation:
             )
         self._progress.note(
             "note",
-            f"the cages of {path.name} are for weights that were fitted to its model; this mesh "
-            f"has {binding.settings.coordinates} weights, which follow them less closely",
+            f"the cages of {path.name} are for weights that were fitted to its model; it is asked "
+            f"for {binding.settings.coordinates} weights, which follow them less closely",
         )
         return binding
 
@@ -198,7 +203,8 @@ class _Deformation:
                 jobs=settings.jobs,
                 progress=self._progress,
             )
-        return points.stream_rows(model.make_rest_rows(), self._cages, note)
+        rotations = self._read_needed_rotations()
+        return points.stream_rows(model.make_rest_rows(), self._cages, note, rotations)
 
     def _move_mesh(self) -> Iterator[Floats]:
         """Return the vertices of the model, in blocks of frames."""

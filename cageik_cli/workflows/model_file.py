@@ -203,28 +203,38 @@ class PointReconstruction:
             )
 
     def stream_rows(
-        self, rest: NDArray[Any], cages: "CageFrames", note: Callable[[str], None]
+        self,
+        rest: NDArray[Any],
+        cages: "CageFrames",
+        note: Callable[[str], None],
+        rotations: Floats | None = None,
     ) -> Iterator[NDArray[Any]]:
         """Yield the rows (k, m) of all frames in order; they are overwritten by the next.
 
         At rest, they are `rest` (m,). At the end, `note` takes what is wrong, one sentence each.
+        Weights with offsets need the rotations of all frames, (F, 3, 3).
         """
         size = min(FRAMES_PER_PRODUCT, cages.count)
         # The next frames are computed while these are written.
         held = cycle([np.repeat(rest[None], size, axis=0) for _ in range(2)])
 
-        def fill(item: tuple[NDArray[Any], Floats]) -> NDArray[Any]:
-            rows, block = item[0][: len(item[1])], item[1]
-            self.fill_rows(rows, block)
+        def fill(item: tuple[NDArray[Any], Floats, int]) -> NDArray[Any]:
+            rows, block, start = item[0][: len(item[1])], item[1], item[2]
+            turns = None if rotations is None else rotations[start : start + len(block)]
+            self.fill_rows(rows, block, turns)
             return rows
 
-        with OrderedMap(fill, zip(held, cages.blocks(size), strict=False), 1, 1) as blocks:
+        items = zip(held, cages.blocks(size), range(0, cages.count, size), strict=False)
+        with OrderedMap(fill, items, 1, 1) as blocks:
             yield from blocks
         self.note_faults(len(rest) * cages.count, note)
 
-    def fill_rows(self, rows: NDArray[Any], cages: Floats) -> None:
-        """Fill the rows (k, m) of the frames of cages (k, n, 3), block by block in threads."""
-        move = partial(_move_block, self._motion, rows, cages)
+    def fill_rows(self, rows: NDArray[Any], cages: Floats, rotations: Floats | None = None) -> None:
+        """Fill the rows (k, m) of the frames of cages (k, n, 3), block by block in threads.
+
+        `rotations` are as of `PointMotion.move`.
+        """
+        move = partial(_move_block, self._motion, rows, cages, rotations)
         with OrderedMap(move, self._motion.blocks, self._jobs, 2 * self._jobs) as blocks:
             for found in blocks:
                 self.faults += found
@@ -248,9 +258,13 @@ class PointReconstruction:
 
 
 def _move_block(
-    motion: PointMotion, rows: NDArray[Any], cages: Floats, chosen: slice
+    motion: PointMotion,
+    rows: NDArray[Any],
+    cages: Floats,
+    rotations: Floats | None,
+    chosen: slice,
 ) -> Counter[str]:
-    places, oriented, faults = motion.move(chosen, cages)
+    places, oriented, faults = motion.move(chosen, cages, rotations)
     for row, place, turned in zip(rows, places, oriented, strict=True):
         part = row[chosen]
         place_positions(part, place.T)

@@ -1,0 +1,204 @@
+"""What a fit has changed of the weights of a model, carried to other points in the same cage.
+
+With ΔW = W − H at the vertices of the model, the weights of a point x are
+
+    W(x) = H(x) + f(d) Σ_j b_j ΔW_j,
+
+where d is its distance from the model at rest and b are the barycentric coordinates of the closest
+point on it. f falls from 1 on the surface to 0 at `MAX_CARRY_DISTANCE`, with a slope of 0 at both
+ends, so that gradients do not jump there. The rows of ΔW are orthogonal to 1 and to the cage's
+coordinates: the rows of W(x) still sum to one and give x.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from cageik_cli.coordinates.binding import Binding, divide_rows
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import ClosestPoints, closest_points
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.threads import run_blocks
+
+MAX_CARRY_DISTANCE = 0.1
+"""Distance from the model, in its diagonals, from which on nothing of a fit is carried."""
+
+MAX_GRADIENT_POINTS = 1024
+"""Points whose gradients of the change are computed at once."""
+
+
+def compute_fade(distances: Floats) -> tuple[Floats, Floats]:
+    """Return f and its derivative at distances (m,), in parts of where it has become 0."""
+    t = np.minimum(distances, 1)
+    return 1 - t * t * (3 - 2 * t), 6 * t * (t - 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CarriedPlaces:
+    """The closest points on a model of m others.
+
+    Attributes
+    ----------
+    corners : (m, 3) int64
+        Vertices of the model.
+    shares : (m, 3) float64
+        b of these.
+    """
+
+    nearest: ClosestPoints
+    corners: Integers
+    shares: Floats
+
+    @property
+    def distances(self) -> Floats:
+        """Return the distances from the model, (m,), in its diagonals."""
+        return np.asarray(self.nearest.distance / self.nearest.mesh.diagonal)
+
+    def find_vertices(self, points: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return which of the points are vertices of the model, (k,), and which vertices."""
+        likely = np.take_along_axis(self.corners, self.shares.argmax(axis=1)[:, None], axis=1)[:, 0]
+        apart = np.linalg.norm(points - self.nearest.mesh.vertices[likely], axis=1)
+        found = np.flatnonzero(apart <= self.nearest.tolerance)
+        return found, likely[found]
+
+
+class CarriedChange:
+    """The change that a fit has made to the weights of a model, as a function of a point.
+
+    Parameters
+    ----------
+    fitted : Binding
+        The model, of m vertices and with faces, and its weights W.
+    computed : (m, n) float64
+        H, as the weights of others in the cage are computed.
+    """
+
+    def __init__(self, fitted: Binding, computed: Floats) -> None:
+        self._fitted = fitted
+        self._change = fitted.weights - computed
+        if not fitted.has_offsets:
+            _make_affine_exact(self._change, fitted.cage)
+
+    @property
+    def model(self) -> TriMesh:
+        """The model at rest, whose weights were fitted."""
+        return self._fitted.rest
+
+    def locate(self, points: Floats) -> CarriedPlaces:
+        """Find the closest points on the model of points, (m, 3)."""
+        nearest = closest_points(self.model, points)
+        shares = nearest.barycentric_coordinates(np.ones(len(points), bool))
+        return CarriedPlaces(nearest, self.model.faces[nearest.face], shares)
+
+    def add_to(self, binding: Binding, places: CarriedPlaces) -> Binding:
+        """Return computed weights of points in the cage with the change.
+
+        Points at vertices of the model have its fitted weights, to the bit. The weights of
+        `binding` are changed in place, because they may take most of the memory.
+
+        Parameters
+        ----------
+        places : CarriedPlaces
+            Of its points.
+        """
+        weights, points = binding.weights, binding.rest.vertices
+        fade, _ = compute_fade(places.distances / MAX_CARRY_DISTANCE)
+        spread = _make_rows(places.corners, fade[:, None] * places.shares, len(self._change))
+        parts = divide_rows(*weights.shape)
+
+        def fill(chosen: slice) -> None:
+            for rows in parts[chosen]:
+                weights[rows] += spread[rows] @ self._change
+
+        run_blocks(fill, len(parts), 1)
+        own, vertices = places.find_vertices(points)
+        weights[own] = self._fitted.weights[vertices]
+        has_offsets = self._fitted.has_offsets
+        return replace(binding, weights=weights, has_offsets=has_offsets, carried=self)
+
+    def add_gradients_to(self, gradients: Floats, points: Floats) -> None:
+        """Add the gradients of the change at points, (m, 3), to those of their weights, (m, n, 3).
+
+        They are exact derivatives. On the surface, they are those along the closest face.
+        """
+
+        def fill(rows: slice) -> None:
+            gradients[rows] += self._compute_gradients(points[rows])
+
+        run_blocks(fill, len(points), MAX_GRADIENT_POINTS)
+
+    def _compute_gradients(self, points: Floats) -> Floats:
+        """Return the gradients of f Σ_j b_j ΔW_j, (m, n, 3): f ∇b_j + b_j ∇f, times ΔW_j."""
+        places = self.locate(points)
+        fade, slope = compute_fade(places.distances / MAX_CARRY_DISTANCE)
+        away, distance = points - places.nearest.position, places.nearest.distance
+        slope = slope / np.where(distance > 0, distance, 1)  # is 0 where the distance is
+        by_fade = (slope / (MAX_CARRY_DISTANCE * self.model.diagonal))[:, None] * away
+        by_shares = places.nearest.differentiate_coordinates(places.shares)
+        factors = fade[:, None, None] * by_shares
+        factors += places.shares[:, :, None] * by_fade[:, None]
+        change = self._change[places.corners]
+        return np.asarray(np.matmul(change.swapaxes(1, 2), factors))
+
+    def predict_left_out(self, motions: Floats) -> Floats:
+        """Return what is carried to each vertex of the model if its own faces are not there.
+
+        It then comes from the closest point on the sides across from it.
+
+        Parameters
+        ----------
+        motions : (m, c)
+            What is carried, at the vertices. It is 0 at vertices that are in no face.
+        """
+        rows, ends, shares, distances = _find_sides_across(self.model)
+        fade, _ = compute_fade(distances / (MAX_CARRY_DISTANCE * self.model.diagonal))
+        found = np.zeros_like(motions)
+        found[rows] = _make_rows(ends, fade[:, None] * shares, len(motions)) @ motions
+        return found
+
+
+def _make_rows(places: Integers, shares: Floats, count: int) -> csr_array:
+    """Return a matrix (m, count) with the shares (m, k) at the places (m, k) of each row."""
+    starts = np.arange(0, places.size + 1, places.shape[1])
+    return csr_array((shares.ravel(), places.ravel(), starts), shape=(len(places), count))
+
+
+def _make_affine_exact(change: Floats, cage: TriMesh) -> None:
+    """Take from the change, (m, n), what it does to 1 and to the cage's coordinates, in place.
+
+    That is rounding, and more for a vertex outside the cage, which was at another point before.
+    """
+    n = len(cage.vertices)
+    affine = np.column_stack([np.ones(n), cage.vertices - cage.vertices.mean(axis=0)])
+    basis = np.linalg.qr(affine)[0]
+    change -= (change @ basis) @ basis.T
+
+
+def _find_sides_across(mesh: TriMesh) -> tuple[Integers, Integers, Floats, Floats]:
+    """Find, for each vertex of a face, the closest point on the sides across from it in its faces.
+
+    Returns
+    -------
+    (k,) int64
+        The vertices.
+    (k, 2) int64
+        The ends of the side.
+    (k, 2) float64
+        Their shares in the closest point.
+    (k,) float64
+        Its distance, file units.
+    """
+    turns = np.concatenate([np.roll(mesh.faces, -k, axis=1) for k in range(3)])
+    corner, start, end = mesh.vertices[turns].swapaxes(0, 1)
+    side = end - start
+    squares = np.einsum("ix,ix->i", side, side)
+    along = np.einsum("ix,ix->i", corner - start, side)
+    share = np.divide(along, squares, out=np.zeros_like(along), where=squares > 0).clip(0, 1)
+    distances = np.linalg.norm(start + share[:, None] * side - corner, axis=1)
+    order = np.lexsort((distances, turns[:, 0]))
+    rows, first = np.unique(turns[order, 0], return_index=True)
+    chosen = order[first]
+    shares = np.stack([1 - share[chosen], share[chosen]], axis=1)
+    return rows, turns[chosen, 1:], shares, distances[chosen]
