@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     ),
     click.option(
         "--exclude",
+        "exclude_clips",
         metavar="PATTERN",
         multiple=True,
         help="Leave out clips whose listed names match this pattern, such as 'tests/*'; may be "

@@ -13,6 +13,7 @@ from cageik_cli.cli.config import CONFIG_NAME, ClipTables, is_auxiliary_path, li
 from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import Decorator, OptionGroup
+from cageik_cli.cli.options.clip import make_exclude_option
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS
 from cageik_cli.util.errors import CageikError, SettingError
 
@@ -45,7 +46,7 @@ class BatchOptions:
 
     folders: tuple[Path, ...]
     output: Path
-    exclude: tuple[str, ...]
+    exclude_clips: tuple[str, ...]
     resume: bool
     overwrite: bool
     pages: bool
@@ -108,8 +109,9 @@ SHARED_OPTIONS = OptionGroup(
     *(
         _repeat_option(option)
         for option in extract_command.params
-        if isinstance(option, click.Option) and option.name not in BATCH_OPTIONS
+        if isinstance(option, click.Option) and option.name not in (*BATCH_OPTIONS, "exclude")
     ),
+    make_exclude_option("--exclude-parts"),
 )
 
 
@@ -172,7 +174,7 @@ def _find_clips(
         roots,
         output=options.output,
         auxiliary_files=auxiliary_files,
-        exclude=options.exclude,
+        exclude=options.exclude_clips,
     )
 
 

@@ -17,6 +17,7 @@ from cageik_cli.cli.options import (
     overwrite_option,
     timings_option,
 )
+from cageik_cli.cli.options.clip import exclude_option
 from cageik_cli.cli.options.solve import (
     FIT_STRENGTH_OPTIONS,
     SOLVE_OPTIONS,
@@ -69,6 +70,7 @@ def make_clip_fit(**options: Any) -> FitSettings | None:
     OptionGroup("fit", make_clip_fit, *FIT_STRENGTH_OPTIONS),
     SOLVE_OPTIONS,
     vertex_weights_option,
+    exclude_option,
     memory_option,
     overwrite_option,
 )

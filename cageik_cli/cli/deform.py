@@ -35,8 +35,8 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
 
     if values["cages"] is None and values["clip"] != ClipSettings():
         raise click.UsageError(
-            "--frames, --layout, --allow-gaps and --close-gaps apply to --cages; leave them out, "
-            "or give it"
+            "--frames, --layout, --exclude, --allow-gaps and --close-gaps apply to --cages; leave "
+            "them out, or give it"
         )
     has_morphs = values["morphs"] != MorphSettings(has_normals=True)
     check_morph_usage("--morphs, --tolerance and --flat", has_morphs, values["output"].path)
@@ -108,7 +108,7 @@ def deform_command(settings: "DeformSettings", quiet: bool) -> None:
     a binding. The suffix of OUT is the format: a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a
     folder of frames (.obj, .ply), or numbered files in a folder. Points are written as .ply (the
     default), .npz, .pc2 or .mdd, and splats as .ply (the default) or .usd*.
-    --frames, --layout, --allow-gaps and --close-gaps apply to --cages.
+    --frames, --layout, --exclude, --allow-gaps and --close-gaps apply to --cages.
     """
     from cageik_cli.cli.output import show_progress
     from cageik_cli.util.text import format_block

@@ -4,20 +4,23 @@ import click
 
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import common_options
-from cageik_cli.cli.options.clip import layout_option
+from cageik_cli.cli.options.clip import exclude_option, layout_option
 
 
 @click.command("info")
 @click.argument("files", nargs=-1, required=True)
 @layout_option
+@exclude_option
 @common_options
-def info_command(files: tuple[str, ...], layout: str | None, quiet: bool) -> None:
+def info_command(
+    files: tuple[str, ...], layout: str | None, exclude: tuple[str, ...], quiet: bool
+) -> None:
     """Describe files.
 
     FILES are a result, a binding, a clip (files, a folder, a glob) or one mesh, such as a cage.
     """
     from cageik_cli.workflows.info import describe_files
 
-    text = describe_files(list(files), layout)
+    text = describe_files(list(files), layout, exclude)
     if not quiet:
         click.echo(word_options(text, click.get_current_context().command))

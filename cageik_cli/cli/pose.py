@@ -77,6 +77,7 @@ def make_pose_settings(
     from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
     from cageik_cli.store.binding_file import is_binding
     from cageik_cli.workflows.edit import EditSettings
+    from cageik_cli.workflows.mesh_source import holds_caged_model
     from cageik_cli.workflows.pose import PoseSettings
 
     handles = others["handles"]
@@ -84,6 +85,8 @@ def make_pose_settings(
         raise click.UsageError(f"TARGET comes before HANDLES; swap {target} and {handles}")
     weight_names = sorted(WEIGHT_OPTIONS.option_names)
     is_hdf5 = target.suffix.lower() in HDF5_SUFFIXES
+    is_clip = is_hdf5 and cage is not None and not holds_caged_model(target)
+    is_hdf5 = is_hdf5 and not is_clip
     if is_hdf5 and not is_binding(target):
         refuse_options(
             ("cage", "cage_output", *weight_names),

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 def make_view_settings(**values: Any) -> "ViewSettings":
     """Make the settings of a view; options that contradict each other are wrong usage."""
-    from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
     from cageik_cli.store.binding_file import is_binding
+    from cageik_cli.workflows.mesh_source import holds_caged_model
     from cageik_cli.workflows.view.session import ViewSettings
 
     target, weight_names = values["target"], sorted(WEIGHT_OPTIONS.option_names)
-    if target.suffix.lower() in HDF5_SUFFIXES:
+    if holds_caged_model(target):
         names = ["cage", "binding", "vertices", *weight_names]
         if is_binding(target):
             _reject(names, "a binding has its cage and weights")

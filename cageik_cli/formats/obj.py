@@ -33,6 +33,7 @@ class Reader(FrameFileReader):
 
     suffixes = with_gzip(".obj")
     has_members = True
+    has_parts = True
 
     @classmethod
     def parse(cls, data: bytes) -> FileMesh:

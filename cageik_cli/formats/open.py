@@ -1,13 +1,15 @@
 """Open clips: from files, folders and globs to a sequence of frames in natural order."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.formats.base.choose_parts import select_parts
 from cageik_cli.formats.base.files import decompress, describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
-from cageik_cli.formats.base.readers import parse_mesh
+from cageik_cli.formats.base.readers import ArrayClipFile, FrameFileReader, parse_mesh
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
 from cageik_cli.formats.find_files import (
     expand_arguments,
@@ -20,6 +22,7 @@ from cageik_cli.formats.find_files import (
 )
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.parts import list_part_names
 from cageik_cli.util.errors import (
     FileAccessError,
     FormatError,
@@ -27,6 +30,7 @@ from cageik_cli.util.errors import (
     error_context,
 )
 from cageik_cli.util.files import read_input
+from cageik_cli.util.text import to_unicode
 
 _UNSUPPORTED_REASONS = {
     ".bvh .c3d .asf .amc": "holds the motion of a skeleton, not a mesh; export the mesh that it "
@@ -86,16 +90,25 @@ def _resolve_request(
             "choose one format, for instance with a quoted glob"
         )
     reader = readers_by_suffix[kinds[0]]
-    if member is not None and not reader.has_members:
-        raise SettingError(
-            f"{arguments[0]}::{member}: a `{kinds[0]}` file holds one clip; remove `::{member}`"
-        )
+    with error_context(arguments[0] if member is None else f"{arguments[0]}::{member}"):
+        _check_choice(reader, kinds[0], member, settings.exclude if rest is None else ())
     if settings.layout is not None and not reader.has_layout:
         raise SettingError(
             f"{arguments[0]}: the axes of `{kinds[0]}` files have a fixed order; remove "
             f"`layout={settings.layout}`"
         )
     return reader, ClipRequest(tuple(paths), member, rest, settings)
+
+
+def _check_choice(
+    reader: type[MeshSequence], suffix: str, member: str | None, exclude: Sequence[str]
+) -> None:
+    """Refuse to choose from what is in a file of a format that holds one clip, or one mesh."""
+    if member is not None and not reader.has_members:
+        what = "mesh" if issubclass(reader, FrameFileReader) else "clip"
+        raise SettingError(f"a `{suffix}` file holds one {what}; remove `::{member}`")
+    if exclude and not reader.has_parts:
+        raise SettingError(f"a `{suffix}` file holds no parts; remove `exclude={exclude[0]}`")
 
 
 def _explain_unsupported(suffix: str) -> str:
@@ -107,18 +120,19 @@ def _explain_unsupported(suffix: str) -> str:
 
 
 def open_clip_and_rest(
-    frames: tuple[str, ...], settings: ClipSettings, rest_path: Path | None, rest_index: int
+    frames: tuple[str, ...], settings: ClipSettings, rest: LoadedMesh | None, rest_index: int
 ) -> tuple[MeshSequence, LoadedMesh]:
-    """Open a clip and its rest pose: a mesh file of the same connectivity, or a frame of it."""
-    rest = load_mesh(rest_path) if rest_path is not None else None
+    """Open a clip and its rest pose: a mesh of the same connectivity, or a frame of it."""
     sequence = open_sequence(list(frames), settings, rest)
     if rest is not None:
-        with error_context(rest_path):
+        with error_context(rest.path or rest.source["name"]):
             fans = rest.mesh.fan_triangulated
             expected = sequence.first.fan_triangulated
             check_connectivity(len(fans.vertices), fans.faces, expected, "the first frame")
         # Polygons are cut as in the first frame, which may also know more of the surface.
-        attributes = rest.mesh.attributes or sequence.first.attributes
+        attributes = rest.mesh.attributes
+        if (not list_part_names(rest.mesh) and list_part_names(sequence.first)) or not attributes:
+            attributes = sequence.first.attributes
         mesh = TriMesh(rest.mesh.vertices, sequence.first.faces, attributes)
         return sequence, replace(rest, mesh=mesh)
     return sequence, load_rest_frame(sequence, rest_index)
@@ -147,10 +161,11 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
     )
 
 
-def load_mesh(path: Path) -> LoadedMesh:
+def load_mesh(path: Path, exclude: Sequence[str] = ()) -> LoadedMesh:
     """Read one mesh: a mesh file, or the first frame of a file that holds a clip.
 
-    Polygons are cut into triangles, with a note. `FILE::PATH` picks what is read of a scene.
+    Polygons are cut into triangles, with a note. `FILE::PATH` picks what is read of a file of
+    several meshes, and patterns leave out some of them.
 
     Raises
     ------
@@ -167,22 +182,35 @@ def load_mesh(path: Path) -> LoadedMesh:
                 f"`{suffix}` is not a mesh format that can be read, expected {', '.join(readers)}"
             )
     reader = find_mesh_readers().get(suffix)
-    if reader is None or member is not None:
-        return _load_first_frame(path)
+    if reader is None:
+        return _load_first_frame(path, exclude)
+    with error_context(path):
+        _check_choice(reader, suffix, member, exclude)
     with error_context(file):
         data = read_input(file)
         content = decompress(data, suffix)
-        mesh = reader.read_attributes(content, parse_mesh(reader, content))
-        mesh = reader.read_library(file, mesh)
-        return LoadedMesh(mesh.make_mesh(), describe_source(file, data), mesh.notes, file)
+        read = reader.read_attributes(content, parse_mesh(reader, content))
+        read = reader.read_library(file, read)
+        mesh, _, left_out = select_parts(read.make_mesh(), member, exclude)
+        source = describe_source(file, data)
+        if member is not None:
+            source["name"] += f"::{to_unicode(member)}"
+        return LoadedMesh(mesh, source, (*read.notes, *left_out), path)
 
 
-def _load_first_frame(path: Path) -> LoadedMesh:
+def _load_first_frame(path: Path, exclude: Sequence[str]) -> LoadedMesh:
     """Read the first frame of a file that holds a clip, as a mesh."""
-    reader, request = _resolve_request([str(path)], ClipSettings(selection=slice(0, 1)), None)
-    if not reader.has_members and reader.describe_contents(request):
-        raise FormatError(f"{path}: holds no faces, expected a mesh; give one in another format")
+    reader, request = _resolve_request([str(path)], ClipSettings(exclude=tuple(exclude)), None)
+    if issubclass(reader, ArrayClipFile) and reader.describe_contents(request):
+        raise FormatError(
+            f"{path}: holds no mesh, since it has no faces; give a file that has them, such as "
+            ".obj, .usdc or .abc"
+        )
     clip = reader(request)
     # A clip names its file in each note; what shows those of a mesh names it, too.
-    notes = tuple(note.removeprefix(f"{request.path.name}: ") for note in clip.notes)
-    return LoadedMesh(clip.first, clip.describe_source(), notes, request.path, scene=clip.scene)
+    name = to_unicode(request.path.name)
+    notes = [note.removeprefix(f"{name}: ") for note in clip.notes]
+    if len(clip) > 1:
+        notes.insert(0, f"the first of its {len(clip)} frames is taken")
+    source = clip.describe_source()
+    return LoadedMesh(clip.first, source, tuple(notes), path, scene=clip.scene)

@@ -15,7 +15,6 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.open import load_mesh as load_mesh_file
 from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.formats.settings import ClipSettings, RestFrame
 from cageik_cli.geometry.mesh import TriMesh
@@ -27,15 +26,18 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.threads import count_processors
 from cageik_cli.workflows import extract as file_extraction
+from cageik_cli.workflows.mesh_source import load_rest, load_source
 from cageik_cli.workflows.settings import ExtractSettings
 
 FilePath = str | PathLike[str]
 
 
 def load_mesh(path: FilePath) -> TriMesh:
-    """Read one mesh (.obj, .ply, .off, each also .gz); polygons become triangles.
+    """Read one mesh of any format that holds one; polygons become triangles.
 
-    `attributes` of the mesh keeps the polygons, texture coordinates and materials.
+    Of a clip it is the first frame, of a result or a binding the rest pose. `FILE::PATH` names one
+    of several meshes in a file, and `FILE::cage` the cage of a result. `attributes` of the mesh
+    keeps the polygons, texture coordinates, materials and parts.
 
     Raises
     ------
@@ -48,7 +50,7 @@ def load_mesh(path: FilePath) -> TriMesh:
     >>> load_mesh("data_fixtures/walker/cage.obj")
     <TriMesh: 80 vertices, 156 triangles>
     """
-    return load_mesh_file(Path(path)).mesh
+    return load_source(Path(path)).mesh
 
 
 def load_clip(
@@ -57,6 +59,7 @@ def load_clip(
     rest: FilePath | None = None,
     selection: slice | None = None,
     allow_gaps: bool = False,
+    exclude: Sequence[str] = (),
 ) -> MeshSequence:
     """Open an animation whose meshes share one connectivity.
 
@@ -74,6 +77,8 @@ def load_clip(
     allow_gaps : bool
         Accept missing numbers in a series of files. The clip has the frames that exist, one after
         another; `clip.scene` has the number of the first.
+    exclude : sequence of str
+        Patterns of the parts that are left out: of their paths, or of names in these.
 
     Raises
     ------
@@ -91,9 +96,11 @@ def load_clip(
     >>> clip.read_frame(47).shape
     (1570, 3)
     """
-    settings = ClipSettings(selection or slice(None), gaps="close" if allow_gaps else "refuse")
-    rest_path = Path(rest) if rest is not None else None
-    clip, _ = open_clip_and_rest(_list_names(frames), settings, rest_path, 0)
+    settings = ClipSettings(
+        selection or slice(None), gaps="close" if allow_gaps else "refuse", exclude=tuple(exclude)
+    )
+    loaded = None if rest is None else load_rest(Path(rest), settings.exclude)
+    clip, _ = open_clip_and_rest(_list_names(frames), settings, loaded, 0)
     return clip
 
 

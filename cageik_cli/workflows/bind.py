@@ -13,7 +13,8 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_vertex_order
-from cageik_cli.formats.open import load_mesh, open_sequence
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import SolveSettings
@@ -25,6 +26,7 @@ from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener, mark_warning
 from cageik_cli.workflows.fit import fit_to_clips
+from cageik_cli.workflows.mesh_source import load_rest, load_source
 from cageik_cli.workflows.rest_pose import load_vertex_weights
 from cageik_cli.workflows.run_cage import suggest_repair
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
@@ -55,6 +57,8 @@ class BindRunSettings(CommandSettings):
         Clips that the weights are fitted to, each a folder, a glob or a file; none by default.
     vertex_weights : Path or "area", optional
         For the fit: a file with one number per vertex of the model, or by their area.
+    exclude : tuple of str
+        Patterns of parts of the rest pose and of the clips that are left out.
     """
 
     cage: Path = field(metadata=READ)
@@ -66,6 +70,7 @@ class BindRunSettings(CommandSettings):
     fit: FitSettings = field(default_factory=FitSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
     vertex_weights: Path | str | None = field(default=None, metadata=READ)
+    exclude: tuple[str, ...] = ()
     memory: int = DEFAULT_MEMORY
 
 
@@ -77,7 +82,7 @@ def bind_files(
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):
-        rest, cage = load_mesh(settings.rest), load_mesh(settings.cage)
+        rest, cage = load_rest(settings.rest, settings.exclude), load_source(settings.cage, "cage")
         for note in rest.notes:
             progress.note("note", f"{rest.source['name']}: {note}")
     with progress.stage("bind"), suggest_repair(cage, rest):
@@ -97,7 +102,7 @@ def _fit_to_files(
     """Fit the weights to the clips of the settings."""
     clips = []
     for name in settings.clips:
-        clip = open_sequence([name], rest=rest)
+        clip = open_sequence([name], ClipSettings(exclude=settings.exclude), rest)
         with error_context(name):
             check_vertex_order(clip.first, rest.mesh.fan_triangulated, "the rest pose")
         for note in clip.notes:

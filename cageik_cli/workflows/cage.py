@@ -17,9 +17,9 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.files import describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
-from cageik_cli.formats.find_files import mesh_suffixes
+from cageik_cli.formats.find_files import mesh_suffixes, split_member
 from cageik_cli.formats.obj import encode_exact_obj
-from cageik_cli.formats.open import load_mesh, open_sequence
+from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, RestFrame
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.views.cage import CageResult
@@ -30,6 +30,7 @@ from cageik_cli.util.errors import CageError, CageikError, error_context
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
+from cageik_cli.workflows.mesh_source import holds_caged_model, load_source
 from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
 from cageik_cli.workflows.run_cage import check_cage_output
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
@@ -86,10 +87,10 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
 
 def _open_model(settings: CageSettings) -> tuple[LoadedMesh, int | None]:
     """Read the model: a mesh, or the rest pose of a clip and its number."""
-    path = Path(settings.model)
-    is_one_mesh = settings.rest is None and settings.rest_frame is None and not path.is_dir()
-    if is_one_mesh and file_suffix(path) in mesh_suffixes() and path.exists():
-        return load_mesh(path), None
+    file, _ = split_member(settings.model)
+    is_one_mesh = settings.rest is None and settings.rest_frame is None and file.is_file()
+    if is_one_mesh and (file_suffix(file) in mesh_suffixes() or holds_caged_model(file)):
+        return load_source(Path(settings.model), exclude=settings.clip.exclude), None
     _, rest, index = open_clip_and_choose_rest(
         (settings.model,), settings.clip, settings.rest, settings.rest_frame or 0
     )
@@ -218,7 +219,7 @@ def repair_cage_file(
     progress = progress or ProgressListener()
     check_cage_output(settings.output, settings.overwrite)
     with progress.stage("open"):
-        cage, model = load_mesh(settings.cage), load_mesh(settings.model)
+        cage, model = load_source(settings.cage, "cage"), load_source(settings.model)
     with progress.stage("repair"), error_context(settings.cage):
         attributes = cage.mesh.attributes
         counts = None if attributes is None else attributes.corner_counts

@@ -14,7 +14,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.find_files import split_member
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.alignment import best_rotations
@@ -28,6 +28,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import OrderedMap
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.carry import carry_fit
+from cageik_cli.workflows.mesh_source import holds_caged_model, load_source
 from cageik_cli.workflows.model_file import LoadedModel, load_model, note_on
 from cageik_cli.workflows.run_cage import build_cached, suggest_repair
 
@@ -68,16 +69,22 @@ class CagedModel:
 
         A cage may be that of a result or a binding, whose fit is then carried to the model.
         """
-        if path.suffix.lower() in HDF5_SUFFIXES:
+        if holds_caged_model(path):
             return CagedModel.read(path)
         model = load(path)
-        holds_fit = cage is not None and cage.suffix.lower() in HDF5_SUFFIXES
-        source = CagedModel.read(cage) if cage is not None and holds_fit else None
-        loaded = source.cage if source else None if cage is None else load_mesh(cage)
+        source = None if cage is None else CagedModel._find_source(cage)
+        loaded = source.cage if source else None if cage is None else load_source(cage, "cage")
         if binding is None:
             return CagedModel(path, model, loaded, source=source)
         stored = load_matching_binding(binding, model.mesh, loaded)
         return CagedModel(path, model, loaded, stored=stored)
+
+    @staticmethod
+    def _find_source(cage: Path) -> "CagedModel | None":
+        """Read the result or the binding whose cage is named; None if it is another file."""
+        file, member = split_member(cage)
+        is_source = member in (None, "cage") and holds_caged_model(file)
+        return CagedModel.read(file) if is_source else None
 
     @staticmethod
     def read(path: Path) -> "CagedModel":

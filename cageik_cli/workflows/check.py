@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cageik_cli.cages.diagnosis import diagnose
-from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import ClipSettings, RestFrame
 from cageik_cli.report.views.cage import CheckResult
+from cageik_cli.workflows.mesh_source import load_rest, load_source
 from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
 from cageik_cli.workflows.run_cage import format_repair_command
 from cageik_cli.workflows.settings import READ, READ_CLIP, CommandSettings
@@ -36,13 +36,13 @@ class CheckSettings(CommandSettings):
 
 def check_cage(settings: CheckSettings) -> CheckResult:
     """Read the cage and the rest pose, if there is one, and diagnose them."""
-    cage, rest = load_mesh(settings.cage), None
+    cage, rest = load_source(settings.cage, "cage"), None
     if settings.frames:
         _, rest, _ = open_clip_and_choose_rest(
             settings.frames, settings.clip, settings.rest, settings.rest_frame
         )
     elif settings.rest is not None:
-        rest = load_mesh(settings.rest)
+        rest = load_rest(settings.rest, settings.clip.exclude)
     diagnosis = diagnose(cage.mesh, rest.mesh if rest is not None else None, settings.jobs)
     command = None
     if diagnosis.is_repairable:

@@ -8,7 +8,6 @@ from typing import Any
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import Scene
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
@@ -26,6 +25,7 @@ from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.compose import collect_notes, compose_result
 from cageik_cli.workflows.fit import fit_to_clips
+from cageik_cli.workflows.mesh_source import load_source
 from cageik_cli.workflows.rest_pose import (
     VertexWeights,
     load_vertex_weights,
@@ -123,7 +123,7 @@ class Extraction:
             settings.frames, clip, settings.rest, settings.rest_frame
         )
         self.settings = settings = replace(settings, clip=clip, rest_frame=index or 0)
-        self.cage = load_mesh(settings.cage) if settings.cage is not None else None
+        self.cage = load_source(settings.cage, "cage") if settings.cage is not None else None
         self.sources = {"rest": self.rest.source}
         if settings.binding is not None:
             matching = self.stored or load_matching_binding(settings.binding, self.rest, self.cage)

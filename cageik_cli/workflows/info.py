@@ -10,7 +10,7 @@ from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.find_files import mesh_suffixes
+from cageik_cli.formats.find_files import mesh_suffixes, split_member
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.ply_points import PointFile
 from cageik_cli.formats.settings import ClipSettings, Scene
@@ -27,13 +27,17 @@ from cageik_cli.store.result import Result, is_result, read_result
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.progress import label_note, locate_note
 from cageik_cli.util.text import format_block, format_count
+from cageik_cli.workflows.mesh_source import holds_caged_model
 from cageik_cli.workflows.model_file import LoadedModel, load_model
 
 
-def describe_files(arguments: list[str], layout: str | None = None) -> str:
+def describe_files(
+    arguments: list[str], layout: str | None = None, exclude: tuple[str, ...] = ()
+) -> str:
     """Describe results, bindings, checkpoints, a mesh, or the clip that arguments name.
 
-    `layout` is the order of an array's axes, as in `ClipSettings`.
+    `layout` is the order of an array's axes, and `exclude` the patterns of parts that are left out,
+    as in `ClipSettings`.
     """
     paths = [Path(argument) for argument in arguments]
     if paths and all(map(is_checkpoint, paths)):
@@ -42,16 +46,23 @@ def describe_files(arguments: list[str], layout: str | None = None) -> str:
         pages = [_describe_hdf5(path) for path in paths]
         if all(pages):
             return "\n\n".join(pages)
-    if len(paths) == 1 and paths[0].is_file() and file_suffix(paths[0]) in mesh_suffixes():
-        model = load_model(paths[0])
+    if len(paths) == 1 and _is_mesh_file(paths[0]):
+        model = load_model(paths[0], exclude)
         if model.points is not None:
             return format_block(str(paths[0]), _point_rows(model, model.points))
         loaded = model.mesh
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
         return format_block(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
-    settings = ClipSettings(layout=layout, gaps="keep")
+    settings = ClipSettings(layout=layout, gaps="keep", exclude=exclude)
     rows = describe_contents(arguments, settings) or _clip_rows(open_sequence(arguments, settings))
     return format_block(join_truncated(arguments, 3), rows)
+
+
+def _is_mesh_file(path: Path) -> bool:
+    """Return whether it is a file of one mesh, or a mesh of a result; not a folder or a glob."""
+    file, member = split_member(path)
+    is_mesh = file_suffix(file) in mesh_suffixes()
+    return file.is_file() and (is_mesh or (member is not None and holds_caged_model(file)))
 
 
 def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list[tuple[str, str]]:

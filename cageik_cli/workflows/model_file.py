@@ -1,7 +1,7 @@
 """A model that is moved: a mesh, points, or Gaussian splats."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import cycle
@@ -15,7 +15,6 @@ from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.formats.base.files import decompress, describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.ply import Reader as PlyReader
 from cageik_cli.formats.ply_points import (
     MOVED,
@@ -37,6 +36,7 @@ from cageik_cli.util.errors import OutputError, SettingError, error_context
 from cageik_cli.util.files import read_input
 from cageik_cli.util.progress import ProgressListener, label_note, mark_warning
 from cageik_cli.util.threads import OrderedMap
+from cageik_cli.workflows.mesh_source import load_source
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.caged_model import CageFrames
@@ -148,21 +148,21 @@ class LoadedModel:
         return partial(PointWriter, points=self.points)
 
 
-def load_surface(path: Path) -> LoadedModel:
-    """Read a mesh; raises as `load_mesh`."""
-    return LoadedModel(load_mesh(path))
+def load_surface(path: Path, exclude: Sequence[str] = ()) -> LoadedModel:
+    """Read a mesh; raises as `load_source`."""
+    return LoadedModel(load_source(path, exclude=exclude))
 
 
-def load_model(path: Path) -> LoadedModel:
+def load_model(path: Path, exclude: Sequence[str] = ()) -> LoadedModel:
     """Read a mesh, points without faces (.ply), or Gaussian splats (.ply)."""
     suffix = file_suffix(path)
     if suffix not in PlyReader.suffixes or path.is_dir():
-        return load_surface(path)
+        return load_surface(path, exclude)
     with error_context(path):
         data = read_input(path)
         points = parse_points(decompress(data, suffix))
-    if points is None:
-        return load_surface(path)
+    if points is None or exclude:
+        return load_surface(path, exclude)
     with error_context(path):
         splats = read_splats(points) if holds_splats(points) else None
         cloud = PointCloud.from_points(points.positions)

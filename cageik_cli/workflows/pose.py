@@ -8,9 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.base.files import file_suffix
-from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-from cageik_cli.formats.find_files import clip_suffixes, mesh_suffixes
 from cageik_cli.formats.ply_points import place_positions
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
@@ -132,17 +129,15 @@ def report_placement(edit: LayeredEdit, handles: Path, progress: ProgressListene
 
 
 def check_target_kind(target: Path, purpose: str) -> None:
-    """Refuse an animation that was not extracted yet.
+    """Refuse a folder of frames, whose animation was not extracted yet.
 
     Parameters
     ----------
     purpose : str
         Why its result is needed.
     """
-    of_models = {*mesh_suffixes(), *HDF5_SUFFIXES}
-    if target.is_dir() or file_suffix(target) in {*clip_suffixes()} - of_models:
-        what = "a folder" if target.is_dir() else f"a clip (`{file_suffix(target)}`)"
+    if target.is_dir():
         raise FileAccessError(
-            f"{target}: is {what}, expected a model, a binding or a result; {purpose}, run cageik "
-            "extract first and name its result"
+            f"{target}: is a folder, expected a model, a binding or a result; {purpose}, run "
+            "cageik extract first and name its result"
         )

@@ -19,6 +19,7 @@ from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import InputError, error_context
 from cageik_cli.util.text import to_unicode
+from cageik_cli.workflows.mesh_source import load_rest
 
 MAX_COMPARED_FRAMES = 200
 """Frames of a clip that are compared, at most; of longer clips they are spread evenly."""
@@ -58,7 +59,8 @@ def open_clip_and_choose_rest(
     """
     if rest is not None or rest_frame != AUTO:
         index = 0 if rest_frame == AUTO else int(rest_frame)
-        return *open_clip_and_rest(frames, settings, rest, index), None if rest else index
+        loaded = None if rest is None else load_rest(rest, settings.exclude)
+        return *open_clip_and_rest(frames, settings, loaded, index), None if rest else index
     sequence = open_sequence(list(frames), settings)
     index, reason = choose_rest_frame(sequence)
     loaded = load_rest_frame(sequence, index)

@@ -159,6 +159,7 @@ class ExtractSettings(CommandSettings):
             **(built if self.builds_cage else {}),
             **({} if fit is None else fit.describe()),
             **{name: value for name, value in captured.items() if value},
+            **({"exclude": list(self.clip.exclude)} if self.clip.exclude else {}),
         }
 
     @property

@@ -1,7 +1,6 @@
 """Poses of a model from files, and what is remarked on the way."""
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -80,12 +79,8 @@ def test_an_unfit_cage_is_refused_by_its_name(settings, write_obj):
         pose(settings(TIP, PIN, cage="small.obj"))
 
 
-@pytest.mark.parametrize(
-    ("name", "found"), [("frames", "a folder"), ("walk.abc", "a clip (`.abc`)")]
-)
-def test_an_animation_must_be_extracted_first(settings, name, found):
+def test_an_animation_must_be_extracted_first(settings):
     """Before the output is looked at, whose suffix would be that of a result."""
-    Path("walk.abc").touch()
-    edit = replace(settings(TIP, PIN), target=Path(name), output=Path("edited.h5"))
-    with pytest.raises(FileAccessError, match=rf"^{name}: is {re.escape(found)}, .*cageik extract"):
+    edit = replace(settings(TIP, PIN), target=Path("frames"), output=Path("edited.h5"))
+    with pytest.raises(FileAccessError, match=r"^frames: is a folder, .*cageik extract"):
         pose(edit)

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.options import PATH_TYPE, OptionGroup, is_given
+from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, is_given
 from cageik_cli.cli.options.types import FrameRangeType, OrWord, PercentType
 from cageik_cli.formats.settings import (
     AUTO,
@@ -27,6 +27,21 @@ layout_option = click.option(
 )
 
 
+def make_exclude_option(typed: str) -> Decorator:
+    """Make the option that leaves out parts; cageik batch has it under another name."""
+    return click.option(
+        typed,
+        "exclude",
+        metavar="PATTERN",
+        multiple=True,
+        help="Leave out the parts of a clip whose path, or a name in it, matches this pattern, "
+        "such as 'eye_?' or '/hero/props'; may be repeated.",
+    )
+
+
+exclude_option = make_exclude_option("--exclude")
+
+
 def choose_gaps(allow_gaps: bool, close_gaps: bool) -> Gaps:
     """Return what is done about missing files; gaps cannot be both kept and closed."""
     if allow_gaps and close_gaps:
@@ -43,6 +58,7 @@ CLIP_MEMBERS = (
         help="Take frames A:B:STEP only, counted from 0, without B.  [default: all]",
     ),
     layout_option,
+    exclude_option,
     OptionGroup(
         "gaps",
         choose_gaps,

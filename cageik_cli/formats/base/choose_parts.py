@@ -4,6 +4,11 @@ from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from types import MappingProxyType
 
+import numpy as np
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.parts import Part, join_meshes, split_parts
+from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import FormatError, SettingError, join_truncated
 
 _NOTHING: Mapping[str, str] = MappingProxyType({})
@@ -73,3 +78,49 @@ def _matches(path: str, pattern: str) -> bool:
     root = "/" if path.startswith("/") else ""
     above = [root + "/".join(names[: k + 1]) for k in range(len(names))]
     return any(fnmatchcase(each, pattern) for each in (*above, *names))
+
+
+def select_parts(
+    mesh: TriMesh, member: str | None, exclude: Sequence[str]
+) -> tuple[TriMesh, Integers | None, list[str]]:
+    """Return the parts of a mesh that are asked for, the numbers of their vertices, and notes.
+
+    Nothing is asked for without a `member` and patterns; the numbers are None then.
+
+    Raises
+    ------
+    InputError
+        When there is no such part, or the mesh has none.
+    """
+    if member is None and not exclude:
+        return mesh, None, []
+    parts = {part.name: part for part in split_parts(mesh)}
+    if "" in parts:
+        raise SettingError(
+            "has no objects to choose from: each `o` line must be followed by faces whose vertices "
+            "no other object has; export it again, or take all of it"
+        )
+    names, notes = choose_parts(list(parts), member, exclude)
+    chosen = [parts[name] for name in names]
+    kept = np.concatenate([np.arange(part.vertices.start, part.vertices.stop) for part in chosen])
+    return _join_parts(chosen), kept, notes
+
+
+def drop_parts(mesh: TriMesh, exclude: Sequence[str]) -> tuple[TriMesh, list[str]]:
+    """Return a mesh without its parts that match a pattern, and a note; itself if none does.
+
+    Unlike a clip, its rest pose may lack what the patterns leave out.
+    """
+    parts = split_parts(mesh)
+    kept = [part for part in parts if not any(_matches(part.name, one) for one in exclude)]
+    if len(kept) == len(parts):
+        return mesh, []
+    if not kept:
+        raise SettingError("`exclude=` leaves none of its meshes; give fewer patterns")
+    names = join_truncated(part.name for part in parts if part not in kept)
+    return _join_parts(kept), [f"left out {names} (`exclude=`)"]
+
+
+def _join_parts(parts: Sequence[Part]) -> TriMesh:
+    names, transforms = [part.name for part in parts], [part.transform for part in parts]
+    return join_meshes([part.mesh for part in parts], names, transforms)

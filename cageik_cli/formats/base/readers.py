@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import ChunkedFrames
-from cageik_cli.formats.base.choose_parts import choose_parts
+from cageik_cli.formats.base.choose_parts import select_parts
 from cageik_cli.formats.base.file_numbers import FileSeries
 from cageik_cli.formats.base.files import decompress, file_suffix, hash_file
 from cageik_cli.formats.base.mesh_data import FileMesh, check_connectivity, check_not_points
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.parts import join_meshes, split_parts
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import (
     ConnectivityError,
     FormatError,
@@ -74,7 +73,7 @@ class FrameFileReader(MeshSequence):
         self.missing = frozenset(self._missing)
         self.scene = series.scene.restrict_to_frames(chosen)
         self._paths = paths = [series.paths[n] for n in chosen]
-        self._suffix = file_suffix(paths[0])
+        self._suffix, self._member = file_suffix(paths[0]), request.member
         self.names = tuple(to_unicode(path.name) for path in paths)
         self._digests: dict[int, bytes] = {}
         with error_context(paths[0]):
@@ -84,7 +83,9 @@ class FrameFileReader(MeshSequence):
             mesh = self.read_library(paths[0], self.read_attributes(data, completed))
             # Its shape decides how polygons are cut, for all frames.
             self._whole = mesh.make_mesh()
-            self.first, self._kept, left_out = select_parts(self._whole, request)
+            self.first, self._kept, left_out = select_parts(
+                self._whole, request.member, request.settings.exclude
+            )
         notes = (f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
         self.notes = (*series.notes, *notes, *left_out)
         self._parse_alike = self.make_frame_parser(data, parsed)
@@ -125,9 +126,10 @@ class FrameFileReader(MeshSequence):
 
     def describe_source(self) -> dict[str, Any]:
         """Return the names of the first and last file, their count, and a digest over all."""
-        digests = b"".join(map(self.digest_or_zeros, range(len(self))))
+        digests = b"".join(map(self.content_digest, range(len(self))))
+        name = f"{self.names[0]} ... {self.names[-1]}" if len(self) > 1 else self.names[0]
         return {
-            "name": f"{self.names[0]} ... {self.names[-1]}" if len(self) > 1 else self.names[0],
+            "name": name if self._member is None else f"{name}::{to_unicode(self._member)}",
             "files": len(self) - len(self.missing),
             "sha256": hashlib.sha256(digests).hexdigest(),
         }
@@ -138,28 +140,6 @@ class FrameFileReader(MeshSequence):
         data = read_input(self._paths[index])
         self._digests[index] = hashlib.sha256(data).digest()
         return decompress(data, self._suffix)
-
-
-def select_parts(mesh: TriMesh, request: ClipRequest) -> tuple[TriMesh, Integers | None, list[str]]:
-    """Return the parts of a mesh that are asked for, the numbers of their vertices, and notes.
-
-    Raises
-    ------
-    SettingError
-        When there is no such part, or the mesh has none.
-    """
-    if request.member is None and not request.settings.exclude:
-        return mesh, None, []
-    parts = {part.name: part for part in split_parts(mesh)}
-    if "" in parts:
-        raise SettingError(
-            "has no objects to choose from: each `o` line must be followed by faces whose vertices "
-            "no other object has; export it again, or take all of it"
-        )
-    names, notes = choose_parts(list(parts), request.member, request.settings.exclude)
-    chosen = [parts[name] for name in names]
-    kept = np.concatenate([np.arange(part.vertices.start, part.vertices.stop) for part in chosen])
-    return join_meshes([part.mesh for part in chosen], names), kept, notes
 
 
 def parse_mesh(reader: type[FrameFileReader], data: bytes) -> FileMesh:
@@ -192,8 +172,8 @@ class ClipFile(MeshSequence):
         self._reading = (request.member, settings.layout, *settings.exclude)
         self.scene = (scene or SceneHints()).restrict_to_frames(self.frame_indices)
         member = f"::{request.member}" if request.member is not None else ""
-        name = to_unicode(self.path.name + member)
-        self.names = tuple(f"{name}[{k}]" for k in self.frame_indices)
+        self._name = to_unicode(self.path.name + member)
+        self.names = tuple(f"{self._name}[{k}]" for k in self.frame_indices)
 
     def use_rest_faces(self, request: ClipRequest, vertex_count: int) -> None:
         """Take the faces of the rest pose, for a file of `vertex_count` vertices and no faces."""
@@ -226,8 +206,8 @@ class ClipFile(MeshSequence):
         self._digest = digests[0]
 
     def describe_source(self) -> dict[str, Any]:
-        """Return the name and digest of the file."""
-        return {"name": to_unicode(self.path.name), "sha256": self._digest.hex()}
+        """Return the name of the file, and of what is read of it, and the digest of the file."""
+        return {"name": self._name, "sha256": self._digest.hex()}
 
     @cached_property
     def _digest(self) -> bytes:

@@ -111,6 +111,7 @@ class SceneReader(ClipFile):
     """
 
     has_members = True
+    has_parts = True
     winding_note = ""
 
     @abstractmethod

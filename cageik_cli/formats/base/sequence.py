@@ -123,6 +123,8 @@ class MeshSequence(ABC):
         Lower case, with the dot.
     has_members : bool
         Whether a file may hold several clips, named by `FILE::CLIP`.
+    has_parts : bool
+        Whether a file may hold several meshes that are read as parts of one.
     has_layout : bool
         Whether a file may have its axes in any order, given by `ClipSettings.layout`.
     names : tuple of str
@@ -150,6 +152,7 @@ class MeshSequence(ABC):
 
     suffixes: tuple[str, ...]
     has_members: bool = False
+    has_parts: bool = False
     has_layout: bool = False
     names: tuple[str, ...]
     first: TriMesh

@@ -15,7 +15,6 @@ from typing import Any
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.captured import FrameWeights
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
@@ -26,6 +25,7 @@ from cageik_cli.util.errors import ClusterError, FileAccessError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import set_blas_threads
 from cageik_cli.workflows.batch.jobs import ClipJob, bind_clip
+from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
 from cageik_cli.workflows.settings import ExtractSettings
 
 MIN_PIECE_SECONDS = 0.5
@@ -137,7 +137,7 @@ class ClipContext:
         """Open the clip, which must have the same frames as at the start of the run."""
         settings = self.settings
         # Any frame will do as rest pose: that of the run is in the solver.
-        sequence, _ = open_clip_and_rest(settings.frames, settings.clip, settings.rest, 0)
+        sequence, *_ = open_clip_and_choose_rest(settings.frames, settings.clip, settings.rest, 0)
         if sequence.names != self._names:
             raise FileAccessError(
                 f"{settings.frames[0]}: has other frames than at the start of the run (found "

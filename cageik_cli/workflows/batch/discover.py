@@ -103,8 +103,8 @@ def discover_clips(
                     found.append(replace(clip, name=prefix + clip.name))
     if excluded and not found:
         raise SettingError(
-            f"{', '.join(map(str, roots))}: `exclude=` leaves out all {excluded} clips; exclude "
-            "fewer"
+            f"{', '.join(map(str, roots))}: `exclude_clips=` leaves out all {excluded} clips; "
+            "exclude fewer"
         )
     if not found:
         raise FileAccessError(

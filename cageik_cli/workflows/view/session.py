@@ -11,6 +11,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
+from cageik_cli.formats.find_files import split_member
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.model import Handle, Handles, PosedSurface
@@ -31,6 +32,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings
 from cageik_cli.workflows.caged_model import CagedModel
 from cageik_cli.workflows.edit import EditSettings, edit
+from cageik_cli.workflows.mesh_source import name_source
 from cageik_cli.workflows.model_file import load_surface
 from cageik_cli.workflows.pose import check_target_kind, pose_model
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
@@ -244,7 +246,7 @@ def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSess
 def _open_target(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
     """Open a result, a binding, or a model with a cage that is given or built."""
     check_target_kind(settings.target, "to view an animation")
-    watched = WatchedInput(settings.target)
+    watched = WatchedInput(split_member(settings.target)[0])
     with progress.stage("open"):
         target = CagedModel.open(settings.target, settings.cage, settings.binding, load_surface)
     _check_outputs(settings, is_result=target.result is not None)
@@ -277,8 +279,8 @@ def _list_target_words(settings: ViewSettings, target: CagedModel) -> list[str]:
     """List what `cageik pose` is told to pose: a model in its cage, or a binding file."""
     if target.stored is not None:
         return [(settings.binding or settings.target).name]
-    cage = UNNAMED_CAGE if settings.cage is None else settings.cage.name
-    words = [settings.target.name, "--cage", cage]
+    cage = UNNAMED_CAGE if settings.cage is None else name_source(settings.cage)
+    words = [name_source(settings.target), "--cage", cage]
     usual = BindSettings()
     for name in ("coordinates", "accuracy", "outside"):
         if (value := getattr(settings.weights.bind, name)) != getattr(usual, name):

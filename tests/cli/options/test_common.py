@@ -10,8 +10,8 @@ import h5py
 import pytest
 
 from cageik_cli.cli.options.types import SizeType
-from cageik_cli.formats import open as opening
 from cageik_cli.formats import write as export_opening
+from cageik_cli.formats.find_files import find_readers
 
 TYPED = ("extract", "frames", "--cage", "cage.obj")
 
@@ -49,7 +49,7 @@ def test_help(run, words):
 def test_help_names_every_kind_of_clip(run):
     """Of USD as one, and of what gzip may pack as .gz."""
     said = run("extract", "--help").out
-    for suffix in opening._find_readers():
+    for suffix in find_readers():
         shown = ".usd*" if suffix.startswith(".usd") else suffix
         shown = ".h5" if suffix == ".hdf5" else shown
         assert Path(shown).suffix in said

@@ -2,8 +2,10 @@
 
 import pytest
 
-from cageik_cli.formats.base.choose_parts import choose_parts
+from cageik_cli.formats.base.choose_parts import choose_parts, drop_parts, select_parts
+from cageik_cli.geometry.parts import join_meshes, list_part_names
 from cageik_cli.util.errors import InputError
+from tests.shapes import box
 
 PATHS = ["/hero/geo/body", "/hero/geo/eye_L", "/hero/geo/eye_R", "/hero/rig/guide", "/prop"]
 HIDDEN = {"/hero/rig/guide": "purpose guide", "/prop": "invisible"}
@@ -46,3 +48,30 @@ def test_notes_name_what_is_left_out_and_why():
 def test_a_choice_of_nothing_is_refused(paths, member, exclude, sentence):
     with pytest.raises(InputError, match=sentence):
         choose_parts(paths, member, exclude)
+
+
+MODEL = join_meshes([box(1.0), box(2.0), box(3.0)], PATHS[:3])
+
+
+def test_the_chosen_parts_of_a_mesh_keep_their_names_and_vertices():
+    mesh, kept, notes = select_parts(MODEL, "/hero/geo", ("eye_L",))
+    assert list_part_names(mesh) == ("/hero/geo/body", "/hero/geo/eye_R")
+    assert kept.tolist() == [*range(8), *range(16, 24)]
+    assert (mesh.vertices == MODEL.vertices[kept]).all()
+    assert notes == ["left out /hero/geo/eye_L (`exclude=eye_L`)"]
+
+
+def test_nothing_is_chosen_from_a_mesh_that_came_as_one():
+    whole = box()
+    assert select_parts(whole, None, ()) == (whole, None, [])
+    with pytest.raises(InputError, match="has no objects to choose from"):
+        select_parts(box(), None, ("body",))
+
+
+def test_a_rest_pose_may_lack_what_is_left_out():
+    mesh, notes = drop_parts(MODEL, ("eye_?", "props"))
+    assert list_part_names(mesh) == ("/hero/geo/body",)
+    assert notes == ["left out /hero/geo/eye_L, /hero/geo/eye_R (`exclude=`)"]
+    assert drop_parts(MODEL, ("props",)) == (MODEL, [])
+    with pytest.raises(InputError, match="leaves none"):
+        drop_parts(MODEL, ("hero",))

@@ -1,0 +1,119 @@
+"""`--exclude`, and `FILE::PATH`: parts of a clip, from files of several meshes."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.settings import ClipSettings, Scene
+from cageik_cli.formats.write import Output, write_animation
+from cageik_cli.geometry.parts import join_meshes, list_part_names
+from cageik_cli.store.result import read_result
+from cageik_cli.util.progress import ProgressListener
+from tests.shapes import ball, box
+
+BALL = ball(1, 0.8)
+MODEL = join_meshes([BALL, box(0.2), box(0.1)], ["/hero/body", "/hero/eyes/eye_L", "/hero/prop"])
+
+
+@pytest.fixture
+def hero(folder):
+    """The current folder, with a cage and a clip of three parts in several formats."""
+    frames = np.stack([MODEL.vertices, 1.1 * MODEL.vertices])
+    for name in ("hero.usdc", "hero.npz", "objs/hero_####.obj"):
+        moved = Animation(MODEL, 2, Scene(), "hero")
+        write_animation(Output(Path(name)), moved, iter([frames]), ProgressListener())
+    return folder
+
+
+EXTRACT = ("extract", "--cage", "cage.obj", "-o", "new.h5")
+
+
+@pytest.mark.parametrize("clip", ["hero.usdc", "objs", "objs/*.obj"])
+def test_parts_that_match_are_left_out_and_recorded(run, hero, clip):
+    outcome = run(*EXTRACT, clip, "--exclude", "eye_?", "--exclude", "prop")
+    assert outcome.code == 0, outcome.err
+    result = read_result(Path("new.h5"))
+    assert [name.rpartition("/")[2] for name in list_part_names(result.rest)] == ["body"]
+    assert result.settings["exclude"] == ["eye_?", "prop"]
+    assert "(--exclude eye_?)" in outcome.err
+    np.testing.assert_allclose(result.rest.vertices, BALL.vertices, atol=1e-6)
+
+
+def test_the_rest_pose_lacks_the_same_parts(run, hero):
+    outcome = run(*EXTRACT, "objs", "--rest", "hero.usdc", "--exclude", "prop")
+    assert outcome.code == 0, outcome.err
+    assert list_part_names(read_result(Path("new.h5")).rest) == ("/hero/body", "/hero/eyes/eye_L")
+
+
+def test_other_parts_are_another_run(run, hero):
+    """Though the files are the same, and the numbers of frames."""
+    assert run(*EXTRACT, "objs::eye_L").code == 0
+    outcome = run(*EXTRACT, "objs::prop", "--resume")
+    assert outcome.code == 1
+    assert "new.h5: is the result of other files" in outcome.err
+    assert run(*EXTRACT, "objs::prop", "--overwrite").code == 0
+    assert list_part_names(read_result(Path("new.h5")).rest) == ("prop",)
+
+
+def test_content_of_other_parts_has_another_digest(hero):
+    digests = {
+        open_sequence(["objs" + member], ClipSettings(exclude=exclude)).content_digest(0)
+        for member, exclude in (("", ()), ("::prop", ()), ("::body", ()), ("", ("prop",)))
+    }
+    assert len(digests) == 4
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("hero.usdc", "--exclude", "hat"), "--exclude hat matches none of its meshes: /hero/body"),
+        (("objs", "--exclude", "*"), "--exclude leaves none of its meshes"),
+        (("hero.npz", "--exclude", "prop"), "holds no parts; remove --exclude prop"),
+        (("frames", "--exclude", "prop"), "has no objects to choose from"),
+        (("objs::hat",), "holds no mesh `hat`; choose one of body, eye_L, prop"),
+        (("objs/*.obj::hat",), "holds no mesh `hat`; choose one of body, eye_L, prop"),
+    ],
+)
+def test_a_choice_that_is_impossible_is_refused(run, hero, words, says):
+    outcome = run(*EXTRACT, *words)
+    assert outcome.code == 1
+    assert says in outcome.err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "check --cage cage.obj hero.usdc",
+        "info hero.usdc",
+        "info objs/hero_0001.obj",
+        "bind --cage cage.obj --rest hero.usdc -o new.h5",
+    ],
+)
+def test_every_command_that_reads_clips_leaves_out(run, hero, words):
+    outcome = run(*words.split(), "--exclude", "eye*", "--exclude", "prop")
+    assert outcome.code == 0, outcome.err
+    assert "18" in outcome.out + outcome.err
+    assert "34" not in outcome.out + outcome.err
+
+
+def test_a_batch_leaves_out_clips_and_parts(run, hero, here):
+    shutil.rmtree("frames")
+    Path("clips/a").mkdir(parents=True)
+    shutil.move("objs", "clips/a/objs")
+    shutil.copytree("clips/a", "clips/b")
+    words = ("batch", "clips", "--cage", "cage.obj", "-o", "out", "--exclude", "b/*")
+    assert run(*words, "--exclude-parts", "prop", "--no-pages").code == 0
+    assert here == ["a/objs"]
+    assert list_part_names(read_result(Path("out/clips/a/objs.h5")).rest) == ("body", "eye_L")
+
+
+def test_a_file_of_options_beside_a_clip_leaves_out_its_parts(run, hero, here):
+    Path("objs/cageik.toml").write_text('exclude = ["prop"]\n')
+    words = ("batch", "objs", "--cage", "cage.obj", "-o", "out", "--no-pages")
+    assert run(*words).code == 0
+    (name,) = here
+    assert list_part_names(read_result(Path(f"out/clips/{name}.h5")).rest) == ("body", "eye_L")
