@@ -63,12 +63,12 @@ def skinned(interpolation):
     random = np.random.default_rng(1)
     file = Built()
     points, faces = make_ribbon(random)
-    joints, binds = add_bones(file, 3)
+    joints, binds = add_bones(file, 6)
     file.add("nodes", {"name": "armature", "scale": [1.5] * 3, "children": [joints[0]]})
     file.add("skins", {"joints": joints, "inverseBindMatrices": binds})
     file.add("skins", {"joints": joints[::-1]})
     weights = random.dirichlet(np.ones(6), len(points))
-    names = np.tile([0, 1, 2, 2, 1, 0], (len(points), 1))
+    names = np.stack([random.permutation(6) for _ in points])
     weights, names = (np.hstack([a, np.zeros((len(a), 2))]) for a in (weights, names))
     one = {"POSITION": file.array(points)}
     for k in (0, 1):
@@ -89,9 +89,9 @@ def skinned(interpolation):
         "bend",
         (1, "rotation", *make_keys(random, 4, interpolation, True), interpolation),
         (2, "translation", *make_keys(random, 3, interpolation), interpolation),
-        (3, "scale", *make_keys(random, 3, interpolation), interpolation),
+        (6, "scale", *make_keys(random, 3, interpolation), interpolation),
     )
-    return file, [4, 5]
+    return file, [7, 8]
 
 
 def morphed(interpolation):

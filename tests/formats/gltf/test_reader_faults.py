@@ -49,7 +49,7 @@ def put(*steps, value=None):
 
 def lose(document):
     """Take the chain of joints from its top, and put its end above its beginning."""
-    document["nodes"][3]["children"] = [4]
+    document["nodes"][6]["children"] = [7]
     document["nodes"][2]["children"] = [0]
 
 
@@ -58,7 +58,7 @@ ATTRIBUTES = ("meshes", 0, "primitives", 0, "attributes")
 SAMPLER = ("animations", 0, "samplers", 0)
 CHANNEL = ("animations", 0, "channels", 0)
 CASES = {
-    "nodes[0].children[0] is 99, expected 0 to 5": put("nodes", 0, "children", value=[99]),
+    "nodes[0].children[0] is 99, expected 0 to 8": put("nodes", 0, "children", value=[99]),
     "nodes[0] is below itself": lose,
     "nodes[1] is below nodes[0] and nodes[5]": put("nodes", 5, "children", value=[1]),
     "nodes[0].rotation is a list of 3, expected 4 numbers": put(
@@ -68,14 +68,14 @@ CASES = {
     "nodes[1] has a matrix, and its rotation is animated": put(
         "nodes", 1, "matrix", value=np.eye(4).ravel().tolist()
     ),
-    "nodes[4].skin is 2, expected 0 to 1": put("nodes", 4, "skin", value=2),
-    "nodes[4].mesh is 2, expected 0 to 1": put("nodes", 4, "mesh", value=2),
-    "nodes[4].name is 7, expected a text": put("nodes", 4, "name", value=7),
-    "the path of nodes[4] has more than 1024 characters": put("nodes", 4, "name", value="n" * 2000),
-    "has 1 weights of 0 morph targets": put("nodes", 4, "weights", value=[1]),
+    "nodes[7].skin is 2, expected 0 to 1": put("nodes", 7, "skin", value=2),
+    "nodes[7].mesh is 2, expected 0 to 1": put("nodes", 7, "mesh", value=2),
+    "nodes[7].name is 3, expected a text": put("nodes", 7, "name", value=3),
+    "the path of nodes[7] has more than 1024 characters": put("nodes", 7, "name", value="n" * 2000),
+    "has 1 weights of 0 morph targets": put("nodes", 7, "weights", value=[1]),
     "skins[0].joints is an empty list": put("skins", 0, "joints", value=[]),
-    "follows joint 2, expected 0 to 1": put("skins", 0, "joints", value=[0, 1]),
-    "3 inverse bind matrices, expected 4": put("skins", 0, "joints", value=[0, 1, 2, 0]),
+    "follows joint 3, expected 0 to 1": put("skins", 0, "joints", value=[0, 1]),
+    "6 inverse bind matrices, expected 7": put("skins", 0, "joints", value=[0] * 7),
     "WEIGHTS_1": put(*ATTRIBUTES, "WEIGHTS_1"),
     "has a skin, and a primitive without JOINTS_0": put(*ATTRIBUTES, "JOINTS_0"),
     "accessors[2] has 99 vertices, expected 18": put("accessors", 2, "count", value=99),
@@ -105,7 +105,7 @@ CASES = {
         *SAMPLER, "interpolation", value="CUBICSPLINE"
     ),
     "channels[0].sampler is 3, expected 0 to 2": put(*CHANNEL, "sampler", value=3),
-    "channels[0].target.node is 6": put(*CHANNEL, "target", "node", value=6),
+    "channels[0].target.node is 9": put(*CHANNEL, "target", "node", value=9),
     "channels[1] moves rotation of nodes[1] a second time": put(
         "animations", 0, "channels", 1, "target", value={"node": 1, "path": "rotation"}
     ),
@@ -171,7 +171,7 @@ NAN, INF = float("nan"), float("inf")
 @pytest.mark.parametrize(
     ("accessor", "values", "says"),
     [
-        ("binds", [NAN], "inverse bind matrices, expected 3 of finite numbers"),
+        ("binds", [NAN], "inverse bind matrices, expected 6 of finite numbers"),
         ("keys", [9.0], "are not ascending times (key 1 is at"),
         ("keys", [NAN], "are not ascending times (they are not all finite)"),
         ("keys", [-9e30], "frames at 24 per second, expected at most 100000; give a lower `fps=`"),
