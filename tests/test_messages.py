@@ -63,8 +63,8 @@ MESSAGES = {
     "unsupported file": (
         ["extract", "cage.fbx", "--cage", "cage.obj"],
         1,
-        "Error: cage.fbx: is a scene of another program; export the mesh from it as USD, "
-        "Alembic or OBJ frames",
+        "Error: cage.fbx: is a scene of another program; bake it to Alembic with the script "
+        "bake_rig.py for Blender (docs/scripts), or export it as glTF, USD or Alembic",
     ),
     "frame of other size": (
         EXTRACT,

@@ -184,7 +184,7 @@ def extract_command(
 
     FRAMES are meshes of one connectivity: files, folders and globs (.obj, .ply, .off, each also
     .gz), in natural order of their names, or one file that contains a clip (.h5, .npz, .npy, .mdd,
-    .pc2, .anime, .usd*, .abc). FILE::CLIP names one of several clips in a file.
+    .pc2, .anime, .usd*, .abc, .glb, .gltf). FILE::CLIP names one of several clips in a file.
 
     \b
     cageik extract frames --fit
@@ -192,6 +192,7 @@ def extract_command(
     cageik extract frames --cage cage.obj --on-bad-frame skip
     cageik extract body.pc2 --rest body.obj --cage cage.obj --resume
     cageik extract shot.usdc::/hero/body --cage cage.obj --frames 0:48
+    cageik extract hero.glb::Run --fit --fps 30
     """  # noqa: D301
     from cageik_cli.cli.output import echo_exceeded_limits, exit_with_code, show_progress
     from cageik_cli.report.overview import Overview, build_clip_entry

@@ -35,8 +35,10 @@ from cageik_cli.util.text import to_unicode
 _UNSUPPORTED_REASONS = {
     ".bvh .c3d .asf .amc": "holds the motion of a skeleton, not a mesh; export the mesh that it "
     "moves, as OBJ frames",
-    ".blend .fbx .ma .max .mb .hip .hipnc .hiplc .bgeo": "is a scene of another program; export "
-    "the mesh from it as USD, Alembic or OBJ frames",
+    ".fbx .blend": "is a scene of another program; bake it to Alembic with the script bake_rig.py "
+    "for Blender (docs/scripts), or export it as glTF, USD or Alembic",
+    ".ma .max .mb .hip .hipnc .hiplc .bgeo": "is a scene of another program; export the meshes "
+    "from it as USD, Alembic or OBJ frames",
 }
 """Why files that look like clips cannot be read, by their suffixes."""
 

@@ -24,6 +24,8 @@ NOT_RUN = [
     ("docs/handles-file.md", "python", "needs Blender"),
     ("docs/recipes.md", "python", "needs Blender"),
     ("docs/reports-and-limits.md", "yaml", "GitHub workflow"),
+    ("docs/rigs.md", "sh", "needs Blender"),
+    ("docs/rigs.md", "sh", "needs Node.js"),
     ("docs/viewing.md", "console", "needs a browser"),
     ("docs/viewing.md", "console", "needs a second machine"),
     ("docs/viewing.md", "console", "serves a page until Ctrl-C"),

@@ -11,7 +11,7 @@ from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 from tests.clips import frames_of
 from tests.refusals import refused
 
-WALKS = ["walk.bvh", "walk.C3D", "walk.fbx", "walk.blend"]
+WALKS = ["walk.bvh", "walk.C3D", "walk.fbx", "walk.mb"]
 NUMBERS = ["frame_1.obj", "frame_2.obj", "frame_10.obj", "frame_11.obj"]
 
 
@@ -108,7 +108,8 @@ def test_a_glob_may_name_folders_as_the_shell_would(frames):
         (["walk.bvh"], "walk.bvh: holds the motion of a skeleton"),
         (["walk.C3D"], "walk.C3D: holds the motion of a skeleton"),
         (["walk.fbx"], "walk.fbx: is a scene of another program"),
-        (["walk.blend"], "as USD, Alembic or OBJ frames"),
+        (["walk.fbx"], "with the script bake_rig.py for Blender"),
+        (["walk.mb"], "as USD, Alembic or OBJ frames"),
         (["frames"], "frame_3.obj: missing between frame_2.obj and frame_10.obj"),
     ],
 )

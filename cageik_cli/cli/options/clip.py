@@ -81,7 +81,11 @@ CLIP_OPTIONS = OptionGroup("clip", ClipSettings, *CLIP_MEMBERS)
 SCENE_OPTIONS = OptionGroup(
     "scene",
     SceneHints,
-    click.option("--fps", type=float, help="Frames per second.  [default: from the source, or 24]"),
+    click.option(
+        "--fps",
+        type=float,
+        help="Frames per second; glTF is sampled at them.  [default: from the source, or 24]",
+    ),
     click.option(
         "--start", type=float, help="Number of the first frame.  [default: from the source, or 1]"
     ),

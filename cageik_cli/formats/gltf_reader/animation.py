@@ -210,7 +210,7 @@ class Animation:
         if path in TRS_WIDTHS and node in self._tree.matrices:
             raise FormatError(
                 f"nodes[{node}] has a matrix, and its {path} is animated, expected translation, "
-                "rotation and scale; import it in Blender and export it again"
+                "rotation and scale; export it again"
             )
         assert self._item is not None
         samplers = self._item.list_items("samplers")

@@ -107,8 +107,8 @@ class Document:
                 raise make_compression_error(name)
             if not _HARMLESS.fullmatch(name):
                 raise FormatError(
-                    f"needs the extension {name[:60]!a}, which cageik does not read; import it in "
-                    "Blender, and export it without, or as a baked .abc"
+                    f"needs the extension {name[:60]!a}, which cageik does not read; export it "
+                    "without, or as USD or Alembic"
                 )
 
     def _read_buffer(self, number: int) -> memoryview:
@@ -158,10 +158,10 @@ class Document:
 
 def make_compression_error(name: str) -> FormatError:
     """Return the error of meshes that an extension has compressed."""
+    others = ", or in Blender" if "draco" in name else ""
     return FormatError(
         f"its meshes are compressed ({name}), which cageik does not unpack; unpack them with "
-        "`gltf-transform cp in.glb out.glb` (npm install -g @gltf-transform/cli), or import it in "
-        "Blender and export it without compression"
+        f"`gltf-transform cp in.glb out.glb` (npm install -g @gltf-transform/cli){others}"
     )
 
 
