@@ -161,7 +161,7 @@ class Writer(UsdWriter):
 
 def define_parts(writer: UsdWriter, animation: Animation, parts: list[Part]) -> list[UsdMesh]:
     """Define a mesh for each part, at its path and with its transform, and what it is below."""
-    from pxr import Gf, Sdf, Usd, UsdGeom
+    from pxr import Sdf, UsdGeom
 
     stage, paths = writer.stage, choose_prim_paths([part.name for part in parts], animation.name)
     writer.root = str(Sdf.Path(paths[0]).GetPrefixes()[0])
@@ -176,13 +176,42 @@ def define_parts(writer: UsdWriter, animation: Animation, parts: list[Part]) -> 
         meshes.append(UsdMesh(stage, path, part.mesh, materials))
         if part.name == animation.guide:
             meshes[-1].prim.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    transforms = {path: part.transform for path, part in zip(paths, parts, strict=True)}
     for mesh, part in zip(meshes, parts, strict=True):
-        above = UsdGeom.Imageable(mesh.prim.GetPrim().GetParent())
-        inverse = above.ComputeLocalToWorldTransform(Usd.TimeCode.Default()).GetInverse()
-        matrix = part.transform @ np.array(inverse)
-        if not np.array_equal(matrix, np.eye(4)):
-            mesh.prim.MakeMatrixXform().Set(Gf.Matrix4d(matrix))
+        _place_part(mesh.prim, part, transforms)
     return meshes
+
+
+def _place_part(mesh: Any, part: Part, transforms: dict[str, Floats]) -> None:
+    """Give a mesh the transform of its part.
+
+    The part of a scene can be laid over the asset that it came from. It leaves the transforms of
+    what it is below, of which the file alone has none, and is no instance. If it is below another
+    part, it is moved by that one, because Blender does not know of meshes that leave a transform.
+
+    Parameters
+    ----------
+    transforms : dict
+        Of all parts, by their paths.
+    """
+    from pxr import Gf, UsdGeom
+
+    *above, own = mesh.GetPath().GetPrefixes()
+    uppers = [k for k, path in enumerate(above) if str(path) in transforms]
+    is_of_scene = part.name.startswith("/")
+    matrix = part.transform
+    if uppers:
+        matrix = matrix @ np.linalg.inv(transforms[str(above[uppers[-1]])])
+    if is_of_scene:
+        stage = mesh.GetPrim().GetStage()
+        for path in (*above[uppers[-1] + 1 :], own) if uppers else ():
+            UsdGeom.Xformable(stage.GetPrimAtPath(path)).ClearXformOpOrder()
+        for path in above:
+            stage.GetPrimAtPath(path).SetInstanceable(False)
+    if not np.array_equal(matrix, np.eye(4)):
+        mesh.MakeMatrixXform().Set(Gf.Matrix4d(matrix))
+    if is_of_scene and not uppers:
+        mesh.SetResetXformStack(True)
 
 
 def choose_prim_paths(names: Sequence[str], root: str) -> list[str]:
