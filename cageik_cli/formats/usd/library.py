@@ -90,6 +90,7 @@ def check_layers(path: Path) -> list[Any]:
         layer = Sdf.Layer.FindOrOpen(waiting.pop())
         if layer is None:
             continue  # USD says why
+        layer.Reload()  # if it is open already, and its file was written again since
         found.append(layer)
         if len(found) > MAX_LAYERS:
             raise FormatError(f"is composed of more than {MAX_LAYERS} layers; export it as one")

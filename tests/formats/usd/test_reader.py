@@ -203,6 +203,20 @@ def test_what_usd_warns_of_is_noted_and_not_printed(scene, tmp_path, capfd):
     assert capfd.readouterr().err == ""
 
 
+def test_a_file_that_was_written_again_is_read_again(tmp_path):
+    """While a clip of what it was is still open: USD keeps layers by their paths."""
+    older = []
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        scene = UsdScene(tmp_path / name, "clip.usdc")
+        scene.mesh(name)
+        scene.close()
+        (tmp_path / "clip.usdc").unlink(missing_ok=True)
+        (tmp_path / name / "clip.usdc").rename(tmp_path / "clip.usdc")
+        older.append(open_sequence([str(tmp_path / "clip.usdc")]))
+    assert [clip.first.attributes.parts.names for clip in older] == [("/first",), ("/second",)]
+
+
 def test_the_digest_is_over_all_files_that_a_stage_is_made_of(tmp_path, scene):
     scene.mesh()
     scene.close()
