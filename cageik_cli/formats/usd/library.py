@@ -87,7 +87,10 @@ def check_layers(path: Path) -> list[Any]:
     _check_nesting(path)
     seen, waiting = {str(path)}, [str(path)]
     while waiting:
-        layer = Sdf.Layer.FindOrOpen(waiting.pop())
+        name = waiting.pop()
+        held, layer = Sdf.Layer.Find(name), Sdf.Layer.FindOrOpen(name)
+        if held is not None and not held.dirty:  # edits of someone else stay
+            held.Reload()  # the file may have changed since another clip opened it
         if layer is None:
             continue  # USD says why
         layer.Reload()  # if it is open already, and its file was written again since

@@ -62,6 +62,18 @@ def test_references_that_multiply_prims_are_refused(scene, monkeypatch):
     assert scene.refused().startswith("its references make more than 14 prims")
 
 
+def test_a_file_that_has_changed_is_read_as_it_is_now(scene):
+    """USD keeps a layer as long as something holds it, such as the clip that was opened before."""
+    scene.mesh()
+    before = scene.opened()
+    text = scene.path.read_text()
+    assert 'def Mesh "mesh"' in text
+    scene.path.write_text(text.replace('def Mesh "mesh"', 'def Mesh "other" {}\ndef Mesh "mesh"'))
+    assert scene.refused().startswith("/other")
+    scene.path.write_text(text)
+    assert len(scene.opened()) == len(before)
+
+
 def test_faces_that_unpack_to_far_more_than_the_file_are_refused(tmp_path):
     scene = UsdScene(tmp_path, "clip.usdc")
     mesh = scene.mesh()
