@@ -51,8 +51,9 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
     click.option(
         "--mesh",
         type=PATH_TYPE,
-        help="Another mesh in the rest cage, or points or Gaussian splats (.ply).  "
-        "[default: the rest model]",
+        multiple=True,
+        help="Another mesh in the rest cage, or points or Gaussian splats (.ply); meshes may be "
+        "repeated, and are parts of what is written.  [default: the rest model]",
     ),
     click.option(
         "--cages",
@@ -69,7 +70,8 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
             type=PATH_TYPE,
             required=True,
             metavar="OUT",
-            help="A file, a folder, or files in a folder, such as mesh/mesh_####.obj.",
+            help="A file, a folder, or files in a folder, such as mesh/mesh_####.obj; {part} in "
+            "the name stands for that of each part.",
         ),
         *output_options,
     ),

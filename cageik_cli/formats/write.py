@@ -17,6 +17,13 @@ from cageik_cli.formats.base.writers import (
     get_positions,
     shift_positions,
 )
+from cageik_cli.formats.part_files import (
+    PLACEHOLDER,
+    list_part_notes,
+    names_parts,
+    open_part_writers,
+    split_output,
+)
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
@@ -221,10 +228,11 @@ def write_animation(
 ) -> ExportSummary:
     """Write all `blocks` of frames, (k, m, 3), in order, and report the notes of the writer."""
     path, done, largest = output.path, 0, 0.0
+    outputs = split_output(output, animation.rest, animation.name)
     if output.recentre:
         animation = animation.recentre()
     origin = np.array(animation.origin)
-    with output.open_writer(animation, make_writer) as writer:
+    with _open_writer(output, outputs, animation, make_writer) as writer:
         while True:
             with progress.stage("export"):
                 block = next(blocks, None)
@@ -242,14 +250,33 @@ def write_animation(
     if output.recentre:
         # What is to be added to every position.
         offset = json.dumps({"offset": animation.origin}) + "\n"
-        write_bytes(output.offset_path, offset.encode(), output.overwrite)
+        for each in outputs:
+            write_bytes(each.offset_path, offset.encode(), output.overwrite)
         progress.note("note", f"{path.name}: moved to the origin, offset in {output.offset_path}")
+    if make_writer is None:
+        for note in list_part_notes(outputs, output, animation):
+            progress.note("note", f"{path.name}: {note}")
     for note in (*writer.notes, *_list_rounding_notes(largest, animation.rest.diagonal)):
         progress.note("note", f"{path.name}: {note}")
-    target = output.target_path
-    files = target.iterdir() if target.is_dir() else [target]
+    targets = [each.target_path for each in outputs]
+    files = [file for one in targets for file in (one.iterdir() if one.is_dir() else [one])]
     size = sum(file.stat().st_size for file in files)
     return ExportSummary(path, done, len(animation.rest.vertices), size)
+
+
+@contextmanager
+def _open_writer(
+    output: Output, outputs: list[Output], animation: Animation, make_writer: WriterFactory | None
+) -> Iterator[AnimationWriter]:
+    """Open the writer of the animation, or one of its parts, which have outputs of their own."""
+    if not names_parts(output.path):
+        with output.open_writer(animation, make_writer) as writer:
+            yield writer
+        return
+    if make_writer is not None:
+        raise OutputError(f"{output.path}: there are no parts to write; leave {PLACEHOLDER} out")
+    with open_part_writers(outputs, animation) as writer:
+        yield writer
 
 
 def _list_rounding_notes(largest: float, diagonal: float) -> list[str]:

@@ -3,6 +3,15 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+RESERVED_NAMES = {
+    "CON",
+    "PRN",
+    "AUX",
+    "NUL",
+    *(f"{port}{k}" for port in ("COM", "LPT") for k in range(10)),
+}
+"""Names that no file may have on Windows, whatever its suffix."""
+
 
 def format_block(headline: str, rows: Iterable[tuple[str, str]]) -> str:
     """Return a headline with labelled lines under it."""
@@ -57,3 +66,10 @@ def format_bytes(count: int) -> str:
     units = ("bytes", "kB", "MB", "GB", "TB")
     step = next(k for k in range(len(units)) if count < 999.5 * 1000**k or k == len(units) - 1)
     return f"{count / 1000**step:.3g} {units[step]}"
+
+
+def make_file_name(name: str) -> str:
+    """Return a name that is safe as a part of a path on all systems."""
+    text = "".join("_" if c in '/\\:*?"<>|' else c for c in single_line(to_unicode(name)))
+    text = text.strip(". ") or "_"
+    return f"_{text}" if text.split(".")[0].upper() in RESERVED_NAMES else text

@@ -14,6 +14,7 @@ from cageik_cli.formats.base.mesh_data import check_vertex_order
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.part_files import split_output
 from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.store.result import read_low_rank, read_rotations
@@ -26,7 +27,7 @@ from cageik_cli.workflows.bind import WeightSettings, bind_cached
 from cageik_cli.workflows.caged_model import CagedModel, CageFrames, Reconstruction
 from cageik_cli.workflows.carry import carry_fit
 from cageik_cli.workflows.export import report_skipped_frames
-from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, load_model, note_on
+from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, load_models, note_on
 from cageik_cli.workflows.rig import check_influences, make_rig
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
@@ -45,8 +46,8 @@ class DeformSettings(CommandSettings):
     ----------
     source : Path
         A result, or a binding, which needs `cages`.
-    mesh : Path, optional
-        Bound to the rest cage; the rest model if absent.
+    mesh : tuple of Path
+        Bound to the rest cage, several as parts of one; the rest model if empty.
     coordinates, accuracy, outside : str, optional
         As in `BindSettings`; those of the source if absent.
     cages : str, optional
@@ -60,7 +61,7 @@ class DeformSettings(CommandSettings):
 
     source: Path = field(metadata=READ)
     output: Output = field(metadata=WRITTEN)
-    mesh: Path | None = field(default=None, metadata=READ)
+    mesh: tuple[Path, ...] = field(default=(), metadata=READ)
     coordinates: str | None = None
     accuracy: str | None = None
     outside: str | None = None
@@ -89,15 +90,18 @@ class _Deformation:
     def run(self) -> ExportSummary:
         """Open the model, the cages and the weights, and write the frames."""
         settings = self._settings
-        given = None if settings.mesh is None else _load_model(settings.mesh, settings)
+        given = _load_models(settings) if settings.mesh else None
         output = settings.output if given is None else given.choose_output(settings.output)
-        check_no_overlap(output.list_paths(), settings.inputs())
-        output.check_writable()
         self._source = CagedModel.read(settings.source)
+        name, model = _make_object_name(settings.mesh), given or self._source.model
+        outputs = split_output(output, model.mesh.mesh, name)
+        check_no_overlap([path for one in outputs for path in one.list_paths()], settings.inputs())
+        for one in outputs:
+            one.check_writable()
         if settings.influences is not None:
             check_influences(self._source.require_result(NO_SOLVE), settings.influences)
         clip = self._open_clip()
-        self._model = given or self._source.model
+        self._model = model
         self._binding = self._load_or_compute_binding()
         if clip is None:
             result = self._source.require_result(NO_CAGES)
@@ -110,7 +114,7 @@ class _Deformation:
             rest=self._binding.rest,
             frame_count=self._cages.count,
             scene=settings.scene.override(scene),
-            name=_make_object_name(settings.mesh),
+            name=name,
             morphs=settings.morphs,
         )
         # One thread per product: the last digits depend on how many.
@@ -119,6 +123,14 @@ class _Deformation:
             frames = self._move_mesh() if factory is None else self._move_points()
             summary = write_animation(output, animation, frames, self._progress, factory)
         return replace(summary, parts=self._model.parts)
+
+    @property
+    def _place(self) -> object:
+        """What messages on the model begin with."""
+        settings = self._settings
+        if len(settings.mesh) > 1:
+            return self._model.name
+        return settings.mesh[0] if settings.mesh else settings.source
 
     def _open_clip(self) -> MeshSequence | None:
         """Open the clip of cages, if one is given, which has the connectivity of the source's."""
@@ -148,7 +160,7 @@ class _Deformation:
             settings.accuracy or held.accuracy,
             settings.outside or held.outside,
         )
-        is_own = settings.mesh is None and bind == held
+        is_own = not settings.mesh and bind == held
         found = source.find_binding() if is_own else None
         if found is not None:
             return found
@@ -156,16 +168,16 @@ class _Deformation:
         weights = WeightSettings(bind, settings.cache, settings.jobs)
         with (
             self._progress.stage("bind"),
-            error_context(settings.mesh or settings.source),
+            error_context(self._place),
             _suggest_moving(),
         ):
             binding = bind_cached(
-                mesh, source.cage, weights, self._progress, is_own_cage=settings.mesh is None
+                mesh, source.cage, weights, self._progress, is_own_cage=not settings.mesh
             ).binding
         note_on(self._progress, self._model.name, *mesh.notes, *binding.notes)
         if source.fit is None:
             return binding
-        if settings.mesh is not None:
+        if settings.mesh:
             return carry_fit(source, binding, weights, self._progress)
         return self._apply_fit(binding, is_own)
 
@@ -195,7 +207,7 @@ class _Deformation:
         oriented = model.find_oriented(self._binding, note)
         if oriented is None:
             return self._move_mesh()
-        with error_context(settings.mesh):
+        with error_context(self._place):
             points = PointReconstruction.prepare(
                 self._binding,
                 oriented,
@@ -245,12 +257,12 @@ class _Deformation:
         return read_rotations(result)
 
 
-def _load_model(path: Path, settings: DeformSettings) -> LoadedModel:
-    """Read the model that is moved instead of the one at rest."""
-    model = load_model(path)
+def _load_models(settings: DeformSettings) -> LoadedModel:
+    """Read the model, or the meshes, that are moved instead of the model at rest."""
+    model = load_models(settings.mesh)
     if model.points is not None and settings.influences is not None:
         raise SettingError(
-            f"{path}: is {model.kind}, and weights of few influences are fitted to a "
+            f"{settings.mesh[0]}: is {model.kind}, and weights of few influences are fitted to a "
             "surface; leave out `influences=`"
         )
     return model
@@ -277,7 +289,7 @@ def _suggest_moving() -> Iterator[None]:
         raise OutsideError(f"{error.placement.describe_outside()}; {remedy}") from error
 
 
-def _make_object_name(mesh: Path | None) -> str:
-    """Return the name of the mesh in letters that all formats accept."""
-    name = re.sub(r"[^A-Za-z0-9_]", "_", mesh.stem) if mesh is not None else "mesh"
+def _make_object_name(meshes: tuple[Path, ...]) -> str:
+    """Return the name of the only mesh in letters that all formats accept."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", meshes[0].stem) if len(meshes) == 1 else "mesh"
     return f"_{name}" if name[0].isdigit() else name

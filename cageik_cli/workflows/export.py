@@ -9,6 +9,7 @@ import numpy as np
 from cageik_cli.formats.base.writers import Animation, name_root, nest_names
 from cageik_cli.formats.gltf_skeleton import MAX_INFLUENCES
 from cageik_cli.formats.gltf_skeleton import SkeletonWriter as GltfSkeletonWriter
+from cageik_cli.formats.part_files import PLACEHOLDER, names_parts, split_output
 from cageik_cli.formats.settings import MorphSettings, SceneHints
 from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.usd.writer import UsdWriter
@@ -17,6 +18,7 @@ from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.util.arrays import count_frames
 from cageik_cli.util.errors import SettingError, join_truncated
+from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.caged_model import CagedModel, Reconstruction
@@ -119,6 +121,10 @@ def _write_with_model(
         rest=join_meshes(meshes, [cage, *names], transforms),
         guide=cage if settings.guide else "",
     )
+    outputs = split_output(settings.output, animation.rest, animation.name)
+    check_no_overlap([path for one in outputs for path in one.list_paths()], settings.inputs())
+    for one in outputs:
+        one.check_writable()
     size = count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
     frames = (np.concatenate([block.cages, block.meshes], axis=1) for block in target.blocks(size))
     with limit_blas_threads(1):  # the last digits of the model depend on it
@@ -169,15 +175,23 @@ def check_export(settings: ExportSettings) -> None:
         raise SettingError(
             f"{path}: `guide=True` works with USD only, expected {', '.join(UsdWriter.suffixes)}"
         )
+    has_parts = names_parts(path)
+    if has_parts and (settings.skeleton or not settings.with_model):
+        what = "a skeleton" if settings.skeleton else "a cage"
+        raise SettingError(
+            f"{path}: {what} has no parts; leave {PLACEHOLDER} out of the name, or write the parts "
+            "of the model by cageik deform"
+        )
     if settings.with_model:
-        if not settings.output.find_writer().keeps_parts:
+        if not (settings.output.find_writer().keeps_parts or has_parts):
             raise SettingError(
                 f"{path}: `with_model=True` works with formats of several meshes, expected .usdc, "
-                ".abc, .glb or .obj"
+                f".abc, .glb or .obj, or a file of each by {PLACEHOLDER} in the name"
             )
         if settings.skeleton and is_gltf:
             raise SettingError(
                 f"{path}: `skeleton=True` with `with_model=True` works with USD only, expected "
                 f"{', '.join(UsdWriter.suffixes)}"
             )
-    settings.output.check_writable()
+    if not has_parts:
+        settings.output.check_writable()

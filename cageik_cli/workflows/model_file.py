@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.coordinates.point_motion import PointMotion
-from cageik_cli.formats.base.files import decompress, describe_source, file_suffix
+from cageik_cli.formats.base.files import decompress, describe_source, file_stem, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.find_files import split_member
+from cageik_cli.formats.part_files import PLACEHOLDER, names_parts
 from cageik_cli.formats.ply import Reader as PlyReader
 from cageik_cli.formats.ply_points import (
     MOVED,
@@ -27,14 +29,17 @@ from cageik_cli.formats.ply_points import (
     place_splats,
     read_splats,
 )
+from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.formats.write import Output, WriterFactory
 from cageik_cli.geometry.oriented import Oriented, Splats
+from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import OutputError, SettingError, error_context
+from cageik_cli.util.errors import OutputError, SettingError, error_context, join_truncated
 from cageik_cli.util.files import read_input
-from cageik_cli.util.progress import ProgressListener, label_note, mark_warning
+from cageik_cli.util.progress import ProgressListener, label_note, locate_note, mark_warning
+from cageik_cli.util.text import to_unicode
 from cageik_cli.util.threads import OrderedMap
 from cageik_cli.workflows.mesh_source import load_source
 
@@ -69,6 +74,11 @@ class LoadedModel:
         """Return the output with the format of points, where it names none."""
         if self.points is None:
             return output
+        if names_parts(output.path):
+            raise OutputError(
+                f"{output.path}: {self.name} is {self.kind}, which has no parts; leave "
+                f"{PLACEHOLDER} out of the name"
+            )
         if not output.has_format:
             output = replace(output, file_format="ply")
         known = POINT_SUFFIXES if self.splats is None else SPLAT_SUFFIXES
@@ -168,6 +178,54 @@ def load_model(path: Path, exclude: Sequence[str] = ()) -> LoadedModel:
         cloud = PointCloud.from_points(points.positions)
         mesh = LoadedMesh(cloud, describe_source(path, data), points.notes, path)
         return LoadedModel(mesh, points, splats)
+
+
+def load_models(paths: Sequence[Path]) -> LoadedModel:
+    """Read a model, or several meshes as the parts of one.
+
+    Raises
+    ------
+    InputError
+        When one of several is points or splats, or they are in other units or axes.
+    """
+    models = [load_model(path) for path in paths]
+    if len(models) == 1:
+        return models[0]
+    for path, model in zip(paths, models, strict=True):
+        if model.points is not None:
+            raise SettingError(
+                f"{path}: is {model.kind}, which cannot be a part of a model; move it by itself"
+            )
+    parts, names = [], []
+    for path, model in zip(paths, models, strict=True):
+        own = split_parts(model.mesh.mesh)
+        parts += own
+        names += [part.name or to_unicode(file_stem(split_member(path)[0])) for part in own]
+    meshes, transforms = [part.mesh for part in parts], [part.transform for part in parts]
+    loaded = [model.mesh for model in models]
+    notes = tuple(locate_note(one.source["name"], note) for one in loaded for note in one.notes)
+    joined = LoadedMesh(
+        join_meshes(meshes, names, transforms),
+        {"name": join_truncated(one.source["name"] for one in loaded)},
+        notes,
+        scene=_share_scene(loaded),
+    )
+    return LoadedModel(joined)
+
+
+def _share_scene(meshes: Sequence[LoadedMesh]) -> SceneHints:
+    """Return the unit and the up axis that files state, which must be the same."""
+    shared = SceneHints()
+    for mesh in meshes:
+        for name in ("up_axis", "metres_per_unit"):
+            own, before = getattr(mesh.scene, name), getattr(shared, name)
+            if own is not None and before not in (None, own):
+                raise SettingError(
+                    f"{mesh.source['name']}: has {mesh.scene.description}, and other meshes "
+                    f"{shared.description}; give meshes of one unit and up axis"
+                )
+            shared = shared if own is None else replace(shared, **{name: own})
+    return shared
 
 
 def note_on(progress: ProgressListener, name: str, *notes: str) -> None:

@@ -33,9 +33,12 @@ class CommandSettings:
 
     def inputs(self) -> list[Path]:
         """Return the files that are read."""
-        files = [
-            split_member(path)[0] for path in self._list_marked(READ) if isinstance(path, Path)
+        named = [
+            path
+            for value in self._list_marked(READ)
+            for path in (value if isinstance(value, tuple) else (value,))
         ]
+        files = [split_member(path)[0] for path in named if isinstance(path, Path)]
         for clip in self._list_marked(READ_CLIP):
             arguments = (clip,) if isinstance(clip, str) else clip
             files += [path for one in arguments for path in list_input_files([one])]

@@ -327,7 +327,7 @@ def test_a_result_whose_settings_are_damaged_is_refused(run, extracted):
     [("my jacket.obj", "my_jacket"), ("9.ply", "_9"), ("é-1.off", "__1"), (None, "mesh")],
 )
 def test_objects_are_called_what_all_formats_take(name, expected):
-    assert deforming._make_object_name(Path(name) if name else None) == expected
+    assert deforming._make_object_name((Path(name),) if name else ()) == expected
 
 
 def test_a_mesh_of_any_kind_is_driven(run, extracted, animation):

@@ -78,7 +78,7 @@ def move(source, mesh="finer.obj", **others):
     """The frames that the cages of a source give to a mesh, and what was noted."""
     notes = Listener()
     settings = DeformSettings(
-        Path(source), Output(Path("out.npz"), overwrite=True), mesh=Path(mesh), **others
+        Path(source), Output(Path("out.npz"), overwrite=True), mesh=(Path(mesh),), **others
     )
     deform(settings, notes)
     with np.load("out.npz") as arrays:

@@ -343,7 +343,7 @@ def test_fitted_weights_are_not_replaced_by_others_in_silence(settings, write_ob
         deform(DeformSettings(bare.path, Output(Path("out"))))
     write_obj(Path("inner.obj"), 0.9 * BINDING.rest.vertices, BINDING.rest.faces)
     notes = Listener()
-    deform(DeformSettings(bare.path, Output(Path("out")), mesh=Path("inner.obj")), notes)
+    deform(DeformSettings(bare.path, Output(Path("out")), mesh=(Path("inner.obj"),)), notes)
     assert any("the fit is not carried" in text for _, text in notes.notes)
 
 

@@ -33,7 +33,7 @@ CASES = {
     "check frames": (CheckSettings(CAGE, ("frames",), REST), [CAGE, REST, *FRAMES], []),
     "deform": (DeformSettings(RESULT, Output(Path("a.npz"))), [RESULT], ["a.npz"]),
     "deform by cages": (
-        DeformSettings(RESULT, Output(Path("a/b_##.obj")), MESH, cages="frames/*.obj"),
+        DeformSettings(RESULT, Output(Path("a/b_##.obj")), (MESH,), cages="frames/*.obj"),
         [RESULT, MESH, *FRAMES],
         ["a"],
     ),

@@ -104,6 +104,9 @@ class AnimationWriter(ABC):
         Whether positions are stored in single precision.
     keeps_parts : bool
         Whether the parts of a model are meshes of their own.
+    is_in_part_space : bool
+        Whether a file of one part has positions in its own space, as it is put onto an object whose
+        transform stays.
     notes : tuple of str
         What a user must know about the output, one sentence each.
     """
@@ -112,6 +115,7 @@ class AnimationWriter(ABC):
     writes_folder: bool = False
     is_single: bool = False
     keeps_parts: bool = False
+    is_in_part_space: bool = False
     notes: tuple[str, ...] = ()
 
     @classmethod  # noqa: B027  # most need no other library
@@ -218,6 +222,7 @@ class PointCacheWriter(AnimationWriter):
     """
 
     is_single = True
+    is_in_part_space = True
     dtype: str
 
     def __init__(self, target: Path, animation: Animation) -> None:

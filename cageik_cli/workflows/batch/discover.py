@@ -13,16 +13,7 @@ from cageik_cli.formats.open import list_members
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
 from cageik_cli.util.errors import FileAccessError, OutputError, SettingError
-from cageik_cli.util.text import single_line, to_unicode
-
-RESERVED_NAMES = {
-    "CON",
-    "PRN",
-    "AUX",
-    "NUL",
-    *(f"{port}{k}" for port in ("COM", "LPT") for k in range(10)),
-}
-"""Names that no file may have on Windows, whatever its suffix."""
+from cageik_cli.util.text import make_file_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +150,7 @@ def _find_clips_in(
     for stem, frames in clips.items():
         name, place = _make_clip_name(folder, root), folder
         if len(clips) > 1:
-            label = _sanitize_name(stem.replace("#", "").strip("._- ")) if stem != "#" else "frames"
+            label = make_file_name(stem.replace("#", "").strip("._- ")) if stem != "#" else "frames"
             name, place = f"{name}/{label}", folder / label
         yield DiscoveredClip(name, folder, place, tuple(map(str, frames)))
     for path in files:
@@ -169,7 +160,7 @@ def _find_clips_in(
         if not members:
             yield DiscoveredClip(name, folder, path, (str(path),))
         for member in members:
-            plain = _sanitize_name(member)
+            plain = make_file_name(member)
             yield DiscoveredClip(f"{name}/{plain}", folder, path / plain, (f"{path}::{member}",))
 
 
@@ -189,11 +180,4 @@ def _clip_file_suffixes() -> list[str]:
 
 def _make_clip_name(path: Path, root: Path) -> str:
     parts = path.relative_to(root).parts or (root.resolve().name or "clip",)
-    return "/".join(_sanitize_name(part) for part in parts)
-
-
-def _sanitize_name(name: str) -> str:
-    """Return a name that is safe as a part of a path on all systems."""
-    text = "".join("_" if c in '/\\:*?"<>|' else c for c in single_line(to_unicode(name)))
-    text = text.strip(". ") or "_"
-    return f"_{text}" if text.split(".")[0].upper() in RESERVED_NAMES else text
+    return "/".join(make_file_name(part) for part in parts)

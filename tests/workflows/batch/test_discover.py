@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.util.errors import FileAccessError, OutputError
-from cageik_cli.workflows.batch.discover import _sanitize_name, discover_clips, walk_folders
+from cageik_cli.util.text import make_file_name
+from cageik_cli.workflows.batch.discover import discover_clips, walk_folders
 
 OUT = Path("out")
 
@@ -118,7 +119,7 @@ def test_every_clip_of_a_file_is_one():
     ],
 )
 def test_names_of_clips_are_safe_paths(name, plain):
-    assert _sanitize_name(name) == plain
+    assert make_file_name(name) == plain
 
 
 def test_results_and_bindings_are_not_clips():
