@@ -92,7 +92,8 @@ class ClosestPoints:
         """Return how the barycentric coordinates of the closest points change with the points.
 
         A closest point in a face moves along the face, one on a side along the side, and one at a
-        corner not at all. The closest point of a point on the surface counts as in its face.
+        corner not at all. The closest point of a point on the surface counts as in its face; one in
+        a face that is too thin to have gradients, as on its longest side.
 
         Parameters
         ----------
@@ -114,7 +115,7 @@ class ClosestPoints:
         found[:, 2] = (aa[:, None] * beside - ab[:, None] * along) / size[:, None]
         found[:, 0] = -found[:, 1] - found[:, 2]
         is_off = (coordinates <= CORNER_TOL) & ~self.is_touching[:, None]
-        is_off[is_thin] |= _mark_corners_across(corners[is_thin])
+        is_off[is_thin] = _mark_corners_across(corners[is_thin])
         on_side = np.flatnonzero(is_off.any(axis=1))
         found[on_side] = _differentiate_on_sides(corners[on_side], ~is_off[on_side])
         return found

@@ -205,3 +205,39 @@ def test_the_compiled_functions_refuse_what_does_not_fit():
     ):
         with pytest.raises(kind, match=says):
             compiled.kernel.winding_numbers(given, vertices, indices, winding)
+
+
+def differences(mesh, points, step):
+    """How barycentric coordinates of the closest points change, by differences, (m, 3, 3)."""
+    everything = np.ones(len(points), bool)
+    pairs = [
+        [
+            closest_points(mesh, places).barycentric_coordinates(everything)
+            for places in (points + s, points - s)
+        ]
+        for s in step * np.eye(3)
+    ]
+    return np.stack([(after - before) / (2 * step) for after, before in pairs], axis=2)
+
+
+def test_coordinates_change_as_their_differences():
+    """Above the face, beyond its sides and corners; with those of the face, the last two fail."""
+    mesh = TriMesh([[0, 0, 0], [2, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    points = np.array([[0.5, 0.3, 0.2], [1, -0.5, 0.1], [3, -0.1, 0]])
+    nearest = closest_points(mesh, points)
+    coordinates = nearest.barycentric_coordinates(np.ones(3, bool))
+    found = nearest.differentiate_coordinates(coordinates)
+    np.testing.assert_allclose(found, differences(mesh, points, 1e-4), rtol=0, atol=1e-9)
+    assert not found[2].any()
+    in_face = nearest.differentiate_coordinates(np.full((3, 3), 1 / 3))
+    assert (abs(in_face - found).max(axis=(1, 2)) > 0.1).tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize("height", [0.0, 1e-12, 1e-200])
+def test_coordinates_in_thin_faces_change_along_their_longest_side(height):
+    mesh = TriMesh([[0, 0, 0], [1, height, 0], [2, 0, 0], [0, 5, 5]], [[0, 1, 2], [0, 0, 0]])
+    nearest = closest_points(mesh, np.array([[0.5, 0, 0.1], [1.5, -0.1, 0.0]]))
+    coordinates = nearest.barycentric_coordinates(np.ones(2, bool))
+    found = nearest.differentiate_coordinates(coordinates)
+    np.testing.assert_allclose(found[:, :, 0], [[-0.5, 0, 0.5]] * 2, rtol=0, atol=1e-9)
+    assert abs(found).max() <= 0.5 + 1e-9
