@@ -87,7 +87,10 @@ class PlyRows:
             raise ValueError("it has no PLY header")
         self.is_text, self.order, self.elements = False, "", list[Element]()
         for line in data[: self.head_size].decode("utf-8", "replace").splitlines():
-            self._read_header_line(line.split())
+            try:
+                self._read_header_line(line.split())
+            except IndexError as error:
+                raise ValueError(f"its header has the incomplete line `{line}`") from error
         self._data, self._offset = data, self.head_size
         lines = data[self.head_size :].splitlines() if self.is_text else []
         self._lines = [line for line in lines if line.strip()]
@@ -120,7 +123,11 @@ class PlyRows:
             lines = self._take_lines(element.count)
             if not lines:
                 return np.empty(0, kind)
-            return np.loadtxt(lines, kind, comments=None, ndmin=1)
+            try:
+                return np.loadtxt(lines, kind, comments=None, ndmin=1)
+            except ValueError as error:
+                _check_lengths(element, lines)
+                raise ValueError(str(error).rstrip(".")) from error
         rows = np.frombuffer(self._data, kind, element.count, self._offset)
         self._offset += rows.nbytes
         return rows
@@ -154,6 +161,8 @@ class PlyRows:
         for line in self._take_lines(element.count):
             words, place = line.split(), 0
             for name, codes in element.type_codes.items():
+                if place >= len(words):
+                    raise ValueError(f"a row of `{element.name}` has {len(words)} numbers, too few")
                 size = int(words[place]) if len(codes) == 2 else 1
                 place += len(codes) - 1
                 if not 0 <= size <= len(words) - place:
@@ -211,6 +220,17 @@ class PlyRows:
             raise ValueError("it is cut short")
         self._offset = offset
         return b"".join(items), np.array(sizes, np.int64)
+
+
+def _check_lengths(element: Element, lines: list[bytes]) -> None:
+    """Refuse rows of a text that have more or fewer numbers than the header says."""
+    expected = len(element.type_codes)
+    for number, line in enumerate(lines):
+        count = len(line.split())
+        if count != expected:
+            raise ValueError(
+                f"row {number} of `{element.name}` has {count} numbers, expected {expected}"
+            )
 
 
 def _look_up(known: dict[str, str], word: str) -> str:

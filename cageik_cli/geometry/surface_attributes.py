@@ -199,14 +199,19 @@ LABEL_NAMES = ("materials", "groups", "objects", "smoothing")
 """The attributes that are labels of faces."""
 
 
-def fan_triangulate(corners: Integers, corner_counts: Integers) -> Integers:
-    """Cut polygons into fans, (f, 3); their `corners` follow one another, `corner_counts` each."""
+def check_corner_counts(corner_counts: Integers) -> None:
+    """Refuse polygons of fewer than three corners."""
     small = np.flatnonzero(corner_counts < 3)
     if len(small):
         raise FormatError(
             f"face {small[0]} has {corner_counts[small[0]]} corners, expected 3 or more; "
             "export it again"
         )
+
+
+def fan_triangulate(corners: Integers, corner_counts: Integers) -> Integers:
+    """Cut polygons into fans, (f, 3); their `corners` follow one another, `corner_counts` each."""
+    check_corner_counts(corner_counts)
     counts = corner_counts - 2
     first = np.repeat(np.cumsum(corner_counts) - corner_counts, counts)
     place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)

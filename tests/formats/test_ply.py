@@ -109,8 +109,12 @@ FAULTS = {
     "text that lacks a face": (text().rpartition(b"\n")[0], "cut short"),
     "text that lacks a corner": (text()[:-5], "list of 5 items"),
     "text of words": (text().replace(b"0.25", b"o.25"), "PLY"),
-    "text with more numbers": (text().replace(b"0.25", b"0.25 7"), "PLY"),
+    "text with more numbers": (
+        text().replace(b"0.25", b"0.25 7"),
+        "of `vertex` has 5 numbers, expected 4",
+    ),
     "text with half a corner": (text().replace(b"1 2 -1", b"1 2.5 -1"), "PLY"),
+    "element without a count": (text().replace(b"face 3", b"face"), "line `element face`"),
     "text of a negative list": (text().replace(b"3 0 1", b"-3 0 1"), "list of -3 items"),
     "cut in the last flag": (ply()[:-1], "PLY"),
     "cut inside the vertices": (ply()[:250], "PLY"),

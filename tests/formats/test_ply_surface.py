@@ -11,6 +11,7 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.ply import Reader
 from cageik_cli.formats.write import write_mesh
 from cageik_cli.geometry.surface_parts import UvMap
+from cageik_cli.util.errors import FormatError
 from tests.assets import asset_text, parse_asset
 from tests.shapes import quad_text
 from tests.surfaces import ASSET, assert_same, change, read_obj
@@ -143,3 +144,14 @@ def test_a_binary_file_cut_behind_its_faces_is_left_as_it_is(tmp_path):
     mesh = Reader.parse(path.read_bytes())
     found = Reader.read_attributes(data, mesh)
     assert "left out" in found.left_out[0]
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_a_face_of_too_few_corners_is_named(tmp_path, encoding):
+    mesh = trimesh.creation.box()
+    data = mesh.export(file_type="ply", encoding=encoding)
+    old, new = (b"\n3 1 3 0", b"\n2 1 3") if encoding == "ascii" else (b"\3\1\0", b"\0\1\0")
+    assert old in data
+    (tmp_path / "box.ply").write_bytes(data.replace(old, new, 1))
+    with pytest.raises(FormatError, match=r"face 0 has . corners, expected 3 or more; export it"):
+        load_mesh(tmp_path / "box.ply")

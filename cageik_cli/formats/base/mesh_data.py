@@ -11,6 +11,7 @@ from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface_attributes import (
     SurfaceAttributes,
+    check_corner_counts,
     fan_triangulate,
     find_folded_triangles,
     number_normal_fans,
@@ -69,6 +70,7 @@ class FileMesh:
         `layers` are what adds each layer to the attributes that were read before, by the name of
         the layer in a note: "its normals".
         """
+        check_corner_counts(self.corner_counts)
         attributes, left_out = SurfaceAttributes(self.corner_counts, self.corners), []
         for noun, read in layers.items():
             try:
