@@ -60,6 +60,7 @@ def load_clip(
     selection: slice | None = None,
     allow_gaps: bool = False,
     exclude: Sequence[str] = (),
+    fps: float | None = None,
 ) -> MeshSequence:
     """Open an animation whose meshes share one connectivity.
 
@@ -79,6 +80,8 @@ def load_clip(
         another; `clip.scene` has the number of the first.
     exclude : sequence of str
         Patterns of the parts that are left out: of their paths, or of names in these.
+    fps : float, optional
+        Frames per second at which glTF is sampled; 24 by default.
 
     Raises
     ------
@@ -97,7 +100,10 @@ def load_clip(
     (1570, 3)
     """
     settings = ClipSettings(
-        selection or slice(None), gaps="close" if allow_gaps else "refuse", exclude=tuple(exclude)
+        selection or slice(None),
+        gaps="close" if allow_gaps else "refuse",
+        exclude=tuple(exclude),
+        fps=fps,
     )
     loaded = None if rest is None else load_rest(Path(rest), settings.exclude)
     clip, _ = open_clip_and_rest(_list_names(frames), settings, loaded, 0)

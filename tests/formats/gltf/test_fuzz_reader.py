@@ -1,6 +1,7 @@
 """Rigs in glTF whose bytes or values were changed: sound frames or a sentence, in bounded memory.
 
-Run as a module, it reads as many of them as are asked for in one process.
+Run as a module, it reads as many of them as are asked for, and says how many were refused and
+taken, the most bytes, and the longest time in seconds.
 """
 
 import json
@@ -112,8 +113,10 @@ def try_many(folder, count):
         tracemalloc.start()
         begin = time.perf_counter()
         try:
-            clip = open_sequence([str(path)], ClipSettings(fps=6))
-            frames = [clip.read_frame(k) for k in {0, len(clip) // 2, len(clip) - 1}]
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                clip = open_sequence([str(path)], ClipSettings(fps=6))
+                frames = [clip.read_frame(k) for k in {0, len(clip) // 2, len(clip) - 1}]
         except InputError as error:
             refused += 1
             place, _, sentence = str(error).partition(": ")
@@ -140,12 +143,9 @@ def test_damage_is_a_sentence_or_harmless(tmp_path):
 
 
 @pytest.mark.slow
-def test_much_damage_in_one_process_is_a_sentence_or_harmless(tmp_path, run_process):
-    outcome = run_process("-m", "tests.formats.gltf.test_fuzz_reader", tmp_path, MANY)
-    assert (outcome.code, outcome.err) == (0, "")
-    check(*map(float, outcome.out.split()))
+def test_much_damage_in_one_process_is_a_sentence_or_harmless(tmp_path):
+    check(*try_many(tmp_path, MANY))
 
 
 if __name__ == "__main__":
-    warnings.simplefilter("error")
     print(*try_many(Path(sys.argv[1]), int(sys.argv[2])))
