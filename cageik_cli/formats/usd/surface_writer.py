@@ -144,13 +144,36 @@ class UsdMaterials:
         Path of the prim that the scope is in.
     taken : list of str
         Paths that the scope must not have.
+    is_over_asset : bool
+        Whether the file may lie over the asset that the parts came from, which knows its materials
+        better.
     """
 
-    def __init__(self, stage: Any, root: str, taken: list[str]) -> None:
-        self._stage, self._path = stage, f"{root}/materials"
+    def __init__(
+        self, stage: Any, root: str, *, taken: list[str], is_over_asset: bool = False
+    ) -> None:
+        self._stage, self._is_over_asset = stage, is_over_asset
+        self._path = f"{root}/cache_materials" if is_over_asset else f"{root}/materials"
         while self._path in taken:
             self._path += "_"
         self._defined: dict[tuple[str, bytes], Any] = {}
+        self._bound_count = 0
+
+    def choose_bound(self, mesh: Any) -> Any:
+        """Return what the materials of a mesh are bound to: the mesh, or a class behind it.
+
+        A mesh that specializes a class has its materials, but those of an asset are stronger.
+        """
+        from pxr import Sdf, UsdGeom
+
+        if not self._is_over_asset:
+            return mesh
+        UsdGeom.Scope.Define(self._stage, self._path)
+        behind = UsdGeom.Mesh.Define(self._stage, f"{self._path}/bound_{self._bound_count}")
+        behind.GetPrim().SetSpecifier(Sdf.SpecifierClass)
+        mesh.GetPrim().GetSpecializes().AddSpecialize(behind.GetPath())
+        self._bound_count += 1
+        return behind
 
     def define(self, names: list[str], colours: list[Floats | None]) -> dict[str, Any]:
         """Define materials, with their colours if those are known, by their names."""
@@ -183,6 +206,7 @@ def _write_materials(prim: Any, attributes: SurfaceAttributes, defined: UsdMater
     bound = dict(labels.list_members())
     rows = [None if colours is None else colours[labels.names.index(name)] for name in bound]
     materials = defined.define(list(bound), rows)
+    prim = defined.choose_bound(prim)
     if len(bound) == 1 and len(bound[labels.names[labels.indices[0]]]) == len(labels.indices):
         UsdShade.MaterialBindingAPI.Apply(prim.GetPrim()).Bind(*materials.values())
         return

@@ -166,7 +166,9 @@ def define_parts(writer: UsdWriter, animation: Animation, parts: list[Part]) -> 
     stage, paths = writer.stage, choose_prim_paths([part.name for part in parts], animation.name)
     writer.root = str(Sdf.Path(paths[0]).GetPrefixes()[0])
     stage.SetDefaultPrim(stage.OverridePrim(writer.root))
-    materials = UsdMaterials(stage, writer.root, taken=paths)
+    # Nothing can be behind a mesh that is above it.
+    is_of_scene = writer.root not in paths and any(part.name.startswith("/") for part in parts)
+    materials = UsdMaterials(stage, writer.root, taken=paths, is_over_asset=is_of_scene)
     meshes = []
     for path, part in zip(paths, parts, strict=True):
         for above in Sdf.Path(path).GetPrefixes()[:-1]:

@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom, UsdSkel
+from pxr import Usd, UsdGeom, UsdShade, UsdSkel
 
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.usd.writer import Writer
+from cageik_cli.geometry.parts import split_parts
 from tests.clips import frames_of
+from tests.formats.clips import faults_of
 from tests.formats.scenes import FRAMES, UsdScene, translation
 from tests.formats.usd.rigs import Rig, transform
 
@@ -111,3 +113,47 @@ def test_what_a_cache_leaves_out_stays_where_it_is(tmp_path):
     stage.GetRootLayer().Save()
     after = frames_of(open_sequence([f"{tmp_path / 'shot.usda'}::/hero/hair"]))
     np.testing.assert_array_equal(after, before)
+
+
+def find_material(stage, path):
+    """The path of the material that is bound to a prim."""
+    binding = UsdShade.MaterialBindingAPI(stage.GetPrimAtPath(path))
+    return str(binding.ComputeBoundMaterial()[0].GetPath())
+
+
+@pytest.mark.parametrize("is_referenced", [False, True])
+def test_an_asset_keeps_its_materials_and_the_cache_alone_has_its_own(tmp_path, is_referenced):
+    """The body has a material, and the hat two for its faces; the asset may be a reference."""
+    scene = UsdScene(tmp_path, "asset.usda")
+    scene.transform([np.eye(4)], "hero")
+    paths = ["/hero/body", "/hero/hat/top", "/hero/hat/brim"]
+    body, hat = (scene.mesh(name, "hero") for name in ("body", "hat"))
+    top, brim = (
+        UsdShade.MaterialBindingAPI.Apply(hat.GetPrim()).CreateMaterialBindSubset(name, faces)
+        for name, faces in (("top", [0, 1, 2]), ("brim", [3, 4, 5, 6, 7]))
+    )
+    for prim, name in ((body, "skin"), (top, "top"), (brim, "brim")):
+        material = UsdShade.Material.Define(scene.stage, f"/hero/looks/{name}")
+        UsdShade.MaterialBindingAPI.Apply(prim.GetPrim()).Bind(material)
+    scene.close()
+    if is_referenced:
+        UsdScene(tmp_path, "shot.usda").close()
+        shot = Usd.Stage.Open(str(tmp_path / "shot.usda"))
+        shot.DefinePrim("/hero").GetReferences().AddReference("asset.usda", "/hero")
+        shot.GetRootLayer().Save()
+        scene.path = tmp_path / "shot.usda"
+    write_cache(scene.path)
+    over = Usd.Stage.CreateNew(str(tmp_path / "over.usda"))
+    over.GetRootLayer().subLayerPaths[:] = ["cache.usdc", scene.path.name]
+    found = [find_material(over, path) for path in paths]
+    assert found == [f"/hero/looks/{name}" for name in ("skin", "top", "brim")]
+    alone = Usd.Stage.Open(str(tmp_path / "cache.usdc"))
+    found = [find_material(alone, path) for path in paths]
+    assert found == [f"/hero/cache_materials/{name}" for name in ("skin", "top", "brim")]
+    again = split_parts(open_sequence([str(tmp_path / "cache.usdc")]).first)
+    first = split_parts(open_sequence([str(scene.path)]).first)
+    for mine, part in zip(again, first, strict=True):
+        look, expected = mine.mesh.attributes.materials, part.mesh.attributes.materials
+        assert look.names == expected.names
+        np.testing.assert_array_equal(look.indices, expected.indices)
+    assert faults_of(tmp_path / "cache.usdc") == []
