@@ -9,11 +9,18 @@ from pathlib import Path
 from natsort import natsort_keygen, ns
 
 from cageik_cli.formats.base.file_numbers import group_numbered_files
-from cageik_cli.formats.base.files import discover_plugins, file_suffix
-from cageik_cli.formats.base.readers import FrameFileReader
+from cageik_cli.formats.base.files import decompress, discover_plugins, file_suffix
+from cageik_cli.formats.base.readers import FrameFileReader, parse_mesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
+from cageik_cli.util.files import read_input
 from cageik_cli.util.text import to_unicode
+
+MAX_COMPARED_MESHES = 16
+"""Meshes of a folder that are compared, to see whether they are frames, at most."""
+
+MAX_SUGGESTED_FOLDERS = 3
+"""Folders that are named in place of one that holds no clip, at most."""
 
 _natural_key = natsort_keygen(key=str, alg=ns.PATH)
 
@@ -87,8 +94,10 @@ def _expand_argument(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
     else:
         raise FileAccessError(f"{argument}: no such file or folder; check the path")
     if not found:
+        below = suggest_series_below(path) if path.is_dir() else ""
         raise FileAccessError(
             f"{argument}: no frame found, expected files of formats {', '.join(suffixes)}"
+            + (f"; {below}" if below else "")
         )
     return found
 
@@ -99,9 +108,7 @@ def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
     If some are a series of numbered meshes, the others are a cage, a rest pose or props; those
     whose names begin as the series does, up to a number, are frames all the same.
     """
-    meshes = [path for path in files if file_suffix(path) in mesh_suffixes()]
-    groups = group_numbered_files(meshes).items()
-    series = {stem.rpartition("#")[0]: group for stem, group in groups if len(group) > 1}
+    series = _find_series(files)
     if not series:
         return files
     begins = re.compile("|".join(map(re.escape, series)))
@@ -114,6 +121,80 @@ def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
             f"quoted glob, such as '{example}'"
         )
     return [path for path in files if _continues_with_number(path.name, begins)]
+
+
+def _find_series(files: list[Path]) -> dict[str, list[Path]]:
+    """Return the series of numbered meshes among files, by the text before their numbers."""
+    meshes = [path for path in files if file_suffix(path) in mesh_suffixes()]
+    groups = group_numbered_files(meshes).items()
+    return {stem.rpartition("#")[0]: group for stem, group in groups if len(group) > 1}
+
+
+def check_folders(arguments: list[str], paths: tuple[Path, ...]) -> None:
+    """Refuse folders whose meshes are not frames of one another, such as a body and its clothes.
+
+    Of a series of numbered meshes, the second and the last are compared with the first, so that
+    one that is damaged does not count; of others up to `MAX_COMPARED_MESHES`.
+
+    Raises
+    ------
+    SettingError
+        Saying what is in the folder and what to name instead.
+    """
+    for folder in map(Path, arguments):
+        inside = [path for path in paths if path.parent == folder] if folder.is_dir() else []
+        if not inside or any(file_suffix(path) not in mesh_suffixes() for path in inside):
+            continue
+        is_series = bool(_find_series(inside))
+        below = "" if is_series else suggest_series_below(folder)
+        others = [inside[1], inside[-1]] if is_series else inside[1:MAX_COMPARED_MESHES]
+        counts = {path: _count_mesh(path) for path in [inside[0], *others]}
+        differing = {path for path in others if counts[path] != counts[inside[0]]}
+        differing -= {path for path, count in counts.items() if count is None}
+        is_clip = not differing or (is_series and len(differing) < 2)
+        if is_clip and not below:
+            continue
+        found = "a mesh" if len(inside) == 1 else f"{len(inside)} meshes"
+        names = join_truncated(map(_describe_mesh, counts, counts.values()), 5)
+        raise SettingError(
+            f"{folder}: holds {found}{'' if is_clip else ' that are no frames of one clip'} "
+            f"({names}); {below or _suggest_mesh(inside[0])}"
+        )
+
+
+def _count_mesh(path: Path) -> tuple[int, int] | None:
+    """Return how many vertices and triangles a mesh file has; None if it cannot be read."""
+    try:
+        reader = find_mesh_readers()[file_suffix(path)]
+        mesh = parse_mesh(reader, decompress(read_input(path), file_suffix(path)))
+    except Exception:  # whatever is in the file: opening the frame says what is wrong
+        return None
+    return len(mesh.vertices), len(mesh.fans)
+
+
+def _describe_mesh(path: Path, counts: tuple[int, int] | None) -> str:
+    name = to_unicode(path.name)
+    return name if counts is None else f"{name} of {counts[0]} vertices"
+
+
+def _suggest_mesh(path: Path) -> str:
+    return (
+        f"name one of them, as in {path}, or export them as one file of several parts (.usdc, "
+        ".abc, or .obj with objects)"
+    )
+
+
+def suggest_series_below(folder: Path) -> str:
+    """Ask whether a folder in this one is meant, which has a series of meshes; nothing if none."""
+    suffixes, found = mesh_suffixes(), []
+    for inside in sort_naturally(path for path in folder.iterdir() if path.is_dir()):
+        if inside.name.startswith(".") or not os.access(inside, os.R_OK | os.X_OK):
+            continue
+        series = _find_series(_list_folder(inside, suffixes))
+        count = max(map(len, series.values()), default=0)
+        if count:
+            found.append(f"{to_unicode(inside)}, {count} meshes")
+    return f"did you mean {' or '.join(found[:MAX_SUGGESTED_FOLDERS])}?" if found else ""
 
 
 def _continues_with_number(name: str, begins: re.Pattern[str]) -> bool:

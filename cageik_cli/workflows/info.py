@@ -30,6 +30,9 @@ from cageik_cli.util.text import format_block, format_count
 from cageik_cli.workflows.mesh_source import holds_caged_model
 from cageik_cli.workflows.model_file import LoadedModel, load_model
 
+MAX_PART_ROWS = 20
+"""Parts of a model that are listed, at most."""
+
 
 def describe_files(
     arguments: list[str], layout: str | None = None, exclude: tuple[str, ...] = ()
@@ -71,6 +74,7 @@ def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list
     settings = asdict(binding.settings)
     return [
         ("model", _format_counts(binding.rest)),
+        *_part_rows(binding.rest),
         ("cage", _format_counts(binding.cage)),
         ("settings", ", ".join(f"{key} {value}" for key, value in settings.items())),
         format_weights_row(quality, binding.has_offsets),
@@ -131,6 +135,7 @@ def _result_rows(result: Result) -> list[tuple[str, str]]:
         ("holds", f"a result of {command} {result.version}"),
         ("frames", f"{len(result.frames)}, {result.frames[0]} to {result.frames[-1]}"),
         ("model", _format_counts(result.rest)),
+        *_part_rows(result.rest),
         ("cage", _format_counts(result.cage)),
         ("scene", _format_scene(result.scene)),
         ("settings", ", ".join(f"{key} {value}" for key, value in result.settings.items())),
@@ -169,9 +174,26 @@ def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
     return [
         ("vertices", str(len(mesh.vertices))),
         ("triangles", f"{len(mesh.faces)}{_format_polygons(mesh)}"),
+        *_part_rows(mesh),
         ("surface", f"{volume}, {components}"),
         _bounds_row(mesh),
     ]
+
+
+def _part_rows(mesh: TriMesh) -> list[tuple[str, str]]:
+    """Return a row of each part of a mesh, up to `MAX_PART_ROWS`; none if it came as one."""
+    parts = mesh.polygons.parts
+    if parts is None:
+        return []
+    triangles = np.concatenate([[0], np.cumsum(mesh.polygons.corner_counts - 2)])
+    rows = []
+    for name, count, polygons in zip(
+        parts.names[:MAX_PART_ROWS], parts.vertex_counts, parts.polygon_slices, strict=False
+    ):
+        faces = triangles[polygons.stop] - triangles[polygons.start]
+        rows.append(("part", f"{name}: {count} vertices, {faces} triangles"))
+    more = len(parts.names) - len(rows)
+    return [*rows, *([("part", f"and {more} more")] if more else [])]
 
 
 def _point_rows(model: LoadedModel, points: PointFile) -> list[tuple[str, str]]:

@@ -117,3 +117,24 @@ def test_a_file_of_options_beside_a_clip_leaves_out_its_parts(run, hero, here):
     assert run(*words).code == 0
     (name,) = here
     assert list_part_names(read_result(Path(f"out/clips/{name}.h5")).rest) == ("body", "eye_L")
+
+
+def test_info_lists_the_parts_of_clips_meshes_results_and_bindings(run, hero):
+    assert run(*EXTRACT, "hero.usdc").code == 0
+    bind = ("bind", "--cage", "cage.obj", "--rest", "hero.usdc", "-o", "binding.h5")
+    assert run(*bind).code == 0
+    for name in ("hero.usdc", "new.h5", "binding.h5"):
+        assert "part           /hero/eyes/eye_L: 8 vertices, 12 triangles" in run("info", name).out
+    for name in ("objs", "objs/hero_0001.obj"):
+        assert "part           eye_L: 8 vertices, 12 triangles" in run("info", name).out
+    assert "part  " not in run("info", "cage.obj").out
+
+
+def test_info_lists_twenty_parts(run, hero):
+    model = join_meshes([box(0.1 * k) for k in range(1, 24)], [f"p{k}" for k in range(23)])
+    moved = Animation(model, 1, Scene(), "many")
+    frames = iter([model.vertices[None]])
+    write_animation(Output(Path("many.usdc")), moved, frames, ProgressListener())
+    rows = [row for row in run("info", "many.usdc").out.splitlines() if row.startswith("  part  ")]
+    assert len(rows) == 21
+    assert rows[-1].endswith("and 3 more")

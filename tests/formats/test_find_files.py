@@ -1,0 +1,69 @@
+"""Folders whose meshes are not frames of one clip are not silently their first mesh."""
+
+from pathlib import Path
+
+import pytest
+
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.util.errors import InputError
+from tests.shapes import ball, box, octahedron
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch, write_obj):
+    """Write meshes below the current folder, by their names."""
+    monkeypatch.chdir(tmp_path)
+
+    def write(**meshes):
+        for name, mesh in meshes.items():
+            path = Path(name.replace("__", "/") + ".obj")
+            write_obj(path, mesh.vertices, mesh.faces)
+
+    return write
+
+
+def refused_folder(name):
+    with pytest.raises(InputError) as caught:
+        open_sequence([name])
+    return str(caught.value)
+
+
+def test_meshes_of_one_character_are_named(place):
+    place(hero__body=ball(1), hero__cap=octahedron(), hero__eye_L=box(), hero__eye_R=box())
+    said = refused_folder("hero")
+    assert said.startswith("hero: holds 4 meshes that are no frames of one clip (body.obj of 18 ")
+    assert "name one of them, as in hero/body.obj, or export them as one file of several" in said
+
+
+def test_a_folder_of_frames_beside_a_cage_and_a_rest_pose_is_suggested(place):
+    place(hero__cage=box(), hero__rest=ball(1))
+    place(**{f"hero__frames__walk_{k}": ball(1) for k in range(5)}, hero__other__a=box())
+    assert refused_folder("hero").endswith("; did you mean hero/frames, 5 meshes?")
+    assert len(open_sequence(["hero/frames"])) == 5
+
+
+@pytest.mark.parametrize("beside", [{}, {"hero__rest": ball(1)}])
+def test_a_folder_of_frames_below_is_suggested(place, beside):
+    place(**beside, **{f"hero__{name}__{k}": ball(1) for name in "ab" for k in range(3)})
+    assert refused_folder("hero").endswith("did you mean hero/a, 3 meshes or hero/b, 3 meshes?")
+
+
+def test_numbered_parts_are_no_frames(place):
+    place(hero__part_1=ball(1), hero__part_2=box(), hero__part_3=octahedron())
+    assert "holds 3 meshes that are no frames of one clip" in refused_folder("hero")
+
+
+def test_frames_without_numbers_and_one_that_is_damaged_are_a_clip(place):
+    place(hero__a=ball(1), hero__b=ball(1))
+    assert len(open_sequence(["hero"])) == 2
+    place(walk__1=ball(1), walk__2=box(), walk__3=ball(1))
+    assert len(open_sequence(["walk"])) == 3
+    Path("walk/3.obj").write_text("f 1 2")
+    assert len(open_sequence(["walk"])) == 3
+    place(one__mesh=ball(1), one__empty__mesh=box())
+    assert len(open_sequence(["one"])) == 1
+
+
+def test_files_that_are_named_are_not_compared(place):
+    place(hero__a=ball(1), hero__b=box())
+    assert len(open_sequence(["hero/a.obj", "hero/b.obj"])) == 2
