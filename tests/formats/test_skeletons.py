@@ -264,6 +264,7 @@ def test_a_stage_is_at_rest_without_its_motion(tmp_path):
     mesh = UsdGeom.Mesh(found.stage.GetPrimAtPath("/hero/mesh"))
     np.testing.assert_array_equal(mesh.GetPointsAttr().Get(), REST.vertices.astype("f4"))
     assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
+    assert not mesh.GetResetXformStack()
 
 
 @pytest.mark.parametrize("weights", ["1", "8", "convex"])

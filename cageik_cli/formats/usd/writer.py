@@ -148,7 +148,7 @@ class Writer(UsdWriter):
         size = sum(count_frame_bytes(part.mesh) for part in self._parts)
         self.open_stage(target, animation, size)
         with capture_diagnostics(OSError):
-            self._meshes = define_parts(self, animation, self._parts)
+            self._meshes = define_parts(self, animation, self._parts, is_cache=True)
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
@@ -159,16 +159,22 @@ class Writer(UsdWriter):
                     mesh.write_positions(part.select(positions), time)
 
 
-def define_parts(writer: UsdWriter, animation: Animation, parts: list[Part]) -> list[UsdMesh]:
-    """Define a mesh for each part, at its path and with its transform, and what it is below."""
+def define_parts(
+    writer: UsdWriter, animation: Animation, parts: list[Part], *, is_cache: bool
+) -> list[UsdMesh]:
+    """Define a mesh for each part, at its path and with its transform, and what it is below.
+
+    Parts of a scene in a cache can be laid over the asset that they came from.
+    """
     from pxr import Sdf, UsdGeom
 
     stage, paths = writer.stage, choose_prim_paths([part.name for part in parts], animation.name)
     writer.root = str(Sdf.Path(paths[0]).GetPrefixes()[0])
     stage.SetDefaultPrim(stage.OverridePrim(writer.root))
+    overlays = [is_cache and part.name.startswith("/") for part in parts]
     # Nothing can be behind a mesh that is above it.
-    is_of_scene = writer.root not in paths and any(part.name.startswith("/") for part in parts)
-    materials = UsdMaterials(stage, writer.root, taken=paths, is_over_asset=is_of_scene)
+    is_over_asset = any(overlays) and writer.root not in paths
+    materials = UsdMaterials(stage, writer.root, taken=paths, is_over_asset=is_over_asset)
     meshes = []
     for path, part in zip(paths, parts, strict=True):
         for above in Sdf.Path(path).GetPrefixes()[:-1]:
@@ -179,16 +185,16 @@ def define_parts(writer: UsdWriter, animation: Animation, parts: list[Part]) -> 
         if part.name == animation.guide:
             meshes[-1].prim.CreatePurposeAttr(UsdGeom.Tokens.guide)
     transforms = {path: part.transform for path, part in zip(paths, parts, strict=True)}
-    for mesh, part in zip(meshes, parts, strict=True):
-        _place_part(mesh.prim, part, transforms)
+    for mesh, part, is_overlay in zip(meshes, parts, overlays, strict=True):
+        _place_part(mesh.prim, part, transforms, is_overlay=is_overlay)
     return meshes
 
 
-def _place_part(mesh: Any, part: Part, transforms: dict[str, Floats]) -> None:
+def _place_part(mesh: Any, part: Part, transforms: dict[str, Floats], *, is_overlay: bool) -> None:
     """Give a mesh the transform of its part.
 
-    The part of a scene can be laid over the asset that it came from. It leaves the transforms of
-    what it is below, of which the file alone has none, and is no instance. If it is below another
+    An overlay can be laid over the asset that it came from. It leaves the transforms of what it is
+    below, of which the file alone has none, and is no instance. If it is below another
     part, it is moved by that one, because Blender does not know of meshes that leave a transform.
 
     Parameters
@@ -200,11 +206,10 @@ def _place_part(mesh: Any, part: Part, transforms: dict[str, Floats]) -> None:
 
     *above, own = mesh.GetPath().GetPrefixes()
     uppers = [k for k, path in enumerate(above) if str(path) in transforms]
-    is_of_scene = part.name.startswith("/")
     matrix = part.transform
     if uppers:
         matrix = matrix @ np.linalg.inv(transforms[str(above[uppers[-1]])])
-    if is_of_scene:
+    if is_overlay:
         stage = mesh.GetPrim().GetStage()
         for path in (*above[uppers[-1] + 1 :], own) if uppers else ():
             UsdGeom.Xformable(stage.GetPrimAtPath(path)).ClearXformOpOrder()
@@ -212,7 +217,7 @@ def _place_part(mesh: Any, part: Part, transforms: dict[str, Floats]) -> None:
             stage.GetPrimAtPath(path).SetInstanceable(False)
     if not np.array_equal(matrix, np.eye(4)):
         mesh.MakeMatrixXform().Set(Gf.Matrix4d(matrix))
-    if is_of_scene and not uppers:
+    if is_overlay and not uppers:
         mesh.SetResetXformStack(True)
 
 
@@ -259,7 +264,7 @@ class SkeletonWriter(UsdWriter):
         joint_bytes = 12 + 16  # a translation and a rotation in single precision
         self.open_stage(target, animation, moving + joint_bytes * len(self._motion.names))
         with capture_diagnostics(OSError):
-            meshes = define_parts(self, animation, parts)
+            meshes = define_parts(self, animation, parts, is_cache=False)
             self._cage_mesh = meshes.pop() if has_cage else None
             self._define_skeleton()
             for mesh, part in zip(meshes, parts, strict=False):
