@@ -203,7 +203,8 @@ def _diagnose_rest(
     if len(placement.outside_indices):
         worst, share = placement.worst_percent, placement.outside_share
         misfit = explain_misfit(placement.cage, rest, worst, share)
-        facts = replace(facts, transform=misfit.transform, inflation=misfit.inflation)
+        name = None if misfit.transform is None else misfit.transform.name
+        facts = replace(facts, transform=name, inflation=misfit.inflation)
         findings.append(placement.find_outside(misfit.remedy))
     else:
         findings += [*find_room_faults(placement.cage, rest), *find_low_clearance(placement)]

@@ -6,7 +6,13 @@ from functools import cached_property
 import numpy as np
 
 from cageik_cli.cages.faults import Finding, format_elements, validate_cage
-from cageik_cli.cages.misfit import MAX_OUTSIDE_SHARE, explain_misfit
+from cageik_cli.cages.misfit import (
+    MAX_OUTSIDE_SHARE,
+    MAX_SIZE_RATIO,
+    Misfit,
+    explain_misfit,
+    find_transform,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.part_names import (
     PartShare,
@@ -28,7 +34,19 @@ TOUCH_TOL = 1e-8
 """A vertex outside by at most this, in diagonals, counts as on the cage."""
 
 
-class OutsideError(CageError):
+class MisfitError(CageError):
+    """A cage does not fit its model.
+
+    Attributes
+    ----------
+    misfit : Misfit, optional
+        Why; unknown once the error has got a context.
+    """
+
+    misfit: Misfit | None = None
+
+
+class OutsideError(MisfitError):
     """Vertices of a model are outside the cage.
 
     Attributes
@@ -153,9 +171,30 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Pl
             f"{len(rest.vertices)}: are they swapped?"
         )
         if isinstance(swapped, OutsideError) and isinstance(error, OutsideError):
-            swapped.placement = error.placement
+            swapped.placement, swapped.misfit = error.placement, error.misfit
         raise swapped from error
     return replace(placement, notes=notes + placement.notes)
+
+
+def refuse_other_unit(cage: TriMesh, rest: TriMesh) -> None:
+    """Refuse a cage that holds its model because it is in a smaller unit.
+
+    Raises
+    ------
+    MisfitError
+    """
+    if cage.diagonal <= MAX_SIZE_RATIO * rest.diagonal:
+        return
+    transform = find_transform(cage, rest)
+    if transform is None or transform.is_fitted:
+        return
+    ratio = cage.diagonal / rest.diagonal
+    error = MisfitError(
+        f"the cage is {transform.name}: it is {ratio:.3g} times as large as the model; export it "
+        "as the model was"
+    )
+    error.misfit, error.is_repairable = Misfit(str(error), transform=transform), True
+    raise error
 
 
 def locate_vertices(cage: TriMesh, rest: TriMesh) -> Placement:
@@ -221,5 +260,6 @@ def _make_outside_error(placement: Placement) -> OutsideError:
     worst, share = placement.worst_percent, placement.outside_share
     misfit = explain_misfit(placement.cage, placement.rest, worst, share)
     error = OutsideError(placement.find_outside(misfit.remedy).sentence)
-    error.placement, error.is_repairable = placement, misfit.is_repairable
+    error.placement, error.misfit = placement, misfit
+    error.is_repairable = misfit.is_repairable
     return error

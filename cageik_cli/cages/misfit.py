@@ -40,8 +40,8 @@ class Misfit:
     ----------
     remedy : str
         What is measured, and what to do.
-    transform : str, optional
-        How the cage differs, as `Transform.name`, if it holds the model without that.
+    transform : Transform, optional
+        How the cage differs, if it holds the model without that.
     inflation : float, optional
         By how much it is too small everywhere, percent of the diagonal, if it holds the model
         then.
@@ -50,7 +50,7 @@ class Misfit:
     """
 
     remedy: str
-    transform: str | None = None
+    transform: Transform | None = None
     inflation: float | None = None
     is_repairable: bool = True
 
@@ -74,7 +74,7 @@ def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> 
         if transform.inflation >= 0.01:
             left = f", and then too small by {round_up(transform.inflation):g} % of the diagonal"
         remedy = f"the cage is {transform.name}{left}: export it as the model was"
-        return Misfit(remedy, transform=transform.name)
+        return Misfit(remedy, transform=transform)
     project = "take the nearest points of the cage with `outside=project`"
     if worst < MAX_NEAR_PERCENT:
         return _explain_small_cage(cage, rest, f", or {project}" * (share <= MAX_OUTSIDE_SHARE))

@@ -9,22 +9,14 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.units import LONG_UNIT_NAMES, find_units_of_ratio, list_unit_ratios
 
-UNIT_LENGTHS = {
-    "metres": 1.0,
-    "centimetres": 0.01,
-    "millimetres": 0.001,
-    "inches": 0.0254,
-    "feet": 0.3048,
-}
-"""Lengths in metres."""
-
-COMMON_SCALES = (0.01, 100, 0.001, 1000, 0.0254, 1 / 0.0254)
-"""Scales between metres and what else programs count in."""
-
-UNIT_SCALES = COMMON_SCALES + tuple(
-    scale for factor in (10, 2.54, 25.4, 0.3048, 30.48, 12) for scale in (factor, 1 / factor)
+COMMON_SCALES = tuple(
+    list_unit_ratios()[pair] for name in ("cm", "mm", "in") for pair in ((name, "m"), ("m", name))
 )
+"""Scales between metres and what else most programs count in."""
+
+UNIT_SCALES = tuple(dict.fromkeys((*COMMON_SCALES, *list_unit_ratios().values())))
 """All scales that have a name: those, and the rare ones between the others."""
 
 UP_CHANGES: dict[tuple[int, ...], str] = {
@@ -32,6 +24,10 @@ UP_CHANGES: dict[tuple[int, ...], str] = {
     (1, 0, 0, 0, 0, -1, 0, 1, 0): "with y up instead of z up",
 }
 """The turns between programs that count heights along y and along z; rows of the matrix."""
+
+
+UP_AXES_OF_TURNS = dict(zip(UP_CHANGES.values(), (("Z", "Y"), ("Y", "Z")), strict=True))
+"""The up axes before and after these turns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,6 +94,17 @@ class Transform:
         moved = TriMesh(self.apply(mesh.vertices), mesh.faces)
         return moved.flip() if self.is_mirror else moved
 
+    def invert(self) -> "Transform":
+        """Return what brings the model to the cage."""
+        rotation, scale = self.rotation.T, 1 / self.scale
+        offset = -scale * rotation @ self.offset
+        return Transform(rotation, scale, offset, self.is_scaled, self.is_moved)
+
+    @property
+    def up_axes(self) -> tuple[str, str] | None:
+        """The up axes of the cage and of the model, if it is turned from one to the other."""
+        return UP_AXES_OF_TURNS.get(_find_up_change(self.rotation))
+
     def describe(self, diagonal: float) -> str:
         """Say how the cage differs from what a model needs, to follow `the cage is`.
 
@@ -115,11 +122,11 @@ class Transform:
 
 
 def _name_unit(scale: float) -> str:
-    for own, length in UNIT_LENGTHS.items():
-        for other, other_length in UNIT_LENGTHS.items():
-            if np.isclose(length / other_length, scale, rtol=1e-9):
-                return f"in {own} instead of {other}"
-    return f"scaled by {1 / scale:.4g}"
+    units = find_units_of_ratio(scale, 1e-9)
+    if units is None:
+        return f"scaled by {1 / scale:.4g}"
+    own, other = (LONG_UNIT_NAMES[name] for name in units)
+    return f"in {own} instead of {other}"
 
 
 def _name_rotation(rotation: Floats) -> str:

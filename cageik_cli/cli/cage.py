@@ -18,7 +18,12 @@ from cageik_cli.cli.options import (
     overwrite_option,
     refuse_options,
 )
-from cageik_cli.cli.options.clip import CLIP_OPTIONS, rest_frame_option, rest_option
+from cageik_cli.cli.options.clip import (
+    CLIP_OPTIONS,
+    make_given_option,
+    rest_frame_option,
+    rest_option,
+)
 from cageik_cli.cli.options.types import PercentType
 
 if TYPE_CHECKING:
@@ -59,7 +64,11 @@ def make_cage_settings(repair: Path | None, **values: Any) -> "CageSettings | Re
     if (model is None) == (rest is None):
         raise click.UsageError("--repair needs the model: give it with --rest, or as MODEL")
     return RepairCageSettings(
-        repair, rest or Path(model), values["output"], overwrite=values["overwrite"]
+        repair,
+        rest or Path(model),
+        values["output"],
+        given_in=values["given_in"],
+        overwrite=values["overwrite"],
     )
 
 
@@ -86,6 +95,7 @@ def make_cage_settings(repair: Path | None, **values: Any) -> "CageSettings | Re
         help="Choose the cage with the smallest error on these frames; may be repeated.",
     ),
     CLIP_OPTIONS,
+    make_given_option("--repair, --for, and --rest of a clip", "the model"),
     overwrite_option,
     jobs_option,
 )

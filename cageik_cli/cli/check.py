@@ -15,7 +15,12 @@ from cageik_cli.cli.options import (
     json_option,
     overwrite_option,
 )
-from cageik_cli.cli.options.clip import CLIP_OPTIONS, rest_frame_option, rest_option
+from cageik_cli.cli.options.clip import (
+    CLIP_OPTIONS,
+    make_given_option,
+    rest_frame_option,
+    rest_option,
+)
 from cageik_cli.cli.options.types import SuffixedPath
 from cageik_cli.cli.output import check_views, list_files, write_or_print
 
@@ -41,6 +46,7 @@ def make_check_settings(**values: Any) -> "CheckSettings":
     rest_option,
     rest_frame_option,
     CLIP_OPTIONS,
+    make_given_option("--cage and --rest", "the clip, or of --rest without one"),
     jobs_option,
 )
 @json_option

@@ -21,7 +21,9 @@ from cageik_cli.cli.options.clip import (
     MORPH_MEMBERS,
     SCENE_OPTIONS,
     check_morph_usage,
+    make_given_option,
     make_morph_settings,
+    to_option,
 )
 from cageik_cli.formats.settings import ClipSettings, MorphSettings
 
@@ -77,6 +79,8 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
     ),
     CLIP_OPTIONS,
     SCENE_OPTIONS,
+    to_option,
+    make_given_option("--mesh and --cages", "RESULT"),
     *make_binding_options(None),
     CACHE_OPTIONS,
     click.option(

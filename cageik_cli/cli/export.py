@@ -11,7 +11,7 @@ from cageik_cli.cli.options import (
     get_verbosity,
     output_options,
 )
-from cageik_cli.cli.options.clip import MORPH_OPTIONS, SCENE_OPTIONS, check_morph_usage
+from cageik_cli.cli.options.clip import MORPH_OPTIONS, SCENE_OPTIONS, check_morph_usage, to_option
 from cageik_cli.formats.settings import MorphSettings
 
 if TYPE_CHECKING:
@@ -48,6 +48,7 @@ def make_export_settings(**values: Any) -> "ExportSettings":
         *output_options,
     ),
     SCENE_OPTIONS,
+    to_option,
     click.option(
         "--skeleton",
         is_flag=True,

@@ -23,7 +23,13 @@ from cageik_cli.cli.options import (
     refuse_options,
     timings_option,
 )
-from cageik_cli.cli.options.clip import CLIP_MEMBERS, SCENE_OPTIONS, rest_frame_option, rest_option
+from cageik_cli.cli.options.clip import (
+    CLIP_MEMBERS,
+    SCENE_OPTIONS,
+    make_given_option,
+    rest_frame_option,
+    rest_option,
+)
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
 from cageik_cli.cli.options.solve import (
     CAPTURE_OPTIONS,
@@ -126,6 +132,7 @@ EXTRACT_OPTIONS = OptionGroup(
     vertex_weights_option,
     CAPTURE_OPTIONS,
     SCENE_OPTIONS,
+    make_given_option("--rest and --cage", "the clip"),
     OptionGroup(
         "keep_weights",
         negate,

@@ -18,6 +18,7 @@ from cageik_cli.cli.options import (
     posed_cage_option,
     refuse_options,
 )
+from cageik_cli.cli.options.clip import make_given_option
 from cageik_cli.cli.output import ProgressBar, show_progress
 from cageik_cli.util.progress import ProgressListener
 
@@ -34,7 +35,7 @@ def make_view_settings(**values: Any) -> "ViewSettings":
 
     target, weight_names = values["target"], sorted(WEIGHT_OPTIONS.option_names)
     if holds_caged_model(target):
-        names = ["cage", "binding", "vertices", *weight_names]
+        names = ["cage", "given_in", "binding", "vertices", *weight_names]
         if is_binding(target):
             _reject(names, "a binding has its cage and weights")
         else:
@@ -65,6 +66,7 @@ def _reject(names: list[str], reason: str) -> None:
         help="The cage around a model, or a result or a binding with it (.h5).  "
         "[default: one is built]",
     ),
+    make_given_option("--cage", "TARGET"),
     click.option("--binding", type=PATH_TYPE, help="The binding file of a model."),
     BUILT_CAGE_OPTIONS,
     click.option("--handles", type=PATH_TYPE, help="A handles file that the page begins with."),

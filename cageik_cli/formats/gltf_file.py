@@ -223,6 +223,7 @@ class GlbWriter(AnimationWriter):
     suffixes = (".glb",)
     is_single = True
     keeps_parts = True
+    states_unit = True
 
     @classmethod
     def require_libraries(cls) -> None:

@@ -6,6 +6,7 @@ from math import isfinite
 from typing import Any, Final, Literal
 
 from cageik_cli.util.errors import InputError, SettingError
+from cageik_cli.util.units import UNIT_LENGTHS, type_unit
 
 UP_AXES = ("Y", "Z")
 
@@ -75,6 +76,12 @@ class SceneHints:
         given = {name: getattr(self, name) for name in self.__slots__}
         return replace(scene, **{name: value for name, value in given.items() if value is not None})
 
+    def over(self, others: "SceneHints") -> "SceneHints":
+        """Return what is given here, and what is not as others give it."""
+        return SceneHints(
+            **{name: _choose(getattr(self, name), getattr(others, name)) for name in self.__slots__}
+        )
+
     def restrict_to_frames(self, frames: range) -> "SceneHints":
         """Return the settings of some frames of the clip, which keep their numbers."""
         whole = self.override(Scene())
@@ -84,6 +91,32 @@ class SceneHints:
         if frames.step != 1:
             chosen = replace(chosen, frame_step=whole.frame_step * frames.step)
         return chosen
+
+    @staticmethod
+    def parse(text: str) -> "SceneHints":
+        """Return the unit and the up axis that a text states, such as `cm` or `m,z`.
+
+        Raises
+        ------
+        SettingError
+        """
+        name, comma, axis = (part.strip() for part in text.partition(","))
+        length = UNIT_LENGTHS.get(name.lower())
+        try:
+            length = float(name) if length is None else length
+            axes = axis.upper() if comma else None
+            return SceneHints(up_axis=axes, metres_per_unit=length)
+        except (ValueError, SettingError):
+            raise SettingError(
+                f"`{text}` is not a unit, or a unit and an up axis, expected "
+                f"{', '.join(UNIT_LENGTHS)} or a number of metres; then perhaps ,y or ,z"
+            ) from None
+
+    @property
+    def typed(self) -> str:
+        """The unit, if there is one, and the up axis as `parse` reads them."""
+        unit = "" if self.metres_per_unit is None else type_unit(self.metres_per_unit)
+        return unit if self.up_axis is None else f"{unit},{self.up_axis.lower()}"
 
     @property
     def description(self) -> str:
@@ -96,6 +129,10 @@ class SceneHints:
             self.metres_per_unit is not None and f"{self.metres_per_unit:g} m per unit",
         )
         return ", ".join(words for words in given if words)
+
+
+def _choose(value: Any, otherwise: Any) -> Any:
+    return otherwise if value is None else value
 
 
 def find_frame_step(start: float, tolerance: float, max_step: int = 10) -> float | None:

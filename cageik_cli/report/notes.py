@@ -17,6 +17,7 @@ from cageik_cli.store.result import Result, read_cages
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import format_count
+from cageik_cli.util.units import LONG_UNIT_NAMES, PROGRAM_UNITS, find_units_of_ratio
 
 MIN_DATA_PER_CAGE_VERTEX = 2
 """Vertices that are data, per cage vertex, below which the error is noted as too small.
@@ -113,22 +114,12 @@ def _note_other_size(result: Result, max_ratio: float = 2.0) -> Iterator[str]:
 
 def _guess_cause(ratio: float, tolerance: float = 0.1) -> str:
     """Name the units whose ratio this is nearly: poses differ in size, too."""
-    unit_ratios = {
-        "centimetres and metres": 100.0,
-        "millimetres and centimetres": 10.0,
-        "millimetres and metres": 1000.0,
-        "inches and centimetres": 2.54,
-        "inches and millimetres": 25.4,
-        "inches and metres": 39.37,
-        "inches and feet": 12.0,
-        "feet and metres": 3.281,
-        "feet and centimetres": 30.48,
-    }
-    factor = max(ratio, 1 / ratio) if ratio > 0 else np.inf
-    for units, known in unit_ratios.items():
-        if abs(factor / known - 1) < tolerance:
-            return f"one is likely in another unit ({units})"
-    return "one is likely in another unit, or of another model"
+    units = find_units_of_ratio(ratio, tolerance)
+    if units is None:
+        return "one is likely in another unit, or of another model"
+    rarer, usual = sorted(units, key=PROGRAM_UNITS.index, reverse=True)
+    names = f"{LONG_UNIT_NAMES[rarer]} and {LONG_UNIT_NAMES[usual]}"
+    return f"one is likely in another unit ({names})"
 
 
 def _note_few_vertices(result: Result) -> Iterator[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.cages.bind import bind
+from cageik_cli.cages.enclosure import refuse_other_unit
 from cageik_cli.cages.faults import validate_cage
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
@@ -14,7 +15,7 @@ from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_vertex_order
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import SolveSettings
@@ -24,7 +25,8 @@ from cageik_cli.store.cache_keys import find_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
-from cageik_cli.util.progress import ProgressListener, mark_warning
+from cageik_cli.util.progress import ProgressListener, label_note, mark_warning
+from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.fit import fit_to_clips
 from cageik_cli.workflows.mesh_source import load_rest, load_source
 from cageik_cli.workflows.rest_pose import load_vertex_weights
@@ -53,6 +55,8 @@ class BindRunSettings(CommandSettings):
 
     Attributes
     ----------
+    given_in : SceneHints
+        Unit and up axis of the cage and the clips, in place of what their files state.
     clips : tuple of str
         Clips that the weights are fitted to, each a folder, a glob or a file; none by default.
     vertex_weights : Path or "area", optional
@@ -66,6 +70,7 @@ class BindRunSettings(CommandSettings):
     output: Path = field(metadata=WRITTEN)
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
+    given_in: SceneHints = field(default_factory=SceneHints)
     clips: tuple[str, ...] = field(default=(), metadata=READ_CLIP)
     fit: FitSettings = field(default_factory=FitSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
@@ -82,14 +87,16 @@ def bind_files(
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):
-        rest, cage = load_rest(settings.rest, settings.exclude), load_source(settings.cage, "cage")
+        rest, given = load_rest(settings.rest, settings.exclude), load_source(settings.cage, "cage")
+        scene = CommonScene(rest.scene, settings.given_in)
+        cage, offer = scene.place(given), partial(scene.offer, source=given.scene)
         for note in rest.notes:
             progress.note("note", f"{rest.source['name']}: {note}")
-    with progress.stage("bind"), suggest_repair(cage, rest):
+    with progress.stage("bind"), suggest_repair(cage, rest, offer):
         stored = bind_cached(rest, cage, settings.weights, progress)
     if settings.clips:
         with progress.stage("fit"):
-            fitted = _fit_to_files(stored.binding, rest, settings, progress)
+            fitted = _fit_to_files(stored.binding, rest, scene, settings, progress)
             stored = replace(stored, binding=fitted)
     with progress.stage("write"):
         write_binding(settings.output, stored, settings.overwrite)
@@ -97,7 +104,11 @@ def bind_files(
 
 
 def _fit_to_files(
-    binding: Binding, rest: LoadedMesh, settings: BindRunSettings, progress: ProgressListener
+    binding: Binding,
+    rest: LoadedMesh,
+    scene: CommonScene,
+    settings: BindRunSettings,
+    progress: ProgressListener,
 ) -> Binding:
     """Fit the weights to the clips of the settings."""
     clips = []
@@ -105,8 +116,11 @@ def _fit_to_files(
         clip = open_sequence([name], ClipSettings(exclude=settings.exclude), rest)
         with error_context(name):
             check_vertex_order(clip.first, rest.mesh.fan_triangulated, "the rest pose")
+            clip = scene.match_clip(
+                clip, name, rest.mesh, beside="those of the rest pose", other="the rest pose"
+            )
         for note in clip.notes:
-            progress.note("note", note)
+            progress.note(*label_note(note))
         clips.append(clip)
     return fit_to_clips(
         binding,
@@ -144,6 +158,7 @@ def bind_cached(
     sources = {"cage": cage.source, "rest": rest.source}
     notes = cage.notes + binding.notes
     if is_own_cage:
+        refuse_other_unit(binding.cage, binding.rest)
         notes += tuple(map(mark_warning, binding.cage_warnings))
     return StoredBinding(replace(binding, notes=notes), sources)
 

@@ -20,7 +20,7 @@ from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.formats.find_files import mesh_suffixes, split_member
 from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.settings import ClipSettings, RestFrame
+from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.views.cage import CageResult
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
@@ -28,8 +28,9 @@ from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import CageError, CageikError, error_context
 from cageik_cli.util.outputs import write_bytes
-from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import count_processors, limit_blas_threads
+from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.mesh_source import holds_caged_model, load_source
 from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
 from cageik_cli.workflows.run_cage import check_cage_output
@@ -56,6 +57,9 @@ class CageSettings(CommandSettings):
         absent.
     animation : tuple of str
         The clip the cage is for; none if empty.
+    given_in : SceneHints
+        Unit and up axis of the rest pose of a clip, and of the animation, in place of what they
+        state.
     """
 
     model: str = field(metadata=READ_CLIP)
@@ -65,6 +69,7 @@ class CageSettings(CommandSettings):
     rest_frame: RestFrame | None = None
     animation: tuple[str, ...] = field(default=(), metadata=READ_CLIP)
     clip: ClipSettings = field(default_factory=lambda: ClipSettings(gaps="close"))
+    given_in: SceneHints = field(default_factory=SceneHints)
     overwrite: bool = False
     jobs: int = 1
 
@@ -74,8 +79,9 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     progress = progress or ProgressListener()
     check_cage_output(settings.output, settings.overwrite)
     with progress.stage("open"):
-        model, rest_frame = _open_model(settings)
-        clip = _read_animation(settings, model)
+        scene = CommonScene(given_in=settings.given_in)
+        model, rest_frame = _open_model(settings, scene)
+        clip = _read_animation(settings, model, scene, progress)
     with progress.stage("cage"), error_context(model.source["name"]):
         built = cage_builder.build_cage(model.mesh, settings.build, clip, progress.update)
     with progress.stage("write"):
@@ -85,19 +91,23 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     return CageResult(settings.output, source, model, settings.build, built, rest_frame)
 
 
-def _open_model(settings: CageSettings) -> tuple[LoadedMesh, int | None]:
+def _open_model(settings: CageSettings, scene: CommonScene) -> tuple[LoadedMesh, int | None]:
     """Read the model: a mesh, or the rest pose of a clip and its number."""
     file, _ = split_member(settings.model)
     is_one_mesh = settings.rest is None and settings.rest_frame is None and file.is_file()
     if is_one_mesh and (file_suffix(file) in mesh_suffixes() or holds_caged_model(file)):
-        return load_source(Path(settings.model), exclude=settings.clip.exclude), None
+        model = load_source(Path(settings.model), exclude=settings.clip.exclude)
+        scene.state(model.scene)
+        return model, None
     _, rest, index = open_clip_and_choose_rest(
-        (settings.model,), settings.clip, settings.rest, settings.rest_frame or 0
+        (settings.model,), settings.clip, settings.rest, settings.rest_frame or 0, scene
     )
     return rest, index
 
 
-def _read_animation(settings: CageSettings, model: LoadedMesh) -> Clip | None:
+def _read_animation(
+    settings: CageSettings, model: LoadedMesh, scene: CommonScene, progress: ProgressListener
+) -> Clip | None:
     """Read some frames of the animation, if there is one."""
     if not settings.animation:
         return None
@@ -105,6 +115,13 @@ def _read_animation(settings: CageSettings, model: LoadedMesh) -> Clip | None:
     with error_context(model.source["name"]):
         fans, expected = model.mesh.fan_triangulated, sequence.first.fan_triangulated
         check_connectivity(len(fans.vertices), fans.faces, expected, "the first frame")
+    name = " ".join(settings.animation)
+    with error_context(name):
+        sequence = scene.match_clip(
+            sequence, name, model.mesh, beside="those of the model", other="the model"
+        )
+    for note in sequence.notes:
+        progress.note(*label_note(note))
     held = [k for k in range(len(sequence)) if k not in sequence.missing]
     return make_measured_clip(
         model.mesh, len(held), lambda k: sequence.read_frame(held[k]), settings.jobs
@@ -195,6 +212,7 @@ class RepairCageSettings(CommandSettings):
     model: Path = field(metadata=READ)
     output: Path = field(metadata=WRITTEN)
     repair: RepairSettings = field(default_factory=RepairSettings)
+    given_in: SceneHints = field(default_factory=SceneHints)
     overwrite: bool = False
 
 
@@ -219,7 +237,9 @@ def repair_cage_file(
     progress = progress or ProgressListener()
     check_cage_output(settings.output, settings.overwrite)
     with progress.stage("open"):
-        cage, model = load_source(settings.cage, "cage"), load_source(settings.model)
+        model, scene = load_source(settings.model), CommonScene(given_in=settings.given_in)
+        scene.state(model.scene)
+        cage = scene.place(load_source(settings.cage, "cage"))
     with progress.stage("repair"), error_context(settings.cage):
         attributes = cage.mesh.attributes
         counts = None if attributes is None else attributes.corner_counts

@@ -3,19 +3,22 @@
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cages.transforms import Transform
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.find_files import split_member
-from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.scene_conversion import SceneConversion
+from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.alignment import best_rotations
 from cageik_cli.solver.fitting.record import FitRecord
@@ -28,6 +31,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import OrderedMap
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.carry import carry_fit
+from cageik_cli.workflows.common_scene import UNSTATED, CommonScene
 from cageik_cli.workflows.mesh_source import holds_caged_model, load_source
 from cageik_cli.workflows.model_file import LoadedModel, load_model, note_on
 from cageik_cli.workflows.run_cage import build_cached, suggest_repair
@@ -49,6 +53,8 @@ class CagedModel:
         With the weights, of a binding file.
     source : CagedModel, optional
         The result or the binding that the cage is of, whose fit is carried to this model.
+    offer : callable, optional
+        Returns the options in place of a transform of the cage, see `CommonScene.offer`.
     """
 
     path: Path
@@ -57,27 +63,35 @@ class CagedModel:
     result: Result | None = None
     stored: StoredBinding | None = None
     source: "CagedModel | None" = None
+    offer: Callable[[Transform | None], str] | None = None
 
     @staticmethod
     def open(
         path: Path,
         cage: Path | None = None,
         binding: Path | None = None,
+        given_in: SceneHints = UNSTATED,
         load: Callable[[Path], LoadedModel] = load_model,
     ) -> "CagedModel":
         """Open a result or a binding; or a model, with its cage or a binding of it, if given.
 
-        A cage may be that of a result or a binding, whose fit is then carried to the model.
+        A cage may be that of a result or a binding, whose fit is then carried to the model. It is
+        brought into the scene of the model; `given_in` is what it is in, if not what its file
+        states.
         """
         if holds_caged_model(path):
             return CagedModel.read(path)
-        model = load(path)
+        model, loaded, offer = load(path), None, None
         source = None if cage is None else CagedModel._find_source(cage)
-        loaded = source.cage if source else None if cage is None else load_source(cage, "cage")
+        if cage is not None:
+            given = load_source(cage, "cage") if source is None else source.cage
+            assert given is not None
+            scene = CommonScene(model.mesh.scene, given_in)
+            loaded, offer = scene.place(given), partial(scene.offer, source=given.scene)
         if binding is None:
-            return CagedModel(path, model, loaded, source=source)
+            return CagedModel(path, model, loaded, source=source, offer=offer)
         stored = load_matching_binding(binding, model.mesh, loaded)
-        return CagedModel(path, model, loaded, stored=stored)
+        return CagedModel(path, model, loaded, stored=stored, offer=offer)
 
     @staticmethod
     def _find_source(cage: Path) -> "CagedModel | None":
@@ -108,6 +122,14 @@ class CagedModel:
     def scene(self) -> Scene:
         """The time and space of its clip; the usual ones if there is none."""
         return Scene() if self.result is None else self.result.scene
+
+    @property
+    def hints(self) -> SceneHints:
+        """Unit and up axis, if they are known: of a result."""
+        if self.result is None:
+            return UNSTATED
+        scene = self.result.scene
+        return SceneHints(up_axis=scene.up_axis, metres_per_unit=scene.metres_per_unit)
 
     def require_result(self, need: str) -> Result:
         """Return the result.
@@ -176,7 +198,7 @@ class CagedModel:
             return self.stored.binding
         rest, cage = self.model.mesh, self.cage
         assert cage is not None
-        with progress.stage("bind"), suggest_repair(cage, rest):
+        with progress.stage("bind"), suggest_repair(cage, rest, self.offer):
             binding = bind_cached(rest, cage, weights, progress).binding
         note_on(progress, self.model.name, *rest.notes)
         note_on(progress, cage.source["name"], *binding.notes)
@@ -237,6 +259,17 @@ class CageFrames:
             known=np.setdiff1d(np.arange(count), result.gaps),
             read=lambda frame: next(read_cages(result, 1, frame))[0],
             blocks=lambda size: read_cages(result, size),
+        )
+
+    def convert(self, conversion: SceneConversion) -> "CageFrames":
+        """Return the cages in another scene."""
+        if not conversion:
+            return self
+        return CageFrames(
+            count=self.count,
+            known=self.known,
+            read=lambda frame: conversion.apply(self.read(frame)),
+            blocks=lambda size: map(conversion.apply, self.blocks(size)),
         )
 
     @staticmethod

@@ -4,8 +4,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cageik_cli.cages.diagnosis import diagnose
-from cageik_cli.formats.settings import ClipSettings, RestFrame
+from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.report.views.cage import CheckResult
+from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.mesh_source import load_rest, load_source
 from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
 from cageik_cli.workflows.run_cage import format_repair_command
@@ -24,25 +25,30 @@ class CheckSettings(CommandSettings):
         The rest pose; a frame of the clip if absent, or none without a clip.
     rest_frame : int or "auto"
         Which frame then, from 0; or the one in which the least of the surface touches.
+    given_in : SceneHints
+        Unit and up axis of the cage, and of the rest pose of a clip, in place of what they state.
     """
 
     cage: Path = field(metadata=READ)
     frames: tuple[str, ...] = field(default=(), metadata=READ_CLIP)
     rest: Path | None = field(default=None, metadata=READ)
     rest_frame: RestFrame = 0
+    given_in: SceneHints = field(default_factory=SceneHints)
     jobs: int = 1
     clip: ClipSettings = field(default_factory=lambda: ClipSettings(gaps="close"))
 
 
 def check_cage(settings: CheckSettings) -> CheckResult:
     """Read the cage and the rest pose, if there is one, and diagnose them."""
-    cage, rest = load_source(settings.cage, "cage"), None
+    scene, rest = CommonScene(given_in=settings.given_in), None
     if settings.frames:
         _, rest, _ = open_clip_and_choose_rest(
-            settings.frames, settings.clip, settings.rest, settings.rest_frame
+            settings.frames, settings.clip, settings.rest, settings.rest_frame, scene
         )
     elif settings.rest is not None:
         rest = load_rest(settings.rest, settings.clip.exclude)
+        scene.state(rest.scene)
+    cage = scene.place(load_source(settings.cage, "cage"))
     diagnosis = diagnose(cage.mesh, rest.mesh if rest is not None else None, settings.jobs)
     command = None
     if diagnosis.is_repairable:

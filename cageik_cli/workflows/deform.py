@@ -15,18 +15,21 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.part_files import split_output
+from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.result import read_low_rank, read_rotations
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, count_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.outputs import check_no_overlap
-from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
 from cageik_cli.workflows.caged_model import CagedModel, CageFrames, Reconstruction
 from cageik_cli.workflows.carry import carry_fit
-from cageik_cli.workflows.export import report_skipped_frames
+from cageik_cli.workflows.common_scene import UNSTATED, CommonScene
+from cageik_cli.workflows.export import report_skipped_frames, write_converted
 from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, load_models, note_on
 from cageik_cli.workflows.rig import check_influences, make_rig
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
@@ -52,6 +55,12 @@ class DeformSettings(CommandSettings):
         As in `BindSettings`; those of the source if absent.
     cages : str, optional
         A clip of cages to use instead of those of the result.
+    scene : SceneHints
+        What the numbers of the source are in, where that is not what it says.
+    to : SceneHints
+        Unit and up axis to which what is written is converted.
+    given_in : SceneHints
+        Unit and up axis of `mesh` and `cages`, in place of what their files state.
     influences : int, optional
         Cage vertices that move each vertex, at most, with weights that are fitted again to the
         motion of the mesh; the weights that it has if absent.
@@ -68,6 +77,8 @@ class DeformSettings(CommandSettings):
     cages: str | None = field(default=None, metadata=READ_CLIP)
     clip: ClipSettings = field(default_factory=ClipSettings)
     scene: SceneHints = field(default_factory=SceneHints)
+    to: SceneHints = field(default_factory=SceneHints)
+    given_in: SceneHints = field(default_factory=SceneHints)
     cache: Path | None = None
     memory: int = DEFAULT_MEMORY
     jobs: int = 1
@@ -86,13 +97,17 @@ class _Deformation:
 
     def __init__(self, settings: DeformSettings, progress: ProgressListener) -> None:
         self._settings, self._progress = settings, progress
+        self._mesh_scene = UNSTATED
 
     def run(self) -> ExportSummary:
         """Open the model, the cages and the weights, and write the frames."""
         settings = self._settings
-        given = _load_models(settings) if settings.mesh else None
-        output = settings.output if given is None else given.choose_output(settings.output)
         self._source = CagedModel.read(settings.source)
+        self._common = CommonScene(
+            settings.scene.over(self._source.hints), settings.given_in, can_restate=True
+        )
+        given = self._load_models() if settings.mesh else None
+        output = settings.output if given is None else given.choose_output(settings.output)
         name, model = _make_object_name(settings.mesh), given or self._source.model
         outputs = split_output(output, model.mesh.mesh, name)
         check_no_overlap([path for one in outputs for path in one.list_paths()], settings.inputs())
@@ -109,7 +124,7 @@ class _Deformation:
             self._cages, scene = CageFrames.from_result(result), result.scene
         else:
             self._cages = CageFrames.from_clip(clip, settings.jobs)
-            scene = clip.scene.override(self._source.scene)
+            scene = self._common.hints.override(clip.scene.override(self._source.scene))
         animation = Animation(
             rest=self._binding.rest,
             frame_count=self._cages.count,
@@ -117,12 +132,51 @@ class _Deformation:
             name=name,
             morphs=settings.morphs,
         )
+        return replace(self._write(output, animation), parts=self._model.parts)
+
+    def _write(self, output: Output, animation: Animation) -> ExportSummary:
+        """Write the frames, in the unit and with the up axis that are asked for."""
+        factory, progress = self._model.choose_writer(output), self._progress
+        conversion = SceneConversion.of_output(animation.scene, self._settings.to)
         # One thread per product: the last digits depend on how many.
         with limit_blas_threads(1):
-            factory = self._model.choose_writer(output)
-            frames = self._move_mesh() if factory is None else self._move_points()
-            summary = write_animation(output, animation, frames, self._progress, factory)
-        return replace(summary, parts=self._model.parts)
+            if factory is None:
+                to, frames = self._settings.to, self._move_mesh()
+                return write_converted(output, to, animation, frames, progress)
+            if conversion and self._binding.has_offsets:
+                raise SettingError(
+                    f"{self._model.name}: is {self._model.kind} with weights of few influences, "
+                    "which cannot be converted; leave out `to=`"
+                )
+            # Cages that are converted turn and scale what moves with the points, too.
+            self._cages = self._cages.convert(conversion)
+            if conversion:
+                progress.note("note", f"{output.path.name}: {conversion.note}")
+            animation = conversion.convert_animation(animation)
+            frames = self._move_points(conversion)
+            return write_animation(output, animation, frames, progress, factory)
+
+    def _load_models(self) -> LoadedModel:
+        """Read the model, or the meshes, that are moved instead of the model at rest."""
+        settings = self._settings
+        model = load_models(settings.mesh, self._bring)
+        if model.points is not None and settings.influences is not None:
+            raise SettingError(
+                f"{settings.mesh[0]}: is {model.kind}, and weights of few influences are fitted to "
+                "a surface; leave out `influences=`"
+            )
+        return model
+
+    def _bring(self, given: LoadedModel) -> LoadedModel:
+        """Bring a mesh that is moved into the scene of the source."""
+        self._mesh_scene = given.mesh.scene
+        placed = self._common.place(given.mesh)
+        if given.points is None or placed is given.mesh:
+            return replace(given, mesh=placed)
+        raise SettingError(
+            f"{given.name}: is {given.kind}, which cannot be converted; leave out `given_in=`, "
+            "and export it as the result was"
+        )
 
     @property
     def _place(self) -> object:
@@ -143,13 +197,27 @@ class _Deformation:
         clip = open_sequence([settings.cages], sampled, source.cage)
         with error_context(settings.cages):
             check_vertex_order(clip.first, source.cage.mesh, source.cage_name)
+            clip = self._match_cages(clip, source.cage.mesh)
         for note in clip.notes:
-            progress.note("note", note)
+            progress.note(*label_note(note))
         if clip.missing:
             names = join_truncated((clip.names[k] for k in sorted(clip.missing)), 5)
             missing = f"{len(clip.missing)} cages are missing ({names}) and interpolated"
             progress.note("note", missing)
         return clip
+
+    def _match_cages(self, clip: MeshSequence, cage: TriMesh) -> MeshSequence:
+        """Bring cages into the scene of the source, or refuse them."""
+        result, name = self._source.result, Path(str(self._settings.cages)).name
+        is_edit = result is not None and len(result.frames) == len(clip)
+        return self._common.match_clip(
+            clip,
+            name,
+            cage,
+            beside="those of the rest cage" if not is_edit else "those of the result's cages",
+            other="the binding" if result is None else "the result",
+            read_expected=CageFrames.from_result(result).read if result and is_edit else None,
+        )
 
     def _load_or_compute_binding(self) -> Binding:
         """Return the weights of the source if they fit the settings; else bind the mesh."""
@@ -169,11 +237,15 @@ class _Deformation:
         with (
             self._progress.stage("bind"),
             error_context(self._place),
-            _suggest_moving(),
+            self._suggest_moving(),
         ):
             binding = bind_cached(
                 mesh, source.cage, weights, self._progress, is_own_cage=not settings.mesh
             ).binding
+            if settings.mesh and not binding.projected:
+                self._common.check_small_mesh(
+                    mesh, self._mesh_scene, source.cage.mesh, source.model.mesh.mesh
+                )
         note_on(self._progress, self._model.name, *mesh.notes, *binding.notes)
         if source.fit is None:
             return binding
@@ -200,12 +272,36 @@ class _Deformation:
         )
         return binding
 
-    def _move_points(self) -> Iterator[Any]:
+    @contextmanager
+    def _suggest_moving(self) -> Iterator[None]:
+        """Say what to do with a mesh that is outside the cage, which is not made for it."""
+        try:
+            yield
+        except OutsideError as error:
+            placement, misfit = error.placement, error.misfit
+            if placement is None or misfit is None:
+                raise
+            remedy = "move it into the rest cage"
+            if not placement.is_misplaced:
+                remedy += ", or take the nearest points of the cage with `outside=project`"
+            transform = misfit.transform
+            if transform is not None and not transform.is_scaled and self._settings.mesh:
+                remedy = "it " + self._common.explain_mesh(
+                    transform.invert(), self._mesh_scene, self._model.mesh.mesh.diagonal
+                )
+            raise OutsideError(f"{placement.describe_outside()}; {remedy}") from error
+
+    def _move_points(self, conversion: SceneConversion) -> Iterator[Any]:
         """Return rows of the points of the model, in blocks of frames."""
         settings, model = self._settings, self._model
         note = model.note(self._progress)
         oriented = model.find_oriented(self._binding, note)
         if oriented is None:
+            if conversion.turns and model.points is not None and model.points.normals is not None:
+                raise SettingError(
+                    f"{model.name}: has normals, which these weights cannot turn to another up "
+                    "axis; use `coordinates=harmonic`, or leave out `to=`"
+                )
             return self._move_mesh()
         with error_context(self._place):
             points = PointReconstruction.prepare(
@@ -257,36 +353,11 @@ class _Deformation:
         return read_rotations(result)
 
 
-def _load_models(settings: DeformSettings) -> LoadedModel:
-    """Read the model, or the meshes, that are moved instead of the model at rest."""
-    model = load_models(settings.mesh)
-    if model.points is not None and settings.influences is not None:
-        raise SettingError(
-            f"{settings.mesh[0]}: is {model.kind}, and weights of few influences are fitted to a "
-            "surface; leave out `influences=`"
-        )
-    return model
-
-
 def choose_block_size(memory: int, vertices: int) -> int:
     """Return how many frames, in whole groups, fit into `memory` bytes; one group at least."""
     # Four arrays (m, 3) per frame at once: in the two blocks, moved to the origin, in the writer.
     groups = count_frames(memory, vertices * FRAMES_PER_PRODUCT, 4)
     return FRAMES_PER_PRODUCT * min(groups, MAX_DEFORM_FRAMES // FRAMES_PER_PRODUCT)
-
-
-@contextmanager
-def _suggest_moving() -> Iterator[None]:
-    """Say what to do with a mesh that is outside the cage, which is not made for it."""
-    try:
-        yield
-    except OutsideError as error:
-        if error.placement is None:
-            raise
-        remedy = "move it into the rest cage"
-        if not error.placement.is_misplaced:
-            remedy += ", or take the nearest points of the cage with `outside=project`"
-        raise OutsideError(f"{error.placement.describe_outside()}; {remedy}") from error
 
 
 def _make_object_name(meshes: tuple[Path, ...]) -> str:

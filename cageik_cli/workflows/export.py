@@ -1,5 +1,6 @@
 """Export the cages of a result in another format."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -10,13 +11,14 @@ from cageik_cli.formats.base.writers import Animation, name_root, nest_names
 from cageik_cli.formats.gltf_skeleton import MAX_INFLUENCES
 from cageik_cli.formats.gltf_skeleton import SkeletonWriter as GltfSkeletonWriter
 from cageik_cli.formats.part_files import PLACEHOLDER, names_parts, split_output
+from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import MorphSettings, SceneHints
 from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.usd.writer import UsdWriter
 from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.store.result import Result, read_cages, read_result
-from cageik_cli.util.arrays import count_frames
+from cageik_cli.util.arrays import Floats, count_frames
 from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
@@ -35,6 +37,10 @@ class ExportSettings(CommandSettings):
 
     Attributes
     ----------
+    scene : SceneHints
+        What the numbers of the result are in, where that is not what it says.
+    to : SceneHints
+        Unit and up axis to which what is written is converted.
     skeleton : bool
         Write the rest pose with the weights as skin weights, and one joint per cage vertex.
     influences : int, optional
@@ -53,6 +59,7 @@ class ExportSettings(CommandSettings):
     result: Path = field(metadata=READ)
     output: Output = field(metadata=WRITTEN)
     scene: SceneHints = field(default_factory=SceneHints)
+    to: SceneHints = field(default_factory=SceneHints)
     skeleton: bool = False
     influences: int | None = None
     compares: bool = False
@@ -79,7 +86,28 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
     if settings.with_model:
         return _write_with_model(settings, result, animation, progress)
     blocks = read_cages(result, count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices)))
-    return write_animation(settings.output, animation, blocks, progress)
+    return write_converted(settings.output, settings.to, animation, blocks, progress)
+
+
+def write_converted(
+    output: Output,
+    to: SceneHints,
+    animation: Animation,
+    blocks: Iterator[Floats],
+    progress: ProgressListener,
+    make_writer: WriterFactory | None = None,
+) -> ExportSummary:
+    """Write an animation, converted to the unit and the up axis that are asked for."""
+    conversion = SceneConversion.of_output(animation.scene, to)
+    if conversion:
+        progress.note("note", f"{output.path.name}: {conversion.note}")
+    return write_animation(
+        output,
+        conversion.convert_animation(animation),
+        map(conversion.apply, blocks),
+        progress,
+        make_writer,
+    )
 
 
 def _write_skeleton(
@@ -97,13 +125,16 @@ def _write_skeleton(
         jobs=count_processors(),
     )
     cages = (block.cages for block in rig.blocks())
+    skin = SceneConversion.of_output(animation.scene, settings.to).convert_skin(rig.skin)
     if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
-        make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=rig.skin)
+        make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=skin)
     else:
-        make_writer = partial(UsdSkeletonWriter, skin=rig.skin, has_cage=settings.with_model)
+        make_writer = partial(UsdSkeletonWriter, skin=skin, has_cage=settings.with_model)
         animation = replace(animation, guide=animation.name if settings.guide else "")
     with limit_blas_threads(1):  # the last digits of the cages depend on it
-        return write_animation(settings.output, animation, cages, progress, make_writer)
+        return write_converted(
+            settings.output, settings.to, animation, cages, progress, make_writer
+        )
 
 
 def _write_with_model(
@@ -128,7 +159,7 @@ def _write_with_model(
     size = count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
     frames = (np.concatenate([block.cages, block.meshes], axis=1) for block in target.blocks(size))
     with limit_blas_threads(1):  # the last digits of the model depend on it
-        return write_animation(settings.output, animation, frames, progress)
+        return write_converted(settings.output, settings.to, animation, frames, progress)
 
 
 def _read_skeleton(result: Result, settings: ExportSettings) -> Reconstruction:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from cageik_cli.coordinates.binding import Binding
@@ -23,6 +24,7 @@ from cageik_cli.util.errors import error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
+from cageik_cli.workflows.common_scene import UNSTATED, CommonScene
 from cageik_cli.workflows.compose import collect_notes, compose_result
 from cageik_cli.workflows.fit import fit_to_clips
 from cageik_cli.workflows.mesh_source import load_source
@@ -61,6 +63,8 @@ class Extraction:
     ----------
     settings : ExtractSettings
         With the number of the rest frame, once it is chosen.
+    common : CommonScene
+        Of the clip, and of what is given beside it.
     existing : Result, optional
         A complete result of this very run at the output, which is kept.
     cage : LoadedMesh, optional
@@ -87,7 +91,9 @@ class Extraction:
         self.progress = progress or ProgressListener()
         self._run_blocks = run_blocks
         self.existing: Result | None = None
+        self.common = CommonScene(settings.scene, settings.given_in, can_restate=True)
         self.cage: LoadedMesh | None = None
+        self._cage_scene = UNSTATED
         self.vertex_weights = VertexWeights(None)
         self.sources: dict[str, Any] = {}
         self.filled: tuple[int, ...] = ()
@@ -120,10 +126,12 @@ class Extraction:
         settings = self.settings
         clip = replace(settings.clip, fps=settings.scene.fps)
         self.sequence, self.rest, index = open_clip_and_choose_rest(
-            settings.frames, clip, settings.rest, settings.rest_frame
+            settings.frames, clip, settings.rest, settings.rest_frame, self.common
         )
         self.settings = settings = replace(settings, clip=clip, rest_frame=index or 0)
-        self.cage = load_source(settings.cage, "cage") if settings.cage is not None else None
+        if settings.cage is not None:
+            given = load_source(settings.cage, "cage")
+            self.cage, self._cage_scene = self.common.place(given), given.scene
         self.sources = {"rest": self.rest.source}
         if settings.binding is not None:
             matching = self.stored or load_matching_binding(settings.binding, self.rest, self.cage)
@@ -149,7 +157,8 @@ class Extraction:
     @property
     def scene(self) -> Scene:
         """Time and space: as set, else as the clip says, else the defaults."""
-        return self.settings.scene.override(self.sequence.scene.override(Scene()))
+        from_clip = self.sequence.scene.override(Scene())
+        return self.settings.scene.override(self.common.hints.override(from_clip))
 
     @property
     def recorded_settings(self) -> dict[str, Any]:
@@ -186,7 +195,8 @@ class Extraction:
             with progress.stage("cage"), error_context(rest.source["name"]):
                 self.cage = build_cached(rest.mesh, settings.build, settings.cache, progress)
             self.sources["cage"] = self.cage.source
-        with progress.stage("bind"), suggest_repair(self.cage, rest):
+        offer = partial(self.common.offer, source=self._cage_scene)
+        with progress.stage("bind"), suggest_repair(self.cage, rest, offer):
             weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
             self.stored = bind_cached(rest, self.cage, weight_settings, progress)
         if settings.fit is not None:

@@ -180,15 +180,19 @@ def load_model(path: Path, exclude: Sequence[str] = ()) -> LoadedModel:
         return LoadedModel(mesh, points, splats)
 
 
-def load_models(paths: Sequence[Path]) -> LoadedModel:
+def load_models(
+    paths: Sequence[Path], place: Callable[[LoadedModel], LoadedModel] = lambda model: model
+) -> LoadedModel:
     """Read a model, or several meshes as the parts of one.
+
+    `place` brings each into the unit and the up axis of all.
 
     Raises
     ------
     InputError
         When one of several is points or splats, or they are in other units or axes.
     """
-    models = [load_model(path) for path in paths]
+    models = [place(load_model(path)) for path in paths]
     if len(models) == 1:
         return models[0]
     for path, model in zip(paths, models, strict=True):

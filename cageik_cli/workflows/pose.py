@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.ply_points import place_positions
+from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.handles.model import Handles
@@ -37,6 +38,8 @@ class PoseSettings(CommandSettings):
         The posed model: .obj or .ply.
     cage : Path, optional
         Needed for a rest model.
+    given_in : SceneHints
+        Unit and up axis of the cage, in place of what its file states.
     cage_output : Path, optional
         The posed cage: .obj or .ply.
     """
@@ -49,6 +52,7 @@ class PoseSettings(CommandSettings):
     posing: PosingSettings = field(default_factory=PosingSettings)
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
+    given_in: SceneHints = field(default_factory=SceneHints)
 
 
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
@@ -56,7 +60,7 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
     progress = progress or ProgressListener()
     check_target_kind(settings.target, "to edit an animation")
     with progress.stage("open"):
-        target = CagedModel.open(settings.target, settings.cage)
+        target = CagedModel.open(settings.target, settings.cage, given_in=settings.given_in)
         if target.cage is None:
             raise SettingError(f"{target.path}: is a model without a cage; give one with `cage=`")
         target.model.check_posed_output(settings.output)

@@ -19,6 +19,7 @@ from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import InputError, error_context
 from cageik_cli.util.text import to_unicode
+from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.mesh_source import load_rest
 
 MAX_COMPARED_FRAMES = 200
@@ -45,9 +46,13 @@ class VertexWeights:
 
 
 def open_clip_and_choose_rest(
-    frames: tuple[str, ...], settings: ClipSettings, rest: Path | None, rest_frame: RestFrame
+    frames: tuple[str, ...],
+    settings: ClipSettings,
+    rest: Path | None,
+    rest_frame: RestFrame,
+    scene: CommonScene,
 ) -> tuple[MeshSequence, LoadedMesh, int | None]:
-    """Open a clip and its rest pose.
+    """Open a clip, whose scene rules, and its rest pose, which is brought into it.
 
     Returns
     -------
@@ -59,9 +64,15 @@ def open_clip_and_choose_rest(
     """
     if rest is not None or rest_frame != AUTO:
         index = 0 if rest_frame == AUTO else int(rest_frame)
-        loaded = None if rest is None else load_rest(rest, settings.exclude)
-        return *open_clip_and_rest(frames, settings, loaded, index), None if rest else index
+        given = None if rest is None else load_rest(rest, settings.exclude)
+        sequence, loaded = open_clip_and_rest(frames, settings, given, index)
+        scene.state(sequence.scene)
+        if rest is None:
+            return sequence, loaded, index
+        with error_context(rest):
+            return sequence, scene.check_rest(scene.place(loaded), loaded.scene, sequence), None
     sequence = open_sequence(list(frames), settings)
+    scene.state(sequence.scene)
     index, reason = choose_rest_frame(sequence)
     loaded = load_rest_frame(sequence, index)
     return sequence, replace(loaded, notes=(*loaded.notes, reason)), index

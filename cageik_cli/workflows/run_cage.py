@@ -4,12 +4,14 @@ The builder is imported when a cage is built: it takes as long to import as the 
 """
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+from cageik_cli.cages.enclosure import MisfitError
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cages.transforms import Transform
 from cageik_cli.formats.base.files import describe_source
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.obj import encode_exact_obj
@@ -81,14 +83,20 @@ def format_repair_command(cage: Path, rest: Path | None) -> str:
 
 
 @contextmanager
-def suggest_repair(cage: LoadedMesh, rest: LoadedMesh) -> Iterator[None]:
-    """Name the cage in errors raised inside, and the command that may repair its file."""
+def suggest_repair(
+    cage: LoadedMesh, rest: LoadedMesh, offer: Callable[[Transform | None], str] | None = None
+) -> Iterator[None]:
+    """Name the cage in errors raised inside, and the command that may repair its file.
+
+    `offer` returns the options in place of a transform, see `CommonScene.offer`.
+    """
     with error_context(cage.path or cage.source["name"]):
         try:
             yield
         except CageError as error:
             if cage.path is None or not error.is_repairable:
                 raise
-            raise CageError(
-                f"{error}; to repair the cage: {format_repair_command(cage.path, rest.path)}"
-            ) from error
+            misfit = error.misfit if isinstance(error, MisfitError) else None
+            options = "" if misfit is None or offer is None else offer(misfit.transform)
+            command = format_repair_command(cage.path, rest.path)
+            raise CageError(f"{error}{options}; to repair the cage: {command}") from error

@@ -82,6 +82,8 @@ class ExtractSettings(CommandSettings):
         "stop", or "skip": leave a gap for a frame that cannot be read, and report it.
     scene : SceneHints
         Time and space, where they differ from what the files of the clip say.
+    given_in : SceneHints
+        Unit and up axis of `rest` and `cage`, where they differ from what their files say.
     cage_output : Path, optional
         An OBJ file to which the cage that is built is written.
     fit : FitSettings, optional
@@ -104,6 +106,7 @@ class ExtractSettings(CommandSettings):
     on_bad_frame: str = "stop"
     keep_weights: bool = True
     scene: SceneHints = field(default_factory=SceneHints)
+    given_in: SceneHints = field(default_factory=SceneHints)
     memory: int = DEFAULT_MEMORY
     jobs: int = 1
     build: BuildSettings = field(default_factory=BuildSettings)
@@ -161,6 +164,7 @@ class ExtractSettings(CommandSettings):
             "vertex_weights": weights if isinstance(weights, str) else weights is not None,
             **(built if self.builds_cage else {}),
             **({} if fit is None else fit.describe()),
+            **({"given_in": self.given_in.typed} if self.given_in.typed else {}),
             **{name: value for name, value in captured.items() if value},
             **({"exclude": list(self.clip.exclude)} if self.clip.exclude else {}),
         }

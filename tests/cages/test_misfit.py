@@ -57,7 +57,7 @@ X_TURN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 )
 def test_a_transform_that_is_found_is_named(matrix, name):
     misfit = explain_misfit(moved(CAGE, matrix), MODEL, 40.0, 0.6)
-    assert misfit.transform == name
+    assert misfit.transform.name == name
     assert name in misfit.remedy
 
 

@@ -13,6 +13,7 @@ from cageik_cli.util.errors import CheckpointError
 from cageik_cli.workflows import rest_pose as module
 from cageik_cli.workflows.cage import CageSettings, build_cage_file
 from cageik_cli.workflows.check import CheckSettings, check_cage
+from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.extract import Extraction, extract
 from cageik_cli.workflows.rest_pose import choose_rest_frame, open_clip_and_choose_rest
 from cageik_cli.workflows.settings import ExtractSettings
@@ -89,7 +90,7 @@ def test_a_result_is_up_to_date_for_the_number_and_for_the_choice(clip):
 
 def test_a_rest_pose_from_a_file_is_not_chosen(clip):
     _, rest, index = open_clip_and_choose_rest(
-        clip.frames, clip.clip, Path("strip/strip_1.obj"), "auto"
+        clip.frames, clip.clip, Path("strip/strip_1.obj"), "auto", CommonScene()
     )
     assert (rest.source["name"], index) == ("strip_1.obj", None)
 

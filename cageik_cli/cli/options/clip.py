@@ -1,12 +1,13 @@
 """Options on an animation that is read or written: which frames, and in what scene."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
 from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, is_given
-from cageik_cli.cli.options.types import FrameRangeType, OrWord, PercentType
+from cageik_cli.cli.options.types import FrameRangeType, OrWord, PercentType, SceneType
 from cageik_cli.formats.settings import (
     AUTO,
     DEFAULT_MORPHS,
@@ -105,6 +106,27 @@ SCENE_OPTIONS = OptionGroup(
         help="Metres per unit of length.  [default: from the source, or 1]",
     ),
 )
+
+
+to_option = click.option(
+    "--to",
+    type=SceneType(),
+    default="",
+    help="Convert what is written to this unit (mm, cm, dm, m, km, in, ft) and up axis, such as "
+    "m or cm,z.  [default: as the source]",
+)
+
+
+def make_given_option(what: str, over: str) -> Callable[[Any], Any]:
+    """Make --from, for the options `what` beside `over`."""
+    return click.option(
+        "--from",
+        "given_in",
+        type=SceneType(),
+        default="",
+        help=f"Unit (mm, cm, dm, m, km, in, ft) and up axis of {what}, such as cm or m,z, which "
+        f"are converted to those of {over}.  [default: what the files state]",
+    )
 
 
 def _refuse_two_rest_poses(ctx: click.Context, param: click.Parameter, value: Any) -> Any:

@@ -9,6 +9,9 @@ from typing import Any
 
 import click
 
+from cageik_cli.formats.settings import SceneHints
+from cageik_cli.util.errors import SettingError
+
 
 class OrWord(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
     """What another type knows, such as a number or a path; or one word, which is left as it is.
@@ -50,6 +53,23 @@ class SuffixedPath(click.Path):
             expected = " or ".join(self._suffixes)
             self.fail(f"{value}: expected a name that ends in {expected}", param, ctx)
         return super().convert(value, param, ctx)
+
+
+class SceneType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """A unit of length, and perhaps an up axis: cm, or m,z."""
+
+    name = "unit[,axis]"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> SceneHints:
+        """Parse the text."""
+        if isinstance(value, SceneHints):
+            return value
+        try:
+            return SceneHints.parse(str(value)) if value else SceneHints()
+        except SettingError as error:
+            return self.fail(str(error), param, ctx)
 
 
 class SizeType(click.ParamType):  # type: ignore[type-arg]  # as above

@@ -107,6 +107,8 @@ class AnimationWriter(ABC):
     is_in_part_space : bool
         Whether a file of one part has positions in its own space, as it is put onto an object whose
         transform stays.
+    states_unit : bool
+        Whether it says how long a unit is, which programs then follow.
     notes : tuple of str
         What a user must know about the output, one sentence each.
     """
@@ -116,6 +118,7 @@ class AnimationWriter(ABC):
     is_single: bool = False
     keeps_parts: bool = False
     is_in_part_space: bool = False
+    states_unit: bool = False
     notes: tuple[str, ...] = ()
 
     @classmethod  # noqa: B027  # most need no other library

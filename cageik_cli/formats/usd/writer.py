@@ -44,6 +44,7 @@ class UsdWriter(AnimationWriter):
     suffixes = USD_SUFFIXES
     is_single = True
     keeps_parts = True
+    states_unit = True
 
     @classmethod
     def require_libraries(cls) -> None:

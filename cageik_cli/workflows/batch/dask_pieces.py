@@ -25,6 +25,7 @@ from cageik_cli.util.errors import ClusterError, FileAccessError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import set_blas_threads
 from cageik_cli.workflows.batch.jobs import ClipJob, bind_clip
+from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
 from cageik_cli.workflows.settings import ExtractSettings
 
@@ -137,7 +138,10 @@ class ClipContext:
         """Open the clip, which must have the same frames as at the start of the run."""
         settings = self.settings
         # Any frame will do as rest pose: that of the run is in the solver.
-        sequence, *_ = open_clip_and_choose_rest(settings.frames, settings.clip, settings.rest, 0)
+        scene = CommonScene(settings.scene, settings.given_in, can_restate=True)
+        sequence, *_ = open_clip_and_choose_rest(
+            settings.frames, settings.clip, settings.rest, 0, scene
+        )
         if sequence.names != self._names:
             raise FileAccessError(
                 f"{settings.frames[0]}: has other frames than at the start of the run (found "

@@ -12,6 +12,7 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.find_files import split_member
+from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.model import Handle, Handles, PosedSurface
@@ -99,6 +100,8 @@ class ViewSettings(CommandSettings):
         A result, a binding file, or a rest model.
     cage : Path, optional
         The cage of a rest model; one is built if there is none, and no binding.
+    given_in : SceneHints
+        Unit and up axis of the cage, in place of what its file states.
     binding : Path, optional
         The binding file of a rest model.
     handles : Path, optional
@@ -123,6 +126,7 @@ class ViewSettings(CommandSettings):
     build: BuildSettings = field(default_factory=BuildSettings)
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
+    given_in: SceneHints = field(default_factory=SceneHints)
 
     def inputs(self) -> list[Path]:
         """Return the files that are read, but handles that are saved where they were."""
@@ -248,7 +252,13 @@ def _open_target(settings: ViewSettings, progress: ProgressListener) -> ViewSess
     check_target_kind(settings.target, "to view an animation")
     watched = WatchedInput(split_member(settings.target)[0])
     with progress.stage("open"):
-        target = CagedModel.open(settings.target, settings.cage, settings.binding, load_surface)
+        target = CagedModel.open(
+            settings.target,
+            settings.cage,
+            settings.binding,
+            given_in=settings.given_in,
+            load=load_surface,
+        )
     _check_outputs(settings, is_result=target.result is not None)
     if target.result is not None:
         return _ResultSession(settings, target.result, watched)

@@ -1,0 +1,278 @@
+"""The one scene of a run: what is given beside a clip, or a result, is brought into it, or refused.
+
+Where both sides state unit and up axis, meshes and clips are converted. Where one does not, they
+are taken as they stand, and refused if they then fit another unit or up axis.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from cageik_cli.cages.misfit import MAX_SIZE_RATIO, find_transform
+from cageik_cli.cages.transforms import UNIT_SCALES, Transform
+from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.scene_conversion import SceneConversion
+from cageik_cli.formats.settings import Scene, SceneHints
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.pose_difference import (
+    MIN_CLEAR_RATIO,
+    PoseDifference,
+    find_pose_difference,
+)
+from cageik_cli.util.arrays import Floats, spread_evenly
+from cageik_cli.util.errors import FormatError, InputError
+from cageik_cli.util.progress import locate_note, mark_warning
+from cageik_cli.util.units import (
+    LONG_UNIT_NAMES,
+    PROGRAM_UNITS,
+    UNIT_LENGTHS,
+    find_unit,
+    type_unit,
+)
+
+MAX_COMPARED_POSES = 6
+"""Frames of a clip that are compared with a rest pose or a cage that does not fit the first."""
+
+MAX_BOX_SLACK = 0.1
+"""A mesh that is where a model is leaves its bounding box by at most this, in diagonals."""
+
+UNSTATED = SceneHints()
+"""What a file states of its scene that states nothing."""
+
+
+class CommonScene:
+    """Unit and up axis of a run, as far as they are known, and what is brought into them.
+
+    Parameters
+    ----------
+    stated : SceneHints
+        What is known of the clip or the result: its file's statement, or the user's.
+    given_in : SceneHints
+        What the user says of all that is given beside it.
+    can_restate : bool
+        Whether the user can state the unit and the axis of the clip or the result in this run.
+
+    Attributes
+    ----------
+    hints : SceneHints
+        Unit and up axis; where the clip states none, those of the first mesh that does.
+    """
+
+    def __init__(
+        self,
+        stated: SceneHints = UNSTATED,
+        given_in: SceneHints = UNSTATED,
+        *,
+        can_restate: bool = False,
+    ) -> None:
+        self.hints = self._stated = _keep_space(stated)
+        self._given_in, self._can_restate = given_in, can_restate
+
+    def state(self, hints: SceneHints) -> None:
+        """Take what a clip states, where nothing is stated yet."""
+        self._stated = self._stated.over(_keep_space(hints))
+        self.hints = self.hints.over(_keep_space(hints))
+
+    def place(self, loaded: LoadedMesh) -> LoadedMesh:
+        """Return a mesh in this scene, with a note if it was converted."""
+        return self._convert(loaded.scene).convert_loaded(loaded)
+
+    def _convert(self, scene: SceneHints) -> SceneConversion:
+        """Return the conversion of what has a scene; adopt what is not stated yet."""
+        given, wanted = self._find_both(scene)
+        self.hints = self.hints.over(given)
+        return SceneConversion.between(given, wanted)
+
+    def _find_both(self, scene: SceneHints) -> tuple[SceneHints, SceneHints]:
+        """Return what is known of a given mesh, and of the scene that it is to be in.
+
+        If the user says what it is in, the scene is the usual one where none is known.
+        """
+        said, usual = self._given_in, Scene()
+        unit = None if said.metres_per_unit is None else usual.metres_per_unit
+        axis = None if said.up_axis is None else usual.up_axis
+        given = said.over(_keep_space(scene))
+        wanted = self.hints.over(SceneHints(up_axis=axis, metres_per_unit=unit))
+        return given, wanted
+
+    def check_rest(self, rest: LoadedMesh, source: SceneHints, clip: MeshSequence) -> LoadedMesh:
+        """Refuse a rest pose of a clip that is in another unit, or has other axes.
+
+        Parameters
+        ----------
+        rest : LoadedMesh
+            As it was placed.
+        source : SceneHints
+            What its file states.
+
+        Returns
+        -------
+        rest : LoadedMesh
+            With a warning if it is likely turned, or of another size for no reason that is known.
+        """
+        pairs = ((rest.mesh.vertices, frame) for _, frame in read_some_frames(clip))
+        difference = find_pose_difference(pairs, rest.mesh.edges.ends)
+        warning = self._judge(difference, source, f"those of {clip.names[0]}", "the clip")
+        return replace(rest, notes=(*rest.notes, *warning))
+
+    def match_clip(
+        self,
+        clip: MeshSequence,
+        name: str,
+        mesh: TriMesh,
+        *,
+        beside: str,
+        other: str,
+        read_expected: Callable[[int], Floats] | None = None,
+    ) -> MeshSequence:
+        """Return a clip of a mesh in this scene; refuse one of another unit, or with other axes.
+
+        Parameters
+        ----------
+        name : str
+            Of the clip, for its notes.
+        mesh : TriMesh
+            In this scene.
+        beside, other : str
+            What messages call the edges of the mesh, and what it is of.
+        read_expected : callable, optional
+            Reads the positions (n, 3) that a frame of the clip is an edit of.
+        """
+        placed = self._convert(clip.scene).convert_clip(clip, name)
+        read = read_expected or (lambda _: mesh.vertices)
+        pairs = ((given, read(index)) for index, given in read_some_frames(placed))
+        is_paired = read_expected is not None
+        difference = find_pose_difference(pairs, mesh.edges.ends, is_paired=is_paired)
+        warnings = self._judge(difference, clip.scene, beside, other)
+        placed.notes += tuple(locate_note(name, warning) for warning in warnings)
+        return placed
+
+    def check_small_mesh(
+        self, mesh: LoadedMesh, source: SceneHints, cage: TriMesh, model: TriMesh
+    ) -> None:
+        """Refuse a mesh in a cage that is small because it is in a larger unit.
+
+        It is in another unit if the cage holds it closely in that, or if it is about as large as
+        the model of the cage in that, and in its place; a small thing at its own place is neither.
+        """
+        transform = find_transform(cage, mesh.mesh)
+        found = _find_unit_by_box(mesh.mesh, model) if transform is None else transform.invert()
+        if found is not None:
+            raise FormatError(self.explain_mesh(found, source, mesh.mesh.diagonal))
+
+    def explain_mesh(self, transform: Transform, source: SceneHints, diagonal: float) -> str:
+        """Say how a mesh that a transform brings into the cage is wrong, and what to type."""
+        name, options = transform.describe(diagonal), self.offer(transform, source)
+        return f"is {name}, as the cage shows; export it as the result was{options}"
+
+    def offer(self, transform: Transform | None, source: SceneHints) -> str:
+        """Return the options in place of a transform, to end a sentence; empty if none do."""
+        if transform is None or transform.is_fitted:
+            return ""
+        if (transform.rotation != np.eye(3)).any() and transform.up_axes is None:
+            return ""
+        options = self._list_options(source, transform.scale, transform.up_axes)
+        return f", or state it by {options}" if options else ""
+
+    def _judge(
+        self, difference: PoseDifference | None, source: SceneHints, beside: str, other: str
+    ) -> tuple[str, ...]:
+        """Refuse a difference that is certain; return a warning of one that is not."""
+        if difference is None:
+            return ()
+        seen, what = [], []
+        if difference.factor != 1:
+            size = f"{max(difference.factor, 1 / difference.factor):.4g} times as "
+            size += "short" if difference.factor > 1 else "long"
+            seen.append(f"its edges are {size} as {beside}")
+        if difference.units is not None:
+            own, its = (LONG_UNIT_NAMES[name] for name in difference.units)
+            what.append(f"in {own} instead of {its}")
+        if difference.axes is not None:
+            own, its = (axis.lower() for axis in difference.axes)
+            what.append(f"with {own} up instead of {its} up")
+            seen.append("its poses are turned so")
+        options = self._list_options(source, difference.factor, difference.axes)
+        if difference.is_certain:
+            raise FormatError(
+                f"is {', '.join(what)}: {', and '.join(seen)}; export it as {other} was, or state "
+                f"it by {options}"
+            )
+        if not what:
+            return (mark_warning(f"{seen[0]}, which no unit explains; errors are percent of it"),)
+        return (mark_warning(f"is likely {', '.join(what)}; if so, state it by {options}"),)
+
+    def _list_options(self, source: SceneHints, factor: float, axes: tuple[str, str] | None) -> str:
+        """Return what to type for a mesh that has to be multiplied by a factor, and turned.
+
+        Parameters
+        ----------
+        factor, axes
+            What is wrong of the mesh as it was placed: its unit in that of the scene, and the up
+            axes of both.
+        """
+        given, _ = self._find_both(source)
+        done = SceneConversion.between(given, self._find_both(source)[1])
+        stated, options = self._stated, []
+        total = factor * done.factor
+        unit, own = None, total * (stated.metres_per_unit or Scene().metres_per_unit)
+        if factor != 1 and stated.metres_per_unit is None and self._can_restate:
+            unit, own = _choose_units(given.metres_per_unit, total)
+        if unit is not None:
+            options.append(f"`metres_per_unit={unit:.6g}`")
+        axis, own_axis = stated.up_axis or Scene().up_axis, given.up_axis
+        if axes is not None:
+            own_axis, wanted = (axis, axis) if done.turns else axes
+            if wanted != axis:
+                if not self._can_restate:
+                    return ""
+                options.append(f"`up_axis={wanted}`")
+        suffix = "" if axes is None or own_axis is None else f",{own_axis.lower()}"
+        options.append(f"`given_in={type_unit(own)}{suffix}`")
+        return " and ".join(options)
+
+
+def _find_unit_by_box(mesh: TriMesh, model: TriMesh) -> Transform | None:
+    """Return the unit in which a mesh that is much smaller than a model is where the model is."""
+    if mesh.diagonal > model.diagonal / MAX_SIZE_RATIO:
+        return None
+    slack = MAX_BOX_SLACK * model.diagonal
+    low, high = model.vertices.min(axis=0) - slack, model.vertices.max(axis=0) + slack
+    for scale in UNIT_SCALES:
+        points = scale * mesh.vertices
+        is_within = (points >= low).all() and (points <= high).all()
+        if scale >= MIN_CLEAR_RATIO and is_within and scale * mesh.diagonal > model.diagonal / 2:
+            return Transform(np.eye(3), scale, np.zeros(3))
+    return None
+
+
+def _choose_units(given: float | None, total: float) -> tuple[float | None, float]:
+    """Return the metres per unit to state of a clip that states none, and of a given mesh.
+
+    None stands for the usual one, which need not be stated. `total` is what the numbers of the
+    mesh have to be multiplied by, and `given` the unit that its file states.
+    """
+    if given is not None:
+        return given / total, given
+    for name in PROGRAM_UNITS:
+        own = total * UNIT_LENGTHS[name]
+        if find_unit(own) in PROGRAM_UNITS:
+            return None if name == "m" else UNIT_LENGTHS[name], own
+    return None, total
+
+
+def _keep_space(hints: SceneHints) -> SceneHints:
+    """Return the unit and the up axis alone."""
+    return SceneHints(up_axis=hints.up_axis, metres_per_unit=hints.metres_per_unit)
+
+
+def read_some_frames(clip: MeshSequence) -> Iterator[tuple[int, Floats]]:
+    """Yield the number and positions of the first frame, and of others that can be read."""
+    yield 0, clip.first.vertices
+    for index in spread_evenly(len(clip), MAX_COMPARED_POSES)[1:].tolist():
+        try:
+            yield index, clip.read_frame(index)
+        except InputError:
+            continue

@@ -1,0 +1,363 @@
+"""Units and axes: each path gives the right positions, or is refused with what to type.
+
+A clip of a little model in a cage, in centimetres with z up, exists as OBJ, which states neither;
+its result states both. What is given beside it is in other units and axes, in files that state
+them (USD, glTF, .npz) or do not (OBJ, Alembic, PC2).
+"""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import trimesh
+
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.scene_conversion import UP_TURNS, SceneConversion
+from cageik_cli.formats.settings import Scene, SceneHints
+from cageik_cli.formats.write import Output
+from cageik_cli.geometry.mesh import TriMesh
+from tests.conftest import _use_coarse_panels, run_in_process
+from tests.shapes import ball, box
+
+for library in ("pxr", "pygltflib", "alembic3d"):
+    pytest.importorskip(library)
+
+FRAMES = 4
+HERE = Scene(up_axis="Z", metres_per_unit=0.01)
+"""The scene of the result."""
+
+
+def make_rest() -> TriMesh:
+    """A flat, tall body, no side of which is like another; cm, z up."""
+    mesh = ball(levels=2, size=1.0)
+    x, y, z = mesh.vertices.T
+    vertices = np.stack([30 * x + 6 * z, 18 * y + 4 * x * z, 85 * z + 90], axis=1)
+    return mesh.move(vertices)
+
+
+def make_cage() -> TriMesh:
+    return box(1.0).move(box(1.0).vertices * [36.0, 23.0, 92.0] + [0, 0, 90.0])
+
+
+def bend(points: np.ndarray, frame: int) -> np.ndarray:
+    x, y, z = points.T
+    angle = 0.06 * frame * z / 90
+    return np.stack([x + 20 * angle, y + z * np.sin(angle), z * np.cos(angle)], axis=1)
+
+
+def write_clip(path, mesh: TriMesh, frames: np.ndarray, scene: Scene) -> str:
+    """Write an animation as any writer does; without what the format cannot say of the scene."""
+    output = Output(path)
+    with output.open_writer(Animation(mesh, len(frames), scene, "mesh")) as writer:
+        writer.append(np.asarray(frames))
+    return str(path)
+
+
+def write_mesh(path, mesh: TriMesh, scene: Scene) -> str:
+    """Write a mesh at rest, converted from the scene of the result."""
+    given = SceneHints(up_axis="Z", metres_per_unit=0.01)
+    wanted = SceneHints(up_axis=scene.up_axis, metres_per_unit=scene.metres_per_unit)
+    moved = SceneConversion.between(given, wanted).convert_mesh(mesh)
+    if path.suffix == ".obj":
+        lines = ["v {!r} {!r} {!r}".format(*vertex) for vertex in moved.vertices.tolist()]
+        lines += ["f " + " ".join(map(str, face)) for face in (moved.faces + 1).tolist()]
+        path.write_text("\n".join(lines) + "\n")
+        return str(path)
+    return write_clip(path, moved, moved.vertices[None], scene)
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory):
+    """A folder with the clip, and its result."""
+    folder = tmp_path_factory.mktemp("units")
+    rest, cage = make_rest(), make_cage()
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        _use_coarse_panels(monkeypatch)
+        monkeypatch.setenv("CAGEIK_CACHE", str(folder / "cache"))
+        monkeypatch.chdir(folder)
+        frames = np.stack([bend(rest.vertices, k) for k in range(FRAMES)])
+        write_clip(folder / "frames" / "frame_####.obj", rest, frames, HERE)
+        write_clip(folder / "clip.usdc", rest, frames, HERE)
+        write_mesh(folder / "cage.obj", cage, HERE)
+        extract = ("extract", "frames", "--cage", "cage.obj", "-q")
+        done = run_in_process(*extract, "--up-axis", "Z", "--metres-per-unit", "0.01")
+        assert done.code == 0, done.err
+        assert run_in_process("deform", "cages.h5", "-o", "expected.npz", "-q").code == 0
+    return folder
+
+
+@pytest.fixture
+def here(prepared, tmp_path, monkeypatch, coarse_panels):
+    """The current folder, with copies of these files."""
+    shutil.copytree(prepared, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def read_positions(path) -> np.ndarray:
+    return np.stack(list(open_sequence([str(path)])))
+
+
+def is_near(found: np.ndarray, expected: np.ndarray) -> bool:
+    """Whether positions are equal to 1e-6 of the diagonal."""
+    diagonal = np.linalg.norm(np.ptp(expected[0], axis=0))
+    return found.shape == expected.shape and np.abs(found - expected).max() <= 1e-6 * diagonal
+
+
+SCENES = {
+    "m,y": Scene(metres_per_unit=1.0, up_axis="Y"),
+    "m,z": Scene(metres_per_unit=1.0, up_axis="Z"),
+    "cm,y": Scene(metres_per_unit=0.01, up_axis="Y"),
+    "mm,z": Scene(metres_per_unit=0.001, up_axis="Z"),
+    "in,y": Scene(metres_per_unit=0.0254, up_axis="Y"),
+}
+
+EDITS = [
+    *((".usdc", words, "") for words in SCENES),
+    (".npz", "m,y", ""),
+    (".abc", "m,z", "--from m"),
+    (".abc", "m,y", "--from m,y"),
+    (".abc", "cm,y", "--from cm,y"),
+    (".pc2", "in,y", "--from in,y"),
+    (".obj", "mm,z", "--from mm"),
+]
+
+
+@pytest.mark.parametrize(("suffix", "words", "option"), EDITS)
+def test_edited_cages_are_converted_or_refused_with_what_to_type(here, run, suffix, words, option):
+    """`deform --cages`: the three paths that were wrong are USD in m, Alembic, and OBJ."""
+    out = "edit/edit_####.obj" if suffix == ".obj" else f"edit{suffix}"
+    assert run("export", "cages.h5", out, "--to", words, "-q").code == 0
+    words = ["deform", "cages.h5", "--cages", out.split("/")[0], "-o"]
+    done = run(*words, "moved.npz")
+    if option:
+        assert done.code == 1
+        assert option in done.err
+        assert not (here / "moved.npz").exists()
+        done = run(*words, "moved.npz", *option.split())
+    assert done.code == 0, done.err
+    assert is_near(read_positions("moved.npz"), read_positions("expected.npz"))
+
+
+RESTS = [
+    (".usdc", "m,y", ""),
+    (".usdc", "in,z", ""),
+    (".glb", "cm,z", ""),
+    (".obj", "m,z", "--from m"),
+    (".obj", "m,y", "--from m,y"),
+    (".obj", "mm,z", "--from mm"),
+    (".obj", "cm,y", "--from cm,y"),
+]
+
+
+@pytest.mark.parametrize(("suffix", "words", "option"), RESTS)
+def test_a_rest_pose_is_converted_or_refused_with_what_to_type(here, run, suffix, words, option):
+    scene = SceneHints.parse(words).override(Scene())
+    path = write_mesh(here / f"rest{suffix}", make_rest(), scene)
+    extract = ["extract", "clip.usdc", "--cage", "cage.obj", "--rest", path, "-o", "new.h5"]
+    done = run(*extract, "--max-rms", "90%")
+    if option:
+        assert done.code == 1
+        assert option in done.err
+        assert "missing" not in done.err
+        # What the file is in is not what the cage is in, which is taken as it stands.
+        cage = write_mesh(here / "same.obj", make_cage(), scene)
+        extract[3] = cage
+        done = run(*extract, *option.split())
+    assert done.code == 0, done.err
+    assert run("deform", "new.h5", "-o", "new.npz", "-q").code == 0
+    assert is_near(read_positions("new.npz"), read_positions("expected.npz"))
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ([], "state it by --from 100"),  # the clip is taken for metres
+        (["--metres-per-unit", "0.01"], "--from m"),
+    ],
+)
+def test_a_clip_that_states_no_unit_can_be_given_one(here, run, options, expected):
+    write_mesh(here / "rest.obj", make_rest(), SCENES["m,z"])
+    words = ("extract", "frames", "--cage", "cage.obj", "--rest", "rest.obj", "-o", "new.h5")
+    done = run(*words, *options)
+    assert done.code == 1
+    assert "in metres instead of centimetres" in done.err
+    assert "--metres-per-unit 0.01 and --from m" in done.err or expected in done.err
+
+
+@pytest.mark.parametrize(
+    ("suffix", "words", "option"),
+    [
+        (".usdc", "m,y", ""),
+        (".glb", "cm,z", ""),
+        (".obj", "m,z", "--from m"),
+        (".obj", "mm,z", "--from mm"),
+        (".obj", "cm,y", "--from cm,y"),
+    ],
+)
+def test_another_mesh_is_converted_or_refused_with_what_to_type(here, run, suffix, words, option):
+    scene = SceneHints.parse(words).override(Scene())
+    path = write_mesh(here / f"other{suffix}", make_rest(), scene)
+    deform = ["deform", "cages.h5", "--mesh", path, "-o", "other.npz"]
+    done = run(*deform)
+    if option:
+        assert done.code == 1
+        assert option in done.err
+        done = run(*deform, *option.split())
+    assert done.code == 0, done.err
+    assert is_near(read_positions("other.npz"), read_positions("expected.npz"))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "words", "option"),
+    [(".usdc", "in,y", ""), (".obj", "mm,z", "--from mm"), (".obj", "m,z", "--from m")],
+)
+def test_a_cage_is_converted_or_refused_with_what_to_type(here, run, suffix, words, option):
+    scene = SceneHints.parse(words).override(Scene())
+    path = write_mesh(here / f"other{suffix}", make_cage(), scene)
+    extract = ["extract", "clip.usdc", "--cage", path, "-o", "new.h5"]
+    done = run(*extract)
+    if option:
+        assert done.code == 1
+        assert option in done.err
+        done = run(*extract, *option.split())
+    assert done.code == 0, done.err
+    assert run("deform", "new.h5", "-o", "new.npz", "-q").code == 0
+    assert is_near(read_positions("new.npz"), read_positions("expected.npz"))
+
+
+def test_a_file_that_states_a_wrong_unit_is_refused(here, run):
+    """Numbers in cm, said to be metres: converted they do not fit."""
+    cages = read_positions_of_cages(run)
+    write_clip(here / "lie.usdc", make_cage(), cages, Scene(up_axis="Z", metres_per_unit=1.0))
+    done = run("deform", "cages.h5", "--cages", "lie.usdc", "-o", "x.npz")
+    assert done.code == 1
+    assert "--from cm" in done.err
+    assert run("deform", "cages.h5", "--cages", "lie.usdc", "-o", "x.npz", "--from", "cm").code == 0
+    assert is_near(read_positions("x.npz"), read_positions("expected.npz"))
+
+
+def read_positions_of_cages(run) -> np.ndarray:
+    assert run("export", "cages.h5", "plain.npz", "-q").code == 0
+    return read_positions("plain.npz")
+
+
+def test_poses_props_and_turned_cages_are_taken(here, run):
+    """What differs honestly: another pose, a turn about the up axis, a small prop, a large edit."""
+    rest, cages = make_rest(), read_positions_of_cages(run)
+    write_mesh(here / "posed.obj", rest.move(bend(rest.vertices, -2)), HERE)
+    words = ("extract", "clip.usdc", "--cage", "cage.obj", "--outside", "project")
+    assert run(*words, "--rest", "posed.obj", "-o", "posed.h5", "-q").code == 0
+    prop = rest.move((rest.vertices - [0, 0, 90]) * 0.05 + [5, 4, 120])
+    write_mesh(here / "prop.obj", prop, HERE)
+    assert run("deform", "cages.h5", "--mesh", "prop.obj", "-o", "prop.npz", "-q").code == 0
+    write_mesh(here / "small.obj", rest, SCENES["m,z"])  # in the cage, which is at the origin
+    done = run("deform", "cages.h5", "--mesh", "small.obj", "-o", "small.npz", "-q")
+    assert "in metres instead of centimetres" in done.err
+    turn = np.array([[0, 1.0, 0], [-1, 0, 0], [0, 0, 1]])
+    write_clip(here / "turned.pc2", make_cage(), cages @ turn * 1.3, HERE)
+    assert run("deform", "cages.h5", "--cages", "turned.pc2", "-o", "turned.npz", "-q").code == 0
+    lying = [bend(rest.vertices, k) @ UP_TURNS["Z", "Y"] for k in range(1, 4)]
+    write_clip(here / "lying.usdc", rest, np.stack(lying), HERE)
+    write_mesh(here / "rest.obj", rest, HERE)
+    done = run("extract", "lying.usdc", "--cage", "cage.obj", "--rest", "rest.obj", "-o", "l.h5")
+    assert done.code == 0
+    assert "is likely with z up instead of y up" in done.err
+
+
+TO = [
+    ("deform", "out.usdc", "m,y"),
+    ("deform", "out.npz", "mm"),
+    ("deform", "out.abc", "ft,y"),
+    ("deform", "out.glb", "m,y"),
+    ("deform", "out.glb", "cm,z"),
+    ("deform", "out.pc2", "dm,y"),
+    ("export", "out.usdc", "in,y"),
+    ("export", "out.glb", "km,z"),
+]
+
+
+@pytest.mark.parametrize(("command", "out", "words"), TO)
+def test_outputs_are_converted(here, run, command, out, words):
+    to = SceneHints.parse(words)
+    assert run(command, "cages.h5", "plain.npz", "-q").code == 0 if command == "export" else True
+    expected = read_positions("plain.npz" if command == "export" else "expected.npz")
+    done = run(command, "cages.h5", *(["-o"] if command == "deform" else []), out, "--to", words)
+    assert done.code == 0, done.err
+    rest = make_cage() if command == "export" else make_rest()
+    scene = Scene(up_axis="Y") if out.endswith(".glb") else to.override(HERE)
+    wanted = SceneHints(up_axis=scene.up_axis, metres_per_unit=scene.metres_per_unit)
+    given = SceneHints(up_axis="Z", metres_per_unit=0.01)
+    write_mesh(here / "rest.obj", rest, scene)
+    words = ["rest.obj"] if out.endswith(".pc2") else []
+    from cageik_cli.formats.open import load_mesh
+
+    loaded = load_mesh(here / words[0]) if words else None
+    clip = open_sequence([out], rest=loaded)
+    if out.endswith((".usdc", ".npz")):
+        assert (clip.scene.metres_per_unit, clip.scene.up_axis) == (
+            pytest.approx(scene.metres_per_unit, rel=1e-6),
+            scene.up_axis,
+        )
+    found = np.stack(list(clip))
+    tolerance = 1e-6 if not out.endswith(".glb") else 3e-6  # morph targets of single precision
+    converted = SceneConversion.between(given, wanted).apply(expected)
+    diagonal = np.linalg.norm(np.ptp(converted[0], axis=0))
+    assert len(found) == FRAMES
+    assert np.abs(found - converted).max() <= tolerance * diagonal
+
+
+@pytest.mark.parametrize("to", [[], ["--to", "m,y"], ["--to", "cm,z"]])
+def test_other_programs_read_gltf_at_the_right_size_and_upright(here, run, to):
+    """The body is 170 cm high along z: 1.7 m along y for trimesh."""
+    assert run("deform", "cages.h5", "-o", "out.glb", *to, "-q").code == 0
+    scene = trimesh.load("out.glb", process=False)
+    low, high = scene.bounds
+    expected = SceneConversion((0.01, 1.0), ("Z", "Y")).apply(make_rest().vertices)
+    np.testing.assert_allclose([low, high], [expected.min(axis=0), expected.max(axis=0)], atol=1e-5)
+
+
+@pytest.mark.parametrize("suffix", [".usdc", ".glb"])
+def test_skeletons_are_converted(here, run, suffix):
+    """A skeleton in another scene moves its mesh as the cages do."""
+    words = ("export", "cages.h5", f"out{suffix}", "--skeleton", "--to", "m,y", "-q")
+    assert run(*words, "--influences", "8").code == 0
+    assert (
+        run("export", "cages.h5", f"own{suffix}", "--skeleton", "-q", "--influences", "8").code == 0
+    )
+    found, own = (np.stack(list(open_sequence([f"{name}{suffix}"]))) for name in ("out", "own"))
+    scene = open_sequence([f"own{suffix}"]).scene
+    wanted = SceneHints(up_axis="Y", metres_per_unit=1.0)
+    expected = SceneConversion.between(scene, wanted).apply(own)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=3e-6)
+    mesh = SceneConversion((0.01, 1.0), ("Z", "Y")).apply(read_positions("expected.npz"))
+    np.testing.assert_allclose(found, mesh, rtol=0, atol=2e-3)
+
+
+def test_recentred_positions_and_their_offset_are_converted(here, run):
+    words = ("deform", "cages.h5", "-o", "out.npz", "--to", "m,y", "--recentre", "-q")
+    assert run(*words).code == 0
+    offset = json.loads((here / "out.npz.offset.json").read_text())["offset"]
+    expected = SceneConversion((0.01, 1.0), ("Z", "Y")).apply(read_positions("expected.npz"))
+    np.testing.assert_allclose(read_positions("out.npz") + offset, expected, rtol=0, atol=1e-12)
+    assert abs(np.array(offset)).max() == pytest.approx(0.9, abs=0.2)
+
+
+def test_a_size_that_no_character_has_is_noted(here, run):
+    """The clip in OBJ, without a unit, is said to be in metres by USD and glTF."""
+    assert run("extract", "frames", "--cage", "cage.obj", "-o", "plain.h5", "-q").code == 0
+    for out in ("out.usdc", "out.glb"):
+        done = run("deform", "plain.h5", "-o", out)
+        assert "184 m large" in done.err
+        assert "--metres-per-unit 0.01" in done.err
+    assert "large" not in run("deform", "plain.h5", "-o", "out.pc2").err
+    assert "large" not in run("deform", "cages.h5", "-o", "right.usdc").err
+
+
+@pytest.mark.parametrize("text", ["yard", "cm,x", "cm,", "0", "-1", "nan", "m,y,z"])
+def test_a_unit_that_is_none_is_wrong_usage(here, run, text):
+    done = run("export", "cages.h5", "out.usdc", "--to", text)
+    assert done.code == 2
+    assert text in done.err
