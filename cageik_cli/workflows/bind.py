@@ -87,9 +87,9 @@ def bind_files(
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):
-        rest, given = load_rest(settings.rest, settings.exclude), load_source(settings.cage, "cage")
+        rest = load_rest(settings.rest, settings.exclude)
         scene = CommonScene(rest.scene, settings.given_in)
-        cage, offer = scene.place(given), partial(scene.offer, source=given.scene)
+        cage, offer = scene.place_cage(load_source(settings.cage, "cage"))
         for note in rest.notes:
             progress.note("note", f"{rest.source['name']}: {note}")
     with progress.stage("bind"), suggest_repair(cage, rest, offer):

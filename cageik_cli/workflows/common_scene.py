@@ -5,10 +5,13 @@ are taken as they stand, and refused if they then fit another unit or up axis.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from cageik_cli.cages.enclosure import OutsideError
 from cageik_cli.cages.misfit import MAX_SIZE_RATIO, find_transform
 from cageik_cli.cages.transforms import UNIT_SCALES, Transform
 from cageik_cli.formats.base.mesh_data import LoadedMesh
@@ -40,6 +43,10 @@ MAX_BOX_SLACK = 0.1
 
 UNSTATED = SceneHints()
 """What a file states of its scene that states nothing."""
+
+
+Offer = Callable[[Transform | None], str]
+"""Returns the options in place of a transform, see `CommonScene.offer`."""
 
 
 class CommonScene:
@@ -78,6 +85,10 @@ class CommonScene:
     def place(self, loaded: LoadedMesh) -> LoadedMesh:
         """Return a mesh in this scene, with a note if it was converted."""
         return self._convert(loaded.scene).convert_loaded(loaded)
+
+    def place_cage(self, loaded: LoadedMesh) -> tuple[LoadedMesh, Offer]:
+        """Return a cage in this scene, and the options that an error of its place offers."""
+        return self.place(loaded), partial(self.offer, source=loaded.scene)
 
     def _convert(self, scene: SceneHints) -> SceneConversion:
         """Return the conversion of what has a scene; adopt what is not stated yet."""
@@ -166,6 +177,23 @@ class CommonScene:
         """Say how a mesh that a transform brings into the cage is wrong, and what to type."""
         name, options = transform.describe(diagonal), self.offer(transform, source)
         return f"is {name}, as the cage shows; export it as the result was{options}"
+
+    @contextmanager
+    def suggest_moving(self, mesh: LoadedMesh, source: SceneHints) -> Iterator[None]:
+        """Say what to do with a mesh that is outside the cage, which is not made for it."""
+        try:
+            yield
+        except OutsideError as error:
+            placement, misfit = error.placement, error.misfit
+            if placement is None or misfit is None:
+                raise
+            remedy, transform = "move it into the rest cage", misfit.transform
+            if not placement.is_misplaced:
+                remedy += ", or take the nearest points of the cage with `outside=project`"
+            if transform is not None and not transform.is_scaled:
+                why = self.explain_mesh(transform.invert(), source, mesh.mesh.diagonal)
+                remedy = f"it {why}"
+            raise OutsideError(f"{placement.describe_outside()}; {remedy}") from error
 
     def offer(self, transform: Transform | None, source: SceneHints) -> str:
         """Return the options in place of a transform, to end a sentence; empty if none do."""

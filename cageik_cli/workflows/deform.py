@@ -2,12 +2,10 @@
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.cages.enclosure import OutsideError
 from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.mesh_data import check_vertex_order
@@ -26,11 +24,12 @@ from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
-from cageik_cli.workflows.caged_model import CagedModel, CageFrames, Reconstruction
+from cageik_cli.workflows.caged_model import CagedModel
 from cageik_cli.workflows.carry import carry_fit
 from cageik_cli.workflows.common_scene import UNSTATED, CommonScene
 from cageik_cli.workflows.export import report_skipped_frames, write_converted
 from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, load_models, note_on
+from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from cageik_cli.workflows.rig import check_influences, make_rig
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
@@ -237,7 +236,7 @@ class _Deformation:
         with (
             self._progress.stage("bind"),
             error_context(self._place),
-            self._suggest_moving(),
+            self._common.suggest_moving(mesh, self._mesh_scene),
         ):
             binding = bind_cached(
                 mesh, source.cage, weights, self._progress, is_own_cage=not settings.mesh
@@ -271,25 +270,6 @@ class _Deformation:
             f"for {binding.settings.coordinates} weights, which follow them less closely",
         )
         return binding
-
-    @contextmanager
-    def _suggest_moving(self) -> Iterator[None]:
-        """Say what to do with a mesh that is outside the cage, which is not made for it."""
-        try:
-            yield
-        except OutsideError as error:
-            placement, misfit = error.placement, error.misfit
-            if placement is None or misfit is None:
-                raise
-            remedy = "move it into the rest cage"
-            if not placement.is_misplaced:
-                remedy += ", or take the nearest points of the cage with `outside=project`"
-            transform = misfit.transform
-            if transform is not None and not transform.is_scaled and self._settings.mesh:
-                remedy = "it " + self._common.explain_mesh(
-                    transform.invert(), self._mesh_scene, self._model.mesh.mesh.diagonal
-                )
-            raise OutsideError(f"{placement.describe_outside()}; {remedy}") from error
 
     def _move_points(self, conversion: SceneConversion) -> Iterator[Any]:
         """Return rows of the points of the model, in blocks of frames."""

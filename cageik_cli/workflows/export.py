@@ -23,7 +23,8 @@ from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.caged_model import CagedModel, Reconstruction
+from cageik_cli.workflows.caged_model import CagedModel
+from cageik_cli.workflows.reconstruction import Reconstruction
 from cageik_cli.workflows.rig import check_influences, make_rig
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from cageik_cli.coordinates.binding import Binding
@@ -24,7 +23,7 @@ from cageik_cli.util.errors import error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
-from cageik_cli.workflows.common_scene import UNSTATED, CommonScene
+from cageik_cli.workflows.common_scene import CommonScene, Offer
 from cageik_cli.workflows.compose import collect_notes, compose_result
 from cageik_cli.workflows.fit import fit_to_clips
 from cageik_cli.workflows.mesh_source import load_source
@@ -93,7 +92,7 @@ class Extraction:
         self.existing: Result | None = None
         self.common = CommonScene(settings.scene, settings.given_in, can_restate=True)
         self.cage: LoadedMesh | None = None
-        self._cage_scene = UNSTATED
+        self._offer: Offer | None = None
         self.vertex_weights = VertexWeights(None)
         self.sources: dict[str, Any] = {}
         self.filled: tuple[int, ...] = ()
@@ -130,8 +129,7 @@ class Extraction:
         )
         self.settings = settings = replace(settings, clip=clip, rest_frame=index or 0)
         if settings.cage is not None:
-            given = load_source(settings.cage, "cage")
-            self.cage, self._cage_scene = self.common.place(given), given.scene
+            self.cage, self._offer = self.common.place_cage(load_source(settings.cage, "cage"))
         self.sources = {"rest": self.rest.source}
         if settings.binding is not None:
             matching = self.stored or load_matching_binding(settings.binding, self.rest, self.cage)
@@ -195,8 +193,7 @@ class Extraction:
             with progress.stage("cage"), error_context(rest.source["name"]):
                 self.cage = build_cached(rest.mesh, settings.build, settings.cache, progress)
             self.sources["cage"] = self.cage.source
-        offer = partial(self.common.offer, source=self._cage_scene)
-        with progress.stage("bind"), suggest_repair(self.cage, rest, offer):
+        with progress.stage("bind"), suggest_repair(self.cage, rest, self._offer):
             weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
             self.stored = bind_cached(rest, self.cage, weight_settings, progress)
         if settings.fit is not None:

@@ -44,7 +44,7 @@ from cageik_cli.util.threads import OrderedMap
 from cageik_cli.workflows.mesh_source import load_source
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.caged_model import CageFrames
+    from cageik_cli.workflows.reconstruction import CageFrames
 
 POINT_SUFFIXES = (".ply", ".npz", ".pc2", ".mdd")
 """What points without faces can be written as."""

@@ -22,7 +22,7 @@ from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.caged_model import RebuiltFrames, Reconstruction
+from cageik_cli.workflows.reconstruction import RebuiltFrames, Reconstruction
 
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
 """Frames that are posed together; constant, because the last digits depend on it."""

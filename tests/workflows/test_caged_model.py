@@ -6,7 +6,7 @@ import pytest
 from cageik_cli.coordinates import binding as binding_module
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.caged_model import CageFrames, Reconstruction
+from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from tests.shapes import ball, box
 
 COUNT = 10

@@ -13,7 +13,7 @@ from cageik_cli.store.result import read_binding, read_cages, read_result, read_
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows import export as exporting
-from cageik_cli.workflows.caged_model import CageFrames, Reconstruction
+from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from cageik_cli.workflows.rig import make_rig
 from tests.clips import frames_of
 from tests.formats.gltf.decoded import Glb
