@@ -252,7 +252,8 @@ def make_solved_block(
     gaps = _find_gaps(block)
     known = np.delete(np.arange(len(solution.cages)), gaps)
     cages, rotations, sampled = solution.cages, solution.rotations, solution.sampled
-    check_finite(block.start, cages[known], map_columns(metrics, lambda column: column[known]))
+    readable = map_columns(metrics, lambda column: column[known])
+    check_finite(block.start + known, cages[known], readable)
     if len(gaps):
         squares, metrics = squares[known], leave_gaps(metrics, gaps)
         cages, rotations, sampled = cages.copy(), rotations.copy(), sampled.copy()

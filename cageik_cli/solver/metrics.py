@@ -1,6 +1,6 @@
 """Errors of reconstructions relative to their frames: RMS, deviation and volume."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import TypeVar
 
@@ -227,11 +227,11 @@ def find_invalid_metric(metrics: FrameMetrics) -> str | None:
     return None
 
 
-def check_finite(start: int, cages: Floats, metrics: FrameMetrics) -> None:
-    """Check that the cages and metrics of frames from `start` on are finite and not too large."""
+def check_finite(frames: Sequence[int] | Integers, cages: Floats, metrics: FrameMetrics) -> None:
+    """Check that the cages and metrics of frames, given by number, are finite and not too large."""
     fault = find_invalid_metric(metrics)
     if fault is not None or not np.isfinite(cages).all():
         raise NumericalError(
-            f"the solve gave {fault or 'cages that are not finite'} in frames {start} to "
-            f"{start + len(cages) - 1}; scale the scene to coordinates near 1"
+            f"the solve gave {fault or 'cages that are not finite'} in frames {frames[0]} to "
+            f"{frames[-1]}; scale the scene to coordinates near 1"
         )

@@ -139,7 +139,7 @@ class _EditRun:
         frames = start + np.arange(len(cages))
         known = ~np.isin(frames, list(self._result.skipped))
         block = self._edit_frames(frames[known], cages[known])
-        check_finite(start, block.cages_after, block.metrics)
+        check_finite(block.frames, block.cages_after, block.metrics)
         self._statistics.update(block)
         all_cages, columns = np.full_like(cages, np.nan), {}
         all_cages[known] = block.cages_after

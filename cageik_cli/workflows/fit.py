@@ -220,7 +220,7 @@ def measure_unfitted(
         solution = solver.solve(frame, workspace)
         rebuilt = solution.reconstructions
         metrics, _ = measure(rest, frame, rebuilt, solver.data_vertices, workspace)
-        check_finite(k, solution.cages, metrics)
+        check_finite([k], solution.cages, metrics)
         rms[place] = metrics.rms[0]
         if k in key_frames:
             misses[k] = (frame[0] - rebuilt[0]) / rest.diagonal

@@ -126,8 +126,8 @@ def check_not_points(vertex_count: int, face_count: int) -> None:
     if vertex_count and not face_count:
         raise FormatError(
             f"is a point cloud: {vertex_count} points and no faces, expected a mesh; reconstruct "
-            "its surface, or export the mesh with its faces; deform and pose take points as "
-            ".ply"
+            "its surface, or export the mesh with its faces; deform (`mesh=`) and pose take points "
+            "as .ply"
         )
 
 

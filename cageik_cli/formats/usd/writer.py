@@ -293,8 +293,11 @@ class SkeletonWriter(UsdWriter):
 
         stage, root, motion = self.stage, self.root, self._motion
         UsdSkel.Root.Define(stage, root)
-        skeleton = UsdSkel.Skeleton.Define(stage, f"{root}/skeleton")
-        animation = UsdSkel.Animation.Define(stage, f"{root}/skeleton/motion")
+        self._place = f"{root}/skeleton"
+        while stage.GetPrimAtPath(self._place):  # a part of that name
+            self._place += "_"
+        skeleton = UsdSkel.Skeleton.Define(stage, self._place)
+        animation = UsdSkel.Animation.Define(stage, f"{self._place}/motion")
         joints = [name if k == 0 else f"root/{name}" for k, name in enumerate(motion.names)]
         bind, rest = motion.bind_places, motion.rest_translations
         skeleton.CreateJointsAttr(joints)
@@ -313,7 +316,7 @@ class SkeletonWriter(UsdWriter):
 
         influences = weights.joints.shape[1]
         binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
-        binding.CreateSkeletonRel().SetTargets([f"{self.root}/skeleton"])
+        binding.CreateSkeletonRel().SetTargets([self._place])
         binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1))
         joints = binding.CreateJointIndicesPrimvar(False, influences)
         joints.Set(Vt.IntArray.FromNumpy((weights.joints[vertices] + 1).astype(np.int32).ravel()))
