@@ -12,7 +12,7 @@ from cageik_cli.formats.gltf_reader.items import Item
 from cageik_cli.geometry.surface_parts import NONE
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import FormatError, join_truncated
-from cageik_cli.util.text import single_line
+from cageik_cli.util.text import format_count, single_line
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 """Modes of primitives that have faces."""
@@ -100,7 +100,7 @@ def read_triangles(document: Document, mesh: Item) -> Triangles:
         materials.append(np.full(len(found), NONE if material is None else material))
     if len({len(pool.targets) for pool in pools.values()}) > 1:
         raise FormatError(f"{mesh.place} has primitives of other numbers of morph targets")
-    notes = [f"{others} primitives without faces left out"] if others else []
+    notes = [f"{format_count(others, 'primitive')} without faces left out"] if others else []
     notes += _describe_unread(pools.values())
     return Triangles(
         tuple(pools.values()), np.concatenate(faces), np.concatenate(materials), tuple(notes)

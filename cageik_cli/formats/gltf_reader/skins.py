@@ -10,6 +10,7 @@ from cageik_cli.formats.gltf_reader.accessors import read_floats, read_wholes
 from cageik_cli.formats.gltf_reader.document import Document
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import format_count
 
 SUM_TOL = 0.01
 """Weights whose sum is this far from 1 get a note; a byte per weight rounds by less."""
@@ -78,14 +79,15 @@ class Influences:
         weights = weights.copy()
         weights[is_lost, 0] = sums[is_lost] = 1
         if is_lost.any():
+            count = format_count(int(np.count_nonzero(is_lost)), "vertex")
             self.notes.append(
-                f"{np.count_nonzero(is_lost)} vertices have weights that sum to 0; they follow the "
-                "first joint that they name"
+                f"the weights of {count} sum to 0; the first joint that is named there moves each"
             )
         is_off = np.abs(sums - 1) > SUM_TOL
         if is_off.any():
+            count = format_count(int(np.count_nonzero(is_off)), "vertex")
             self.notes.append(
-                f"the weights of {np.count_nonzero(is_off)} vertices sum to {sums.min():.3g} to "
+                f"the weights of {count} sum to {sums.min():.3g} to "
                 f"{sums.max():.3g}, and are divided by their sum"
             )
         self.weights = weights / sums[:, None]

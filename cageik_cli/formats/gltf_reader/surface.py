@@ -18,6 +18,7 @@ from cageik_cli.geometry.surface_parts import (
 )
 from cageik_cli.util.arrays import Integers, Mask
 from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import format_count
 
 GLTF_WHITE = (1.0, 1.0, 1.0, 1.0)
 """The base colour of a material that states none."""
@@ -68,8 +69,8 @@ class SurfaceReader:
         own = found[geometry.firsts]
         split = (found[geometry.origins] != own[geometry.corners]).any(axis=1)
         if split.any():
-            count = len(np.unique(geometry.corners[split]))
-            note = f"{count} vertices have several colours, of which one is kept"
+            count = format_count(len(np.unique(geometry.corners[split])), "vertex")
+            note = f"several colours at {count}, of which one is kept"
             geometry.notes += [] if note in geometry.notes else [note]  # as an instance has it
         return replace(attributes, colours=own)
 

@@ -12,6 +12,7 @@ from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 from tests.formats.gltf.built import Built, make_glb
 from tests.formats.gltf.rigs import quantised, skinned
+from tests.refusals import refused
 
 HUGE = 10**9
 MOST = 16 << 20
@@ -296,3 +297,56 @@ def test_what_a_file_cannot_be_read_without_is_named_and_the_rest_is_taken(tmp_p
     file.json["extensionsRequired"] = ["KHR_materials_unlit", "KHR_texture_transform"]
     path = file.save(tmp_path / "unlit.glb")
     assert len(open_sequence([str(path)]).first.vertices) == 3
+
+
+def test_channels_that_move_nothing_are_left_out_with_a_note(tmp_path):
+    file, _ = skinned("STEP")
+    channels = file.json["animations"][0]["channels"]
+    channels[0]["target"] = {"path": "pointer"}
+    channels[1]["target"] = {"node": 7, "path": "weights"}
+    notes = " ".join(open_sequence([str(file.save(tmp_path / "odd.glb"))]).notes)
+    assert "channels that move no node are left out" in notes
+    assert "nodes[7] has no morph targets for its animated weights" in notes
+
+
+@pytest.mark.parametrize(
+    ("letter", "says"),
+    [("b", "componentType is 5120, expected 5121, 5123 or 5125"), ("f", "is 5126, expected 5121")],
+)
+def test_joints_and_indices_count_from_0(tmp_path, letter, says):
+    file = Built()
+    primitive = {"attributes": {"POSITION": file.array(np.eye(3))}}
+    primitive["indices"] = file.array([0, 1, 2], letter)
+    file.add("meshes", {"primitives": [primitive]})
+    file.add("nodes", {"mesh": 0})
+    assert says in say(file.save(tmp_path / "signed.glb"))
+
+
+def test_primitives_of_a_mesh_have_as_many_targets(save):
+    document = make_plain()
+    document["meshes"][0]["primitives"] = [
+        {"attributes": {"POSITION": 0}, "targets": [{"POSITION": 0}] * k} for k in (1, 2)
+    ]
+    assert "meshes[0] has primitives of other numbers of morph targets" in say(save(document))
+
+
+def test_a_buffer_needs_data_and_a_file_without_animations_has_none_to_choose(save):
+    document = make_plain(bufferView=0)
+    document |= {"bufferViews": [{"buffer": 1, "byteLength": 36}]}
+    document |= {"buffers": [{"byteLength": 36}, {"byteLength": 36}]}
+    path = save(document, bytes(36))
+    assert "buffers[1]: names no data" in say(path)
+    with refused(InputError, "holds no animation `run`, and none at all; leave out `::run`"):
+        open_sequence([f"{path}::run"])
+
+
+def test_positions_may_be_zero_but_for_some(tmp_path):
+    file = Built()
+    some = {1: None, 2: None}
+    positions = file.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], sparse=some, is_dense=False)
+    file.add("meshes", {"primitives": [{"attributes": {"POSITION": positions}}]})
+    file.add("nodes", {"mesh": 0})
+    clip = open_sequence([str(file.save(tmp_path / "sparse.glb"))])
+    assert clip.first.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    del file.json["accessors"][positions]["sparse"]["values"]
+    assert "sparse.values is null, expected an object" in say(file.save(clip.path))
