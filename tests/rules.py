@@ -16,7 +16,6 @@ SHORT = {
     "cli/info.py": "each command is a module, so that only the one that runs is imported",
     "util/compiled.py": "the one door to the compiled core",
     "util/progress.py": "what knows of progress needs no more",
-    "util/text.py": "what words texts needs no more",
     "workflows/batch/preload.py": "a list of imports for the processes of a batch",
     "workflows/batch/preload_page.py": "the same for batches with pages",
     "workflows/check.py": "each command has a workflow, whose imports are its own",

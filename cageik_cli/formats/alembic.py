@@ -285,7 +285,7 @@ class Writer(AnimationWriter):
             for place in placed:
                 above = tree.define(place.above)
                 schema = OPolyMesh(above, place.name, stated, times).getSchema()
-                self._meshes.append((schema, AlembicSurface(place.part.mesh), place.part))
+                self._meshes.append((schema, AlembicSurface(place.part.own_mesh), place.part))
         except RuntimeError as error:
             raise OSError(str(error)) from error
 

@@ -36,6 +36,7 @@ def place_parts(parts: Sequence[Part]) -> list[PlacedPart]:
         is_alike = all(np.array_equal(other.transform, part.transform) for other in beside)
         is_above = any(other.startswith(f"{path}/") for other in paths)
         is_free = bool(folder) or np.array_equal(part.transform, np.eye(4))
+        is_free &= folder not in paths  # whose transform is that of a part
         if is_alike and is_free and not is_above:
             placed.append(PlacedPart(part, folder, path.rpartition("/")[2]))
         else:

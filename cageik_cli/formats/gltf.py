@@ -15,7 +15,8 @@ from cageik_cli.formats.gltf_file import (
     VectorSpool,
     describe_excess,
 )
-from cageik_cli.formats.gltf_surface import Primitive, cut_surface, make_part_nodes
+from cageik_cli.formats.gltf_nodes import NodeSpace, make_part_nodes, place_node
+from cageik_cli.formats.gltf_surface import Primitive, cut_surface
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.text import format_count
@@ -185,6 +186,8 @@ class Writer(GlbWriter):
         self._surface = cut_surface(animation.rest, self._settings.has_normals)
         self._check_size()
         self._rest = to_float32(animation.rest.vertices).astype(np.float64)
+        self._parts = animation.split()
+        self._spaces = [NodeSpace.of_part(part) for part in self._parts]
         self._rest_normals = self._surface.compute_normals(self._rest)
         self._moves, self._turns = self.open_file(len(self._surface.origins), spool_count=2)
 
@@ -243,19 +246,31 @@ class Writer(GlbWriter):
         """Write the vertices, targets and triangles of one primitive, and return it."""
         import pygltflib as gltf
 
-        count = part.stop - part.start
-        places = self._rest[self._surface.origins]
-        kinds = {"POSITION": (self._moves, places, modes.compute_targets)}
+        count, space = part.stop - part.start, self._spaces[part.part]
+        places = space.take_positions(self._rest[self._surface.origins[part.start : part.stop]])
+        normals, turns = space.take_normals(self._rest_normals[part.start : part.stop])
+        kinds: dict[str, tuple[Any, Floats, Any]] = {
+            "POSITION": (
+                self._moves,
+                places,
+                lambda first, block: space.take_moves(modes.compute_targets(block).astype(float)),
+            )
+        }
         if self._settings.has_normals:
-            kinds["NORMAL"] = (self._turns, self._rest_normals, modes.fit_targets)
+            kinds["NORMAL"] = (
+                self._turns,
+                normals,
+                lambda first, block: _turn(modes.fit_targets(block), turns[first:]),
+            )
         attributes, targets = {}, []
         for name, (spool, base, compute) in kinds.items():
             is_place = name == "POSITION"
-            rows = base[part.start : part.stop].astype(np.float32)
+            rows = base.astype(np.float32)
             attributes[name] = self._file.add_array(rows, gltf.ARRAY_BUFFER, bounds=is_place)
             written = self._file.reserve_targets(modes.count, count)
             for first, block in spool.read_blocks(part.start, part.stop):
-                self._file.write_targets(written, first - part.start, compute(block))
+                vectors = compute(first - part.start, block).astype(np.float32)
+                self._file.write_targets(written, first - part.start, vectors)
             targets.append(self._file.add_targets(written, bounds=is_place))
         primitive = self._surface.write_primitive(self._file, part, attributes)
         primitive.targets = [
@@ -291,11 +306,10 @@ class Writer(GlbWriter):
                 "largest_percent": float(f"{largest:.3g}"),
             },
         }
-        names = [part.name for part in self._animation.split()]
-        nodes, tops, with_meshes = make_part_nodes(names, 0)
+        names = [part.name for part in self._parts]
+        nodes, tops, with_meshes = make_part_nodes(names, 0, self._spaces)
         for top in tops:
-            for field, value in self.make_node_transform().items():
-                setattr(nodes[top], field, value)
+            place_node(nodes[top], self.make_node_transform())
         owners = [each.part for each in self._surface.primitives]
         meshes = [
             gltf.Mesh(
@@ -316,3 +330,8 @@ class Writer(GlbWriter):
             materials=self._surface.make_materials(),
             animations=[self._write_track(modes, with_meshes)],
         )
+
+
+def _turn(vectors: Singles, turns: Floats) -> Floats:
+    """Turn vectors (K, b, 3) at the first b of some vertices by their matrices (k, 3, 3)."""
+    return np.asarray(np.einsum("nka,kab->nkb", vectors, turns[: vectors.shape[1]]))

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
 from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
 from cageik_cli.formats.gltf_file import GlbWriter
-from cageik_cli.formats.gltf_surface import cut_surface, make_part_nodes
+from cageik_cli.formats.gltf_nodes import make_part_nodes
+from cageik_cli.formats.gltf_surface import cut_surface
 from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError

@@ -1,6 +1,5 @@
 """The surface of a mesh as glTF has it: one UV and normal per vertex, a primitive per material."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -113,53 +112,6 @@ class Surface:
         return gltf.Primitive(
             attributes=gltf.Attributes(**attributes), indices=indices, material=primitive.material
         )
-
-
-def make_part_nodes(
-    names: Sequence[str], first: int, **every: Any
-) -> tuple[list[Any], list[int], list[int]]:
-    """Return a node per part, with mesh k of part k, below nodes for what is above in its path.
-
-    Parameters
-    ----------
-    first : int
-        Number of the first of these nodes in the file.
-    **every
-        Other fields of the nodes of parts.
-
-    Returns
-    -------
-    nodes, tops, meshes
-        The nodes, the numbers of those at the top, and of those that have meshes.
-    """
-    import pygltflib as gltf
-
-    numbers: dict[str, int] = {}
-    nodes: list[Any] = []
-    tops: list[int] = []
-
-    def place(path: str) -> Any:
-        above, _, name = path.strip("/").rpartition("/")
-        numbers[path] = first + len(nodes)
-        node = gltf.Node(name=name)
-        nodes.append(node)
-        if not above:
-            tops.append(numbers[path])
-        else:
-            if above not in numbers:
-                place(above)
-            nodes[numbers[above] - first].children.append(numbers[path])
-        return node
-
-    meshes = []
-    for k, name in enumerate(names):
-        path = name.strip("/")
-        node = nodes[numbers[path] - first] if path in numbers else place(path)
-        node.mesh = k
-        for field, value in every.items():
-            setattr(node, field, value)
-        meshes.append(numbers[path])
-    return nodes, tops, meshes
 
 
 def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:

@@ -21,6 +21,7 @@ from cageik_cli.geometry.surface_parts import (
     UvMap,
 )
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.text import number_names
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +44,14 @@ class Part:
     mesh: TriMesh
     vertices: slice
     transform: Floats
+
+    @property
+    def own_mesh(self) -> TriMesh:
+        """The mesh with its faces as they turn in its own space, where a mirror turns them."""
+        if np.linalg.det(self.transform[:3, :3]) > 0:
+            return self.mesh
+        turned = self.mesh.polygons.reverse(keeps_first=False)
+        return TriMesh(self.mesh.vertices, self.mesh.faces[:, ::-1], turned)
 
     def select(self, positions: Floats) -> Floats:
         """Return its positions (..., k, 3) in its own space, of those of the model (..., m, 3)."""
@@ -173,7 +182,7 @@ def join_meshes(
     bounds = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     attributes = [mesh.polygons for mesh in meshes]
     parts = Parts(
-        names=_number_names(names),
+        names=tuple(number_names(names)),
         vertex_counts=np.diff(bounds),
         polygon_counts=np.array([len(each.corner_counts) for each in attributes]),
         transforms=np.stack([np.eye(4)] * len(meshes) if transforms is None else transforms),
@@ -183,17 +192,6 @@ def join_meshes(
         np.concatenate([mesh.faces + at for mesh, at in zip(meshes, bounds[:-1], strict=True)]),
         _join_attributes(attributes, bounds, parts),
     )
-
-
-def _number_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names that are all different: one that is there before gets a number."""
-    taken: dict[str, None] = {}
-    for name in names:
-        chosen, number = name, 2
-        while chosen in taken:
-            chosen, number = f"{name}_{number}", number + 1
-        taken[chosen] = None
-    return tuple(taken)
 
 
 def _join_attributes(

@@ -73,3 +73,14 @@ def make_file_name(name: str) -> str:
     text = "".join("_" if c in '/\\:*?"<>|' else c for c in single_line(to_unicode(name)))
     text = text.strip(". ") or "_"
     return f"_{text}" if text.split(".")[0].upper() in RESERVED_NAMES else text
+
+
+def number_names(names: Iterable[str]) -> list[str]:
+    """Return names that are all different: one that is there before gets a number."""
+    taken: dict[str, None] = {}
+    for name in names:
+        chosen, number = name, 2
+        while chosen in taken:
+            chosen, number = f"{name}_{number}", number + 1
+        taken[chosen] = None
+    return list(taken)

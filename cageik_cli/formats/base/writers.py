@@ -1,6 +1,7 @@
 """Base classes of the writers, and the animation that they are given."""
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -16,6 +17,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import Part, split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError
+from cageik_cli.util.text import number_names
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,8 +49,17 @@ class Animation:
     guide: str = ""
 
     def split(self) -> list[Part]:
-        """Split the rest pose into its parts; a rest pose that came as one has its name."""
-        return [replace(part, name=part.name or self.name) for part in split_parts(self.rest)]
+        """Split the rest pose into its parts; a rest pose that came as one has its name.
+
+        Their paths are all different, also without a slash at the beginning.
+        """
+        parts = split_parts(self.rest)
+        steps = ([step for step in part.name.split("/") if step] for part in parts)
+        paths = number_names("/".join(each or [self.name]) for each in steps)
+        return [
+            replace(part, name=f"/{path}" if part.name.startswith("/") else path)
+            for part, path in zip(parts, paths, strict=True)
+        ]
 
     def recentre(self) -> "Animation":
         """Return the animation with the rest pose around the origin, but for a round offset."""
@@ -79,12 +90,16 @@ def nest_names(names: Sequence[str], root: str) -> list[str]:
 
 
 def choose_short_names(names: Sequence[str]) -> list[str]:
-    """Return the last name in the path of each part; the whole path where two have the same."""
+    """Return the last name in the path of each part; the whole path where two have the same.
+
+    They are all different.
+    """
     last = [name.rstrip("/").rpartition("/")[2] or name for name in names]
-    return [
-        short if last.count(short) == 1 else name.strip("/")
+    counts = Counter(last)
+    return number_names(
+        short if counts[short] == 1 else name.strip("/")
         for short, name in zip(last, names, strict=True)
-    ]
+    )
 
 
 class AnimationWriter(ABC):

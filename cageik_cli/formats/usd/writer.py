@@ -182,7 +182,7 @@ def define_parts(
             # If a mesh were the default prim, the type of a referencing prim would hide it.
             if str(above) not in paths:
                 UsdGeom.Xform.Define(stage, above)
-        meshes.append(UsdMesh(stage, path, part.mesh, materials))
+        meshes.append(UsdMesh(stage, path, part.own_mesh, materials))
         if part.name == animation.guide:
             meshes[-1].prim.CreatePurposeAttr(UsdGeom.Tokens.guide)
     transforms = {path: part.transform for path, part in zip(paths, parts, strict=True)}
