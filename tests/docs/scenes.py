@@ -57,6 +57,16 @@ def add_splats(folder):
     (folder / "scan.ply").write_bytes(encode_rows(scan))
 
 
+def add_character(folder):
+    """Make `hero.usdc` of four meshes, `cage.obj` around it, and `tight.obj` around its body."""
+    from tests.character import make_cage, write_usd  # USD is slow to import
+
+    write_usd(folder / "hero.usdc")
+    for name, radius in {"cage": 0.8, "tight": 0.56}.items():
+        cage = make_cage(radius)
+        (folder / f"{name}.obj").write_bytes(encode_exact_obj(cage.vertices, cage.faces))
+
+
 def add_box(folder):
     """Make `frames`, every second one of the walking figure, and `box.obj` around the first."""
     (folder / "frames").mkdir()
@@ -108,6 +118,7 @@ SCENES = {
     "scan": add_scan,
     "model": add_model,
     "box": add_box,
+    "character": add_character,
     "animations": add_animations,
     "splats": add_splats,
 }
