@@ -289,8 +289,8 @@ class _Builder:
 
     def _find_grid(self, offset: float) -> DistanceGrid:
         """Return the grid on which a shell is made, measured when it is first needed."""
-        # The offset is to be more than the half of a cell.
-        cell, reach = FINE_GRID if offset < 0.016 else COARSE_GRID
+        # A shell on the coarse grid is further away than a cell, so that the grid resolves it.
+        cell, reach = COARSE_GRID if offset > COARSE_GRID[0] else FINE_GRID
         if cell not in self._grids:
             self._grids[cell] = DistanceGrid(self._demand.surface, cell, reach)
         return self._grids[cell]

@@ -20,6 +20,9 @@ from cageik_cli.util.text import format_count, pluralize
 SEVERITIES = ("unfit", "warning", "note")
 """From the worst: it does not bind; it binds, but something will be poor; a remark."""
 
+MIN_THICKNESS = 1e-9
+"""Cages with less volume, in their area times their diagonal, bound none: it is rounding."""
+
 Point = tuple[float, float, float]
 """A place, file units."""
 
@@ -206,12 +209,12 @@ def _find_loose_components(surface: TriMesh) -> Iterator[Finding]:
         yield Finding("components", "unfit", message, remedy, value=value).at("vertices", small)
 
 
-def _find_volume_faults(surface: TriMesh, min_ratio: float = 1e-9) -> Iterator[Finding]:
-    """Find a volume below `min_ratio` times area times diagonal, or below 0."""
+def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
+    """Find a volume below `MIN_THICKNESS` times area times diagonal, or below 0."""
     if not bounds_volume(surface):
         return
     volume, area = surface.volume, surface.face_areas.sum()
-    if abs(volume) <= min_ratio * area * surface.diagonal:
+    if abs(volume) <= MIN_THICKNESS * area * surface.diagonal:
         message = f"the cage bounds no volume ({volume:.3g} in an area of {area:.3g})"
         yield Finding("no-volume", "unfit", message, "give it thickness", value=volume)
     elif volume < 0:

@@ -25,6 +25,9 @@ MAX_NEAR_PERCENT = 5.0
 MAX_FITTED_PERCENT = 2.0
 """The same of a cage whose scale or place were fitted, which makes chance matches likelier."""
 
+MAX_TRANSFORM_STEPS = 12
+"""Steps in which a transform is fitted to the points that are left outside."""
+
 MIN_EXTENT_RATIO, MAX_EXTENT_RATIO = 0.9, 2.0
 """A transformed cage is at least and at most so much larger than the model, along each axis."""
 
@@ -215,11 +218,9 @@ def _centre(transform: Transform, cage: TriMesh, model: TriMesh) -> Transform:
     return replace(transform, offset=centres[0] - transform.matrix @ centres[1])
 
 
-def _fit_to_points(
-    transform: Transform, cage: TriMesh, points: Floats, rounds: int = 12
-) -> Transform:
+def _fit_to_points(transform: Transform, cage: TriMesh, points: Floats) -> Transform:
     """Move, and grow, what a transform leaves open until the points are inside."""
-    for _ in range(rounds if transform.is_fitted else 0):
+    for _ in range(MAX_TRANSFORM_STEPS if transform.is_fitted else 0):
         moved = transform.apply_to_mesh(cage)
         outside = points[winding_numbers(moved, points) < 0.5]
         if len(outside) == 0:
@@ -228,14 +229,13 @@ def _fit_to_points(
     return transform
 
 
-def _take_step(
-    transform: Transform, moved: TriMesh, outside: Floats, ridge: float = 1e-3
-) -> Transform:
+def _take_step(transform: Transform, moved: TriMesh, outside: Floats) -> Transform:
     """Scale and move so that the nearest points of the cage meet the points that are outside.
 
-    Unknowns are a relative growth about the cage's centre, in its diagonals, and a move; `ridge`
-    is the weight of their squares against one point's distance.
+    Unknowns are a relative growth about the cage's centre, in its diagonals, and a move; their
+    squares count, too, so that a solution of few points stays small.
     """
+    ridge = 1e-3  # weight of these squares against one point's distance
     nearest = closest_points(moved, outside)
     keep = nearest.distance > 0
     if not keep.any():

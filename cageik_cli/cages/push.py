@@ -10,6 +10,15 @@ from scipy.sparse.linalg import splu
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
+MAX_PUSHES = 30
+"""How often all vertices are moved, at most."""
+
+MAX_FRUITLESS_PUSHES = 6
+"""Pushes end when what is missing most has not shrunk by a tenth in this many of them."""
+
+MAX_PUSH_STEP = 1.5
+"""How far a vertex moves at once, in the largest distance that is missing."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts:
@@ -40,8 +49,6 @@ def push(
     smoothness: float,
     stiffness: float,
     enough: float = 0.0,
-    max_pushes: int = 30,
-    patience: int = 6,
 ) -> TriMesh:
     """Move the cage until nothing is missing, or pushes stop helping.
 
@@ -57,18 +64,16 @@ def push(
         The cost of differences between the moves of neighbours, and of moves, relative to that of
         the distance that one point misses.
     enough : float
-        Pushes end when no contact misses more, file units,
-    patience : int
-        and when what is missing most has not shrunk by a tenth in so many of them.
+        Pushes end when no contact misses more, file units; or what is missing most does not shrink.
     """
     form = _make_form(cage, smoothness, stiffness)
-    longest, deepest = 0.0, [np.inf] * patience
-    for _ in range(max_pushes):
+    longest, deepest = 0.0, [np.inf] * MAX_FRUITLESS_PUSHES
+    for _ in range(MAX_PUSHES):
         contacts = find_contacts(cage, longest)
         if contacts is None or len(contacts.missing) == 0 or contacts.missing.max() < enough:
             break
         deepest.append(float(contacts.missing.max()))
-        if deepest[-1] > 0.9 * deepest[-1 - patience]:
+        if deepest[-1] > 0.9 * deepest[-1 - MAX_FRUITLESS_PUSHES]:
             break
         moves = _solve_moves(contacts, form)
         longest = float(np.linalg.norm(moves, axis=1).max())
@@ -86,10 +91,10 @@ def _make_form(cage: TriMesh, smoothness: float, stiffness: float) -> sparse.csc
     return sparse.csc_array(sparse.kron(form, sparse.eye_array(3)))
 
 
-def _solve_moves(contacts: Contacts, form: sparse.csc_array, max_step: float = 1.5) -> Floats:
+def _solve_moves(contacts: Contacts, form: sparse.csc_array) -> Floats:
     """Solve for the move of every vertex, (n, 3): least squares of what is missing, and `form`.
 
-    No vertex moves further than `max_step` times the largest distance that is missing.
+    No vertex moves further than `MAX_PUSH_STEP` times the largest distance that is missing.
     """
     count, size = len(contacts.missing), form.shape[0]
     rows = np.repeat(np.arange(count), 9)
@@ -102,7 +107,7 @@ def _solve_moves(contacts: Contacts, form: sparse.csc_array, max_step: float = 1
     moves = splu(sparse.csc_matrix(normal)).solve(to_heights.T @ (weight * contacts.missing))
     moves = moves.reshape(-1, 3)
     length = np.linalg.norm(moves, axis=1, keepdims=True)
-    longest = max_step * contacts.missing.max()
+    longest = MAX_PUSH_STEP * contacts.missing.max()
     return np.asarray(moves * np.minimum(1, longest / np.maximum(length, longest)))
 
 

@@ -16,6 +16,12 @@ MIN_LIMB_SIZE = 0.025
 MIN_CAGED_GAP = 0.008
 """Limbs nearer to each other than this, in diagonals, count as one: no cage fits between."""
 
+DEFAULT_SECTIONS = 24
+"""Positions along each axis at which cage and model are cut."""
+
+MAX_LIMB_REACH = 0.05
+"""Loops are of one limb if the surface joins them within this distance of the plane, diagonals."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedSection:
@@ -138,7 +144,7 @@ def _measure_box(points: Floats) -> float:
 
 
 def find_shared_sections(
-    cage: TriMesh, model: TriMesh, near: Floats | None = None, count: int = 24
+    cage: TriMesh, model: TriMesh, near: Floats | None = None
 ) -> list[SharedSection]:
     """Find where two or more limbs of the model go through one loop of the cage.
 
@@ -148,8 +154,6 @@ def find_shared_sections(
         The cage holds the model.
     near : (k, 3) float64, optional
         Only the sections within a step of these points are made, which is faster; all by default.
-    count : int
-        Sections along each axis.
 
     Returns
     -------
@@ -161,10 +165,10 @@ def find_shared_sections(
     found: list[list[SharedSection]] = []
     for axis in range(3):
         low, high = model.vertices[:, axis].min(), model.vertices[:, axis].max()
-        step = (high - low) / count
+        step = (high - low) / DEFAULT_SECTIONS
         slicers = Slicer(cage, axis), Slicer(model, axis)
         before: list[list[SharedSection]] = []
-        for k in range(count):
+        for k in range(DEFAULT_SECTIONS):
             position = low + (k + 0.5) * step
             is_wanted = near is None or (np.abs(near[:, axis] - position) <= step).any()
             now = _find_at(*slicers, position) if is_wanted else []
@@ -224,14 +228,14 @@ def _find_limb_loops(model: Slicer, position: float) -> list[Loop]:
     return [loop for loop, is_held in zip(large, held, strict=True) if not is_held]
 
 
-def _label_limbs(model: Slicer, position: float, length: float = 0.05) -> Integers:
+def _label_limbs(model: Slicer, position: float) -> Integers:
     """Return equal numbers, (m,), for what the surface joins near a plane; −1 for others.
 
-    Near is what is less than `length` away, in diagonals.
+    Near is what is less than `MAX_LIMB_REACH` away, in diagonals.
     """
     mesh = model.mesh
     height = mesh.vertices[:, model.axis] - position
-    near = np.abs(height) < length * mesh.diagonal
+    near = np.abs(height) < MAX_LIMB_REACH * mesh.diagonal
     near[mesh.faces[model.find_cut_faces(position)]] = True
     one, two = mesh.edges.ends[:, 0], mesh.edges.ends[:, 1]
     number = np.cumsum(near) - 1

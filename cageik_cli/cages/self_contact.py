@@ -10,6 +10,21 @@ from scipy.spatial import cKDTree
 from cageik_cli.geometry.mesh import Edges, TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
+MAX_CONTACT_DISTANCE = 0.03
+"""Parts touch when they are nearer to each other than this, in diagonals."""
+
+MIN_SURFACE_DISTANCE = 0.12
+"""Points that are nearer along the surface, in diagonals, are of one part, and do not touch."""
+
+MAX_DIVIDED_EDGE = 0.03
+"""Faces with longer edges are divided, in diagonals, while there is room for more faces."""
+
+MAX_DIVIDED_FACES = 60_000
+"""Faces of a divided surface, at most."""
+
+MAX_CONTACT_SAMPLES = 3000
+"""Points that stand for the surface, at most: about 0.02 diagonals apart on a body."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactMeter:
@@ -54,18 +69,10 @@ class ContactMeter:
         return float(self.shares @ (1 - nearest / self.reach))
 
 
-def make_contact_meter(
-    model: TriMesh, near: float = 0.03, far: float = 0.12
-) -> ContactMeter | None:
+def make_contact_meter(model: TriMesh) -> ContactMeter | None:
     """Sample the surface of a model, and find which samples are near along it.
 
     Vertices at one place count as joined, so that seams do not part the surface.
-
-    Parameters
-    ----------
-    near, far : float
-        Parts touch when they are nearer to each other than `near`, and further apart than `far`
-        along the surface, in diagonals.
 
     Returns
     -------
@@ -80,8 +87,8 @@ def make_contact_meter(
     if len(samples) == 0:
         return None
     links = _link_samples(surface, samples)
-    joined = _find_near_pairs(links, far * model.diagonal)
-    return ContactMeter(weights[samples], shares, joined, near * model.diagonal)
+    joined = _find_near_pairs(links, MIN_SURFACE_DISTANCE * model.diagonal)
+    return ContactMeter(weights[samples], shares, joined, MAX_CONTACT_DISTANCE * model.diagonal)
 
 
 def _join_seams(model: TriMesh) -> tuple[sparse.csr_array, Integers]:
@@ -104,19 +111,17 @@ def _divide_edges(
     model: TriMesh,
     weights: sparse.csr_array,
     faces: Integers,
-    max_length: float = 0.03,
-    max_faces: int = 60_000,
 ) -> tuple[sparse.csr_array, Integers]:
     """Divide each face in four until edges are short; return what `_join_seams` does.
 
-    Short is up to `max_length`, in diagonals.
+    Short is up to `MAX_DIVIDED_EDGE`, in diagonals.
     """
-    while 4 * len(faces) <= max_faces:
+    while 4 * len(faces) <= MAX_DIVIDED_FACES:
         edges = Edges.from_faces(faces)
         ends, sides = edges.ends, edges.side_edges
         vertices = weights @ model.vertices
         lengths = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
-        if lengths.max() <= max_length * model.diagonal:
+        if lengths.max() <= MAX_DIVIDED_EDGE * model.diagonal:
             break
         middles = sides + weights.shape[0]
         weights = sparse.vstack([weights, 0.5 * (weights[ends[:, 0]] + weights[ends[:, 1]])])
@@ -127,8 +132,8 @@ def _divide_edges(
     return weights, faces
 
 
-def _sample_vertices(surface: TriMesh, count: int = 3000) -> tuple[Integers, Floats]:
-    """Choose up to `count` vertices evenly by area; on a body they are about 0.02 apart.
+def _sample_vertices(surface: TriMesh) -> tuple[Integers, Floats]:
+    """Choose up to `MAX_CONTACT_SAMPLES` vertices evenly by area.
 
     Returns
     -------
@@ -139,10 +144,10 @@ def _sample_vertices(surface: TriMesh, count: int = 3000) -> tuple[Integers, Flo
     areas = np.cumsum(np.linalg.norm(normals, axis=1))
     if not areas[-1] > 0:
         return np.zeros(0, np.int64), np.zeros(0)
-    steps = (np.arange(count) + 0.5) / count
+    steps = (np.arange(MAX_CONTACT_SAMPLES) + 0.5) / MAX_CONTACT_SAMPLES
     chosen = np.searchsorted(areas, steps * areas[-1])
     samples, counts = np.unique(surface.faces[chosen, 0], return_counts=True)
-    return samples, counts / count
+    return samples, counts / MAX_CONTACT_SAMPLES
 
 
 def _link_samples(surface: TriMesh, samples: Integers) -> sparse.csr_array:
@@ -167,8 +172,9 @@ def _link_samples(surface: TriMesh, samples: Integers) -> sparse.csr_array:
     return _make_graph(linked[apart], lengths[first[apart]], len(samples))
 
 
-def _find_near_pairs(links: sparse.csr_array, limit: float, block_size: int = 500) -> Integers:
+def _find_near_pairs(links: sparse.csr_array, limit: float) -> Integers:
     """Return the pairs of samples at most `limit` apart, as `ContactMeter.joined` has them."""
+    block_size = 500  # samples whose distances along the surface are held at once
     count, found = links.shape[0], []
     for start in range(0, count, block_size):
         sources = np.arange(start, min(start + block_size, count))

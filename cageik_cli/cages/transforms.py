@@ -25,6 +25,12 @@ UP_CHANGES: dict[tuple[int, ...], str] = {
 }
 """The turns between programs that count heights along y and along z; rows of the matrix."""
 
+MAX_INFLATION = 20.0
+"""Cages that must grow by more, percent of the model's diagonal, are not this model's."""
+
+INFLATION_TOL = 0.01
+"""The inflation is found to this share of itself."""
+
 
 UP_AXES_OF_TURNS = dict(zip(UP_CHANGES.values(), (("Z", "Y"), ("Y", "Z")), strict=True))
 """The up axes before and after these turns."""
@@ -154,25 +160,19 @@ def _find_up_change(rotation: Floats) -> str:
     return UP_CHANGES.get(tuple(rotation.ravel().astype(int).tolist()), "")
 
 
-def measure_inflation(
-    cage: TriMesh, model: TriMesh, most: float = 20.0, tolerance: float = 0.01
-) -> float | None:
+def measure_inflation(cage: TriMesh, model: TriMesh) -> float | None:
     """Find the smallest offset of the cage along its normals that takes the model inside.
 
     Parameters
     ----------
     cage : TriMesh
         Closed and turned outward.
-    most : float
-        A cage that must grow by more, percent of the model's diagonal, is not this model's.
-    tolerance : float
-        The inflation is found to this share of itself.
 
     Returns
     -------
     float, optional
         Percent of the model's diagonal, found to hold points all over the model; 0 if the cage
-        holds them as it is, None if `most` does not, or the cage then crosses itself.
+        holds them as it is, None if `MAX_INFLATION` does not, or the cage then crosses itself.
     """
     samples = thin_out(sample_surface(model), 50_000)
     outside = samples[winding_numbers(cage, samples) < 0.5]
@@ -180,19 +180,19 @@ def measure_inflation(
         return 0.0
     normals = average_normals(cage) * (model.diagonal / 100)
     depth = 100 * float(closest_points(cage, outside).distance.max()) / model.diagonal
-    left, low, high = outside, 0.0, max(depth, tolerance)
+    left, low, high = outside, 0.0, max(depth, INFLATION_TOL)
     while len(found := _find_outside(cage, high * normals, left, outside)):
         left, low, high = found, high, high * 1.4
-        if low > most:
+        if low > MAX_INFLATION:
             return None
-    while high - low > tolerance * high:
+    while high - low > INFLATION_TOL * high:
         middle = (low + high) / 2
         if len(found := _find_outside(cage, middle * normals, left, outside)):
             left, low = found, middle
         else:
             high = middle
     # Where the cage is thin, it may cross itself as it grows, and lose what it held.
-    held = high <= most and not len(_find_outside(cage, high * normals, samples))
+    held = high <= MAX_INFLATION and not len(_find_outside(cage, high * normals, samples))
     return high if held else None
 
 

@@ -47,6 +47,9 @@ MAX_REFINEMENTS = 4
 MAX_ERROR_SAMPLES = 128
 """Points at which the error is estimated."""
 
+MIN_REFINED_SHARE = 0.6
+"""Panels are divided that have this share of the error, the fewest that do."""
+
 
 def harmonic_weights(
     cage: TriMesh,
@@ -204,10 +207,10 @@ def _solve_to_tolerance(
     return best, error
 
 
-def _worst_panel_mask(shares: Floats, refined_share: float = 0.6) -> Mask:
-    """Return a mask of the fewest panels that have `refined_share` of the error, (p,)."""
+def _worst_panel_mask(shares: Floats) -> Mask:
+    """Return a mask of the fewest panels that have `MIN_REFINED_SHARE` of the error, (p,)."""
     order = np.argsort(-shares, kind="stable")
-    count = np.searchsorted(np.cumsum(shares[order]), refined_share * shares.sum()) + 1
+    count = np.searchsorted(np.cumsum(shares[order]), MIN_REFINED_SHARE * shares.sum()) + 1
     chosen = np.zeros(len(shares), bool)
     chosen[order[:count]] = True
     return chosen

@@ -10,6 +10,9 @@ from cageik_cli.util.units import UNIT_LENGTHS, type_unit
 
 UP_AXES = ("Y", "Z")
 
+MAX_FRAME_STEP = 10
+"""Frames from one sample of a clip to the next, at most, where times leave them open."""
+
 
 @dataclass(frozen=True, slots=True)
 class Scene:
@@ -135,14 +138,14 @@ def _choose(value: Any, otherwise: Any) -> Any:
     return otherwise if value is None else value
 
 
-def find_frame_step(start: float, tolerance: float, max_step: int = 10) -> float | None:
+def find_frame_step(start: float, tolerance: float) -> float | None:
     """Find the smallest step for which the number of the first frame is whole; None for 1.
 
     Formats that state times leave open whether a sample per 1/12 s is every second frame at 24
     frames per second. It is if the clip starts between two frames at 12. `start` is the time of the
     first frame, in steps from one sample to the next, and right to the tolerance.
     """
-    for step in range(1, max_step + 1):
+    for step in range(1, MAX_FRAME_STEP + 1):
         if abs(step * start - round(step * start)) <= step * tolerance:
             return float(step) if step > 1 else None
     return None

@@ -131,9 +131,9 @@ def format_fit_line(report: FitReport) -> str:
     )
 
 
-def _describe_settings(record: FitRecord, max_named: int = 3) -> str:
+def _describe_settings(record: FitRecord) -> str:
     settings, report = record.settings, record.report
-    names = join_truncated((clip.name for clip in record.clips), max_named)
+    names = join_truncated((clip.name for clip in record.clips), limit=3)
     parts = []
     for name, value in asdict(settings).items():
         if name == "regularization":

@@ -1,6 +1,6 @@
 """Notes on a result: sentences on what stands out of it, found without being asked.
 
-Each note compares a measure with a threshold, which its function has as a default, and says both.
+Each note compares a measure with a threshold, and says both.
 """
 
 from collections.abc import Iterator
@@ -29,6 +29,36 @@ at 3, and 1.1 times at 10.
 
 MIN_STANDOUT_FRAMES = 8
 """Frames of the shortest clip out of which a frame can stand."""
+
+MAX_MIRRORED_SHARE = -0.5
+"""Frames with less volume, in that of the rest pose, are mirrored."""
+
+MAX_SPREAD_RATIO = 2.0
+"""Frames that are more times as large as the rest pose, or as small, are of another size."""
+
+UNIT_RATIO_TOL = 0.1
+"""How far a ratio of sizes may be from that of two units, as a share: poses differ, too."""
+
+MIN_SPIKE_RATIO = 25.0
+"""Frames are named whose largest deviation is more than this many median rms,"""
+
+MIN_SPIKE_PERCENT = 3.0
+"""and more than this percentage of the diagonal."""
+
+MIN_JUMP_RATIO = 12.0
+"""Acceleration of the cage of a frame that jumps, in medians."""
+
+HELD_TOL = 1e-9
+"""Cages that differ by less, in diagonals, are copies."""
+
+MAX_HELD_SHARE = 0.1
+"""Clips with a larger share of copies are held on purpose, or on twos."""
+
+MIN_OUTLIER_RATIO = 8.0
+"""Vertices are named whose rms is more than this many times that of their neighbours,"""
+
+MIN_OUTLIER_PERCENT = 1.0
+"""and more than this percentage of the diagonal."""
 
 
 def list_notes(
@@ -69,11 +99,11 @@ def list_standout_notes(result: Result) -> list[str]:
     ]
 
 
-def _note_mirrored_frames(result: Result, max_share: float = -0.5) -> Iterator[str]:
-    """Say which frames have less volume than `max_share` times that of the rest pose."""
+def _note_mirrored_frames(result: Result) -> Iterator[str]:
+    """Say which frames have less volume than `MAX_MIRRORED_SHARE` times that of the rest pose."""
     shares = _measure_volume_shares(result)
     known = np.flatnonzero(np.isfinite(shares))
-    mirrored = known[shares[known] < max_share]
+    mirrored = known[shares[known] < MAX_MIRRORED_SHARE]
     if len(mirrored):
         yield (
             f"{len(mirrored)} of {len(result.frames)} frames are mirrored relative to the rest "
@@ -96,14 +126,14 @@ def _measure_volume_shares(result: Result) -> Floats:
     return np.asarray(shares / result.cage.volume)
 
 
-def _note_other_size(result: Result, max_ratio: float = 2.0) -> Iterator[str]:
+def _note_other_size(result: Result) -> Iterator[str]:
     """Say so if the frames are of another size than the rest pose, and which units explain it."""
     points = result.rest.vertices[np.isfinite(result.vertex_rms)]
     spread = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
     if not spread > 0:
         return
     ratio = float(np.nanmedian(result.metrics.spread)) / spread
-    if 1 / max_ratio <= ratio <= max_ratio:
+    if 1 / MAX_SPREAD_RATIO <= ratio <= MAX_SPREAD_RATIO:
         return
     size = f"{ratio:.3g} times as large as" if ratio > 1 else f"{1 / ratio:.3g} times smaller than"
     yield (
@@ -112,9 +142,9 @@ def _note_other_size(result: Result, max_ratio: float = 2.0) -> Iterator[str]:
     )
 
 
-def _guess_cause(ratio: float, tolerance: float = 0.1) -> str:
+def _guess_cause(ratio: float) -> str:
     """Name the units whose ratio this is nearly: poses differ in size, too."""
-    units = find_units_of_ratio(ratio, tolerance)
+    units = find_units_of_ratio(ratio, UNIT_RATIO_TOL)
     if units is None:
         return "one is likely in another unit, or of another model"
     rarer, usual = sorted(units, key=PROGRAM_UNITS.index, reverse=True)
@@ -134,16 +164,14 @@ def _note_few_vertices(result: Result) -> Iterator[str]:
         )
 
 
-def _note_spikes(
-    result: Result, min_ratio: float = 25.0, min_percent: float = 3.0
-) -> Iterator[str]:
-    """Name frames whose largest deviation is above so many median rms, and so many percent."""
+def _note_spikes(result: Result) -> Iterator[str]:
+    """Name frames whose largest deviation is far above the median rms."""
     metrics, percent = result.metrics, 100 / result.rest.diagonal
     if result.kept is not None and result.settings.get("robust"):
         return
     largest = percent * np.nan_to_num(metrics.max_deviation)
     middle = percent * float(np.nanmedian(metrics.rms))
-    found = np.flatnonzero((largest > min_ratio * middle) & (largest > min_percent))
+    found = np.flatnonzero((largest > MIN_SPIKE_RATIO * middle) & (largest > MIN_SPIKE_PERCENT))
     if len(found):
         worst = int(found[largest[found].argmax()])
         yield (
@@ -154,25 +182,13 @@ def _note_spikes(
         )
 
 
-def _note_motion(
-    result: Result, min_jump: float = 12.0, hold_tol: float = 1e-9, max_held: float = 0.1
-) -> Iterator[str]:
-    """Name frames that jump, and frames that are copies of the one before.
-
-    Parameters
-    ----------
-    min_jump : float
-        Acceleration of the cage of a frame that jumps, in medians.
-    hold_tol : float
-        Cages that differ by less, in diagonals, are copies.
-    max_held : float
-        Clips with a larger share of copies are held on purpose, or on twos.
-    """
+def _note_motion(result: Result) -> Iterator[str]:
+    """Name frames that jump, and frames that are copies of the one before."""
     sizes, steps = _measure_motion(result)
     known = np.ones(len(result.frames), bool)
     known[list(result.skipped)] = False
     middle = float(np.median(sizes[sizes > 0])) if (sizes > 0).any() else 0.0
-    is_jump = (sizes > min_jump * middle) & known
+    is_jump = (sizes > MIN_JUMP_RATIO * middle) & known
     # The acceleration is large beside a jump, too: the frame of the largest one counts.
     peaks = np.flatnonzero(
         is_jump & (sizes >= np.roll(sizes, 1)) & (sizes >= np.roll(sizes, -1)) & (middle > 0)
@@ -184,8 +200,8 @@ def _note_motion(
             f"{result.frames[worst]} ({sizes[worst] / middle:.0f} times the median acceleration): "
             f"{_name_frames(result, peaks)}; smooth them by `smooth=auto`"
         )
-    held = np.flatnonzero((steps <= hold_tol * result.rest.diagonal) & known)
-    if 0 < len(held) <= max_held * len(steps):
+    held = np.flatnonzero((steps <= HELD_TOL * result.rest.diagonal) & known)
+    if 0 < len(held) <= MAX_HELD_SHARE * len(steps):
         yield (
             f"{format_count(len(held), 'frame')} the same as the one before: "
             f"{_name_frames(result, held)}; if they were lost, leave them out, and fill them by "
@@ -210,15 +226,15 @@ def _measure_motion(result: Result) -> tuple[Floats, Floats]:
     return sizes, steps
 
 
-def _note_lonely_vertices(
-    result: Result, min_ratio: float = 8.0, min_percent: float = 1.0
-) -> Iterator[str]:
-    """Name vertices whose rms is above so many of their neighbours', and so many percent."""
+def _note_lonely_vertices(result: Result) -> Iterator[str]:
+    """Name vertices whose rms is far above that of their neighbours."""
     rms, percent = result.vertex_rms, 100 / result.rest.diagonal
     if not np.isfinite(rms).all():
         return
     around = _average_neighbours(result.rest, rms)
-    found = np.flatnonzero((rms > min_ratio * around) & (percent * rms > min_percent))
+    found = np.flatnonzero(
+        (rms > MIN_OUTLIER_RATIO * around) & (percent * rms > MIN_OUTLIER_PERCENT)
+    )
     if len(found):
         worst = int(found[rms[found].argmax()])
         numbers = join_truncated(map(str, found.tolist()), 5)

@@ -10,6 +10,9 @@ from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 
+MAX_CURVE_POINTS = 120
+"""Points of the curve of a clip, at most; each is the largest value of its frames."""
+
 
 @dataclass(frozen=True, slots=True)
 class Curve:
@@ -129,9 +132,9 @@ def build_clip_entry(
     return ClipEntry(report.result, None, result, page, short, _build_curve(report))
 
 
-def _build_curve(report: Report, max_points: int = 120) -> Curve:
+def _build_curve(report: Report) -> Curve:
     count = len(report.frames)
-    spans = np.array_split(np.arange(count), min(count, max_points))
+    spans = np.array_split(np.arange(count), min(count, MAX_CURVE_POINTS))
     other = "volume_change" if report.summary.volume_change_percent_max is not None else None
     return Curve(
         rms_percent=tuple(_largest_value(report.frames, span, "rms_percent") for span in spans),

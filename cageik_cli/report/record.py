@@ -36,6 +36,9 @@ from cageik_cli.util.text import to_unicode
 REPORT_SCHEMA = 1
 """Version of the JSON of a report and of a batch; it changes when a field does."""
 
+MAX_WORST_VERTICES = 10
+"""Worst vertices that a report lists."""
+
 
 @dataclass(frozen=True, slots=True)
 class Report:
@@ -273,12 +276,13 @@ def _compute_kg_error(result: Result) -> float | None:
     return 100 * rms / spread if spread > 0 else None
 
 
-def _build_vertex_metrics(result: Result, bins: int = 40, max_worst: int = 10) -> VertexMetrics:
+def _build_vertex_metrics(result: Result) -> VertexMetrics:
+    bins = 40  # of the histogram of the page
     rms, percent = result.vertex_rms, 100 / result.rest.diagonal
     known = np.flatnonzero(np.isfinite(rms))
     top = float(np.nanmax(percent * rms)) or 1.0
     counts, edges = np.histogram(percent * rms[known], bins, (0.0, top))
-    worst = known[np.argsort(-rms[known], kind="stable")[:max_worst]]
+    worst = known[np.argsort(-rms[known], kind="stable")[:MAX_WORST_VERTICES]]
     return VertexMetrics(
         edges_percent=tuple(edges.tolist()),
         counts=tuple(counts.tolist()),

@@ -30,6 +30,9 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
 from cageik_cli.util.threads import limit_blas_threads
 
+MAX_TOLERANCE_FRAMES = 16
+"""Frames on which residuals are measured, at most; they are spread evenly over the clip."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolvedBlock:
@@ -137,16 +140,16 @@ class BlockSolver:
         with self.progress.stage("measure"):
             return self.measure_block(block, given, solution, digests)
 
-    def find_tolerances(self, most: int = 16) -> None:
+    def find_tolerances(self) -> None:
         """Measure the residuals that each vertex may have: above them, it is an outlier.
 
-        At most so many frames are solved twice: their residuals give tolerances, with which those
-        of the second time are not led astray by outliers.
+        At most `MAX_TOLERANCE_FRAMES` are solved twice: their residuals give tolerances, with which
+        those of the second time are not led astray by outliers.
         """
         assert self.robust is not None
         with self.progress.stage("solve"), limit_blas_threads(1):
             for _ in range(2):
-                tolerances = measure_tolerances(self.robust, self._read_some(most))
+                tolerances = measure_tolerances(self.robust, self._read_some(MAX_TOLERANCE_FRAMES))
                 self.robust = RobustSolver(self.solver, tolerances)
 
     def _read_some(self, most: int) -> Iterator[tuple[Floats, Floats | None]]:

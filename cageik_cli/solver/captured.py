@@ -16,6 +16,12 @@ from cageik_cli.solver.metrics import KeptMetrics, leave_gaps
 from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
+MAX_RESIDUAL_RATIO = 5.0
+"""Tolerance, in the sum of the median residuals of a vertex and of all vertices."""
+
+MIN_TOLERANCE = 1e-5
+"""Smallest tolerance, in diagonals: rounding of single precision is far below."""
+
 
 class FrameWeights(Protocol):
     """Weights of the vertices of each frame of a clip."""
@@ -63,9 +69,6 @@ def _complete_frame(solver: DualLaplacianSolver, frame: Floats, weights: Floats)
 def measure_tolerances(
     robust: RobustSolver,
     frames: Iterable[tuple[Floats, Floats | None]],
-    *,
-    ratio: float = 5.0,
-    least: float = 1e-5,
 ) -> Floats:
     """Measure the tolerances of all vertices on some frames.
 
@@ -79,10 +82,6 @@ def measure_tolerances(
     frames : iterable of ((1, m, 3), (1, m) or None)
         From `complete_frames`, one frame each, so that the result does not depend on the size of
         blocks.
-    ratio : float
-        Tolerance, in the sum of the median residuals of a vertex and of all vertices.
-    least : float
-        Smallest tolerance, in diagonals: rounding of single precision is far below.
 
     Returns
     -------
@@ -100,7 +99,7 @@ def measure_tolerances(
         if weights is not None:
             is_data = is_data & (weights[0] > 0)
         rows.append(np.where(is_data, residuals, np.nan))
-    smallest = least * rest.diagonal
+    smallest = MIN_TOLERANCE * rest.diagonal
     # The rest pose is met exactly, and says nothing of the others.
     rows = [row for row in rows if np.nanmax(row, initial=0) > smallest] or rows
     if not rows:
@@ -108,7 +107,7 @@ def measure_tolerances(
     typical = take_ring_medians(rest, take_medians(np.stack(rows)))
     middle = float(np.median(typical[np.isfinite(typical)]))
     typical = np.where(np.isfinite(typical), typical, middle)
-    return np.asarray(np.maximum(ratio * (typical + middle), smallest))
+    return np.asarray(np.maximum(MAX_RESIDUAL_RATIO * (typical + middle), smallest))
 
 
 def take_medians(rows: Floats) -> Floats:

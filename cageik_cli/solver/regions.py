@@ -15,19 +15,38 @@ from cageik_cli.solver.summary import DeviationPeaks
 from cageik_cli.util.arrays import Floats, Integers
 
 MAX_RMS_RATIO = 10.0
-"""Regions are given if the largest deviation is more than so many times the rms of the clip,"""
+"""Regions are given if the largest deviation is more than this many times the rms of the clip."""
 
 MAX_DEVIATION = 0.03
-"""or more than so many diagonals of the rest model,"""
+"""They are also given if it is more than this, in diagonals of the rest model."""
 
 MIN_DEVIATION = 1e-5
-"""unless it is smaller than so many diagonals: it may be rounding of the input."""
+"""None are given if it is smaller than this, in diagonals: it may be rounding of the input."""
 
 MAX_REGIONS = 5
 """Regions given, at most."""
 
 MAX_CAGE_FACES = 5
 """Nearest cage faces of a region, at most."""
+
+MIN_FACE_ANGLE = 5.0
+"""Cage faces with a smaller angle, degrees, are thin."""
+
+MAX_CAGE_DISTANCE = 4.0
+"""A cage is far whose surface is further away from a region than this, percent of the diagonal."""
+
+MAX_VERTEX_DISTANCE_RATIO = 1.5
+"""Cage vertices are far whose distance is more than this many sizes of the region"""
+
+MIN_FAR_DISTANCE = 5.0
+"""and more than this, percent of the diagonal."""
+
+MIN_LARGEST_WEIGHT = 0.25
+"""Influence is weak where no cage vertex has a larger weight: they all share the region."""
+
+MAX_EDGE_LENGTH = 8.0
+"""Cage faces are coarse whose edges are longer than this, percent of the diagonal, and the region.
+"""
 
 
 class Cause(StrEnum):
@@ -81,14 +100,14 @@ class Evidence:
             return Cause.LOOSE_CAGE
         if self.in_shared_place:
             return Cause.SHARED_LOOP
-        if self.smallest_angle < 5.0:
+        if self.smallest_angle < MIN_FACE_ANGLE:
             return Cause.THIN_FACES
-        far_vertices = max(1.5 * size, 5.0)
-        if self.cage_distance > 4.0 or self.vertex_distance > far_vertices:
+        far_vertices = max(MAX_VERTEX_DISTANCE_RATIO * size, MIN_FAR_DISTANCE)
+        if self.cage_distance > MAX_CAGE_DISTANCE or self.vertex_distance > far_vertices:
             return Cause.FAR_CAGE
-        if self.largest_weight < 0.25:  # no cage vertex moves the region: all share it
+        if self.largest_weight < MIN_LARGEST_WEIGHT:
             return Cause.WEAK_INFLUENCE
-        if self.edge_length > max(size, 8.0):
+        if self.edge_length > max(size, MAX_EDGE_LENGTH):
             return Cause.COARSE_FACES
         return Cause.UNKNOWN
 

@@ -27,6 +27,15 @@ from cageik_cli.util.errors import NumericalError
 MAX_REJECTED_WEIGHT = 0.5
 """Vertices that are left a smaller share of their given weight are rejected."""
 
+MIN_HUBER_ROUNDS = 2
+"""First rounds, in which outliers still pull, so that the next start close to the solution."""
+
+MAX_ROBUST_ROUNDS = 20
+"""Rounds of weighing the followed vertices of a frame and solving it, at most."""
+
+WEIGHT_CHANGE_TOL = 0.01
+"""Rounds end when no weight of the frame changes by more."""
+
 
 class RobustSolver:
     """Solver of frames whose vertices count differently.
@@ -147,26 +156,13 @@ class _WeighedBlock:
         middle = np.median(relative if is_data.all() else relative[is_data])
         return tolerances * max(1.0, 2 * float(middle))
 
-    def _solve_frame(
-        self,
-        place: int,
-        limits: Floats | None,
-        *,
-        huber_rounds: int = 2,
-        max_rounds: int = 20,
-        tolerance: float = 0.01,
-    ) -> None:
+    def _solve_frame(self, place: int, limits: Floats | None) -> None:
         """Weigh the followed vertices of a frame and solve it, in turn.
 
         Parameters
         ----------
         limits : (m,) float64, optional
             From `_measure_limits`.
-        huber_rounds : int
-            First rounds, in which outliers still pull, so that the next start close to the
-            solution.
-        tolerance : float
-            Rounds end when no weight of the frame changes by more.
         """
         frame = _FollowedVertices(self, place, np.flatnonzero(self._followed[place]))
         given = self.given[place, frame.rows]
@@ -174,11 +170,11 @@ class _WeighedBlock:
         if limits is None:
             frame.solve(weights)
         else:
-            for count in range(max_rounds):
+            for count in range(MAX_ROBUST_ROUNDS):
                 relative = np.sqrt(np.einsum("jx,jx->j", frame.residuals, frame.residuals))
                 relative /= limits[frame.rows]
-                found = given * weigh(relative, is_huber=count < huber_rounds)
-                if count > huber_rounds and np.abs(found - weights).max() <= tolerance:
+                found = given * weigh(relative, is_huber=count < MIN_HUBER_ROUNDS)
+                if count > MIN_HUBER_ROUNDS and np.abs(found - weights).max() <= WEIGHT_CHANGE_TOL:
                     break
                 weights = found
                 frame.solve(weights)

@@ -25,6 +25,9 @@ import numpy as np
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats, Mask
 
+MAX_CONJUGATE_STEPS = 200
+"""Steps of conjugate gradients, at most."""
+
 MIN_WINDOW, MAX_WINDOW = 96, 512
 """Frames per window: as many as have matrices of 64 MiB, within these limits."""
 
@@ -198,7 +201,6 @@ class TimeSmoother:
         gammas: Floats,
         lost: dict[int, Floats],
         end: float,
-        max_steps: int = 200,
     ) -> Floats:
         """Solve with the matrix A − `lost` of each frame; it ends when the error is below `end`."""
         modes = _ModeSolver(self._weights, self._modes, is_known, gammas)
@@ -217,7 +219,7 @@ class TimeSmoother:
         left = right - multiply(found)
         step = modes.solve(left)
         ways, size = step.copy(), (left * step).sum(axis=(0, 1))
-        for _ in range(max_steps):
+        for _ in range(MAX_CONJUGATE_STEPS):
             if (size <= end).all():
                 break
             image = multiply(ways)

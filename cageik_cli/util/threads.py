@@ -46,14 +46,14 @@ def limit_blas_threads(count: int) -> AbstractContextManager[object]:
     return limits
 
 
-def set_blas_threads(count: int = 1) -> None:
-    """Set the threads of the linear algebra for the rest of the process.
+def use_one_blas_thread() -> None:
+    """Let the linear algebra have one thread for the rest of the process.
 
     For processes that run beside others: each has its share of the processors.
     """
     from threadpoolctl import threadpool_limits
 
-    threadpool_limits(limits=count, user_api="blas")
+    threadpool_limits(limits=1, user_api="blas")
 
 
 def run_blocks(function: Callable[[slice], object], count: int, size: int) -> None:

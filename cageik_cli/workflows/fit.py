@@ -28,6 +28,9 @@ from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors
 
+MAX_COMPARED_FIT_FRAMES = 64
+"""Evenly spread frames on which a fit is compared; key frames are measured beside them."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedWeights:
@@ -234,9 +237,9 @@ def measure_unfitted(
     )
 
 
-def choose_compared_frames(known: Integers, key_frames: Sequence[int], most: int = 64) -> list[int]:
-    """Return at most so many evenly spread ones of the known frames, and the key frames."""
-    places = spread_evenly(len(known), most)
+def choose_compared_frames(known: Integers, key_frames: Sequence[int]) -> list[int]:
+    """Return evenly spread ones of the known frames, and the key frames."""
+    places = spread_evenly(len(known), MAX_COMPARED_FIT_FRAMES)
     return sorted({*known[places].tolist(), *key_frames})
 
 

@@ -24,6 +24,15 @@ MIN_WANTED_ANGLE = 14.0
 MIN_KEPT_ANGLE = 10.0
 """Degrees that new faces keep where vertices are taken away, unless the old ones had less."""
 
+MIN_ANGLE_GAIN = 0.3
+"""Degrees that an edit for the angles must win."""
+
+MAX_TRIED_EDITS = 6
+"""Edits tried for one face, the best first."""
+
+MAX_SETTLING_STEPS = 5
+"""Steps in which a moved vertex looks for a place that keeps off the samples."""
+
 
 def mend_angles(draft: Draft, fewest: int) -> int:
     """Edit faces with angles below the goal, the worst first; return the number of edits."""
@@ -138,17 +147,17 @@ def _misfit(draft: Draft, edit: Edit, beside: Floats) -> float:
     return float(np.mean(closest_points(draft.patch(edit), beside).distance ** 2))
 
 
-def _take_best(draft: Draft, edits: list[Edit], min_gain: float = 0.3, tried: int = 6) -> bool:
+def _take_best(draft: Draft, edits: list[Edit]) -> bool:
     """Make the edit after which the smallest angle is largest, of those that are sound.
 
-    It must win `min_gain` degrees; the `tried` best ones are looked at.
+    It must win `MIN_ANGLE_GAIN` degrees; the `MAX_TRIED_EDITS` best ones are looked at.
     """
     gains = [_gain(draft, edit) for edit in edits]
-    for k in np.argsort(gains, kind="stable")[::-1][:tried]:
-        if gains[k] < min_gain:
+    for k in np.argsort(gains, kind="stable")[::-1][:MAX_TRIED_EDITS]:
+        if gains[k] < MIN_ANGLE_GAIN:
             return False
         edit = settle(draft, edits[k]) if len(edits[k].added) != 2 else edits[k]
-        if _gain(draft, edit) >= min_gain and draft.take(edit):
+        if _gain(draft, edit) >= MIN_ANGLE_GAIN and draft.take(edit):
             return True
     return False
 
@@ -249,14 +258,14 @@ def collapse_edge(draft: Draft, start: int, stop: int, position: Floats) -> Edit
     return Edit(removed, added, start, position)
 
 
-def settle(draft: Draft, edit: Edit, steps: int = 5) -> Edit:
+def settle(draft: Draft, edit: Edit) -> Edit:
     """Move the edit's vertex as little as gives the samples near it their clearance, if it can.
 
     Every step solves the problem for the planes of the nearest faces. It goes a hundredth of the
     clearance further than needed: planes change as the vertex moves.
     """
     samples = draft.near_samples(edit)
-    for _ in range(steps):
+    for _ in range(MAX_SETTLING_STEPS):
         directions, lack = draft.offsets(edit, samples)
         short = lack > 0
         if not short.any():

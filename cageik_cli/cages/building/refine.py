@@ -26,6 +26,15 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 
+MAX_RELAXED_PUSHES = 5
+"""Rounds of pushing a cage and relaxing the faces that then cross."""
+
+MAX_CROSSING_PAIRS = 60
+"""Pairs of faces that cross, above which a cage is not worth untangling."""
+
+MIN_SAFE_WEIGHT = 0.08
+"""Vertices with smaller weights everywhere are weak; it is safely above `MIN_INFLUENCE`."""
+
 
 def refine_shell(shell: TriMesh, demand: Demand, motion: Motion | None) -> TriMesh:
     """Make a cage of a shell; the judge decides whether it is valid."""
@@ -108,14 +117,14 @@ def find_contacts(cage: TriMesh, samples: Floats, clearance: float) -> Contacts:
     return Contacts(corners, weights, direction, signed[close] + clearance)
 
 
-def _push_and_relax(cage: TriMesh, demand: Demand, rounds: int = 5, max_pairs: int = 60) -> TriMesh:
+def _push_and_relax(cage: TriMesh, demand: Demand) -> TriMesh:
     """Push, and relax what then crosses, in turn, until nothing crosses or the rounds are over.
 
-    A cage with more than `max_pairs` of crossing faces is not worth it.
+    A cage with more than `MAX_CROSSING_PAIRS` of crossing faces is not worth it.
     """
     cage = push_off(cage, demand.samples, demand.clearance)
-    before = max_pairs + 1
-    for _ in range(rounds):
+    before = MAX_CROSSING_PAIRS + 1
+    for _ in range(MAX_RELAXED_PUSHES):
         pairs = self_intersections(cage)
         if len(pairs) == 0 or len(pairs) >= before:
             break
@@ -144,7 +153,7 @@ def replace_weak_vertices(cage: TriMesh, demand: Demand) -> TriMesh:
     return draft.to_mesh()
 
 
-def find_weak(cage: TriMesh, demand: Demand, safe_weight: float = 0.08) -> Integers:
+def find_weak(cage: TriMesh, demand: Demand) -> Integers:
     """Return the vertices whose weights are small on all of the model, the weakest first.
 
     A check warns of weights below `MIN_INFLUENCE`; here, they are to be safely above.
@@ -152,7 +161,7 @@ def find_weak(cage: TriMesh, demand: Demand, safe_weight: float = 0.08) -> Integ
     points = thin_out(demand.samples, 1500)
     largest = harmonic_weights(cage, points, "preview").values.max(axis=0)
     order = np.argsort(largest, kind="stable")
-    return np.asarray(order[largest[order] < safe_weight])
+    return np.asarray(order[largest[order] < MIN_SAFE_WEIGHT])
 
 
 def wrap_ellipsoid(demand: Demand, draws: int) -> TriMesh:

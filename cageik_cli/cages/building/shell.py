@@ -16,6 +16,12 @@ from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
+MIN_NAMED_NODES = 8
+"""Grid nodes of a place that is worth naming."""
+
+MAX_JOINED_PARTS = 400
+"""Parts that are joined, at most: joining them takes the square of their number."""
+
 
 class DistanceGrid:
     """Unsigned distances from a surface at the nodes of a regular grid around it.
@@ -134,14 +140,14 @@ def _reach(free: Mask) -> Mask:
     return np.asarray(parts == parts[0, 0, 0])
 
 
-def _find_centres(grid: DistanceGrid, chosen: Mask, min_nodes: int = 8) -> Floats:
-    """Return centres of connected parts of so many nodes, the largest first, (k, 3)."""
+def _find_centres(grid: DistanceGrid, chosen: Mask) -> Floats:
+    """Return centres of connected parts, (k, 3), the largest first, that are worth naming."""
     parts, count = ndimage.label(chosen)
     if count == 0:
         return np.empty((0, 3))
     sizes = np.bincount(parts.ravel())[1:]
     order = np.argsort(-sizes, kind="stable")
-    order = order[sizes[order] >= min_nodes]
+    order = order[sizes[order] >= MIN_NAMED_NODES]
     centres = ndimage.center_of_mass(chosen, parts, order + 1)
     return grid.positions(np.array(centres).reshape(-1, 3))
 
@@ -174,13 +180,13 @@ def _take_outermost(surface: TriMesh) -> TriMesh:
     return shell if shell.volume > 0 else shell.flip()
 
 
-def find_bridges(grid: DistanceGrid, body: Mask, max_parts: int = 400) -> Floats | None:
+def find_bridges(grid: DistanceGrid, body: Mask) -> Floats | None:
     """Return segments (b, 2, 3) that make one part of a body's parts, of the least total length.
 
-    None when there is nothing to join, or more than `max_parts`: the time is their square.
+    None when there is nothing to join, or more than `MAX_JOINED_PARTS`: the time is their square.
     """
     parts, count = ndimage.label(body)
-    if not 1 <= count <= max_parts:
+    if not 1 <= count <= MAX_JOINED_PARTS:
         return None
     surface = body & ~ndimage.binary_erosion(body)
     nodes = np.argwhere(surface)

@@ -25,6 +25,15 @@ MAX_FIT_WORK = 25e6
 MAX_RETURN_WORK = 10e6
 """Work of all trials to move vertices back."""
 
+MAX_SHAPE_ROUNDS = 12
+"""How often a cage is untangled and pushed, at most."""
+
+MAX_FRUITLESS_ROUNDS = 4
+"""A cage is given up after this many rounds in a row that found none with fewer faults."""
+
+MAX_SIDE_PARTS = 40
+"""Parts that sides of faces of the model that cross the cage are divided in, at most."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
@@ -73,13 +82,11 @@ class ShapeFit:
         self,
         cage: TriMesh,
         progress: Callable[[int, int], None],
-        max_rounds: int = 12,
-        patience: int = 4,
     ) -> Shape:
         """Untangle and push in turn until nothing crosses and the model is inside.
 
-        The work is bounded, and a cage is given up when `patience` rounds that follow each other
-        found none with fewer faults.
+        The work is bounded, and a cage is given up after `MAX_FRUITLESS_ROUNDS` in a row that found
+        none with fewer faults.
 
         Returns
         -------
@@ -89,8 +96,8 @@ class ShapeFit:
         nothing = np.zeros_like(cage.vertices)
         shape = best = Shape(cage, nothing, nothing, self.count_faults(cage))
         failures, effort = 0, Effort(MAX_FIT_WORK)
-        for done in range(max_rounds):
-            if best.faults == 0 or failures == patience or effort.is_spent:
+        for done in range(MAX_SHAPE_ROUNDS):
+            if best.faults == 0 or failures == MAX_FRUITLESS_ROUNDS or effort.is_spent:
                 break
             failures += 1
             for step in (self._untangle, self._push):
@@ -98,7 +105,7 @@ class ShapeFit:
                 if shape.faults < best.faults:
                     best, failures = shape, 0
             self._add_firm_points(shape.cage)
-            progress(done + 1, max_rounds)
+            progress(done + 1, MAX_SHAPE_ROUNDS)
         return self._return_vertices(best, cage) if best.faults == 0 else best
 
     def count_faults(self, cage: TriMesh) -> int:
@@ -125,12 +132,12 @@ class ShapeFit:
         pairs = crossing_face_pairs(self._model, cage, 0.0)
         return self._model.vertices[self._model.faces[np.unique(pairs[:, 0])]]
 
-    def _add_firm_points(self, cage: TriMesh, max_parts: int = 40) -> None:
+    def _add_firm_points(self, cage: TriMesh) -> None:
         """Add firm points on the faces of the model that cross the cage, their sides divided."""
         corners = self._find_crossing_faces(cage)
         if len(corners):
             side = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
-            parts = int(np.clip(np.ceil(side / self._target), 2, max_parts))
+            parts = int(np.clip(np.ceil(side / self._target), 2, MAX_SIDE_PARTS))
             points = [self._firm, corners.reshape(-1, 3), divide_triangles(corners, parts)]
             self._firm = np.unique(np.concatenate(points), axis=0)
 

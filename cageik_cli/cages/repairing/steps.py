@@ -31,6 +31,9 @@ from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import CageError
 from cageik_cli.util.text import format_count
 
+MAX_INNER_WALLS = 30
+"""Patches of a cage with edges of more than two faces, above which none is tried as a wall."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RepairStep:
@@ -196,16 +199,16 @@ class Repair:
         if not loose.all():
             self._drop_faces(loose, "that touch no others")
 
-    def _drop_inner_walls(self, max_walls: int = 30) -> None:
+    def _drop_inner_walls(self) -> None:
         """Delete a patch of faces whose edges two others share; the largest volume stays.
 
-        Of a cage with more than `max_walls` patches, none is tried.
+        Of a cage with more than `MAX_INNER_WALLS` patches, none is tried.
         """
         while True:
             mesh = self.mesh
             uses, _ = count_edge_uses(mesh)
             labels = label_patches(mesh)
-            if not (uses > 2).any() or labels.max() >= max_walls:
+            if not (uses > 2).any() or labels.max() >= MAX_INNER_WALLS:
                 return
             before = count_topology_faults(mesh)
             best, most = None, 0.0

@@ -8,6 +8,15 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import degenerate_face_mask
 from cageik_cli.util.arrays import Floats, Integers
 
+MAX_RELAXATIONS = 12
+"""How often all vertices of crossing faces are relaxed together, at most."""
+
+MAX_SINGLE_MOVES = 60
+"""Vertices moved one at a time, at most."""
+
+MAX_MOVE_CANDIDATES = 24
+"""Vertices tried before each move, those of most crossing faces first."""
+
 
 class Effort:
     """The work that a repair may still do: counted, not timed, so that a cage always ends alike.
@@ -71,7 +80,7 @@ def find_star_box(cage: TriMesh, group: Integers, others: Floats) -> tuple[Float
     return points.min(axis=0), points.max(axis=0)
 
 
-def untangle(cage: TriMesh, effort: Effort | None = None, max_relaxations: int = 12) -> TriMesh:
+def untangle(cage: TriMesh, effort: Effort | None = None) -> TriMesh:
     """Move single vertices while that leaves fewer crossings; if it does not, relax all of them.
 
     Returns the cage with the fewest crossings that was met until the effort ends, the one given if
@@ -79,7 +88,7 @@ def untangle(cage: TriMesh, effort: Effort | None = None, max_relaxations: int =
     """
     effort = effort or Effort()
     best, fewest = cage, len(find_tangle(cage))
-    for _ in range(max_relaxations):
+    for _ in range(MAX_RELAXATIONS):
         cage = _move_single_vertices(cage, effort)
         tangle = find_tangle(cage)
         if len(tangle) < fewest:
@@ -91,9 +100,9 @@ def untangle(cage: TriMesh, effort: Effort | None = None, max_relaxations: int =
     return best
 
 
-def _move_single_vertices(cage: TriMesh, effort: Effort, max_moves: int = 60) -> TriMesh:
+def _move_single_vertices(cage: TriMesh, effort: Effort) -> TriMesh:
     tangle = find_tangle(cage)
-    for _ in range(max_moves):
+    for _ in range(MAX_SINGLE_MOVES):
         if len(tangle) == 0:
             break
         better = _find_best_move(cage, tangle, effort)
@@ -103,9 +112,7 @@ def _move_single_vertices(cage: TriMesh, effort: Effort, max_moves: int = 60) ->
     return cage
 
 
-def _find_best_move(
-    cage: TriMesh, tangle: Integers, effort: Effort, max_candidates: int = 24
-) -> TriMesh | None:
+def _find_best_move(cage: TriMesh, tangle: Integers, effort: Effort) -> TriMesh | None:
     """Find the move of a vertex that resolves most crossings for its length; None without one.
 
     The vertices of most crossing faces are tried, each at shares of the way to the mean of its
@@ -113,7 +120,7 @@ def _find_best_move(
     """
     steps = (0.25, 0.5, 1.0)
     share = np.bincount(cage.faces[tangle].ravel(), minlength=len(cage.vertices))
-    order = np.argsort(-share, kind="stable")[:max_candidates]
+    order = np.argsort(-share, kind="stable")[:MAX_MOVE_CANDIDATES]
     best, most = None, 0.0
     for vertex in order[share[order] > 0].tolist():
         if effort.is_spent:

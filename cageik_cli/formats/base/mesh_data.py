@@ -109,13 +109,14 @@ def describe_cut(polygon_count: int) -> str:
 
 
 def share_normals(
-    attributes: SurfaceAttributes, values: Floats, indices: Integers, decimals: int = 4
+    attributes: SurfaceAttributes, values: Floats, indices: Integers
 ) -> SurfaceAttributes:
-    """Return attributes whose corners share the normals that are equal to so many decimals.
+    """Return attributes whose corners share the normals that are equal when rounded.
 
     Many programs write the same normal for each corner anew. `indices` (c,) say which of the values
     (k, 3) each corner has.
     """
+    decimals = 4  # of unit normals: as many as text formats usually write
     same = np.unique(values.round(decimals), axis=0, return_inverse=True)[1].ravel()
     fans = number_normal_fans(attributes.corners, same[indices])
     return replace(attributes, normal_fans=fans)

@@ -237,12 +237,12 @@ class MeshSequence(ABC):
             check_connectivity(len(positions), self.first.faces, self.first, "the rest pose")
             return _validate_frame(positions, self.takes_missing)
 
-    def blocks(self, size: int, jobs: int, start: int = 0) -> Generator[Block]:
-        """Read all frames from `start` on, in order, in blocks of `size`, ahead by threads.
+    def blocks(self, size: int, jobs: int) -> Generator[Block]:
+        """Read all frames, in order, in blocks of `size`, ahead by threads.
 
         At most two blocks of frames are in memory.
         """
-        with FramePrefetcher(self, jobs, size, range(start, len(self))) as frames:
+        with FramePrefetcher(self, jobs, size, range(len(self))) as frames:
             yield from frames.blocks(size)
 
 

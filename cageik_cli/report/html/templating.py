@@ -93,8 +93,9 @@ def _compute_policy_digest(script: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
-def format_ticks(top: float, bottom: float = 0.0, count: int = 5) -> list[str]:
+def format_ticks(top: float, bottom: float = 0.0) -> list[str]:
     """Format evenly spaced numbers from `bottom` to `top`, for the foot of a colour scale."""
+    count = 5  # numbers that have room below a scale
     numbers = [bottom + (top - bottom) * k / (count - 1) for k in range(count)]
     return [f"{number:.4g}".replace("-", "\N{MINUS SIGN}") for number in numbers]
 

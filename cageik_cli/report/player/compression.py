@@ -36,6 +36,9 @@ MAX_LEVEL = 20_000
 PACKED_TYPES = {"f4": "<f4", "i1": "|i1", "i2": "<i2", "u2": "<u2", "u4": "<u4"}
 """Types of numbers in packed arrays, by their names in the header."""
 
+MAX_SMOOTH_MOTIONS = 12
+"""Smooth motions of a cage in which the rounding of weights is made good, at most."""
+
 
 def decimate(mesh: TriMesh, max_vertices: int) -> tuple[Integers, Integers]:
     """Keep at most `max_vertices` vertices of a mesh, one per cell of a grid.
@@ -119,10 +122,10 @@ class RoundedWeights:
         )
 
 
-def find_smooth_motions(cage: TriMesh, count: int = 12) -> Floats:
+def find_smooth_motions(cage: TriMesh) -> Floats:
     """Return the smoothest motions of a cage that are not that of the whole, (n, q)."""
     laplacian = uniform_laplacian(cage)
-    vectors = np.linalg.eigh(laplacian.T @ laplacian)[1][:, : 1 + count]
+    vectors = np.linalg.eigh(laplacian.T @ laplacian)[1][:, : 1 + MAX_SMOOTH_MOTIONS]
     signs = np.sign(vectors[np.abs(vectors).argmax(axis=0), np.arange(vectors.shape[1])])
     return np.asarray((vectors * signs)[:, 1:])
 

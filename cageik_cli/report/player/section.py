@@ -38,6 +38,9 @@ MAX_WEIGHTS = 1 << 24
 MAX_INT16 = 32_767
 """The largest integer that steps of lengths are stored as."""
 
+MIN_ERROR_STEP = 1e-5
+"""Smallest step of stored errors, in diagonals: smaller errors are not seen."""
+
 
 def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]:
     """Collect the values of the section; `apply_url` is as in `build_payload`."""
@@ -161,8 +164,9 @@ def choose_vertices(binding: Binding) -> tuple[Integers, Integers]:
     return decimate(rest, largest)
 
 
-def _round_cages(cages: Floats, step: float = 2.0**-20) -> Floats:
-    """Round to a power of two of a diagonal: the last bits of numbers are then zero."""
+def _round_cages(cages: Floats) -> Floats:
+    """Round cages, in diagonals, to what the player shows."""
+    step = 2.0**-20  # a power of two: the last bits of numbers are then zero
     return np.rint(cages / step) * step
 
 
@@ -186,7 +190,7 @@ def _add_errors(
     clip: PlayerClip, chosen: Integers, arrays: dict[str, NDArray[Any]]
 ) -> dict[str, Any]:
     """Add the errors over the clip and of held frames to the arrays; return their scales."""
-    missing_level, min_step = 0xFFFF, 1e-5
+    missing_level, min_step = 0xFFFF, MIN_ERROR_STEP
     scales: dict[str, Any] = {"held": [], "rms": None}
     if clip.vertex_rms is not None:
         rms = clip.vertex_rms[chosen]

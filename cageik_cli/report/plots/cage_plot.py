@@ -113,8 +113,9 @@ def _draw_numbers(
             )  # fmt: skip
 
 
-def _draw_dots(axes: Axes, places: Floats, colour: str, max_drawn: int = 4000) -> None:
-    """Dot places, (k, 2), small ones if they are many; more than `max_drawn` are thinned evenly."""
+def _draw_dots(axes: Axes, places: Floats, colour: str) -> None:
+    """Dot places, (k, 2), small ones if they are many; of very many, evenly chosen ones."""
+    max_drawn = 4000  # more dots cover each other
     size = 3.2 if len(places) <= 500 else 1.3
     x, y = places[:: -(-len(places) // max_drawn)].T
     axes.plot(

@@ -290,8 +290,9 @@ def _draw_limit_labels(curves: Sequence[tuple[Axes, Series]], occupied: Box) -> 
         )  # fmt: skip
 
 
-def _sample_curve(axes: Axes, series: Series, count: int = 600) -> Floats:
-    """Sample `count` points along a curve, (k, 2), as shares of the axes."""
+def _sample_curve(axes: Axes, series: Series) -> Floats:
+    """Sample points along a curve, (k, 2), as shares of the axes."""
+    count = 600  # so close that no label fits between two
     first, last = axes.get_xlim()
     numbers = np.linspace(series.numbers[0], series.numbers[-1], count)
     heights = np.interp(numbers, series.numbers, series.values)

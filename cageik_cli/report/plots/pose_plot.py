@@ -235,11 +235,9 @@ class _PanelDrawing:
                     gid="pin" if is_pin else "dot",
                 )  # fmt: skip
 
-    def _draw_names(self, size: float = 8.5, max_length: int = 28) -> None:
-        """Label up to `MAX_NAMED_ANCHORS` anchors where there is room, the farthest moving first.
-
-        `size` is that of the font, and `max_length` the characters of a name that are shown.
-        """
+    def _draw_names(self) -> None:
+        """Label up to `MAX_NAMED_ANCHORS` where there is room, those that move farthest first."""
+        size, max_length = 8.5, 28  # of the font, points; characters of a name that are shown
         far = np.linalg.norm(_arrow_vectors(self.view), axis=1)
         order = np.argsort(-far, kind="stable")[:MAX_NAMED_ANCHORS]
         names = [make_drawable(self.view.names[k], max_length) for k in order]
@@ -262,8 +260,9 @@ class _PanelDrawing:
         segments = map(_sample_segment, self.dots, self.targets)
         return np.concatenate([*(self.dots + corner for corner in corners), *segments])
 
-    def _draw_title(self, font_size: float = 10.0, max_length: int = 76) -> None:
+    def _draw_title(self) -> None:
         """Write the caption below the panel, smaller if it does not fit."""
+        font_size, max_length = 10.0, 76  # points; characters that are shown
         title = make_drawable(self.panel.title, max_length)
         width = max(measure_text_width(title, font_size), 1.0)
         size = font_size * min(1.0, (PANEL_SIDE - 2 * font_size) / width)
@@ -271,8 +270,9 @@ class _PanelDrawing:
         self.axes.text(middle, below, title, size=size, ha="center", va="center", gid="title")
 
 
-def _sample_segment(start: Floats, end: Floats, spacing: float = 4.0) -> Floats:
-    """Sample a segment, (k, 2), at most `spacing` apart."""
+def _sample_segment(start: Floats, end: Floats) -> Floats:
+    """Sample a segment, (k, 2), closely."""
+    spacing = 4.0  # points of the picture
     count = int(np.ceil(np.hypot(*(end - start)) / spacing)) + 1
     return np.linspace(start, end, count)
 

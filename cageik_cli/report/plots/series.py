@@ -13,6 +13,12 @@ from cageik_cli.report.render.shading import MIN_SCALE_PERCENT
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.arrays import Floats
 
+MAX_PLOTTED_PERCENT = 1e150
+"""Larger values are clamped: matplotlib cannot draw axes of them."""
+
+MAX_LIMIT_REACH = 2.5
+"""A limit has a line up to this many times the highest value of the curve."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
@@ -91,10 +97,10 @@ def build_series(report: Report) -> tuple[Series, Series]:
     return error, Series(metric, numbers, values, label, axis_label, limits, undrawn)
 
 
-def _make_plottable(metrics: Iterable[float | None], max_percent: float = 1e150) -> Floats:
+def _make_plottable(metrics: Iterable[float | None]) -> Floats:
     """Return metrics with nan in gaps, clamped: matplotlib cannot draw axes of larger values."""
     values = np.array([np.nan if value is None else value for value in metrics])
-    return np.asarray(np.clip(values, -max_percent, max_percent))
+    return np.asarray(np.clip(values, -MAX_PLOTTED_PERCENT, MAX_PLOTTED_PERCENT))
 
 
 def _build_unfitted(report: Report, numbers: Floats) -> Series | None:
@@ -107,14 +113,14 @@ def _build_unfitted(report: Report, numbers: Floats) -> Series | None:
 
 
 def _split_limits(
-    report: Report, metrics: Sequence[str], values: Floats, max_reach: float = 2.5
+    report: Report, metrics: Sequence[str], values: Floats
 ) -> tuple[tuple[tuple[str, tuple[float, ...]], ...], tuple[str, ...]]:
     """Return the limits on a curve as in `Series`: those with lines, and those far above it.
 
-    A limit has a line up to `max_reach` times the highest value.
+    A limit has a line up to `MAX_LIMIT_REACH` times the highest value.
     """
     words = report.vocabulary
-    reach = max_reach * np.nanmax(np.abs(values), initial=MIN_SCALE_PERCENT)
+    reach = MAX_LIMIT_REACH * np.nanmax(np.abs(values), initial=MIN_SCALE_PERCENT)
     near, far = [], []
     for check in report.gates:
         if check.metric in metrics:

@@ -129,10 +129,6 @@ def place_limit_labels(
     points: Floats,
     levels: Sequence[float],
     occupied: Box,
-    *,
-    height: float = 0.052,
-    gap: float = 0.008,
-    margin: float = 0.012,
 ) -> list[Box]:
     """Place each label of a limit above or below one of its lines; lengths are shares of the axes.
 
@@ -147,9 +143,9 @@ def place_limit_labels(
         Heights of all lines, which labels should not lie on.
     occupied : Box
         A box that labels must not touch.
-    gap, margin : float
-        Distances between a label and its line, and the sides of the axes.
     """
+    # Of a label; between it and its line; between it and the sides of the axes.
+    height, gap, margin = 0.052, 0.008, 0.012
     overlap_cost, crossing_cost = 1000.0, 15.0
 
     def list_candidates(
@@ -177,7 +173,6 @@ def place_names(
     side: float,
     *,
     gaps: Sequence[float] = (8.0, 14.0, 21.0),
-    margin: float = 3.0,
 ) -> list[Box | None]:
     """Place each name beside its dot in a square picture; None where there is no room.
 
@@ -193,9 +188,8 @@ def place_names(
         Size of the picture.
     gaps : sequence of float
         Distances between a dot and its name, the best first.
-    margin : float
-        Distance between a name and the sides of the picture.
     """
+    margin = 3.0  # between a name and the sides of the picture, points
     # The best first: right, left, above, below, then the corners.
     sides = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))
 

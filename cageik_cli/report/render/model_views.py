@@ -33,6 +33,12 @@ REGION_TURNS = tuple(VIEW_TURN + turn for turn in (0, -64, 58, -122, 103, -167, 
 DEPTH_TOL = 0.006
 """Share of the picture's size; lines at most this far behind a surface count as before it."""
 
+VIEW_TILT = 14.0
+"""Degrees that views are from above."""
+
+MIN_SEEN_SHARE = 0.8
+"""The first turn is chosen that shows this share of the pixels of the best one."""
+
 
 def project_surface(camera: ParallelCamera, vertices: Floats, faces: Integers) -> VisibleSurface:
     """Rasterize what a camera sees of a mesh."""
@@ -67,12 +73,12 @@ def overlay_cage(
     )
 
 
-def view_axes(up_axis: str, turn: float, tilt: float = 14.0) -> Floats:
+def view_axes(up_axis: str, turn: float) -> Floats:
     """Return right, up and backward of a view, as rows.
 
-    It is from `turn` degrees right of the front, and `tilt` degrees above it.
+    It is from `turn` degrees right of the front, and `VIEW_TILT` degrees above it.
     """
-    turn_angle, tilt_angle = np.radians((turn, tilt))
+    turn_angle, tilt_angle = np.radians((turn, VIEW_TILT))
     (c, s), (d, e) = ((np.cos(angle), np.sin(angle)) for angle in (turn_angle, tilt_angle))
     around = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
     over = np.array([[1, 0, 0], [0, d, -e], [0, e, d]])
@@ -109,15 +115,13 @@ def choose_turn(
     faces: Integers,
     chosen: NDArray[np.bool_],
     up_axis: str,
-    *,
-    pixels: int = 64,
-    min_share: float = 0.8,
 ) -> float:
     """Choose from which of `REGION_TURNS` the chosen vertices, (m,), are seen best.
 
-    Pictures of a few `pixels` are compared. It is the first turn from which nearly as many pixels
-    of their faces are seen as from the best: at least `min_share` of them.
+    Small pictures are compared. It is the first turn from which nearly as many pixels
+    of their faces are seen as from the best: at least `MIN_SEEN_SHARE` of them.
     """
+    pixels = 64  # width and height of pictures that are only counted
     wanted = np.asarray(chosen[faces].any(axis=1))
     if not wanted.any():  # vertices in no face are seen from nowhere
         return REGION_TURNS[0]
@@ -129,7 +133,7 @@ def choose_turn(
         camera = ParallelCamera(view_axes(up_axis, turn), centre, radius, pixels)
         face, _ = rasterize(camera.project(vertices)[faces], pixels)
         seen.append(int(wanted[face[face >= 0]].sum()))
-    enough = min_share * max(seen)
+    enough = MIN_SEEN_SHARE * max(seen)
     return next(turn for turn, count in zip(REGION_TURNS, seen, strict=True) if count >= enough)
 
 

@@ -13,6 +13,9 @@ import numpy as np
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats, Integers
 
+VIEW_EDGE_TOL = 1e-9
+"""Triangles whose normal has less along the view, as a share, are seen edge-on."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParallelCamera:
@@ -199,12 +202,12 @@ def _sort_by_height(places: Floats) -> tuple[Floats, Floats]:
     return np.stack(x), np.stack(y)
 
 
-def _depth_planes(places: Floats, edge_on_tol: float = 1e-9) -> tuple[Floats, Floats]:
+def _depth_planes(places: Floats) -> tuple[Floats, Floats]:
     """Return the slopes of depth along x and y, (2, t), and the depth at corner 0.
 
-    A triangle seen edge-on, by this share of its normal along the view, has one depth.
+    A triangle seen edge-on, as `VIEW_EDGE_TOL` says, has one depth.
     """
     normal = cross_products(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
-    edge_on = np.abs(normal[2]) <= edge_on_tol * np.abs(normal).sum(axis=0)
+    edge_on = np.abs(normal[2]) <= VIEW_EDGE_TOL * np.abs(normal).sum(axis=0)
     slopes = -normal[:2] / np.where(edge_on, np.inf, normal[2])
     return slopes, np.where(edge_on, places[2].mean(axis=0), places[2, 0])

@@ -133,8 +133,9 @@ def parse_colour(text: str) -> Floats:
     return np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
 
 
-def choose_scale_end(values: Floats, percentile: float = 99.5) -> float:
-    """Choose a round end for a scale that holds nearly all values: this percentile of them."""
+def choose_scale_end(values: Floats) -> float:
+    """Choose a round end for a scale that holds nearly all values."""
+    percentile = 99.5  # single values may be beyond the scale
     wanted = max(float(np.percentile(values, percentile)) if len(values) else 0, MIN_SCALE_PERCENT)
     power = 10.0 ** np.floor(np.log10(wanted))
     ends = (1, 1.5, 2, 3, 4, 5, 6, 8, 10)

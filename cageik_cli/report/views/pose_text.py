@@ -14,6 +14,21 @@ MAX_SHOWN_HANDLES = 12
 NO_MOTION_TOL = 1e-6
 """Share of the diagonal; smaller distances count as no motion."""
 
+MIN_WHOLE_SHARE = 0.5
+"""The whole model moves if its least motion is more than this share of its largest."""
+
+MAX_VERTEX_RATIO = 1.25
+"""Vertices that move more times as far as any handle need a pin."""
+
+MAX_HANDLE_DISTANCE = 5.0
+"""Diagonals; a handle that moves farther probably has its target in other units."""
+
+MAX_CAGE_RATIO = 5.0
+"""A cage that moves more times as far as any handle cannot follow the handles."""
+
+MAX_VOLUME_PERCENT = 10.0
+"""Larger changes of the volume, percent, are worth rotations."""
+
 
 def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
     """Return labelled lines: each handle, then the mesh, the cage and the system."""
@@ -130,20 +145,18 @@ def _advise(summary: PoseSummary) -> Iterator[str]:
     yield from _advise_on_volume(summary)
 
 
-def _advise_on_whole_motion(summary: PoseSummary, min_share: float = 0.5) -> Iterator[str]:
+def _advise_on_whole_motion(summary: PoseSummary) -> Iterator[str]:
     """Advise pins if the least motion of the model is above a share of its largest."""
     still = NO_MOTION_TOL * summary.diagonal
-    if summary.moved_least > max(still, min_share * summary.moved):
+    if summary.moved_least > max(still, MIN_WHOLE_SHARE * summary.moved):
         least = format_length(summary.moved_least)
         yield f"the whole model moves, by at least {least}; pin the parts that must stay"
 
 
-def _advise_on_far_vertices(
-    summary: PoseSummary, far: AnchorSummary, max_ratio: float = 1.25
-) -> Iterator[str]:
-    """Advise a pin if a vertex moves more than so many times as far as any handle."""
+def _advise_on_far_vertices(summary: PoseSummary, far: AnchorSummary) -> Iterator[str]:
+    """Advise a pin if a vertex moves much further than any handle."""
     still = NO_MOTION_TOL * summary.diagonal
-    if summary.moved > max(still, max_ratio * far.moved):
+    if summary.moved > max(still, MAX_VERTEX_RATIO * far.moved):
         than = (
             f"{summary.moved / far.moved:.3g} times as far as any handle"
             if far.moved > still
@@ -156,36 +169,32 @@ def _advise_on_far_vertices(
         )
 
 
-def _advise_on_far_targets(
-    summary: PoseSummary, far: AnchorSummary, max_diagonals: float = 5.0
-) -> Iterator[str]:
+def _advise_on_far_targets(summary: PoseSummary, far: AnchorSummary) -> Iterator[str]:
     """Say so if a handle moves so far that its target is probably in other units."""
-    if far.moved > max_diagonals * summary.diagonal:
+    if far.moved > MAX_HANDLE_DISTANCE * summary.diagonal:
         yield (
             f"{_format_handle_name(far)} moves {far.moved / summary.diagonal:.3g} times the "
-            f"model's diagonal (expected at most {max_diagonals:g}); give targets in the "
+            f"model's diagonal (expected at most {MAX_HANDLE_DISTANCE:g}); give targets in the "
             "units and axes of the model's file"
         )
 
 
-def _advise_on_cage_motion(
-    summary: PoseSummary, far: AnchorSummary, max_ratio: float = 5.0
-) -> Iterator[str]:
-    """Say so if the cage moves more than so many times as far as any handle."""
-    if summary.cage_moved > max(max_ratio * far.moved, summary.diagonal):
+def _advise_on_cage_motion(summary: PoseSummary, far: AnchorSummary) -> Iterator[str]:
+    """Say so if the cage moves far more than any handle."""
+    if summary.cage_moved > max(MAX_CAGE_RATIO * far.moved, summary.diagonal):
         yield (
             f"cage vertex {summary.cage_vertex} moves {format_length(summary.cage_moved)}, more "
-            f"than {max_ratio:g} times as far as any handle: the cage cannot follow the "
+            f"than {MAX_CAGE_RATIO:g} times as far as any handle: the cage cannot follow the "
             "handles; remove some handles, raise `alpha=` (for example to 1e-3), or check the "
             "cage with cageik check"
         )
 
 
-def _advise_on_volume(summary: PoseSummary, max_percent: float = 10.0) -> Iterator[str]:
-    """Advise rotations if the volume changes by more than so many percent without them."""
-    if abs(summary.volume_change_percent or 0.0) > max_percent and not summary.rigidity:
+def _advise_on_volume(summary: PoseSummary) -> Iterator[str]:
+    """Advise rotations if the volume changes much without them."""
+    if abs(summary.volume_change_percent or 0.0) > MAX_VOLUME_PERCENT and not summary.rigidity:
         yield (
-            f"the volume changes by more than {max_percent:g} %: parts that turn are "
+            f"the volume changes by more than {MAX_VOLUME_PERCENT:g} %: parts that turn are "
             "sheared; let them rotate with `rigidity=10`"
         )
 

@@ -34,6 +34,15 @@ from cageik_cli.util.threads import OrderedMap, limit_blas_threads
 MAX_HELD_OUT_ROUNDS = 8
 """Fits that only measure held-out frames end earlier; their errors are a few percent too high."""
 
+TRIED_REGULARIZATIONS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
+"""Strengths that a search tries, two at a time, the smoothest weights first."""
+
+MAX_ERROR_SHARE = 0.97
+"""The search ends when the weaker of two strengths leaves more of the other's held-out error."""
+
+MAX_BEST_RATIO = 1.05
+"""The strongest regularization is chosen whose held-out error is within this of the smallest."""
+
 Curve = list[tuple[float, float]]
 """Regularizations and their errors on held-out frames, in percent of the diagonal."""
 
@@ -153,30 +162,36 @@ class Fitter:
 
     def fit_sample(self, sample: Sample, strength: float) -> Binding:
         """Fit the weights to a sample, with a given regularization, and do not measure them."""
-        alternator = self._make_alternator(strength, self._plan(sample)[0])
+        alternator = self._make_alternator(strength, self._count_threads(sample))
         return alternator.fit(sample.target, self._settings)
 
     def limit_influences(self, sample: Sample, strength: float, count: int) -> Binding:
         """Fit weights with at most `count` influences to frames that the binding's weights give."""
-        alternator = self._make_alternator(strength, self._plan(sample)[0])
+        alternator = self._make_alternator(strength, self._count_threads(sample))
         return alternator.fit_influences(sample.target, self._binding.weights, count)
 
     def _make_alternator(self, strength: float, jobs: int, most: int | None = None) -> Alternator:
-        """Make what fits with so many threads, in `most` rounds if that is fewer."""
+        """Make what fits with `jobs` threads, in `most` rounds if that is fewer."""
         problem = replace(self._problem, regularization=strength, jobs=jobs)
         rounds = self._max_rounds if most is None else min(most, self._max_rounds)
         return Alternator(problem, self._cage_solve, rounds)
 
-    def _plan(self, sample: Sample) -> tuple[int, int]:
-        """Return the threads, and the fits to parts of a sample at once, two at most.
-
-        There is memory for them beside the sample; each is one at least.
-        """
+    def _count_threads(self, sample: Sample) -> int:
+        """Count the threads of a fit that there is memory for beside the sample; one at least."""
         m, n = self._binding.weights.shape
-        left = self._memory - 2 * sample.target.nbytes
+        left = self._find_memory_left(sample)
         fitting = (k for k in range(self._jobs, 1, -1) if estimate_memory(m, n, k) <= left)
-        has_memory = 2 * estimate_memory(m, n, jobs=1) <= left
-        return next(fitting, 1), 2 if has_memory and self._jobs > 1 else 1
+        return next(fitting, 1)
+
+    def _count_fits(self, sample: Sample) -> int:
+        """Count the fits to parts of the sample that are made at once: one or two."""
+        m, n = self._binding.weights.shape
+        has_memory = 2 * estimate_memory(m, n, jobs=1) <= self._find_memory_left(sample)
+        return 2 if has_memory and self._jobs > 1 else 1
+
+    def _find_memory_left(self, sample: Sample) -> int:
+        """Return the bytes that a fit may take beside the sample and its part."""
+        return self._memory - 2 * sample.target.nbytes
 
     def _choose_regularization(self, sample: Sample) -> tuple[float, Curve]:
         """Return the regularization, and what was tried if it is chosen by held-out blocks."""
@@ -186,16 +201,16 @@ class Fitter:
         return choose_regularization(curve), curve
 
     def _search_regularization(self, sample: Sample) -> Curve:
-        """Measure regularizations on held-out blocks, strongest first, while the error falls."""
-        strengths = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
+        """Measure regularizations on held-out blocks, while the error falls by a few percent."""
         curve: Curve = []
-        for pair in (strengths[:2], strengths[2:4], strengths[4:]):
+        for start in range(0, len(TRIED_REGULARIZATIONS), 2):
+            pair = TRIED_REGULARIZATIONS[start : start + 2]
             cases = [self._make_case(sample.in_held_out_block, s, sample) for s in pair]
             for strength, found in zip(pair, self._compare_held_out(sample, cases), strict=True):
                 if found is None:
                     return []
                 curve.append((strength, found.fitted.rms))
-            if curve[-1][1] > 0.97 * curve[-2][1]:
+            if curve[-1][1] > MAX_ERROR_SHARE * curve[-2][1]:
                 break
         return curve
 
@@ -215,9 +230,12 @@ class Fitter:
     def _make_case(
         self, is_held: NDArray[np.bool_], strength: float, sample: Sample
     ) -> HeldOutCase:
-        """Return which frames are held out, and the fit to the others, one of those at once."""
-        jobs, fits = self._plan(sample)
-        alternator = self._make_alternator(strength, max(1, jobs // fits), MAX_HELD_OUT_ROUNDS)
+        """Make a case of a mask of its held-out frames, and of the fit to the others.
+
+        The threads are shared by the fits that are made at once.
+        """
+        jobs = max(1, self._count_threads(sample) // self._count_fits(sample))
+        alternator = self._make_alternator(strength, jobs, MAX_HELD_OUT_ROUNDS)
         return is_held, lambda target: alternator.fit(target, self._settings)
 
     def _compare_held_out(
@@ -236,7 +254,7 @@ class Fitter:
             held_out = sample.target.take(np.flatnonzero(is_held))
             return self._cage_solve.compare(fit(seen).weights, held_out)
 
-        fits = self._plan(sample)[1]
+        fits = self._count_fits(sample)
         with OrderedMap(compare, cases, fits, fits) as found:
             return list(found)
 
@@ -278,8 +296,8 @@ def _count_fixed_floats(fitted: Binding) -> int:
 
 
 def choose_regularization(curve: Curve) -> float:
-    """Choose the strongest regularization whose error is within 5 % of the smallest."""
+    """Choose the strongest regularization whose error is nearly the smallest."""
     if not curve:
         return DEFAULT_REGULARIZATION
     best = min(error for _, error in curve)
-    return max(strength for strength, error in curve if error <= 1.05 * best)
+    return max(strength for strength, error in curve if error <= MAX_BEST_RATIO * best)

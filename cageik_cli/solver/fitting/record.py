@@ -181,6 +181,12 @@ MAX_HELD_OUT_RATIO = 2.0
 MIN_STATED_PERCENT = 1e-3
 """Errors below this percentage of the diagonal are rounding; ratios of them say nothing."""
 
+MAX_GAINLESS_SHARE = 0.98
+"""A fit gains nothing on other motion if it leaves more of the unfitted weights' held-out error."""
+
+MAX_COPIED_SHARE = 0.5
+"""If more of the held-out frames are copies of fitted ones, their error says nothing."""
+
 MAX_ROUGHNESS = 3.0
 """Weights that are more times as rough as the unfitted ones are warned of."""
 
@@ -261,17 +267,17 @@ class FitReport:
 
     @property
     def is_gainless(self) -> bool:
-        """Return whether held-out frames are followed less than 2 % better than without the fit."""
+        """Return whether held-out frames are followed hardly better than without the fit."""
         held_out = self.held_out_blocks
         if held_out is None or held_out.unfitted.rms < MIN_STATED_PERCENT:
             return False
-        return held_out.fitted.rms > 0.98 * held_out.unfitted.rms
+        return held_out.fitted.rms > MAX_GAINLESS_SHARE * held_out.unfitted.rms
 
     @property
     def is_repetitive(self) -> bool:
         """Return whether most held-out frames are copies of fitted ones; their error is empty."""
         held_out = self.held_out_blocks
-        return held_out is not None and self.copied_frames > 0.5 * held_out.frames
+        return held_out is not None and self.copied_frames > MAX_COPIED_SHARE * held_out.frames
 
 
 @dataclass(frozen=True, slots=True)

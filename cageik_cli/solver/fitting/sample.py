@@ -20,6 +20,9 @@ from cageik_cli.util.threads import OrderedMap
 MAX_FITTED_FRAMES = 100
 """Frames that weights are fitted to; more hardly lower the error of the others."""
 
+MAX_DESCRIPTOR_VERTICES = 64
+"""Vertices whose displacements describe a pose."""
+
 
 class FrameReader(Protocol):
     """A clip, or any other source of frames of the rest pose's connectivity."""
@@ -218,12 +221,12 @@ def _make_descriptor(solver: DualLaplacianSolver) -> Callable[[Floats], Floats]:
     return lambda columns: np.concatenate([columns[vertices].ravel(), (signs @ columns).ravel()])
 
 
-def choose_vertices(solver: DualLaplacianSolver, count: int = 64) -> Integers:
+def choose_vertices(solver: DualLaplacianSolver) -> Integers:
     """Choose data vertices that are spread over the rest pose: they describe poses."""
     rest = solver.binding.rest.vertices
     numbers = np.arange(len(rest))[solver.data_vertices]
     points = rest[numbers] - rest[numbers].mean(axis=0)
-    return np.asarray(numbers[spread_points(points, count)])
+    return np.asarray(numbers[spread_points(points, MAX_DESCRIPTOR_VERTICES)])
 
 
 def spread_points(points: Floats, count: int) -> Integers:

@@ -10,10 +10,14 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import sparse_laplacian
 from cageik_cli.util.arrays import Floats
 
+MAX_BLOCK_COLUMNS = 20
+"""Columns that are solved together, at most: they all take the steps of the slowest of them."""
+
 
 def count_columns(m: int) -> int:
-    """Return how many columns of `m` entries are solved together."""
-    return max(1, min(20, (1 << 21) // m))
+    """Return how many columns of `m` entries are solved together: of a long surface, fewer."""
+    max_entries = 1 << 21  # 16 MiB
+    return max(1, min(MAX_BLOCK_COLUMNS, max_entries // m))
 
 
 class SurfaceLaplacian:

@@ -23,7 +23,7 @@ from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import ClusterError, FileAccessError
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.threads import set_blas_threads
+from cageik_cli.util.threads import use_one_blas_thread
 from cageik_cli.workflows.batch.jobs import ClipJob, bind_clip
 from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
@@ -184,7 +184,7 @@ def configure_worker() -> None:
     frames gets new pages, which takes half as long as the solve. These are the values that the
     library would reach by itself. They stay set, since the tasks of a worker follow each other.
     """
-    set_blas_threads()
+    use_one_blas_thread()
     if sys.platform == "linux":
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
         if mallopt is not None:  # not every C library has it

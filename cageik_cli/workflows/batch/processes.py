@@ -15,7 +15,7 @@ from queue import SimpleQueue
 
 from cageik_cli.report.overview import ClipEntry
 from cageik_cli.util.errors import ClusterError
-from cageik_cli.util.threads import set_blas_threads
+from cageik_cli.util.threads import use_one_blas_thread
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome, run_clip
 
 PRELOAD = "cageik_cli.workflows.batch.preload"
@@ -136,7 +136,7 @@ def _initialize_process() -> None:
     """Let a new process end with its parent, and use one thread in the linear algebra."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent gets it, and ends this process
     threading.Thread(target=_exit_with_parent, daemon=True).start()
-    set_blas_threads()
+    use_one_blas_thread()
 
 
 def _exit_with_parent() -> None:
