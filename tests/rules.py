@@ -23,8 +23,11 @@ SHORT = {
 """Modules that may be short besides those of file formats, and why."""
 
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]+")
-OPTION = re.compile(r"(?<![\w-])--(?!nthreads|nworkers)[a-z][a-z-]*")
-"""An option of ours; those of `dask worker` are not."""
+OPTION = re.compile(r"(?<![\w-])(?:--(?!nthreads|nworkers)[a-z][a-z-]*|-[oqv](?![\w-]))")
+"""An option of ours, such as --rest or -o; those of `dask worker` are not."""
+
+DOTTED = re.compile(r"`(?:cageik_cli\.)?([a-z_]+(?:\.(?!py\b|json\b)\w+)+)")
+"""What may be a module, or a name in it: `cages.push`, `cages.push.push`, and `result.frames`."""
 
 Module = tuple[str, str]
 """The path of a module below the package, and its source."""
@@ -88,7 +91,34 @@ def find_option_words(modules: list[Module]) -> Iterator[str]:
                     yield f"{path}:{node.lineno}: names {found[0]}; name the parameter in backticks"
 
 
-RULES = (find_repeated_constants, find_sizes, find_option_words)
+def find_lost_modules(modules: list[Module]) -> Iterator[str]:
+    """Find names in backticks in docstrings that begin with a folder, or with what only a module
+    is called, and lead nowhere.
+    """
+    names: dict[tuple[str, ...], set[str]] = {}
+    for path, source in modules:
+        place = tuple(path.removesuffix(".py").removesuffix("/__init__").split("/"))
+        names[place] = {getattr(node, "name", "") for node in ast.parse(source).body}
+    folders = {folder for place in names for folder in place[:-1]}
+    ends = {place[k:] for place in names for k in range(len(place))}
+    for path, source in modules:
+        for text in list_docstrings(source):
+            for parts in (tuple(found.split(".")) for found in DOTTED.findall(text)):
+                *above, last = parts
+                homes = [place for place in names if place[-len(above) :] == tuple(above)]
+                is_known = parts in ends or any(last in names[place] for place in homes)
+                if (parts[0] in folders or "_" in parts[0]) and not is_known and last != "NAME":
+                    yield f"{path}: names {'.'.join(parts)}, which is not there; mend the name"
+
+
+def list_docstrings(source: str) -> Iterator[str]:
+    """Yield all docstrings of a module."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            yield ast.get_docstring(node) or ""
+
+
+RULES = (find_repeated_constants, find_sizes, find_option_words, find_lost_modules)
 
 
 def main() -> int:

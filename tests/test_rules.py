@@ -4,6 +4,7 @@ import pytest
 
 from tests.rules import (
     MIN_LINES,
+    find_lost_modules,
     find_option_words,
     find_repeated_constants,
     find_sizes,
@@ -40,6 +41,25 @@ def test_options_below_the_command_line_are_found():
     modules = [("solver/a.py", message), ("cli/b.py", message)]
     (fault,) = find_option_words(modules)
     assert fault.startswith("solver/a.py:1: names --rest-frame")
+
+
+def test_short_options_below_the_command_line_are_found():
+    (fault,) = find_option_words([("solver/a.py", 'TEXT = "start cageik view with -o"\n')])
+    assert fault.startswith("solver/a.py:1: names -o")
+
+
+PACKAGE = [("cages/push.py", "def push():\n    pass\n"), ("cages/mesh_parts.py", "")]
+
+
+@pytest.mark.parametrize("name", ["cages.pull", "cages.push.pull", "file_data.pull"])
+def test_docstrings_that_name_lost_modules_are_found(name):
+    (fault,) = find_lost_modules([*PACKAGE, ("a.py", f'"""See `{name}`."""\n')])
+    assert fault.startswith(f"a.py: names {name}, which is not there")
+
+
+@pytest.mark.parametrize("name", ["cages.push", "cages.push.push", "push.push", "result.frames"])
+def test_docstrings_that_name_modules_or_values_pass(name):
+    assert list(find_lost_modules([*PACKAGE, ("a.py", f'"""See `{name}`."""\n')])) == []
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 from cageik_cli.cli.config import CONFIG_NAME, ClipTables, is_auxiliary_path, list_commands
 from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
-from cageik_cli.cli.group import word_options
+from cageik_cli.cli.group import spell_param, word_options
 from cageik_cli.cli.options import Decorator, OptionGroup
 from cageik_cli.cli.options.clip import make_exclude_option
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS
@@ -235,7 +235,7 @@ def _make_clip_settings(
 def _describe_fault(error: click.UsageError | CageikError) -> str:
     """Say why a clip cannot be started; values of the command line were checked before."""
     if isinstance(error, click.BadParameter) and error.param is not None:
-        option = max(error.param.opts, key=len)
+        option = spell_param(error.param)
         return f"{option} of a {CONFIG_NAME} in its folder or above: {error.message.rstrip('.')}"
     message = error.message if isinstance(error, click.UsageError) else str(error)
     return word_options(message)

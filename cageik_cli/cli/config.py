@@ -22,6 +22,7 @@ from typing import Any
 
 import click
 
+from cageik_cli.cli.group import spell_param
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.files import read_input
 
@@ -65,7 +66,7 @@ def parse_options(path: Path, title: str, table: Any, command: click.Command) ->
     if not isinstance(table, dict):
         raise click.BadParameter(f"{path}: `{title}` is not a table of options")
     options = {
-        _option_key(option): option
+        spell_param(option).removeprefix("--").replace("-", "_"): option
         for option in command.params
         if isinstance(option, click.Option) and option.name != "config"
     }
@@ -93,12 +94,6 @@ def _suggest_option(key: str, options: Iterable[str]) -> str:
     known = sorted(name.replace("_", "-") for name in options)
     near = get_close_matches(key.replace("_", "-"), known, n=1)
     return f"did you mean {near[0]}?" if near else f"expected some of {', '.join(known)}"
-
-
-def _option_key(param: click.Parameter) -> str:
-    """Return the name of an option as it is typed, without dashes."""
-    longest = max(param.opts, key=len)
-    return longest.removeprefix("--").replace("-", "_")
 
 
 def list_commands(ctx: click.Context) -> tuple[str, ...]:
@@ -269,8 +264,8 @@ class ClipTables:
 
     def _name_option(self, name: str) -> str:
         """Name a parameter as a file of options does."""
-        options = [option for option in self._command.params if option.name == name]
-        return max(options[0].opts, key=len).removeprefix("--")
+        option = next(option for option in self._command.params if option.name == name)
+        return spell_param(option).removeprefix("--")
 
 
 def _is_trusted(file: Path) -> bool:

@@ -125,15 +125,19 @@ def _find_option(name: str, command: click.Command | None) -> str | None:
     for known in (command, extract_command):
         for param in known.params if known is not None else ():
             if param.name == name or f"--{name.replace('_', '-')}" in param.opts:
-                return max(param.opts, key=len) if param.opts[0][0] == "-" else name.upper()
+                return spell_param(param)
     # Parameters that no option of this name sets.
     return {
-        "fit": "--fit",
         "repair": "cageik cage --repair",
         "keep_weights": "without --no-weights",
         "count": "--morphs",
         "recentre": "--recentre",
     }.get(name)
+
+
+def spell_param(param: click.Parameter) -> str:
+    """Return what is typed for a parameter: its longest option, or an argument in capitals."""
+    return max(param.opts, key=len) if param.opts[0][0] == "-" else str(param.name).upper()
 
 
 @contextmanager

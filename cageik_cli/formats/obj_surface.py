@@ -1,4 +1,4 @@
-"""UVs, normals, names of faces and colours of vertices in an OBJ text."""
+"""UVs, normals, names of faces and colours of vertices in an OBJ text; colours in its library."""
 
 import codecs
 import os
@@ -231,6 +231,7 @@ def _find_libraries(folder: Path, text: str) -> list[Path]:
     """Return the files that a text names and that are there: one, whose name may have spaces, or
     several.
     """
+    # `Path.exists` raises for names that the system refuses, such as ones that are too long.
     names = [text] if os.path.exists(folder / text) else text.split()
     libraries = [folder / name.replace("\\", "/") for name in dict.fromkeys(names)]
     for library in libraries:

@@ -77,10 +77,6 @@ class SolvedBlock:
         """Return the number of the frame after the last."""
         return self.start + len(self.cages)
 
-    def get_cage(self, frame: int) -> Floats:
-        """Return the cage, (n, 3), of a frame, by its number in the clip."""
-        return np.asarray(self.cages[frame - self.start])
-
 
 class BlockSolver:
     """Solver and measurement of the blocks of a clip.

@@ -106,6 +106,7 @@ class Extraction:
             return self.keep_existing(self.existing)
         write_built_cage(self.settings, self.bind().binding.cage)
         self.factor()
+        # One thread for the products: blocks are solved, and frames read, beside each other.
         with open_checkpoint(self.settings, self._make_spec()) as checkpoint, limit_blas_threads(1):
             self.solve(checkpoint)
             with self.smooth(checkpoint) as complete:
@@ -248,7 +249,7 @@ class Extraction:
         if settings.capture.robust:
             self.block_solver.find_tolerances()
 
-    def run_blocks(self, start: int) -> AbstractContextManager[Iterator[SolvedBlock]]:
+    def open_blocks(self, start: int) -> AbstractContextManager[Iterator[SolvedBlock]]:
         """Open an iterator of the frames from `start` on, solved and measured, in blocks."""
         unfitted = self.binding.unfitted
         held = 0 if unfitted is None else unfitted.weights.nbytes
@@ -260,7 +261,7 @@ class Extraction:
         """Solve the frames that the checkpoint does not hold yet."""
         with self.progress.stage("read"):
             recover_blocks(checkpoint, self.sequence, self.settings, self.progress)
-        with self.run_blocks(checkpoint.frames_done) as blocks:
+        with self.open_blocks(checkpoint.frames_done) as blocks:
             for block in blocks:
                 with self.progress.stage("write"):
                     checkpoint.append(block)

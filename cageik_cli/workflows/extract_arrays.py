@@ -179,7 +179,7 @@ def extract(
     cages: list[Floats] = []
     rotations: list[Floats] = []
     metrics: list[FrameMetrics] = []
-    with limit_blas_threads(1), extraction.run_blocks(0) as blocks:
+    with limit_blas_threads(1), extraction.open_blocks(0) as blocks:
         for block in blocks:
             cages.append(block.cages)
             rotations.append(block.rotations)

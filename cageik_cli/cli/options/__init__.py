@@ -12,6 +12,7 @@ import click
 from click.core import ParameterSource
 
 from cageik_cli.cli.config import apply_config
+from cageik_cli.cli.group import spell_param
 from cageik_cli.cli.options.types import FrameFormatType, SizeType
 from cageik_cli.coordinates.settings import ACCURACIES, COORDINATES, OUTSIDE_POLICIES, BindSettings
 from cageik_cli.util.errors import SettingError
@@ -255,7 +256,7 @@ def is_given(name: str) -> bool:
 def name_option(name: str) -> str:
     """Return how an option of the command that runs is typed."""
     params = click.get_current_context().command.params
-    return next(max(param.opts, key=len) for param in params if param.name == name)
+    return next(spell_param(param) for param in params if param.name == name)
 
 
 def refuse_options(

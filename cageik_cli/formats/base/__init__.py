@@ -1,5 +1,5 @@
 """What file formats share: clips, writers, file names, polygons, HDF5.
 
-Start with `sequence`, the clip that every reader gives, and `writer`, what every writer does;
-`registry` finds the formats.
+Start with `base.sequence`, the clip that every reader gives, and `base.writers`, what every writer
+does; `formats.open` and `formats.write` find the formats.
 """

@@ -33,8 +33,8 @@ from cageik_cli.util.text import to_unicode
 class FrameFileReader(MeshSequence):
     """Frames from mesh files of one suffix; a format subclasses this and says how to parse a file.
 
-    The same class reads single meshes, see `formats.mesh_file.load_mesh`. Names that end in `.gz`
-    are unpacked first, where a format lists such suffixes (`file_data.with_gzip`).
+    The same class reads single meshes, see `formats.open.load_mesh`. Names that end in `.gz`
+    are unpacked first, where a format lists such suffixes (`base.files.with_gzip`).
     """
 
     @classmethod

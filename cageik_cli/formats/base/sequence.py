@@ -114,7 +114,7 @@ class Block:
 class MeshSequence(ABC):
     """Frames of one connectivity, in order; they can be read more than once.
 
-    The `Reader` of each format subclasses this, see `base.registry`. Most subclass
+    The `Reader` of each format subclasses this, see `formats.open`. Most subclass
     `FrameFileReader` (a mesh file per frame), `ArrayClipFile` or `ClipFile` (all frames in a file).
 
     Attributes
