@@ -129,6 +129,10 @@ def place_limit_labels(
     points: Floats,
     levels: Sequence[float],
     occupied: Box,
+    *,
+    height: float = 0.052,
+    gap: float = 0.008,
+    margin: float = 0.012,
 ) -> list[Box]:
     """Place each label of a limit above or below one of its lines; lengths are shares of the axes.
 
@@ -143,9 +147,11 @@ def place_limit_labels(
         Heights of all lines, which labels should not lie on.
     occupied : Box
         A box that labels must not touch.
+    height : float
+        Of a label.
+    gap, margin : float
+        Distances between a label and its line, and the sides of the axes.
     """
-    # Of a label; between it and its line; between it and the sides of the axes.
-    height, gap, margin = 0.052, 0.008, 0.012
     overlap_cost, crossing_cost = 1000.0, 15.0
 
     def list_candidates(
