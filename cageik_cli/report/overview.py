@@ -10,9 +10,6 @@ from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 
-MAX_CURVE_POINTS = 120
-"""Points of the curve of a clip, at most; each is the largest value of its frames."""
-
 
 @dataclass(frozen=True, slots=True)
 class Curve:
@@ -133,8 +130,8 @@ def build_clip_entry(
 
 
 def _build_curve(report: Report) -> Curve:
-    count = len(report.frames)
-    spans = np.array_split(np.arange(count), min(count, MAX_CURVE_POINTS))
+    count, max_points = len(report.frames), 120  # of a small picture
+    spans = np.array_split(np.arange(count), min(count, max_points))
     other = "volume_change" if report.summary.volume_change_percent_max is not None else None
     return Curve(
         rms_percent=tuple(_largest_value(report.frames, span, "rms_percent") for span in spans),

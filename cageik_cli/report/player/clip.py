@@ -26,9 +26,6 @@ UNNAMED_CAGE = "CAGE.obj"
 MAX_CAGE_NUMBERS = 1 << 24
 """Coordinates of cages that a page holds at most; the last frames of longer clips are left out."""
 
-MIN_FOCUS_EXTENT = 0.15
-"""Extent of the view of a single vertex, in diagonals."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayerClip:
@@ -158,20 +155,18 @@ def _collect_held_frames(key_frames: KeyFrames, count: int) -> dict[int, tuple[s
 
 
 def _find_focus(result: Result, key_frames: KeyFrames) -> dict[str, Any]:
-    """Find the worst region; if there is none, the largest deviation of the clip.
-
-    `MIN_FOCUS_EXTENT` is that of a view of a single vertex.
-    """
+    """Find the worst region; if there is none, the largest deviation of the clip."""
+    min_extent = 0.15  # of the view of a single vertex, diagonals
     held, poses = key_frames.indices.tolist(), key_frames.reconstructed
     region = next(iter(result.regions or ()), None)
     diagonal = result.rest.diagonal or 1.0
     if region is None:
         frame = int(np.nanargmax(result.metrics.max_deviation))
         vertex = int(result.metrics.worst_vertex[frame])
-        extent = MIN_FOCUS_EXTENT
+        extent = min_extent
     else:
         frame, vertex = region.frame, region.worst_vertex
-        extent = max(region.size / diagonal, MIN_FOCUS_EXTENT)
+        extent = max(region.size / diagonal, min_extent)
     turn = VIEW_TURN
     if frame in held:
         pose, rest = poses[held.index(frame)], result.rest.vertices

@@ -13,9 +13,6 @@ from cageik_cli.report.render.shading import MIN_SCALE_PERCENT
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.arrays import Floats
 
-MAX_PLOTTED_PERCENT = 1e150
-"""Larger values are clamped: matplotlib cannot draw axes of them."""
-
 MAX_LIMIT_REACH = 2.5
 """A limit has a line up to this many times the highest value of the curve."""
 
@@ -98,9 +95,10 @@ def build_series(report: Report) -> tuple[Series, Series]:
 
 
 def _make_plottable(metrics: Iterable[float | None]) -> Floats:
-    """Return metrics with nan in gaps, clamped: matplotlib cannot draw axes of larger values."""
+    """Return metrics with nan in gaps, clamped."""
+    max_percent = 1e150  # matplotlib cannot draw axes of larger values
     values = np.array([np.nan if value is None else value for value in metrics])
-    return np.asarray(np.clip(values, -MAX_PLOTTED_PERCENT, MAX_PLOTTED_PERCENT))
+    return np.asarray(np.clip(values, -max_percent, max_percent))
 
 
 def _build_unfitted(report: Report, numbers: Floats) -> Series | None:
