@@ -36,7 +36,7 @@ MAX_MIRRORED_SHARE = -0.5
 MAX_SPREAD_RATIO = 2.0
 """Frames that are more times as large as the rest pose, or as small, are of another size."""
 
-UNIT_RATIO_TOL = 0.1
+SPREAD_RATIO_TOL = 0.1
 """How far a ratio of sizes may be from that of two units, as a share: poses differ, too."""
 
 MIN_SPIKE_RATIO = 25.0
@@ -144,7 +144,7 @@ def _note_other_size(result: Result) -> Iterator[str]:
 
 def _guess_cause(ratio: float) -> str:
     """Name the units whose ratio this is nearly: poses differ in size, too."""
-    units = find_units_of_ratio(ratio, UNIT_RATIO_TOL)
+    units = find_units_of_ratio(ratio, SPREAD_RATIO_TOL)
     if units is None:
         return "one is likely in another unit, or of another model"
     rarer, usual = sorted(units, key=PROGRAM_UNITS.index, reverse=True)
