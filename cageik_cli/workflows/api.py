@@ -16,7 +16,7 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import open_clip_and_rest
-from cageik_cli.formats.settings import ClipSettings, RestFrame
+from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import SolveSettings
@@ -193,6 +193,7 @@ def extract_to_file(
     beta: float = SolveSettings().beta,
     align: bool = True,
     fit: FitSettings | None = None,
+    given_in: str = "",
     overwrite: bool = False,
     jobs: int | None = None,
 ) -> Result:
@@ -219,6 +220,8 @@ def extract_to_file(
         As of `bind`.
     alpha, beta, align, fit
         As of `extract`.
+    given_in : str
+        Unit and up axis of `cage` and `rest`, such as `cm` or `m,z`, if not what their files say.
     overwrite : bool
         Replace an existing result.
     jobs : int, optional
@@ -251,6 +254,7 @@ def extract_to_file(
         bind=BindSettings(coordinates, accuracy, outside),
         solve=SolveSettings(alpha, beta, align),
         fit=fit,
+        given_in=SceneHints.parse(given_in) if given_in else SceneHints(),
         overwrite=overwrite,
         jobs=jobs or count_processors(),
     )
