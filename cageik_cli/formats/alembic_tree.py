@@ -1,7 +1,9 @@
 """Where the parts of a model are in an Alembic archive, in which only transforms move meshes."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -25,22 +27,22 @@ class PlacedPart:
 def place_parts(parts: Sequence[Part]) -> list[PlacedPart]:
     """Return where the meshes are, at the paths of their parts.
 
-    The transform of parts that are alone above it moves that, as other programs do. A part
-    beside others that are elsewhere is a transform of its name, with the mesh below.
+    Programs call an object by the transform above its mesh. So a part is a transform of its name
+    with the mesh below, unless it is alone below a transform whose name its own begins with, as
+    in archives of such programs. A part at the top that nothing moves has no transform.
     """
     paths = [f"/{part.name.strip('/')}" for part in parts]
     folders = [path.rpartition("/")[0] for path in paths]
+    crowd = Counter(folders)
+    uppers = {upper for path in paths for upper in accumulate(path.split("/")[:-1], "{}/{}".format)}
     placed = []
     for part, path, folder in zip(parts, paths, folders, strict=True):
-        beside = [other for other, above in zip(parts, folders, strict=True) if above == folder]
-        is_alike = all(np.array_equal(other.transform, part.transform) for other in beside)
-        is_above = any(other.startswith(f"{path}/") for other in paths)
-        is_free = bool(folder) or np.array_equal(part.transform, np.eye(4))
-        is_free &= folder not in paths  # whose transform is that of a part
-        if is_alike and is_free and not is_above:
-            placed.append(PlacedPart(part, folder, path.rpartition("/")[2]))
+        name, above = path.rpartition("/")[2], folder.rpartition("/")[2]
+        is_shape = crowd[folder] == 1 and name.startswith(above) and folder not in paths
+        is_still = np.array_equal(part.transform, np.eye(4))
+        if path not in uppers and (is_shape if folder else is_still):
+            placed.append(PlacedPart(part, folder, name))
         else:
-            name = path.rpartition("/")[2]
             placed.append(PlacedPart(part, path, f"{name}{SHAPE_SUFFIX}"))
     return placed
 
