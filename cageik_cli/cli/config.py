@@ -182,6 +182,8 @@ class ClipTables:
 
         A file of options that cannot be read is skipped here; its clips report the error.
         """
+        from cageik_cli.formats.find_files import split_member
+
         files: set[Path] = set()
         for file in self._config_files(folder):
             try:
@@ -192,7 +194,7 @@ class ClipTables:
             except click.UsageError:
                 continue
             files.update(
-                Path(value).resolve()
+                split_member(value)[0].resolve()
                 for table in tables
                 for name, value in table.items()
                 if is_auxiliary_path(self._command, name, value)

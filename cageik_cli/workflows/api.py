@@ -194,6 +194,7 @@ def extract_to_file(
     align: bool = True,
     fit: FitSettings | None = None,
     given_in: str = "",
+    exclude: Sequence[str] = (),
     overwrite: bool = False,
     jobs: int | None = None,
 ) -> Result:
@@ -222,6 +223,8 @@ def extract_to_file(
         As of `extract`.
     given_in : str
         Unit and up axis of `cage` and `rest`, such as `cm` or `m,z`, if not what their files say.
+    exclude : sequence of str
+        As of `load_clip`.
     overwrite : bool
         Replace an existing result.
     jobs : int, optional
@@ -255,6 +258,7 @@ def extract_to_file(
         solve=SolveSettings(alpha, beta, align),
         fit=fit,
         given_in=SceneHints.parse(given_in) if given_in else SceneHints(),
+        clip=ClipSettings(exclude=tuple(exclude)),
         overwrite=overwrite,
         jobs=jobs or count_processors(),
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cageik_cli import extract_to_file, load_clip
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, Scene
@@ -138,3 +139,20 @@ def test_info_lists_twenty_parts(run, hero):
     rows = [row for row in run("info", "many.usdc").out.splitlines() if row.startswith("  part  ")]
     assert len(rows) == 21
     assert rows[-1].endswith("and 3 more")
+
+
+def test_a_cage_in_a_scene_file_is_no_clip_of_a_batch(run, hero, here):
+    cage = join_meshes([box(2.0)], ["/rig/cage"])
+    moved = Animation(cage, 1, Scene(), "rig")
+    frames = iter([cage.vertices[None]])
+    write_animation(Output(Path("objs/rig.usdc")), moved, frames, ProgressListener())
+    words = ("batch", "objs", "--cage", "objs/rig.usdc::/rig/cage", "-o", "out", "--no-pages")
+    assert run(*words).code == 0
+    assert here == ["objs"]
+
+
+def test_python_leaves_out_parts(hero):
+    clip = load_clip("objs", exclude=["eye_L", "prop"])
+    assert list_part_names(clip.first) == ("body",)
+    result = extract_to_file("objs", "cage.obj", "new.h5", exclude=["eye_L", "prop"])
+    assert len(result.rest.vertices) == 18
