@@ -30,7 +30,7 @@ from cageik_cli.util.text import format_block, format_count
 from cageik_cli.workflows.mesh_source import holds_caged_model
 from cageik_cli.workflows.model_file import LoadedModel, load_model
 
-MAX_PART_ROWS = 20
+MAX_LISTED_PARTS = 20
 """Parts of a model that are listed, at most."""
 
 
@@ -181,14 +181,14 @@ def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
 
 
 def _part_rows(mesh: TriMesh) -> list[tuple[str, str]]:
-    """Return a row of each part of a mesh, up to `MAX_PART_ROWS`; none if it came as one."""
+    """Return a row of each part of a mesh, up to `MAX_LISTED_PARTS`; none if it came as one."""
     parts = mesh.polygons.parts
     if parts is None:
         return []
     triangles = np.concatenate([[0], np.cumsum(mesh.polygons.corner_counts - 2)])
     rows = []
     for name, count, polygons in zip(
-        parts.names[:MAX_PART_ROWS], parts.vertex_counts, parts.polygon_slices, strict=False
+        parts.names[:MAX_LISTED_PARTS], parts.vertex_counts, parts.polygon_slices, strict=False
     ):
         faces = triangles[polygons.stop] - triangles[polygons.start]
         rows.append(("part", f"{name}: {count} vertices, {faces} triangles"))
