@@ -157,7 +157,8 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
             "are missing; take a complete frame by `rest_frame=`, or a mesh by `rest=`"
         )
     path = Path(sequence.location(index))
-    is_mesh_file = file_suffix(path) in mesh_suffixes() and path.is_file()
+    file, _ = split_member(path)
+    is_mesh_file = file_suffix(file) in mesh_suffixes() and file.is_file()
     return LoadedMesh(
         sequence.first.move(positions),
         {"name": sequence.names[index]},

@@ -103,8 +103,9 @@ class FrameFileReader(MeshSequence):
             return vertices if self._kept is None else vertices[self._kept]
 
     def location(self, index: int) -> str:
-        """Return the frame's path."""
-        return str(self._paths[index])
+        """Return the frame's path, and what is read of it."""
+        path = self._paths[index]
+        return str(path) if self._member is None else f"{path}::{self._member}"
 
     def digest(self, index: int) -> bytes:
         """Return the SHA-256 digest of the frame's file, as it was when it was last read."""
