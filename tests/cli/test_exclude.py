@@ -18,7 +18,7 @@ from cageik_cli.util.progress import ProgressListener
 from tests.shapes import ball, box
 
 BALL = ball(1, 0.8)
-MODEL = join_meshes([BALL, box(0.3), box(0.17)], ["/hero/body", "/hero/eyes/eye_L", "/hero/prop"])
+MODEL = join_meshes([BALL, box(0.3), box(0.4)], ["/hero/body", "/hero/eyes/eye_L", "/hero/prop"])
 
 
 @pytest.fixture

@@ -138,7 +138,7 @@ def test_meshes_and_points_are_not_joined(run, hero):
     outcome = run(*words)
     assert outcome.code == 1
     assert "cloud.ply: is a cloud of points, which cannot be a part" in outcome.err
-    outcome = run("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "{part}.ply")
+    outcome = run("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "{part}.npz")
     assert "which has no parts; leave {part} out" in outcome.err
 
 
