@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from cageik_cli.formats.gltf_reader.accessors import read_floats, read_wholes
 from cageik_cli.formats.gltf_reader.document import Document
@@ -108,7 +107,9 @@ class Influences:
         joints, weights = self.joints[vertices], self.weights[vertices]
         rows = np.repeat(np.arange(len(vertices)), joints.shape[1])
         places = rows, joints.ravel()
-        return sparse.csr_array((weights.ravel(), places), (len(vertices), self._count))
+        from scipy.sparse import csr_array  # slow to import, and few clips have skins
+
+        return csr_array((weights.ravel(), places), (len(vertices), self._count))
 
 
 def read_influences(
