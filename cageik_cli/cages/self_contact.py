@@ -16,6 +16,9 @@ MAX_CONTACT_DISTANCE = 0.03
 MIN_SURFACE_DISTANCE = 0.12
 """Points that are nearer along the surface, in diagonals, are of one part, and do not touch."""
 
+MAX_SOURCES = 500
+"""Samples whose distances along the surface are held at once."""
+
 MAX_DIVIDED_EDGE = 0.03
 """Faces with longer edges are divided, in diagonals, while there is room for more faces."""
 
@@ -174,10 +177,9 @@ def _link_samples(surface: TriMesh, samples: Integers) -> sparse.csr_array:
 
 def _find_near_pairs(links: sparse.csr_array, limit: float) -> Integers:
     """Return the pairs of samples at most `limit` apart, as `ContactMeter.joined` has them."""
-    block_size = 500  # samples whose distances along the surface are held at once
     count, found = links.shape[0], []
-    for start in range(0, count, block_size):
-        sources = np.arange(start, min(start + block_size, count))
+    for start in range(0, count, MAX_SOURCES):
+        sources = np.arange(start, min(start + MAX_SOURCES, count))
         distances = csgraph.dijkstra(links, False, sources, limit=limit)
         first, second = np.nonzero(np.isfinite(distances))
         first += start
