@@ -101,7 +101,8 @@ class _Deformation:
     def run(self) -> ExportSummary:
         """Open the model, the cages and the weights, and write the frames."""
         settings = self._settings
-        settings.output.find_writer()  # refuses other formats before anything is read
+        if not settings.mesh:  # points have formats of their own
+            settings.output.find_writer()  # refuses other formats before anything is read
         self._source = CagedModel.read(settings.source)
         self._common = CommonScene(
             settings.scene.over(self._source.hints), settings.given_in, can_restate=True

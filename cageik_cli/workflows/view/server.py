@@ -161,7 +161,8 @@ class RequestHandler(BaseHTTPRequestHandler):
     def _apply(self, query: str) -> None:
         if self.site.parse is None:
             raise RefusedRequestError(
-                HTTPStatus.CONFLICT, "there is no file to write; name one by `output=`"
+                HTTPStatus.CONFLICT,
+                "there is no file to write; start cageik view again with an output",
             )
         rigidity, data = _parse_rigidity(query), self._read_body()
         try:

@@ -179,7 +179,7 @@ class ViewSession(ABC):
     ) -> PoseResult:
         """Apply handles and write the outputs; the handles are written last."""
         if self.settings.output is None:
-            raise SettingError("there is no file to write; name one by `output=`")
+            raise SettingError("there is no file to write; start cageik view again with an output")
         for path in self.settings.outputs():
             check_writable(path, self._own.may_replace(path))
         result = self._solve(handles, posing, self.settings.output, progress)

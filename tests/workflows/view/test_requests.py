@@ -332,7 +332,7 @@ def test_without_an_output_nothing_is_taken(site):
     with serve(Site(SECRET, b"", JobBoard(), None), 0) as address:
         answer = Client(address).ask("apply", "POST", b"{}")
     assert answer.status == 409
-    assert "-o" in answer.value["error"]
+    assert "with an output" in answer.value["error"]
 
 
 def test_rubbish_is_refused_quietly(client, capfd):
