@@ -330,6 +330,7 @@ class Extraction:
         binding, weights = self.binding, self.vertex_weights.vertices
         robust = self.block_solver.robust
         tolerances = None if robust is None else robust.tolerances
+        rate = self.settings.clip.fps  # at which some files are sampled
         is_fitted_here = self.settings.fit is not None
         given = (binding.unfitted if is_fitted_here else None) or binding
         arrays = [binding.rest.vertices, binding.rest.faces]
@@ -342,7 +343,7 @@ class Extraction:
             frames=list(self.sequence.names),
             settings=self.recorded_settings,
             sources=self.sources,
-            key=compute_key({}, *arrays),
+            key=compute_key({} if rate is None else {"fps": rate}, *arrays),
             fit=compute_key({}, binding.weights, *found) if is_fitted_here else "",
             vertices=len(binding.rest.vertices),
             cage_vertices=len(binding.cage.vertices),

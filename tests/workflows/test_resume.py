@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.formats.settings import SceneHints
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
@@ -88,6 +89,14 @@ def test_a_run_with_other_settings_is_refused(plain):
     other = replace(plain, resume=True, solve=SolveSettings(alpha=0.5))
     with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*alpha was 0\.001, not 0\.5"):
         extract(other)
+    assert checkpoint_progress(LOG) == (2, 5)
+
+
+def test_a_run_at_another_rate_is_refused(plain):
+    """Some files are sampled at the rate, so frames of the same number differ."""
+    interrupted(plain, 2)
+    with pytest.raises(CheckpointError, match=r"cages\.h5\.partial"):
+        extract(replace(plain, resume=True, scene=SceneHints(fps=30)))
     assert checkpoint_progress(LOG) == (2, 5)
 
 

@@ -176,11 +176,12 @@ class Animation:
         start = first * rate
         if abs(start - round(start)) <= tolerance:
             start = float(round(start))
-        count = max(1, floor((last * rate - start + tolerance) / step) + 1)
+        span = (last * rate - start + tolerance) / step
+        count = max(1, floor(min(span, MAX_SAMPLED_TIMES)) + 1)
         if count > MAX_SAMPLED_TIMES:
             raise SettingError(
-                f"its keys are from {first:g} to {last:g} s, which is {count} frames at {rate:g} "
-                f"per second, expected at most {MAX_SAMPLED_TIMES}; give a lower `fps=`"
+                f"its keys are from {first:g} to {last:g} s, which is {span:.0f} frames at "
+                f"{rate:g} per second, expected at most {MAX_SAMPLED_TIMES}; give a lower `fps=`"
             )
         if fps is None:
             self._note_other_rate(np.unique(np.concatenate(keys)), rate / step)

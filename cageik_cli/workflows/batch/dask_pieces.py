@@ -139,9 +139,8 @@ class ClipContext:
         settings = self.settings
         # Any frame will do as rest pose: that of the run is in the solver.
         scene = CommonScene(settings.scene, settings.given_in, can_restate=True)
-        sequence, *_ = open_clip_and_choose_rest(
-            settings.frames, settings.clip, settings.rest, 0, scene
-        )
+        clip = replace(settings.clip, fps=settings.scene.fps)
+        sequence, *_ = open_clip_and_choose_rest(settings.frames, clip, settings.rest, 0, scene)
         if sequence.names != self._names:
             raise FileAccessError(
                 f"{settings.frames[0]}: has other frames than at the start of the run (found "

@@ -193,6 +193,13 @@ def test_wrong_numbers_in_buffers_are_refused(save, accessor, values, says):
     assert says in say(save(document, file.blob))
 
 
+def test_a_step_between_frames_that_is_next_to_nothing_is_refused(save):
+    file, _ = skinned("LINEAR")
+    document = read_document(file)
+    document["animations"][0]["extras"] = {"cageik_rate": [24, 1e-310]}
+    assert "expected at most 100000" in say(save(document, file.blob))
+
+
 @pytest.mark.parametrize("indices", [[7, 2], [2, 2], [2, 999]])
 def test_sparse_indices_must_ascend(save, indices):
     file, _ = quantised("LINEAR")
@@ -294,7 +301,7 @@ def test_what_a_file_cannot_be_read_without_is_named_and_the_rest_is_taken(tmp_p
     file = Built()
     file.add("meshes", {"primitives": [{"attributes": {"POSITION": file.array(np.eye(3))}}]})
     file.add("nodes", {"mesh": 0})
-    file.json["extensionsRequired"] = ["KHR_materials_unlit", "KHR_texture_transform"]
+    file.json["extensionsRequired"] = ["KHR_materials_unlit", "KHR_node_visibility"]
     path = file.save(tmp_path / "unlit.glb")
     assert len(open_sequence([str(path)]).first.vertices) == 3
 
