@@ -1,6 +1,5 @@
 """The result of a run, composed of its checkpoint when all frames are solved."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,105 +23,107 @@ from cageik_cli.solver.regions import (
 from cageik_cli.solver.summary import ClipSummary
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint
-from cageik_cli.store.result_fields import ResultHeader, ResultSummary
-from cageik_cli.store.result_writer import ResultWriter, open_result_writer
+from cageik_cli.store.fit_fields import UnfittedClip
+from cageik_cli.store.result_fields import ResultSummary
+from cageik_cli.store.result_writer import ResultWriter
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, join_truncated
 from cageik_cli.util.progress import locate_note
 from cageik_cli.workflows.fit import choose_compared_frames, measure_unfitted
 
 
-def compose_result(
-    path: Path,
-    header: ResultHeader,
-    checkpoint: Checkpoint,
-    *,
-    binding: Binding,
-    sequence: MeshSequence,
-    sources: dict[str, Any],
-    rest_index: int | None,
-    filled: tuple[int, ...],
-    unfitted: DualLaplacianSolver | None,
-    keep_weights: bool,
-    has_kept: bool,
-    overwrite: bool,
-) -> None:
-    """Compose the result of a complete checkpoint, whose blocks are read once, in order.
+class ResultComposer:
+    """Composes the result of a complete checkpoint.
 
     Parameters
     ----------
-    sources : dict
-        Name and digest of each file that was read, all but the frames.
     rest_index : int or None
         The number of the rest pose in the clip; None if it is a file of its own.
-    filled : tuple of int
-        Skipped frames whose cages were filled from those around them.
-    unfitted : DualLaplacianSolver or None
-        Of the weights before the fit, if the result compares them.
-    has_kept : bool
-        Whether metrics over what was kept are written too.
-    """
-    summary = checkpoint.summary
-    if len(summary.skipped) == len(sequence):
-        raise FileAccessError(f"no frame can be read, the first: {summary.skipped[0]}")
-    regions = find_clip_regions(binding, summary)
-    key_frames = _find_key_frames(binding.rest, rest_index, summary, regions)
 
-    def reread(frame: int) -> Floats:
+    Raises
+    ------
+    FileAccessError
+        When no frame could be read.
+    """
+
+    def __init__(
+        self,
+        checkpoint: Checkpoint,
+        binding: Binding,
+        sequence: MeshSequence,
+        rest_index: int | None,
+    ) -> None:
+        self._checkpoint, self._binding, self._sequence = checkpoint, binding, sequence
+        self._summary = summary = checkpoint.summary
+        if len(summary.skipped) == len(sequence):
+            raise FileAccessError(f"no frame can be read, the first: {summary.skipped[0]}")
+        self._regions = find_clip_regions(binding, summary)
+        self._key_frames = _find_key_frames(binding.rest, rest_index, summary, self._regions)
+
+    def write(
+        self,
+        result: ResultWriter,
+        sources: dict[str, Any],
+        filled: tuple[int, ...],
+        unfitted: DualLaplacianSolver | None,
+    ) -> None:
+        """Write all frames, whose blocks are read once, in order, and what is of all of them.
+
+        Parameters
+        ----------
+        sources : dict
+            Name and digest of each file that was read, all but the frames.
+        filled : tuple of int
+            Skipped frames whose cages were filled from those around them.
+        unfitted : DualLaplacianSolver or None
+            Of the weights before the fit, if the result compares them.
+        """
+        summary, key_frames = self._summary, self._key_frames
+        key_meshes = self._append_blocks(result)
+        errors = [self._reread(k) - key_meshes[k] for k in key_frames]
+        result.complete(
+            ResultSummary(
+                sources=sources | {"frames": self._sequence.describe_source()},
+                skipped=summary.skipped,
+                vertex_rms=summary.vertex_rms,
+                regions=self._regions,
+                bound=summary.measure_bound(len(self._binding.cage.vertices)),
+                filled=filled,
+            ),
+            key_frames=np.array(key_frames),
+            key_frame_errors=np.array(errors),
+            unfitted=None if unfitted is None else self._compare_unfitted(unfitted),
+        )
+
+    def _append_blocks(self, result: ResultWriter) -> dict[int, Floats]:
+        """Append all frames; return the reconstructions of the key frames, (m, 3) each."""
+        key_meshes: dict[int, Floats] = {}
+        for block in self._checkpoint.blocks():
+            kept = None if block.kept is None else block.kept.metrics
+            result.append(block.cages, block.rotations, block.metrics, kept)
+            for k in self._key_frames:
+                if block.start <= k < block.stop:
+                    one = slice(k - block.start, k - block.start + 1)
+                    cages, rotations = block.cages[one], block.rotations[one]
+                    rebuilt = reconstruct_frames(self._binding, cages, rotations)
+                    key_meshes[k] = np.asarray(rebuilt[0])
+        return key_meshes
+
+    def _reread(self, frame: int) -> Floats:
+        """Read a frame again, which must be the one that was solved."""
+        sequence = self._sequence
         vertices = sequence.read_frame(frame)
-        if sequence.digest(frame) != summary.digests[frame]:
+        if sequence.digest(frame) != self._summary.digests[frame]:
             raise FileAccessError(
                 f"{sequence.location(frame)}: changed during the run; run again with `resume=True`"
             )
         return vertices
 
-    writer = open_result_writer(
-        path,
-        header,
-        binding=binding,
-        frames=sequence.names,
-        overwrite=overwrite,
-        keep_weights=keep_weights,
-        has_kept=has_kept,
-        temporary_path=path.with_name(f"{path.name}.whole.partial"),
-    )
-    with writer as result:
-        key_meshes = _append_blocks(result, checkpoint, binding, key_frames)
-        errors = [reread(k) - key_meshes[k] for k in key_frames]
-        compared = None
-        if unfitted is not None:
-            known = np.setdiff1d(np.arange(summary.frames_done), list(summary.skipped))
-            chosen = choose_compared_frames(known, key_frames)
-            compared = measure_unfitted(unfitted, binding, chosen, key_frames, reread)
-        result.complete(
-            ResultSummary(
-                sources=sources | {"frames": sequence.describe_source()},
-                skipped=summary.skipped,
-                vertex_rms=summary.vertex_rms,
-                regions=regions,
-                bound=summary.measure_bound(len(binding.cage.vertices)),
-                filled=filled,
-            ),
-            key_frames=np.array(key_frames),
-            key_frame_errors=np.array(errors),
-            unfitted=compared,
-        )
-
-
-def _append_blocks(
-    result: ResultWriter, checkpoint: Checkpoint, binding: Binding, key_frames: list[int]
-) -> dict[int, Floats]:
-    """Append all frames to a result; return the reconstructions of the key frames, (m, 3) each."""
-    key_meshes: dict[int, Floats] = {}
-    for block in checkpoint.blocks():
-        kept = None if block.kept is None else block.kept.metrics
-        result.append(block.cages, block.rotations, block.metrics, kept)
-        for k in key_frames:
-            if block.start <= k < block.stop:
-                one = slice(k - block.start, k - block.start + 1)
-                rebuilt = reconstruct_frames(binding, block.cages[one], block.rotations[one])
-                key_meshes[k] = np.asarray(rebuilt[0])
-    return key_meshes
+    def _compare_unfitted(self, unfitted: DualLaplacianSolver) -> UnfittedClip:
+        """Measure some frames with the weights before the fit."""
+        known = np.setdiff1d(np.arange(self._summary.frames_done), list(self._summary.skipped))
+        chosen = choose_compared_frames(known, self._key_frames)
+        return measure_unfitted(unfitted, self._binding, chosen, self._key_frames, self._reread)
 
 
 def _find_key_frames(

@@ -19,12 +19,13 @@ from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
 from cageik_cli.store.result import Result, checkpoint_path, read_result, smoothed_path
 from cageik_cli.store.result_fields import ResultHeader
+from cageik_cli.store.result_writer import open_result_writer
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.common_scene import CommonScene, Offer
-from cageik_cli.workflows.compose import collect_notes, compose_result
+from cageik_cli.workflows.compose import ResultComposer, collect_notes
 from cageik_cli.workflows.fit import fit_to_clips
 from cageik_cli.workflows.mesh_source import load_source
 from cageik_cli.workflows.rest_pose import (
@@ -302,21 +303,20 @@ class Extraction:
             settings=self.recorded_settings,
             notes=collect_notes(self.stored, self.rest, self.sequence, solver.missing_count),
         )
+        output = settings.output
         with self.progress.stage("write"):
-            compose_result(
-                settings.output,
+            composer = ResultComposer(checkpoint, self.binding, self.sequence, settings.rest_index)
+            with open_result_writer(
+                output,
                 header,
-                checkpoint,
                 binding=self.binding,
-                sequence=self.sequence,
-                sources=self.sources,
-                rest_index=settings.rest_index,
-                filled=self.filled,
-                unfitted=self._make_unfitted_solver(),
+                frames=self.sequence.names,
+                overwrite=settings.overwrite or settings.resume,
                 keep_weights=settings.keep_weights,
                 has_kept=self.weighs_frames,
-                overwrite=settings.overwrite or settings.resume,
-            )
+                temporary_path=output.with_name(f"{output.name}.whole.partial"),
+            ) as result:
+                composer.write(result, self.sources, self.filled, self._make_unfitted_solver())
 
     def _make_unfitted_solver(self) -> DualLaplacianSolver | None:
         """Return the solver with the weights before the fit, if the result compares them."""
