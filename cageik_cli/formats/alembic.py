@@ -3,7 +3,7 @@
 import errno
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
@@ -23,11 +23,19 @@ from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.settings import SceneHints, find_frame_step
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FileAccessError, FormatError, require_optional
+from cageik_cli.util.errors import (
+    ConnectivityError,
+    FileAccessError,
+    FormatError,
+    require_optional,
+)
 from cageik_cli.util.files import open_input
 
 FPS_KEY = "cageik_fps"
 """Where a mesh states the frame rate. The archive could only state it together with the time."""
+
+SAME_TIME_TOL = 1e-6
+"""Times that differ by less than this share of a step are one: seconds of other rates round."""
 
 
 class Reader(SceneReader):
@@ -68,6 +76,13 @@ class Reader(SceneReader):
         """Open an object."""
         self._stated_rates.append(found.getMetaData().get(FPS_KEY))
         return AlembicMesh(found)
+
+    def list_times(self, meshes: Sequence[SceneMesh]) -> set[float]:
+        """List when the meshes are sampled, each time once."""
+        times = np.array(sorted(super().list_times(meshes)))
+        mean = np.ptp(times) / len(times) if len(times) else 0.0
+        steps = np.diff(times, prepend=-np.inf)
+        return set(times[steps > SAME_TIME_TOL * mean].tolist())
 
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Keep uneven samples."""
@@ -123,9 +138,18 @@ class AlembicMesh(SceneMesh):
         return any(transform.getNumSamples() > 1 for transform in self._transforms)
 
     def read_points(self, time: float) -> np.ndarray:
-        """Read the sample nearest to a time."""
-        index = self._points.getTimeSampling().getNearIndex(time, self._points.getNumSamples())
-        return np.array(read_sample(self._points, index), np.float32).reshape(-1, 3)
+        """Read the points at a time, interpolated linearly between two samples."""
+        start, stop, part = _locate_samples(self._points, time)
+        before, after = (
+            np.array(read_sample(self._points, index), np.float32).reshape(-1, 3)
+            for index in (start, stop)
+        )
+        if len(after) != len(before):
+            raise ConnectivityError(
+                f"{len(after)} vertices in sample {stop}, expected {len(before)} as in sample "
+                f"{start}; all must share one connectivity"
+            )
+        return before if part == 0 else before + part * (after.astype(np.float64) - before)
 
     def list_polygon_times(self) -> range:
         """List the numbers of the samples of the faces."""
@@ -203,24 +227,33 @@ def _sample_times(sampled: Any) -> set[float]:
     return {sampling.getSampleTime(k) for k in range(count)} if count > 1 else set()
 
 
+def _locate_samples(sampled: Any, time: float) -> tuple[int, int, float]:
+    """Return the samples before and after a time, and the part of the way between them.
+
+    At a sample, to rounding of its time, they are the same.
+    """
+    count, sampling = sampled.getNumSamples(), sampled.getTimeSampling()
+    start, stop = sampling.getFloorIndex(time, count), sampling.getCeilIndex(time, count)
+    begin, end = sampling.getSampleTime(start), sampling.getSampleTime(stop)
+    part = (time - begin) / (end - begin) if end > begin else 0.0
+    if part < SAME_TIME_TOL:
+        return start, start, 0.0
+    return (stop, stop, 0.0) if part > 1 - SAME_TIME_TOL else (start, stop, part)
+
+
 def _interpolate_matrix(transform: Any, time: float) -> Floats:
     """Return a transform at a time, interpolated linearly between two samples."""
     from alembic3d.Abc import ISampleSelector
 
-    count, sampling = transform.getNumSamples(), transform.getTimeSampling()
-    if count == 0:
+    if transform.getNumSamples() == 0:
         return np.eye(4)
-    # By their times: a selector would take an index for seconds, too.
-    start, stop = (
-        sampling.getSampleTime(find(time, count))
-        for find in (sampling.getFloorIndex, sampling.getCeilIndex)
-    )
+    start, stop, part = _locate_samples(transform, time)
     before, after = (
+        # By its time: a selector would take an index for seconds, too.
         np.array([list(row) for row in transform.getValue(ISampleSelector(at)).getMatrix()])
-        for at in (start, stop)
+        for at in map(transform.getTimeSampling().getSampleTime, (start, stop))
     )
-    part = (time - start) / (stop - start) if stop > start else 0.0
-    return np.asarray(before + min(max(part, 0.0), 1.0) * (after - before))
+    return np.asarray(before + part * (after - before))
 
 
 def _is_hidden(thing: Any) -> bool:

@@ -45,6 +45,34 @@ def test_transforms_of_other_times_are_taken_in_proportion(archive):
     np.testing.assert_allclose(shifts[:, :, 0], np.repeat([[0], [1], [2], [4]], 6, 1), atol=1e-12)
 
 
+def test_points_of_another_rate_are_interpolated(archive):
+    """One part at frames 1 to 4, another at 1, 3, 5 and 7: halfway at the frames between."""
+    archive.mesh("fast")
+    archive.mesh("slow", times=TimeSampling(2 / 24, 1 / 24))
+    frames = frames_of(archive.opened())
+    np.testing.assert_array_equal(frames[:4, :6], FRAMES)
+    np.testing.assert_array_equal(frames[[0, 2, 4, 5], 6:], FRAMES)
+    between = (FRAMES[:2].astype(float) + FRAMES[1:3]) / 2
+    np.testing.assert_allclose(frames[[1, 3], 6:], between, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("fps", [24, 29.97, 30])
+def test_times_that_differ_by_rounding_are_one(archive, fps):
+    still = np.repeat(FRAMES[:1], 36, axis=0)
+    archive.mesh("fast", frames=still, times=TimeSampling(1 / fps, 1 / fps))
+    for step in (2, 3, 5):
+        times = TimeSampling(step / fps, 1 / fps)
+        archive.mesh(f"slow_{step}", frames=still[: 35 // step + 1], times=times)
+    assert len(archive.opened().frame_indices) == 36
+
+
+def test_points_of_another_number_cannot_be_interpolated(archive):
+    archive.mesh("fast")
+    archive.mesh("slow", frames=[FRAMES[0], FRAMES[1][:5]], times=TimeSampling(2 / 24, 1 / 24))
+    sentence = "/slow: 5 vertices in sample 1, expected 6 as in sample 0; all must share"
+    assert sentence in archive.refused()
+
+
 def test_a_transform_without_samples_moves_nothing(archive):
     archive.transform([])
     archive.mesh(parent="move")
