@@ -26,7 +26,8 @@ _COMPRESSIONS = (
 )
 
 _HARMLESS = re.compile(
-    r"KHR_mesh_quantization|KHR_node_visibility|(KHR|EXT|MSFT|ADOBE)_(materials|texture|lights)_\w+|KHR_xmp\w*"
+    r"KHR_mesh_quantization|KHR_node_visibility|EXT_mesh_gpu_instancing|"
+    r"(KHR|EXT|MSFT|ADOBE)_(materials|texture|lights)_\w+|KHR_xmp\w*"
 )
 """Extensions that change no position of a vertex, or that are read."""
 

@@ -2,13 +2,20 @@
 
 import numpy as np
 
+from cageik_cli.formats.gltf_reader.accessors import count_rows, read_floats
 from cageik_cli.formats.gltf_reader.document import Document
+from cageik_cli.formats.gltf_reader.items import Item
 from cageik_cli.geometry.surface_parts import MAX_NAME_LENGTH
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FormatError
 
 TRS_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 """Numbers of the values that place a node; rotations are quaternions (x, y, z, w)."""
+
+INSTANCING = "EXT_mesh_gpu_instancing"
+
+INSTANCE_BYTES = 400
+"""Memory that the place and the name of a copy of a mesh take."""
 
 
 class NodeTree:
@@ -51,10 +58,7 @@ class NodeTree:
 
         `values` are as the attribute of that name.
         """
-        local = np.zeros((len(self._items), 4, 4))
-        local[:, :3, :3] = make_rotations(values["rotation"]) * values["scale"][:, None]
-        local[:, :3, 3] = values["translation"]
-        local[:, 3, 3] = 1
+        local = make_matrices(values)
         for k, matrix in self.matrices.items():
             local[k] = matrix
         world = local
@@ -148,6 +152,56 @@ class NodeTree:
             taken.add((above, name))
             names.append(name)
         return names
+
+
+def read_instances(document: Document, node: Item) -> Floats | None:
+    """Return the places of the copies of the mesh of a node, (K, 4, 4) for columns, in its space.
+
+    None if the node has its mesh once, without the extension `INSTANCING`.
+
+    Raises
+    ------
+    FormatError
+        When there are not as many translations, rotations and scales.
+    """
+    extension = node.find_extension(INSTANCING)
+    if extension is None:
+        return None
+    attributes = extension.find_item("attributes")
+    numbers = {
+        name: number
+        for name in TRS_WIDTHS
+        if attributes is not None
+        and (number := attributes.find_whole(name.upper(), len(document.accessors))) is not None
+    }
+    counts = {count_rows(document, number) for number in numbers.values()}
+    if len(counts) != 1:
+        found = " and ".join(map(str, sorted(counts))) or "no"
+        raise FormatError(
+            f"{extension.place} has {found} translations, rotations and scales, expected as many "
+            "of each that is there; export the file again"
+        )
+    count = counts.pop()
+    document.claim(count * INSTANCE_BYTES)
+    values = {
+        "translation": np.zeros((count, 3)),
+        "rotation": np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
+        "scale": np.ones((count, 3)),
+    }
+    for name, number in numbers.items():
+        values[name] = np.asarray(read_floats(document, number, (TRS_WIDTHS[name],)), np.float64)
+        if not np.isfinite(values[name]).all():
+            raise FormatError(f"{extension.place} has a {name} that is not finite; export it again")
+    return make_matrices(values)
+
+
+def make_matrices(values: dict[str, Floats]) -> Floats:
+    """Return the matrices (k, 4, 4), for columns, of translations, rotations and scales."""
+    matrices = np.zeros((len(values["scale"]), 4, 4))
+    matrices[:, :3, :3] = make_rotations(values["rotation"]) * values["scale"][:, None]
+    matrices[:, :3, 3] = values["translation"]
+    matrices[:, 3, 3] = 1
+    return matrices
 
 
 def make_rotations(quaternions: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """A clip in glTF: meshes that joints, morph targets or nodes move, at an even rate."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -16,7 +16,7 @@ from cageik_cli.formats.gltf_reader.animation import Animation
 from cageik_cli.formats.gltf_reader.document import Document
 from cageik_cli.formats.gltf_reader.geometry import Geometry
 from cageik_cli.formats.gltf_reader.items import Item
-from cageik_cli.formats.gltf_reader.nodes import NodeTree
+from cageik_cli.formats.gltf_reader.nodes import INSTANCING, NodeTree, read_instances
 from cageik_cli.formats.gltf_reader.primitives import count_targets, has_faces
 from cageik_cli.formats.gltf_reader.skins import Skin
 from cageik_cli.formats.gltf_reader.surface import SurfaceReader
@@ -89,14 +89,32 @@ class Reader(SceneReader):
         self._geometries: dict[tuple[int, int | None], Geometry] = {}
         found: dict[str, Any] = {}
         hidden: dict[str, str] = {}
-        for k, mesh in mesh_numbers.items():
-            name = tree.make_path(k)
-            found[name] = k, mesh
+        for name, k, instance in self._list_copies(mesh_numbers):
+            found[name] = k, mesh_numbers[k], instance
             if not tree.is_shown[k]:
                 hidden[name] = "not in the scene, or invisible"
-            elif not has_faces(document.meshes[mesh]):
+            elif not has_faces(document.meshes[mesh_numbers[k]]):
                 hidden[name] = "points or lines"
         return found, hidden
+
+    def _list_copies(self, nodes: Iterable[int]) -> Iterator[tuple[str, int, Floats | None]]:
+        """Yield the path of each copy of the meshes of nodes, the node, and the place in it."""
+        paths = {k: self._rig.tree.make_path(k) for k in nodes}
+        taken = set(paths.values())
+        for k, path in paths.items():
+            node = self._document.nodes[k]
+            is_skinned = node.has("skin")
+            if is_skinned and node.find_extension(INSTANCING):
+                self._warnings.append(f"{path}: its instances are not read, as joints place it")
+            instances = None if is_skinned else read_instances(self._document, node)
+            if instances is None:
+                yield path, k, None
+                continue
+            prefix = f"{path}/instance_"
+            while any(each.startswith(prefix) for each in taken):
+                prefix += "_"
+            for number, instance in enumerate(instances):
+                yield f"{prefix}{number}", k, instance
 
     def find_top(self, member: str | None) -> str | None:
         """Return the path of the nodes that are read, without the name of the animation."""
@@ -108,7 +126,7 @@ class Reader(SceneReader):
 
     def open_mesh(self, found: Any) -> "GltfMesh":
         """Open the mesh of a node; nodes of one mesh and one skin share it."""
-        node, mesh = found
+        node, mesh, instance = found
         document, rig = self._document, self._rig
         skin = document.nodes[node].find_whole("skin", len(document.skins))
         key = mesh, skin
@@ -118,7 +136,7 @@ class Reader(SceneReader):
                 self._geometries[key] = Geometry(document, item, rig.find_skin(skin))
         geometry = self._geometries[key]
         document.claim(12 * len(geometry.base))
-        return GltfMesh(document, rig, geometry, node, skin)
+        return GltfMesh(document, rig, geometry, node, skin=skin, instance=instance)
 
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the times, which are even."""
@@ -171,7 +189,7 @@ class Rig:
 
 
 class GltfMesh(SceneMesh):
-    """The mesh of a node.
+    """The mesh of a node, or one of its instances there.
 
     One with a skin is where its joints are: the transform of its own node does not count.
     """
@@ -179,8 +197,16 @@ class GltfMesh(SceneMesh):
     is_clockwise = False
 
     def __init__(
-        self, document: Document, rig: Rig, geometry: Geometry, node: int, skin: int | None
+        self,
+        document: Document,
+        rig: Rig,
+        geometry: Geometry,
+        node: int,
+        *,
+        skin: int | None,
+        instance: Floats | None,
     ) -> None:
+        self._instance = instance
         self._document, self._rig, self._geometry, self._node = document, rig, geometry, node
         self._skin = rig.find_skin(skin)
         self._still_weights = np.zeros(geometry.target_count)
@@ -203,7 +229,8 @@ class GltfMesh(SceneMesh):
         """Return the transform of the node, or none for a skin."""
         if self._skin is not None:
             return np.eye(4)
-        return np.asarray(self._rig.find_worlds(time)[self._node].T)
+        world = self._rig.find_worlds(time)[self._node]
+        return np.asarray((world if self._instance is None else world @ self._instance).T)
 
     def has_moving_transform(self) -> bool:
         """Return whether the node, or one above it, is animated."""

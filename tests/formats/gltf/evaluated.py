@@ -126,15 +126,7 @@ class Evaluated:
         move = self.value(animation, node, "translation", time, held.get("translation", [0, 0, 0]))
         turn = self.value(animation, node, "rotation", time, held.get("rotation", [0, 0, 0, 1]))
         scale = self.value(animation, node, "scale", time, held.get("scale", [1, 1, 1]))
-        length = math.sqrt(sum(q * q for q in turn))
-        x, y, z, w = (q / length for q in turn)
-        turned = [
-            [1 - 2 * y * y - 2 * z * z, 2 * x * y - 2 * z * w, 2 * x * z + 2 * y * w],
-            [2 * x * y + 2 * z * w, 1 - 2 * x * x - 2 * z * z, 2 * y * z - 2 * x * w],
-            [2 * x * z - 2 * y * w, 2 * y * z + 2 * x * w, 1 - 2 * x * x - 2 * y * y],
-        ]
-        rows = [[turned[i][j] * scale[j] for j in range(3)] + [move[i]] for i in range(3)]
-        return [*rows, [0.0, 0.0, 0.0, 1.0]]
+        return compose(move, turn, scale)
 
     def world(self, node, animation, time):
         """The transform of a node into the scene."""
@@ -148,9 +140,32 @@ class Evaluated:
         """The corners of all triangles of a node in the scene, three tuples after one another."""
         held = self.json["nodes"][node]
         mesh = self.json["meshes"][held["mesh"]]
+        if "EXT_mesh_gpu_instancing" in held.get("extensions", {}):
+            return self._instances(held["extensions"], node, time, animation)
+        return self._corners(mesh, lambda primitive: self.points(node, primitive, time, animation))
+
+    def _instances(self, extensions, node, time, animation):
+        """The corners of the first instance, of the second, and so on."""
+        held = extensions["EXT_mesh_gpu_instancing"]["attributes"]
+        lists = [self.rows(held[name]) for name in ("TRANSLATION", "ROTATION", "SCALE")]
+        mesh = self.json["meshes"][self.json["nodes"][node]["mesh"]]
+        world = self.world(node, animation, time)
+        corners = []
+        for place in zip(*lists, strict=True):
+            matrix = multiply(world, compose(*place))
+            corners += self._corners(
+                mesh,
+                lambda one, matrix=matrix: [
+                    apply(matrix, row) for row in self.rows(one["attributes"]["POSITION"])
+                ],
+            )
+        return corners
+
+    def _corners(self, mesh, place):
+        """The corners of all triangles of a mesh, whose primitives are placed."""
         corners = []
         for primitive in mesh["primitives"]:
-            points = self.points(node, primitive, time, animation)
+            points = place(primitive)
             order = range(len(points))
             if "indices" in primitive:
                 order = [int(k) for (k,) in self.rows(primitive["indices"])]
@@ -192,6 +207,19 @@ class Evaluated:
                     for i in range(3):
                         found[k][i] += part * apply(moves[int(name)], points[k])[i]
         return found
+
+
+def compose(move, turn, scale):
+    """The matrix that scales, turns and moves."""
+    length = math.sqrt(sum(q * q for q in turn))
+    x, y, z, w = (q / length for q in turn)
+    turned = [
+        [1 - 2 * y * y - 2 * z * z, 2 * x * y - 2 * z * w, 2 * x * z + 2 * y * w],
+        [2 * x * y + 2 * z * w, 1 - 2 * x * x - 2 * z * z, 2 * y * z - 2 * x * w],
+        [2 * x * z - 2 * y * w, 2 * y * z + 2 * x * w, 1 - 2 * x * x - 2 * y * y],
+    ]
+    rows = [[turned[i][j] * scale[j] for j in range(3)] + [move[i]] for i in range(3)]
+    return [*rows, [0.0, 0.0, 0.0, 1.0]]
 
 
 def multiply(a, b):

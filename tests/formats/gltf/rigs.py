@@ -187,4 +187,27 @@ def quantised(interpolation):
     return file, [2, 3]
 
 
+def instanced(interpolation):
+    """A mesh at three places in a node that turns: rotations in 16 bits, one mirrored."""
+    random = np.random.default_rng(5)
+    file = Built()
+    points, faces = make_ribbon(random)
+    primitive = {"attributes": {"POSITION": file.array(points)}}
+    file.add("meshes", {"primitives": [primitive | {"indices": file.array(faces.ravel(), "B")}]})
+    turns = Rotation.random(3, random_state=6).as_quat()
+    places = {
+        "TRANSLATION": file.array(random.normal(0, 2, (3, 3))),
+        "ROTATION": file.array(turns, "h", 32767),
+        "SCALE": file.array(random.uniform(0.5, 2, (3, 3)) * [[1], [1], [-1]]),
+    }
+    extension = {"EXT_mesh_gpu_instancing": {"attributes": places}}
+    scale = [1.0, 2.0, 0.5]
+    file.add("nodes", {"name": "trees", "mesh": 0, "scale": scale, "extensions": extension})
+    file.json["extensionsUsed"] = file.json["extensionsRequired"] = list(extension)
+    keys, values = make_keys(random, 4, interpolation, True)
+    file.animate("turn", (0, "rotation", keys, values, interpolation))
+    return file, [0]
+
+
 RIGS = {"skinned": skinned, "morphed": morphed, "moved": moved, "quantised": quantised}
+RIGS["instanced"] = instanced

@@ -33,7 +33,7 @@ def test_frames_are_those_of_the_specification(tmp_path, name, interpolation):
         time = (clip.scene.start + k) / FPS
         found = frame[corners]
         wanted = np.array([p for node in nodes for p in expected.triangles(node, time)])
-        if name == "moved":  # the mirrored faces are turned
+        if name in ("moved", "instanced"):  # the mirrored faces are turned
             found, wanted = (np.sort(a.reshape(-1, 3, 3), axis=1) for a in (found, wanted))
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-6 * clip.first.diagonal)
 
@@ -177,6 +177,22 @@ def test_parts_are_paths_of_nodes_with_their_transforms(tmp_path):
     skin = opened(skinned("LINEAR")[0], tmp_path / "skin.glb").first.attributes.parts
     assert skin.names == ("/one", "/two")
     np.testing.assert_array_equal(skin.transforms, np.tile(np.eye(4), (2, 1, 1)))
+
+
+def test_instances_are_parts_below_their_node(tmp_path):
+    file, _ = RIGS["instanced"]("LINEAR")
+    file.json["nodes"][0]["children"] = [file.add("nodes", {"name": "instance_0", "mesh": 0})]
+    names = opened(file, tmp_path / "trees.glb").first.polygons.parts.names
+    expected = [f"/trees/instance__{k}" for k in range(3)]
+    assert names == (*expected, "/trees/instance_0")
+
+
+def test_instances_of_a_skin_are_noted(tmp_path):
+    file, nodes = skinned("LINEAR")
+    file.json["nodes"][nodes[0]]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {}}}
+    clip = opened(file, tmp_path / "rig.glb")
+    assert "rig.glb: /one: its instances are not read, as joints place it" in clip.notes
+    assert len(split_parts(clip.first)) == 2
 
 
 def test_names_that_are_alike_or_have_slashes_are_told_apart(tmp_path):

@@ -11,7 +11,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 from tests.formats.gltf.built import Built, make_glb
-from tests.formats.gltf.rigs import quantised, skinned
+from tests.formats.gltf.rigs import instanced, quantised, skinned
 from tests.refusals import refused
 
 HUGE = 10**9
@@ -146,6 +146,39 @@ def read_document(file):
     buffers = [{"byteLength": len(file.blob)}]
     whole = file.json | {"scene": 0, "scenes": [{"nodes": tops}], "buffers": buffers}
     return json.loads(json.dumps(whole))
+
+
+PLACES = ("nodes", 0, "extensions", "EXT_mesh_gpu_instancing")
+
+
+@pytest.mark.parametrize(
+    ("says", "change"),
+    {
+        "has no translations": put(*PLACES, "attributes", value={}),
+        "has 3 and 9 translations": put(
+            *PLACES, "attributes", value={"TRANSLATION": 2, "ROTATION": 3, "SCALE": 4}
+        ),
+        "attributes.SCALE is 99": put(*PLACES, "attributes", "SCALE", value=99),
+        "attributes is 3, expected an object": put(*PLACES, "attributes", value=3),
+        "accessors[4].type is": put("accessors", 4, "type", value="VEC2"),
+    }.items(),
+)
+def test_instances_that_are_wrong_are_a_sentence(save, says, change):
+    file, _ = instanced("LINEAR")
+    document = read_document(file)
+    if "and 9" in says:
+        document["accessors"][2]["count"] = 9
+        document["accessors"][2].pop("bufferView")
+    change(document)
+    assert says in say(save(document, file.blob))
+
+
+def test_as_many_instances_as_no_memory_holds_are_refused(save):
+    file, _ = instanced("LINEAR")
+    document = read_document(file)
+    document["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] = {"SCALE": 4}
+    document["accessors"][4] = {"componentType": 5126, "type": "VEC3", "count": HUGE}
+    say(save(document, file.blob))
 
 
 @pytest.mark.parametrize(("says", "change"), CASES.items())
