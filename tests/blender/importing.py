@@ -114,12 +114,26 @@ def evaluated(item: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
     """Positions (m, 3) in Blender's space and triangles (f, 3), after all modifiers."""
     final = item.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = final.to_mesh()
-    points = np.empty((len(mesh.vertices), 3), np.float32)
-    mesh.vertices.foreach_get("co", points.ravel())
+    points = placed_points(mesh, final)
     corners = np.empty(len(mesh.loops), np.int32)
     mesh.loops.foreach_get("vertex_index", corners)
     if len(corners) != 3 * len(mesh.polygons):
         raise ShownWrongError("faces that are no triangles")
-    transform = np.array(final.matrix_world)
     final.to_mesh_clear()
-    return points @ transform[:3, :3].T + transform[:3, 3], corners.reshape(-1, 3)
+    return points, corners.reshape(-1, 3)
+
+
+def evaluated_points(item: bpy.types.Object) -> np.ndarray:
+    """Positions (m, 3) in Blender's space, after all modifiers."""
+    final = item.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    points = placed_points(final.to_mesh(), final)
+    final.to_mesh_clear()
+    return points
+
+
+def placed_points(mesh: bpy.types.Mesh, item: bpy.types.Object) -> np.ndarray:
+    """Positions (m, 3) of a mesh in Blender's space."""
+    points = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.vertices.foreach_get("co", points.ravel())
+    transform = np.array(item.matrix_world)
+    return points @ transform[:3, :3].T + transform[:3, 3]
