@@ -17,7 +17,7 @@ from cageik_cli.cli.options import (
     overwrite_option,
     timings_option,
 )
-from cageik_cli.cli.options.clip import exclude_option, make_given_option
+from cageik_cli.cli.options.clip import exclude_option, make_given_option, rate_option
 from cageik_cli.cli.options.solve import (
     FIT_STRENGTH_OPTIONS,
     SOLVE_OPTIONS,
@@ -36,7 +36,7 @@ def make_bind_settings(fit: FitSettings | None, **others: Any) -> "BindRunSettin
     from cageik_cli.workflows.bind import BindRunSettings
 
     if fit is None:
-        refuse_without_fit(("vertex_weights", "alpha", "beta", "align"))
+        refuse_without_fit(("vertex_weights", "alpha", "beta", "align", "fps"))
     return BindRunSettings(fit=fit or FitSettings(), **others)
 
 
@@ -71,6 +71,7 @@ def make_clip_fit(**options: Any) -> FitSettings | None:
     SOLVE_OPTIONS,
     vertex_weights_option,
     exclude_option,
+    rate_option,
     make_given_option("--cage and --fit", "--rest"),
     memory_option,
     overwrite_option,

@@ -19,7 +19,7 @@ from cageik_cli.cli.options import (
     refuse_options,
 )
 from cageik_cli.cli.options.clip import (
-    CLIP_OPTIONS,
+    SAMPLED_CLIP_OPTIONS,
     make_given_option,
     rest_frame_option,
     rest_option,
@@ -94,7 +94,7 @@ def make_cage_settings(repair: Path | None, **values: Any) -> "CageSettings | Re
         metavar="FRAMES",
         help="Choose the cage with the smallest error on these frames; may be repeated.",
     ),
-    CLIP_OPTIONS,
+    SAMPLED_CLIP_OPTIONS,
     make_given_option("--repair, --for, and --rest of a clip", "the model"),
     overwrite_option,
     jobs_option,

@@ -16,7 +16,7 @@ from cageik_cli.cli.options import (
     overwrite_option,
 )
 from cageik_cli.cli.options.clip import (
-    CLIP_OPTIONS,
+    SAMPLED_CLIP_OPTIONS,
     make_given_option,
     rest_frame_option,
     rest_option,
@@ -45,7 +45,7 @@ def make_check_settings(**values: Any) -> "CheckSettings":
     click.option("--cage", type=PATH_TYPE, required=True, help="The cage to diagnose."),
     rest_option,
     rest_frame_option,
-    CLIP_OPTIONS,
+    SAMPLED_CLIP_OPTIONS,
     make_given_option("--cage and --rest", "the clip, or of --rest without one"),
     jobs_option,
 )

@@ -15,6 +15,7 @@ from cageik_cli.cli.options import (
     memory_option,
     negate,
     output_options,
+    refuse_options,
 )
 from cageik_cli.cli.options.clip import (
     CLIP_OPTIONS,
@@ -25,7 +26,7 @@ from cageik_cli.cli.options.clip import (
     make_morph_settings,
     to_option,
 )
-from cageik_cli.formats.settings import ClipSettings, MorphSettings
+from cageik_cli.formats.settings import MorphSettings
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.deform import DeformSettings
@@ -35,11 +36,9 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
     from cageik_cli.workflows.deform import DeformSettings
 
-    if values["cages"] is None and values["clip"] != ClipSettings():
-        raise click.UsageError(
-            "--frames, --layout, --exclude, --allow-gaps and --close-gaps apply to --cages; leave "
-            "them out, or give it"
-        )
+    if values["cages"] is None:
+        of_cages = ("selection", "layout", "exclude", "allow_gaps", "close_gaps")
+        refuse_options(of_cages, "{} is for the clip of --cages; leave it out, or give --cages")
     has_morphs = values["morphs"] != MorphSettings(has_normals=True)
     check_morph_usage("--morphs, --tolerance and --flat", has_morphs, values["output"].path)
     return DeformSettings(compares=get_verbosity() > 0, **values)

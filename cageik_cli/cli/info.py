@@ -4,16 +4,21 @@ import click
 
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import common_options
-from cageik_cli.cli.options.clip import exclude_option, layout_option
+from cageik_cli.cli.options.clip import exclude_option, layout_option, rate_option
 
 
 @click.command("info")
 @click.argument("files", nargs=-1, required=True)
 @layout_option
 @exclude_option
+@rate_option
 @common_options
 def info_command(
-    files: tuple[str, ...], layout: str | None, exclude: tuple[str, ...], quiet: bool
+    files: tuple[str, ...],
+    layout: str | None,
+    exclude: tuple[str, ...],
+    fps: float | None,
+    quiet: bool,
 ) -> None:
     """Describe files.
 
@@ -21,6 +26,6 @@ def info_command(
     """
     from cageik_cli.workflows.info import describe_files
 
-    text = describe_files(list(files), layout, exclude)
+    text = describe_files(list(files), layout, exclude, fps)
     if not quiet:
         click.echo(word_options(text, click.get_current_context().command))

@@ -213,6 +213,9 @@ class ClipSettings:
     exclude: tuple[str, ...] = ()
     fps: float | None = None
 
+    def __post_init__(self) -> None:
+        SceneHints(fps=self.fps)  # which checks it
+
 
 GLTF_RATE_KEY = "cageik_rate"
 """Where animations in glTF, which has no frame rate, state it: frames per second, and the step of

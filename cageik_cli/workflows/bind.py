@@ -63,6 +63,8 @@ class BindRunSettings(CommandSettings):
         For the fit: a file with one number per vertex of the model, or by their area.
     exclude : tuple of str
         Patterns of parts of the rest pose and of the clips that are left out.
+    fps : float, optional
+        Frames per second at which clips of files without a rate are sampled.
     """
 
     cage: Path = field(metadata=READ)
@@ -76,6 +78,7 @@ class BindRunSettings(CommandSettings):
     solve: SolveSettings = field(default_factory=SolveSettings)
     vertex_weights: Path | str | None = field(default=None, metadata=READ)
     exclude: tuple[str, ...] = ()
+    fps: float | None = None
     memory: int = DEFAULT_MEMORY
 
 
@@ -111,9 +114,9 @@ def _fit_to_files(
     progress: ProgressListener,
 ) -> Binding:
     """Fit the weights to the clips of the settings."""
-    clips = []
+    clips, taken = [], ClipSettings(exclude=settings.exclude, fps=settings.fps)
     for name in settings.clips:
-        clip = open_sequence([name], ClipSettings(exclude=settings.exclude), rest)
+        clip = open_sequence([name], taken, rest)
         with error_context(name):
             check_vertex_order(clip.first, rest.mesh.fan_triangulated, "the rest pose")
             clip = scene.match_clip(

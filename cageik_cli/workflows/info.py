@@ -35,12 +35,15 @@ MAX_LISTED_PARTS = 20
 
 
 def describe_files(
-    arguments: list[str], layout: str | None = None, exclude: tuple[str, ...] = ()
+    arguments: list[str],
+    layout: str | None = None,
+    exclude: tuple[str, ...] = (),
+    fps: float | None = None,
 ) -> str:
     """Describe results, bindings, checkpoints, a mesh, or the clip that arguments name.
 
-    `layout` is the order of an array's axes, and `exclude` the patterns of parts that are left out,
-    as in `ClipSettings`.
+    `layout` is the order of an array's axes, `exclude` the patterns of parts that are left out, and
+    `fps` the rate at which a clip is sampled, as in `ClipSettings`.
     """
     paths = [Path(argument) for argument in arguments]
     if paths and all(map(is_checkpoint, paths)):
@@ -56,7 +59,7 @@ def describe_files(
         loaded = model.mesh
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
         return format_block(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
-    settings = ClipSettings(layout=layout, gaps="keep", exclude=exclude)
+    settings = ClipSettings(layout=layout, gaps="keep", exclude=exclude, fps=fps)
     rows = describe_contents(arguments, settings) or _clip_rows(open_sequence(arguments, settings))
     return format_block(join_truncated(arguments, 3), rows)
 

@@ -79,6 +79,14 @@ CLIP_MEMBERS = (
 
 CLIP_OPTIONS = OptionGroup("clip", ClipSettings, *CLIP_MEMBERS)
 
+rate_option = click.option(
+    "--fps",
+    type=float,
+    help="Frames per second at which glTF is sampled.  [default: 24]",
+)
+
+SAMPLED_CLIP_OPTIONS = OptionGroup("clip", ClipSettings, *CLIP_MEMBERS, rate_option)
+
 SCENE_OPTIONS = OptionGroup(
     "scene",
     SceneHints,
