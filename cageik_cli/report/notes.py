@@ -13,8 +13,8 @@ from cageik_cli.report.figures import ReportSummary, format_percent
 from cageik_cli.report.fit_figures import list_fit_notes
 from cageik_cli.report.limits import Limits, list_limit_notes, missing_in_baseline
 from cageik_cli.report.regions import list_region_notes
-from cageik_cli.store.result import Result, read_cages
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.store.result import Result, read_binding, read_cages, read_key_frames
+from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import format_count
 from cageik_cli.util.units import LONG_UNIT_NAMES, PROGRAM_UNITS, find_units_of_ratio
@@ -99,6 +99,16 @@ def list_standout_notes(result: Result) -> list[str]:
     ]
 
 
+def has_outliers(result: Result) -> bool:
+    """Return whether single vertices are thrown away in some frames, or move on their own.
+
+    Where a whole limb deviates, the motion is quick, and nothing is wrong with the data.
+    """
+    is_long = len(result.frames) - len(result.skipped) >= MIN_STANDOUT_FRAMES
+    has_spikes = is_long and _find_spikes(result).any() and _has_thrown_vertex(result)
+    return has_spikes or bool(_find_lonely_vertices(result).any())
+
+
 def _note_mirrored_frames(result: Result) -> Iterator[str]:
     """Say which frames have less volume than `MAX_MIRRORED_SHARE` times that of the rest pose."""
     shares = _measure_volume_shares(result)
@@ -165,14 +175,12 @@ def _note_few_vertices(result: Result) -> Iterator[str]:
 
 
 def _note_spikes(result: Result) -> Iterator[str]:
-    """Name frames whose largest deviation is far above the median rms."""
-    metrics, percent = result.metrics, 100 / result.rest.diagonal
-    if result.kept is not None and result.settings.get("robust"):
-        return
-    largest = percent * np.nan_to_num(metrics.max_deviation)
-    middle = percent * float(np.nanmedian(metrics.rms))
-    found = np.flatnonzero((largest > MIN_SPIKE_RATIO * middle) & (largest > MIN_SPIKE_PERCENT))
-    if len(found):
+    """Name frames in which single vertices are thrown far away."""
+    found = np.flatnonzero(_find_spikes(result))
+    if len(found) and _has_thrown_vertex(result):
+        metrics, percent = result.metrics, 100 / result.rest.diagonal
+        largest = percent * np.nan_to_num(metrics.max_deviation)
+        middle = percent * float(np.nanmedian(metrics.rms))
         worst = int(found[largest[found].argmax()])
         yield (
             f"{format_count(len(found), 'frame')} with vertices far away, up to "
@@ -180,6 +188,34 @@ def _note_spikes(result: Result) -> Iterator[str]:
             f"{format_percent(middle)} %): {_name_frames(result, found)}; reject them by "
             "`robust=True`"
         )
+
+
+def _find_spikes(result: Result) -> Mask:
+    """Return the frames whose largest deviation is far above the median rms, (F,).
+
+    None of a result that was solved robustly, where vertices that are thrown have no weight.
+    """
+    metrics, percent = result.metrics, 100 / result.rest.diagonal
+    if result.kept is not None and result.settings.get("robust"):
+        return np.zeros(len(result.frames), bool)
+    largest = percent * np.nan_to_num(metrics.max_deviation)
+    middle = percent * float(np.nanmedian(metrics.rms))
+    return np.asarray((largest > MIN_SPIKE_RATIO * middle) & (largest > MIN_SPIKE_PERCENT))
+
+
+def _has_thrown_vertex(result: Result) -> bool:
+    """Return whether the furthest vertex of the frames that are kept in full is off by itself.
+
+    Its neighbours tell: a limb that the cage cannot follow deviates as a whole. False if the result
+    does not hold its weights, which are needed to know.
+    """
+    binding = read_binding(result)
+    if binding is None:
+        return False
+    sizes = np.linalg.norm(np.nan_to_num(read_key_frames(result, binding).errors), axis=-1)
+    frame, worst = np.unravel_index(sizes.argmax(), sizes.shape)
+    around = _average_neighbours(result.rest, sizes[frame])[worst]
+    return bool(sizes[frame, worst] > MIN_OUTLIER_RATIO * around)
 
 
 def _note_motion(result: Result) -> Iterator[str]:
@@ -228,14 +264,10 @@ def _measure_motion(result: Result) -> tuple[Floats, Floats]:
 
 def _note_lonely_vertices(result: Result) -> Iterator[str]:
     """Name vertices whose rms is far above that of their neighbours."""
-    rms, percent = result.vertex_rms, 100 / result.rest.diagonal
-    if not np.isfinite(rms).all():
-        return
-    around = _average_neighbours(result.rest, rms)
-    found = np.flatnonzero(
-        (rms > MIN_OUTLIER_RATIO * around) & (percent * rms > MIN_OUTLIER_PERCENT)
-    )
+    found = np.flatnonzero(_find_lonely_vertices(result))
     if len(found):
+        rms, percent = result.vertex_rms, 100 / result.rest.diagonal
+        around = _average_neighbours(result.rest, rms)
         worst = int(found[rms[found].argmax()])
         numbers = join_truncated(map(str, found.tolist()), 5)
         yield (
@@ -244,6 +276,18 @@ def _note_lonely_vertices(result: Result) -> Iterator[str]:
             f"%, those around it by {format_percent(percent * around[worst])} %; reject them by "
             "`robust=True`, or give them the weight 0 by `vertex_weights=`"
         )
+
+
+def _find_lonely_vertices(result: Result) -> Mask:
+    """Return the vertices whose rms is far above that of their neighbours, (m,).
+
+    None if some have no data.
+    """
+    rms, percent = result.vertex_rms, 100 / result.rest.diagonal
+    if not np.isfinite(rms).all():
+        return np.zeros(len(rms), bool)
+    around = _average_neighbours(result.rest, rms)
+    return np.asarray((rms > MIN_OUTLIER_RATIO * around) & (percent * rms > MIN_OUTLIER_PERCENT))
 
 
 def _average_neighbours(mesh: TriMesh, values: Floats) -> Floats:

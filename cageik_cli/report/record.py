@@ -25,6 +25,7 @@ from cageik_cli.report.limits import LimitCheck, Limits, check_limits
 from cageik_cli.report.notes import list_notes
 from cageik_cli.report.parts import PartRecord, build_parts, sort_parts
 from cageik_cli.report.regions import RegionRecord, build_regions
+from cageik_cli.report.verdict import judge_quality, suggest_step
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
@@ -52,6 +53,8 @@ class Report:
     `kept` tells what was left out as missing or as outliers; None if all vertices count alike.
     `parts` are in the order of the model; None for a model of one part.
     `filled` are the skipped frames whose cages were filled from those around them.
+    `quality` is `good`, `fair` or `poor`, and `better` the one step that would help most; both are
+    None for an edit, `better` also where there is no such step.
     """
 
     schema: int
@@ -74,6 +77,8 @@ class Report:
     kept: KeptSummary | None = None
     filled: tuple[str, ...] = ()
     parts: tuple[PartRecord, ...] | None = None
+    quality: str | None = None
+    better: str | None = None
 
     @property
     def has_offsets(self) -> bool:
@@ -105,6 +110,9 @@ def build_report(
         _build_summary(result, frames, radius),
         worst_part=next((part.name for part in sort_parts(parts)), None),
     )
+    kept = _build_kept(result)
+    errors = _choose_errors(summary, kept)
+    better = suggest_step(result, *errors)
     return Report(
         schema=REPORT_SCHEMA,
         tool={"name": "cageik", "version": result.version},
@@ -134,10 +142,18 @@ def build_report(
         gates=check_limits(result_name, summary, limits),
         regions=build_regions(result),
         unfitted=build_unfitted(result),
-        kept=_build_kept(result),
+        kept=kept,
         filled=tuple(result.frames[k] for k in result.filled),
         parts=parts,
+        quality=None if result.edited_from else judge_quality(*errors),
+        better=None if better is None else word(better),
     )
+
+
+def _choose_errors(summary: ReportSummary, kept: KeptSummary | None) -> tuple[float, float]:
+    """Return the rms and the largest deviation, in percent, of what counts: what was kept."""
+    chosen = summary if kept is None else kept
+    return chosen.rms_percent, chosen.max_deviation_percent
 
 
 def _build_frames(result: Result) -> tuple[FrameRecord, ...]:

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
 from cageik_cli.posing.summary import PoseSnapshot
 from cageik_cli.report.figures import format_percent
@@ -36,9 +35,7 @@ from cageik_cli.report.render.model_views import (
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, downsample
 from cageik_cli.report.views.pose_text import format_miss
-from cageik_cli.util.arrays import Floats
-
-Flags = NDArray[np.bool_]
+from cageik_cli.util.arrays import Floats, Mask
 
 MAX_NAMED_ANCHORS = 12
 """Anchors that are labelled with their names; those that move farthest come first."""
@@ -173,7 +170,7 @@ class _PanelDrawing:
         figure.figimage(levels.transpose(1, 2, 0), self.number * pixels, below)
         return surface.depth
 
-    def _are_covered(self, depth: Floats) -> Flags:
+    def _are_covered(self, depth: Floats) -> Mask:
         """Whether the anchors are behind a surface of these depths, (s, s)."""
         seen = self.camera.project(self.panel.anchors)
         columns, rows = np.clip(seen[:, :2], 0, self.camera.size - 1).astype(np.int64).T
@@ -223,7 +220,7 @@ class _PanelDrawing:
                     *line.T, color=colour, linewidth=1.0, dashes=(3, 1.5), zorder=4, gid="miss"
                 )
 
-    def _draw_anchors(self, covered: Flags) -> None:
+    def _draw_anchors(self, covered: Mask) -> None:
         """Mark the anchors; those behind the model are paler."""
         pinned = self.view.pinned
         for is_pin, colour, marker in ANCHOR_STYLES:
@@ -277,7 +274,7 @@ def _sample_segment(start: Floats, end: Floats) -> Floats:
     return np.linspace(start, end, count)
 
 
-def _draw_legend(figure: Figure, pinned: Flags) -> None:
+def _draw_legend(figure: Figure, pinned: Mask) -> None:
     """Explain the marks below all panels."""
     handle, ink = PLOT_COLOURS["handle"], PLOT_COLOURS["ink"]
     marks = []

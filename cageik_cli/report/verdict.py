@@ -1,0 +1,69 @@
+"""The verdict on a result: how good it is in one word, and the one step that would help most."""
+
+from cageik_cli.report.notes import MIN_DATA_PER_CAGE_VERTEX, has_outliers
+from cageik_cli.solver.regions import Cause
+from cageik_cli.store.result import Result
+
+MAX_GOOD_RMS = 0.25
+"""Percent of the diagonal; above this rms, a result is fair at best.
+
+The bounds were chosen by looking at the worst frames of a dancer, a horse and a cartoon chicken
+beside their input. At 0.16 and 2.4 % they look alike. At 0.6 and 6.4 % a hoof or a finger has
+another shape, which is seen if one looks for it. At 0.64 and 8 % legs are visibly deformed.
+"""
+
+MAX_GOOD_DEVIATION = 3.0
+"""Percent of the diagonal; above this largest deviation, a result is fair at best."""
+
+MAX_FAIR_RMS = 0.75
+"""Percent of the diagonal; above this rms, a result is poor."""
+
+MAX_FAIR_DEVIATION = 7.0
+"""Percent of the diagonal; above this largest deviation, a result is poor."""
+
+MAX_ADVISED_VERTICES = 400
+"""Vertices of a cage that are advised, at most: by hand, one poses fewer."""
+
+
+def judge_quality(rms_percent: float, max_deviation_percent: float) -> str:
+    """Return `good`, `fair` or `poor`; both errors are in percent of the diagonal."""
+    if rms_percent <= MAX_GOOD_RMS and max_deviation_percent <= MAX_GOOD_DEVIATION:
+        return "good"
+    if rms_percent <= MAX_FAIR_RMS and max_deviation_percent <= MAX_FAIR_DEVIATION:
+        return "fair"
+    return "poor"
+
+
+def suggest_step(result: Result, rms_percent: float, max_deviation_percent: float) -> str | None:
+    """Return the one step that would lower the error most and is not taken yet.
+
+    None if there is none, or the error is far below what can be seen. Parameters are keywords in
+    backticks, as in messages. Frames are rejected or smoothed only where vertices are thrown: quick
+    motion is no fault.
+    """
+    if result.edited_from is not None:
+        return None
+    if has_outliers(result):
+        return "`robust=True`"
+    if 2 * rms_percent <= MAX_GOOD_RMS and 2 * max_deviation_percent <= MAX_GOOD_DEVIATION:
+        return None
+    if result.fit is None:
+        return "`fit=True`"
+    if _shares_loop(result) and isinstance(result.settings.get("rest_frame"), int):
+        return "`rest_frame=auto`, if limbs touch in the rest pose"
+    return _suggest_vertices(result)
+
+
+def _shares_loop(result: Result) -> bool:
+    """Return whether limbs in one loop of the cage are the likely cause of the worst region."""
+    return bool(result.regions) and result.regions[0].cause == Cause.SHARED_LOOP
+
+
+def _suggest_vertices(result: Result) -> str | None:
+    """Return the advice of twice as many cage vertices, if the model has data for them."""
+    data = len(result.rest.vertices) // MIN_DATA_PER_CAGE_VERTEX
+    count = min(2 * len(result.cage.vertices), MAX_ADVISED_VERTICES)
+    if count <= len(result.cage.vertices) or count > data:
+        return None
+    is_built = "cage_vertices" in result.settings
+    return f"`vertices={count}`" if is_built else f"`vertices={count}` in place of `cage=`"

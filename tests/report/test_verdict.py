@@ -1,0 +1,64 @@
+"""The word on a result, and the one step that is advised."""
+
+from dataclasses import replace
+
+import pytest
+
+from cageik_cli.report.record import build_report
+from cageik_cli.report.verdict import (
+    MAX_FAIR_DEVIATION,
+    MAX_FAIR_RMS,
+    MAX_GOOD_DEVIATION,
+    MAX_GOOD_RMS,
+    judge_quality,
+    suggest_step,
+)
+from cageik_cli.solver.regions import Cause
+from tests.shapes import ball
+
+
+@pytest.mark.parametrize(
+    ("rms", "deviation", "word"),
+    [
+        (MAX_GOOD_RMS, MAX_GOOD_DEVIATION, "good"),
+        (MAX_GOOD_RMS + 0.01, MAX_GOOD_DEVIATION, "fair"),
+        (MAX_GOOD_RMS, MAX_GOOD_DEVIATION + 0.1, "fair"),
+        (MAX_FAIR_RMS, MAX_FAIR_DEVIATION, "fair"),
+        (MAX_FAIR_RMS + 0.01, 0.0, "poor"),
+        (0.0, MAX_FAIR_DEVIATION + 0.1, "poor"),
+        (float("nan"), 0.0, "poor"),
+    ],
+)
+def test_the_worse_of_both_errors_decides(rms, deviation, word):
+    assert judge_quality(rms, deviation) == word
+
+
+def test_an_edit_has_no_quality_and_no_advice(edited):
+    report = build_report(edited)
+    assert (report.quality, report.better) == (None, None)
+
+
+def test_a_fit_is_advised_where_there_is_none(closed):
+    assert suggest_step(closed.result, 1.0, 5.0) == "`fit=True`"
+
+
+def test_nothing_is_advised_for_an_error_that_is_not_seen(closed):
+    assert suggest_step(closed.result, 0.4 * MAX_GOOD_RMS, 0.4 * MAX_GOOD_DEVIATION) is None
+
+
+def test_after_a_fit_more_vertices_are_advised_if_the_model_has_data_for_them(fitted):
+    assert suggest_step(fitted, 1.0, 5.0) is None  # 66 vertices for a cage of 36
+    count = len(fitted.cage.vertices)
+    small = replace(fitted, rest=ball(3, 1.0))
+    assert suggest_step(small, 1.0, 5.0) == f"`vertices={2 * count}` in place of `cage=`"
+    built = replace(small, settings={**small.settings, "cage_vertices": count})
+    assert suggest_step(built, 1.0, 5.0) == f"`vertices={2 * count}`"
+
+
+def test_another_rest_pose_is_advised_where_limbs_share_a_loop(fitted, closed):
+    (region, *_) = closed.result.regions
+    shared = replace(fitted, regions=(replace(region, cause=Cause.SHARED_LOOP),))
+    first = replace(shared, settings={**shared.settings, "rest_frame": 0})
+    assert suggest_step(first, 1.0, 5.0).startswith("`rest_frame=auto`")
+    chosen = replace(shared, settings={**shared.settings, "rest_frame": None})
+    assert suggest_step(chosen, 1.0, 5.0) is None
