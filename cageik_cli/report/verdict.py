@@ -56,7 +56,7 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
 
 def _shares_loop(result: Result) -> bool:
     """Return whether limbs in one loop of the cage are the likely cause of the worst region."""
-    return bool(result.regions) and result.regions[0].cause == Cause.SHARED_LOOP
+    return any(region.cause == Cause.SHARED_LOOP for region in (result.regions or ())[:1])
 
 
 def _suggest_vertices(result: Result) -> str | None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from cageik_cli.report.record import build_report
@@ -49,7 +50,8 @@ def test_nothing_is_advised_for_an_error_that_is_not_seen(closed):
 def test_after_a_fit_more_vertices_are_advised_if_the_model_has_data_for_them(fitted):
     assert suggest_step(fitted, 1.0, 5.0) is None  # 66 vertices for a cage of 36
     count = len(fitted.cage.vertices)
-    small = replace(fitted, rest=ball(3, 1.0))
+    dense = ball(3, 1.0)
+    small = replace(fitted, rest=dense, vertex_rms=np.ones(len(dense.vertices)))
     assert suggest_step(small, 1.0, 5.0) == f"`vertices={2 * count}` in place of `cage=`"
     built = replace(small, settings={**small.settings, "cage_vertices": count})
     assert suggest_step(built, 1.0, 5.0) == f"`vertices={2 * count}`"
