@@ -29,7 +29,7 @@ from cageik_cli.util.compiled import describe_core
             "view": "Play a clip or pose a model in the browser.",
         }
     ),
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(
     __version__,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from cageik_cli.cli.batch_plan import SHARED_OPTIONS, BatchOptions, SharedOptions, plan_batch
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,
@@ -28,58 +29,61 @@ if TYPE_CHECKING:
     from cageik_cli.workflows.batch.jobs import Scheduler
 
 
-@click.command("batch")
+@click.command("batch", cls=GroupedCommand)
 @OptionGroup(
     "options",
     BatchOptions,
     click.argument("folders", nargs=-1, required=True, type=PATH_TYPE),
-    click.option(
+    option(
         "-o", "--output", type=PATH_TYPE, required=True, help="Folder for all results and reports."
     ),
-    click.option(
+    option(
         "--exclude",
         "exclude_clips",
         metavar="PATTERN",
         multiple=True,
         help="Leave out clips whose listed names match this pattern, such as 'tests/*'; may be "
         "repeated.",
+        group=HelpGroup.CLIP,
     ),
-    click.option(
+    option(
         "--resume",
         is_flag=True,
         help="Continue: skip clips that are up to date, extract new, changed and failed ones.",
     ),
-    click.option(
-        "--overwrite", is_flag=True, help="Extract all clips again, and replace the outputs."
-    ),
-    click.option(
+    option("--overwrite", is_flag=True, help="Extract all clips again, and replace the outputs."),
+    option(
         "--pages/--no-pages",
         default=True,
         show_default=True,
         help="Write one HTML page per clip, linked from index.html.",
+        group=HelpGroup.WRITTEN,
     ),
-    click.option(
+    option(
         "--player/--no-player",
         default=False,
         show_default=True,
         help="Play the clip and pose its model on each page, which is then about 2 MB larger.",
+        group=HelpGroup.WRITTEN,
     ),
 )
-@click.option(
+@option(
     "--scheduler",
     help="Dask scheduler that runs the jobs, tcp://HOST:PORT.  "
     "[default: DASK_SCHEDULER_ADDRESS, or processes of this machine]",
+    group=HelpGroup.RUNNING,
 )
-@click.option(
+@option(
     "--dry-run",
     is_flag=True,
     help="List what would be done, and change nothing; exit code 1 if a clip would fail.",
 )
-@click.option(
+@option(
     "--jobs",
     type=click.IntRange(min=1),
     default=count_processors,
     show_default="processors",
+    group=HelpGroup.RUNNING,
     help="Number of processes; each extracts one clip at a time.",
 )
 @common_options
@@ -95,10 +99,9 @@ def batch_command(
     """Extract every clip under some folders.
 
     A clip is a series of numbered meshes in a folder, or a file that contains one or more clips.
-    The clips are extracted in parallel, with one report over all. Options of extract on the
-    command line apply to all clips; a cageik.toml beside or above clips sets options for those. If
-    a clip fails, the others are still extracted. The output folder has index.html, report.json,
-    clips.csv, junit.xml and report.md, and one result per clip in clips/.
+    Options of extract apply to all clips; a cageik.toml beside or above clips sets options for
+    those. If a clip fails, the others are still extracted. The output folder has index.html,
+    report.json, clips.csv, junit.xml and report.md, and one result per clip in clips/.
 
     \b
     cageik batch animations --cage rest_cage.obj -o out

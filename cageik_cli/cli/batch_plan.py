@@ -36,6 +36,7 @@ BATCH_OPTIONS = (
     "quiet",
     "config",
     "verbose",
+    "help_all",
 )
 """Options of `extract` that apply to the whole batch, or to no batch."""
 

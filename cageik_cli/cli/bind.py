@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cageik_cli.cli.command import GroupedCommand, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,
@@ -45,13 +46,13 @@ def make_clip_fit(**options: Any) -> FitSettings | None:
     return make_fit_settings(is_given("clips"), **options)
 
 
-@click.command("bind")
+@click.command("bind", cls=GroupedCommand)
 @OptionGroup(
     "settings",
     make_bind_settings,
-    click.option("--cage", type=PATH_TYPE, required=True, help="The cage around the rest pose."),
-    click.option("--rest", type=PATH_TYPE, required=True, help="Mesh of the rest pose."),
-    click.option(
+    option("--cage", type=PATH_TYPE, required=True, help="The cage around the rest pose."),
+    option("--rest", type=PATH_TYPE, required=True, help="Mesh of the rest pose."),
+    option(
         "-o",
         "--output",
         type=PATH_TYPE,
@@ -60,7 +61,7 @@ def make_clip_fit(**options: Any) -> FitSettings | None:
         help="The binding file.",
     ),
     WEIGHT_OPTIONS,
-    click.option(
+    option(
         "--fit",
         "clips",
         metavar="CLIP",

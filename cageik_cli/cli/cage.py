@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cli.command import GroupedCommand, option
 from cageik_cli.cli.options import (
     PATH_TYPE,
     OptionGroup,
@@ -32,14 +33,15 @@ if TYPE_CHECKING:
 BUILD_OPTIONS = OptionGroup(
     "build",
     BuildSettings,
-    click.option(
+    option(
         "--vertices",
         type=int,
+        metavar="N",
         default=BuildSettings().vertices,
         show_default=True,
         help="Vertices of the cage, at most; it has at least 0.9 times as many.",
     ),
-    click.option(
+    option(
         "--clearance",
         type=PercentType("a clearance", "0.4%", unit=100),
         default=f"{100 * BuildSettings().clearance:g}%",
@@ -72,22 +74,22 @@ def make_cage_settings(repair: Path | None, **values: Any) -> "CageSettings | Re
     )
 
 
-@click.command("cage")
+@click.command("cage", cls=GroupedCommand)
 @OptionGroup(
     "settings",
     make_cage_settings,
     click.argument("model", required=False),
-    click.option(
+    option(
         "--repair",
         type=PATH_TYPE,
         metavar="CAGE",
         help="Make this cage fit for the model instead, with as little change as possible.",
     ),
-    click.option("-o", "--output", type=PATH_TYPE, required=True, help="The cage, an .obj file."),
+    option("-o", "--output", type=PATH_TYPE, required=True, help="The cage, an .obj file."),
     BUILD_OPTIONS,
     rest_option,
     rest_frame_option,
-    click.option(
+    option(
         "--for",
         "animation",
         multiple=True,

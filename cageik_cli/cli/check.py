@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cageik_cli.cli.command import GroupedCommand, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,
@@ -37,12 +38,12 @@ def make_check_settings(**values: Any) -> "CheckSettings":
     return CheckSettings(**values)
 
 
-@click.command("check")
+@click.command("check", cls=GroupedCommand)
 @OptionGroup(
     "settings",
     make_check_settings,
     click.argument("frames", nargs=-1),
-    click.option("--cage", type=PATH_TYPE, required=True, help="The cage to diagnose."),
+    option("--cage", type=PATH_TYPE, required=True, help="The cage to diagnose."),
     rest_option,
     rest_frame_option,
     SAMPLED_CLIP_OPTIONS,
@@ -50,12 +51,12 @@ def make_check_settings(**values: Any) -> "CheckSettings":
     jobs_option,
 )
 @json_option
-@click.option(
+@option(
     "--plot",
     type=SuffixedPath(".png"),
     help="Draw cage and rest pose with the faults numbered (.png).",
 )
-@click.option(
+@option(
     "--marked",
     type=SuffixedPath(".ply"),
     help="Write cage and rest pose as one mesh with the faults as vertex colours (.ply).",

@@ -68,7 +68,7 @@ def parse_options(path: Path, title: str, table: Any, command: click.Command) ->
     options = {
         spell_param(option).removeprefix("--").replace("-", "_"): option
         for option in command.params
-        if isinstance(option, click.Option) and option.name != "config"
+        if isinstance(option, click.Option) and not option.is_eager
     }
     chosen = {}
     for key, value in table.items():

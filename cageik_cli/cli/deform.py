@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
 from cageik_cli.cli.options import (
     CACHE_OPTIONS,
     PATH_TYPE,
@@ -44,19 +45,19 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
     return DeformSettings(compares=get_verbosity() > 0, **values)
 
 
-@click.command("deform")
+@click.command("deform", cls=GroupedCommand)
 @OptionGroup(
     "settings",
     make_deform_settings,
     click.argument("source", metavar="RESULT", type=PATH_TYPE),
-    click.option(
+    option(
         "--mesh",
         type=PATH_TYPE,
         multiple=True,
         help="Another mesh in the rest cage, or points or Gaussian splats (.ply); meshes may be "
         "repeated, and are parts of what is written.  [default: the rest model]",
     ),
-    click.option(
+    option(
         "--cages",
         help="Cages from elsewhere, such as edited ones: a folder, a quoted glob, or one file.  "
         "[default: those of the result]",
@@ -64,7 +65,7 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
     OptionGroup(
         "output",
         "formats.write.Output",
-        click.option(
+        option(
             "-o",
             "--output",
             "path",
@@ -82,11 +83,12 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
     make_given_option("--mesh and --cages", "RESULT"),
     *make_binding_options(None),
     CACHE_OPTIONS,
-    click.option(
+    option(
         "--influences",
         type=click.IntRange(min=1),
         help="Fit the weights again to the motion of the mesh, with at most this number of cage "
         "vertices per vertex, as export --skeleton does.  [default: the weights of the mesh]",
+        group=HelpGroup.WRITTEN,
     ),
     OptionGroup(
         "morphs",
@@ -95,12 +97,13 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
         OptionGroup(
             "has_normals",
             negate,
-            click.option(
+            option(
                 "--flat",
                 is_flag=True,
                 help="Leave out normals: half the size, and programs show facets (.glb).",
             ),
         ),
+        group=HelpGroup.WRITTEN,
     ),
     memory_option,
     jobs_option,

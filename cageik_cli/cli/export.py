@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cageik_cli.cli.command import GroupedCommand, option
 from cageik_cli.cli.options import (
     PATH_TYPE,
     OptionGroup,
@@ -36,7 +37,7 @@ def make_export_settings(**values: Any) -> "ExportSettings":
     return ExportSettings(compares=get_verbosity() > 0, **values)
 
 
-@click.command("export")
+@click.command("export", cls=GroupedCommand)
 @OptionGroup(
     "settings",
     make_export_settings,
@@ -49,25 +50,25 @@ def make_export_settings(**values: Any) -> "ExportSettings":
     ),
     SCENE_OPTIONS,
     to_option,
-    click.option(
+    option(
         "--skeleton",
         is_flag=True,
         help="Write the rest pose with one joint per cage vertex and the weights as skin weights "
         "(.usd*, .glb).",
     ),
-    click.option(
+    option(
         "--influences",
         type=click.IntRange(min=1),
         help="Fit the weights again, with at most this number of joints per vertex.  [default: "
         "the weights of the result]",
     ),
-    click.option(
+    option(
         "--with-model",
         is_flag=True,
         help="Write the cage and the model that it moves in one file (.usd*, .abc, .glb, .obj). "
         "With --skeleton, the model is skinned.",
     ),
-    click.option(
+    option(
         "--guide",
         is_flag=True,
         help="Give the cage of --with-model the purpose `guide`, which programs hide and do not "

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     BIND_OPTIONS,
@@ -49,10 +50,11 @@ if TYPE_CHECKING:
 BUILT_CAGE_OPTIONS = OptionGroup(
     "build",
     BuildSettings,
-    click.option(
+    option(
         "--cage-vertices",
         "vertices",
         type=int,
+        metavar="N",
         default=BuildSettings().vertices,
         show_default=True,
         help="Vertices of the cage that is built, at most.",
@@ -93,24 +95,26 @@ EXTRACT_OPTIONS = OptionGroup(
     "settings",
     make_extract_settings,
     click.argument("frames", nargs=-1, required=True),
-    click.option(
+    option(
         "--cage",
         type=PATH_TYPE,
         help="The cage around the rest pose.  [default: one is built, as by cageik cage]",
     ),
     BUILT_CAGE_OPTIONS,
-    click.option(
+    option(
         "--cage-out",
         "cage_output",
         type=PATH_TYPE,
         help="Write the cage that is built to this .obj file.",
+        group=HelpGroup.WRITTEN,
     ),
-    click.option(
+    option(
         "--binding",
         type=PATH_TYPE,
         help="Take the weights and the cage from this file of cageik bind.",
+        group=HelpGroup.SOLVE,
     ),
-    click.option(
+    option(
         "-o",
         "--output",
         type=PATH_TYPE,
@@ -126,7 +130,13 @@ EXTRACT_OPTIONS = OptionGroup(
     OptionGroup(
         "fit",
         make_fit_settings,
-        click.option("--fit", "is_fitted", is_flag=True, help="Fit the weights to the clip."),
+        option(
+            "--fit",
+            "is_fitted",
+            is_flag=True,
+            help="Fit the weights to the clip.",
+            group=HelpGroup.FIRST,
+        ),
         *FIT_STRENGTH_OPTIONS,
     ),
     vertex_weights_option,
@@ -136,31 +146,37 @@ EXTRACT_OPTIONS = OptionGroup(
     OptionGroup(
         "keep_weights",
         negate,
-        click.option(
+        option(
             "--no-weights",
             is_flag=True,
             help="Do not store the weights in the result (smaller file).",
         ),
+        group=HelpGroup.WRITTEN,
     ),
     OptionGroup(
         "clip",
         ClipSettings,
         *CLIP_MEMBERS,
-        click.option(
-            "--missing", is_flag=True, help="Take vertices whose position is nan as missing data."
+        option(
+            "--missing",
+            is_flag=True,
+            help="Take vertices whose position is nan as missing data.",
+            group=HelpGroup.CAPTURED,
         ),
     ),
-    click.option(
+    option(
         "--resume",
         is_flag=True,
         help="Continue an interrupted run from its checkpoint; start if there is none.",
+        group=HelpGroup.RUNNING,
     ),
-    click.option(
+    option(
         "--on-bad-frame",
         type=click.Choice(["stop", "skip"]),
         default="stop",
         show_default=True,
         help="If a frame cannot be read: stop, or leave a gap and report it.",
+        group=HelpGroup.CAPTURED,
     ),
     overwrite_option,
     memory_option,
@@ -168,14 +184,15 @@ EXTRACT_OPTIONS = OptionGroup(
 )
 
 
-@click.command("extract")
+@click.command("extract", cls=GroupedCommand)
 @EXTRACT_OPTIONS
-@click.option(
+@option(
     "--export",
     "exports",
     type=PATH_TYPE,
     multiple=True,
     help="Also write the cages to this file, as cageik export does; may be repeated.",
+    group=HelpGroup.WRITTEN,
 )
 @LIMIT_OPTIONS
 @timings_option
@@ -196,7 +213,6 @@ def extract_command(
     \b
     cageik extract frames --fit
     cageik extract frames --cage-vertices 150
-    cageik extract frames --cage cage.obj --on-bad-frame skip
     cageik extract body.pc2 --rest body.obj --cage cage.obj --resume
     cageik extract shot.usdc::/hero/body --cage cage.obj --frames 0:48
     cageik extract hero.glb::Run --fit --fps 30

@@ -2,12 +2,13 @@
 
 import click
 
+from cageik_cli.cli.command import GroupedCommand
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import common_options
 from cageik_cli.cli.options.clip import exclude_option, layout_option, rate_option
 
 
-@click.command("info")
+@click.command("info", cls=GroupedCommand)
 @click.argument("files", nargs=-1, required=True)
 @layout_option
 @exclude_option

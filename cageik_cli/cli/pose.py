@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,
@@ -33,25 +34,23 @@ DEFAULT_SNAP = "2%"
 POSING_OPTIONS: OptionGroup[Any] = OptionGroup(
     "posing",
     "posing.edits.PosingSettings",
-    click.option(
+    option(
         "--alpha",
         type=float,
         default=1e-6,
         show_default=True,
         help="Weight of the cage's Laplacian: higher is smoother, and meets handles less exactly.",
     ),
-    click.option(
-        "--beta", type=float, default=1.0, show_default=True, help="Weight of the handles."
-    ),
-    click.option(
+    option("--beta", type=float, default=1.0, show_default=True, help="Weight of the handles."),
+    option(
         "--rigidity",
         type=click.IntRange(min=0),
         default=0,
         show_default=True,
         help="Rounds in which parts of the cage rotate with the motion; 0 shears them.",
     ),
-    click.option("--hard", is_flag=True, help="Meet all handles exactly."),
-    click.option(
+    option("--hard", is_flag=True, help="Meet all handles exactly."),
+    option(
         "--snap",
         type=PercentType(
             "a percentage",
@@ -63,11 +62,12 @@ POSING_OPTIONS: OptionGroup[Any] = OptionGroup(
         help="Move handles with a position to the nearest point of the surface, if it is at "
         f"most this far away; {DEFAULT_SNAP} of the diagonal if no number is given.",
     ),
-    click.option(
+    option(
         "--allow-conflicts",
         is_flag=True,
         help="Take the mean if one point has different targets.",
     ),
+    group=HelpGroup.SOLVE,
 )
 
 
@@ -115,20 +115,20 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
         ctx.exit()
 
 
-@click.command("pose")
+@click.command("pose", cls=GroupedCommand)
 @OptionGroup(
     "settings",
     make_pose_settings,
     click.argument("target", type=PATH_TYPE),
     click.argument("handles", type=PATH_TYPE),
-    click.option(
+    option(
         "-o",
         "--output",
         type=PATH_TYPE,
         required=True,
         help="The posed model (.obj, .ply), or the edited result (.h5).",
     ),
-    click.option(
+    option(
         "--cage",
         type=PATH_TYPE,
         help="The cage around TARGET, if that is a model; or a result or a binding (.h5) with the "
@@ -140,18 +140,18 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     WEIGHT_OPTIONS,
     overwrite_option,
 )
-@click.option(
+@option(
     "--plot",
     type=SuffixedPath(".png", allow_dash=True),
     help="Draw the model before and after, with the handles (.png).",
 )
-@click.option(
+@option(
     "--up-axis",
     type=click.Choice(UP_AXES),
     help="Axis that points up in the picture.  [default: that of the result, or Y]",
 )
-@click.option("--json", "json_path", type=PATH_TYPE, help="Write the figures as JSON; - is stdout.")
-@click.option(
+@option("--json", "json_path", type=PATH_TYPE, help="Write the figures as JSON; - is stdout.")
+@option(
     "--schema",
     is_flag=True,
     is_eager=True,

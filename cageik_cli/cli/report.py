@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from cageik_cli.cli.command import GroupedCommand, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,
@@ -71,30 +72,28 @@ class ReportTargets:
                 )
 
 
-@click.command("report")
+@click.command("report", cls=GroupedCommand)
 @click.argument("results", nargs=-1, type=PATH_TYPE)
 @OptionGroup(
     "targets",
     ReportTargets,
-    click.option(
-        "--html", type=PATH_TYPE, help="Write the page of one result, complete in one file."
-    ),
-    click.option(
+    option("--html", type=PATH_TYPE, help="Write the page of one result, complete in one file."),
+    option(
         "--plot",
         type=SuffixedPath(".png", ".svg"),
         help="Draw RMS error and volume over the frames (.png, .svg).",
     ),
-    click.option("--json", type=PATH_TYPE, help="Write the record as JSON; - is stdout."),
-    click.option("--csv", type=PATH_TYPE, help="Write CSV with one line per frame; - is stdout."),
-    click.option(
+    option("--json", type=PATH_TYPE, help="Write the record as JSON; - is stdout."),
+    option("--csv", type=PATH_TYPE, help="Write CSV with one line per frame; - is stdout."),
+    option(
         "--junit",
         type=PATH_TYPE,
         help="Write JUnit XML with one test case per limit; - is stdout.",
     ),
-    click.option(
+    option(
         "--markdown", type=PATH_TYPE, help="Write a Markdown table of the results; - is stdout."
     ),
-    click.option(
+    option(
         "--player/--no-player",
         default=True,
         show_default=True,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
 from cageik_cli.cli.extract import BUILT_CAGE_OPTIONS
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
@@ -55,29 +56,29 @@ def _reject(names: list[str], reason: str) -> None:
     refuse_options(names, "{}: " + f"{reason}; leave it out", is_on_command_line)
 
 
-@click.command("view")
+@click.command("view", cls=GroupedCommand)
 @OptionGroup(
     "settings",
     make_view_settings,
     click.argument("target", type=PATH_TYPE),
-    click.option(
+    option(
         "--cage",
         type=PATH_TYPE,
         help="The cage around a model, or a result or a binding with it (.h5).  "
         "[default: one is built]",
     ),
     make_given_option("--cage", "TARGET"),
-    click.option("--binding", type=PATH_TYPE, help="The binding file of a model."),
+    option("--binding", type=PATH_TYPE, help="The binding file of a model."),
     BUILT_CAGE_OPTIONS,
-    click.option("--handles", type=PATH_TYPE, help="A handles file that the page begins with."),
-    click.option(
+    option("--handles", type=PATH_TYPE, help="A handles file that the page begins with."),
+    option(
         "-o",
         "--output",
         type=PATH_TYPE,
         help="The posed model (.obj, .ply) or edited result (.h5) that Apply writes.",
     ),
     posed_cage_option,
-    click.option(
+    option(
         "--handles-out",
         "handles_output",
         type=PATH_TYPE,
@@ -86,14 +87,20 @@ def _reject(names: list[str], reason: str) -> None:
     WEIGHT_OPTIONS,
     overwrite_option,
 )
-@click.option(
+@option(
     "--port",
     type=click.IntRange(0, 65535),
     default=0,
     show_default="any that is free",
     help="Port of the server, on this machine only.",
+    group=HelpGroup.RUNNING,
 )
-@click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
+@option(
+    "--no-browser",
+    is_flag=True,
+    help="Print the address, and open no browser.",
+    group=HelpGroup.RUNNING,
+)
 @common_options
 def view_command(settings: "ViewSettings", port: int, no_browser: bool, quiet: bool) -> None:
     """Play a clip or pose a model in the browser.

@@ -129,7 +129,7 @@ def test_without_a_browser_the_address_is_enough(run, bound, viewed, monkeypatch
 
 def test_the_help_names_the_default_of_the_port(run):
     assert view.view_command.name == "view"
-    assert "any that is free" in run("view", "--help").out
+    assert "any that is free" in run("view", "--help-all").out
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 import click
 from click.core import ParameterSource
 
+from cageik_cli.cli.command import GroupedOption, HelpGroup, option
 from cageik_cli.cli.config import apply_config
 from cageik_cli.cli.group import spell_param
 from cageik_cli.cli.options.types import FrameFormatType, SizeType
@@ -37,6 +38,8 @@ class OptionGroup(Generic[Record]):
         named by its place below `cageik_cli`.
     *members : option, argument or OptionGroup
         In the order in which the help lists them.
+    group : HelpGroup, optional
+        That of the members in the help, unless they name one.
     """
 
     def __init__(
@@ -44,8 +47,9 @@ class OptionGroup(Generic[Record]):
         name: str,
         make: Callable[..., Record] | str,
         *members: "Decorator | OptionGroup[object]",
+        group: HelpGroup | None = None,
     ) -> None:
-        self.name = name
+        self.name, self._group = name, group
         self._make, self._members = make, members
         self._groups = [member for member in members if isinstance(member, OptionGroup)]
         options = [member for member in members if not isinstance(member, OptionGroup)]
@@ -84,11 +88,15 @@ class OptionGroup(Generic[Record]):
         return frozenset(nested | self._own_names)
 
     def _add_options(self, command: Callable[..., Any]) -> None:
+        before = len(_list_params(command))
         for member in reversed(self._members):
             if isinstance(member, OptionGroup):
                 member._add_options(command)
             else:
                 member(command)
+        for param in _list_params(command)[before:]:
+            if isinstance(param, GroupedOption):
+                param.group = param.group or self._group
 
 
 def _list_names(options: list[Decorator]) -> set[str]:
@@ -97,9 +105,14 @@ def _list_names(options: list[Decorator]) -> set[str]:
     def command() -> None:
         pass
 
-    for option in options:
-        option(command)
-    return {str(param.name) for param in getattr(command, "__click_params__", ())}
+    for add_option in options:
+        add_option(command)
+    return {str(param.name) for param in _list_params(command)}
+
+
+def _list_params(command: Callable[..., Any]) -> list[click.Parameter]:
+    """Return the parameters that decorators of click have added to a command, the last first."""
+    return list(getattr(command, "__click_params__", ()))
 
 
 def _import_class(place: str) -> Callable[..., Any]:
@@ -119,26 +132,34 @@ def usage_errors() -> Iterator[None]:
 
 def common_options(command: Command) -> Command:
     """Add -v, -q and --config."""
-    for option in (
-        click.option(
+    for add_option in (
+        option(
             "--config",
             type=PATH_TYPE,
             is_eager=True,
             expose_value=False,
             callback=apply_config,
             help="TOML file with options under [COMMAND]; the command line wins.",
+            group=HelpGroup.RUNNING,
         ),
-        click.option("-q", "--quiet", is_flag=True, help="Print only errors and exceeded limits."),
-        click.option(
+        option(
+            "-q",
+            "--quiet",
+            is_flag=True,
+            help="Print only errors and exceeded limits.",
+            group=HelpGroup.RUNNING,
+        ),
+        option(
             "-v",
             "--verbose",
             count=True,
             expose_value=False,
             callback=_remember_verbosity,
             help="Print more; -vv prints the traceback of an error.",
+            group=HelpGroup.RUNNING,
         ),
     ):
-        command = option(command)
+        add_option(command)
     return command
 
 
@@ -158,48 +179,55 @@ def count_processors() -> int:
     return count_processors()
 
 
-jobs_option = click.option(
+jobs_option = option(
     "--jobs",
     type=click.IntRange(min=1),
     default=count_processors,
     show_default="processors",
     help="Number of threads.",
+    group=HelpGroup.RUNNING,
 )
 
-memory_option = click.option(
+memory_option = option(
     "--memory",
     type=SizeType(),
     default="1GiB",
     show_default=True,
     help="Memory limit for weights and frame buffers; one block of frames is always held.",
+    group=HelpGroup.RUNNING,
 )
 
-timings_option = click.option(
-    "--timings", type=PATH_TYPE, help="Write the seconds of each stage to this JSON file."
+timings_option = option(
+    "--timings",
+    type=PATH_TYPE,
+    help="Write the seconds of each stage to this JSON file.",
+    group=HelpGroup.RUNNING,
 )
 
-json_option = click.option(
+json_option = option(
     "--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout."
 )
 
-posed_cage_option = click.option(
+posed_cage_option = option(
     "--cage-out", "cage_output", type=PATH_TYPE, help="Also write the posed cage (.obj, .ply)."
 )
 
-overwrite_option = click.option("--overwrite", is_flag=True, help="Replace existing outputs.")
+overwrite_option = option("--overwrite", is_flag=True, help="Replace existing outputs.")
 
 output_options = (
-    click.option(
+    option(
         "--format",
         "file_format",
         type=FrameFormatType(),
         metavar="[obj|ply]",
         help="File format when OUT is a folder.  [default: obj]",
+        group=HelpGroup.WRITTEN,
     ),
-    click.option(
+    option(
         "--recentre",
         is_flag=True,
         help="Move the animation to the origin, and write the offset beside it (OUT.offset.json).",
+        group=HelpGroup.WRITTEN,
     ),
     overwrite_option,
 )
@@ -216,23 +244,26 @@ def make_binding_options(defaults: BindSettings | None) -> tuple[Decorator, ...]
         return {"default": getattr(defaults, name), "show_default": True}
 
     return (
-        click.option(
+        option(
             "--coordinates",
             type=click.Choice(COORDINATES),
             help="Type of coordinates.",
+            group=HelpGroup.SOLVE,
             **default("coordinates"),
         ),
-        click.option(
+        option(
             "--accuracy",
             type=click.Choice(list(ACCURACIES)),
             help="Tolerance of the weights, the mean L1 error of a row: " + tolerances + ".",
+            group=HelpGroup.SOLVE,
             **default("accuracy"),
         ),
-        click.option(
+        option(
             "--outside",
             type=click.Choice(OUTSIDE_POLICIES),
             help="Vertices outside the cage: refuse them, or project them to the nearest point "
             "of the cage.",
+            group=HelpGroup.SOLVE,
             **default("outside"),
         ),
     )
@@ -303,13 +334,14 @@ def choose_cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
 CACHE_OPTIONS = OptionGroup(
     "cache",
     choose_cache_folder,
-    click.option(
+    option(
         "--cache",
         type=PATH_TYPE,
         help="Folder of the cache of weights and built cages.  [default: CAGEIK_CACHE, or the "
         "cache folder of the user]",
     ),
-    click.option("--no-cache", is_flag=True, help="Do not use the cache."),
+    option("--no-cache", is_flag=True, help="Do not use the cache."),
+    group=HelpGroup.RUNNING,
 )
 
 WEIGHT_OPTIONS: OptionGroup[Any] = OptionGroup(

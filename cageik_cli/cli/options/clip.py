@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from cageik_cli.cli.command import HelpGroup, option
 from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, is_given
 from cageik_cli.cli.options.types import FrameRangeType, OrWord, PercentType, SceneType
 from cageik_cli.formats.settings import (
@@ -20,23 +21,25 @@ from cageik_cli.formats.settings import (
     SceneHints,
 )
 
-layout_option = click.option(
+layout_option = option(
     "--layout",
     type=click.Choice(LAYOUTS),
     help="Order of an array's axes: f frames, v vertices, x coordinates.  "
     "[default: found from their lengths]",
+    group=HelpGroup.CLIP,
 )
 
 
 def make_exclude_option(typed: str) -> Decorator:
     """Make the option that leaves out parts; cageik batch has it under another name."""
-    return click.option(
+    return option(
         typed,
         "exclude",
         metavar="PATTERN",
         multiple=True,
         help="Leave out the parts of a clip whose path, or a name in it, matches this pattern, "
         "such as 'eye_?' or '/hero/props'; may be repeated.",
+        group=HelpGroup.CLIP,
     )
 
 
@@ -51,7 +54,7 @@ def choose_gaps(allow_gaps: bool, close_gaps: bool) -> Gaps:
 
 
 CLIP_MEMBERS = (
-    click.option(
+    option(
         "--frames",
         "selection",
         type=FrameRangeType(),
@@ -63,17 +66,18 @@ CLIP_MEMBERS = (
     OptionGroup(
         "gaps",
         choose_gaps,
-        click.option(
+        option(
             "--allow-gaps",
             is_flag=True,
             help="Keep missing numbers of files as gaps in time, which are filled like skipped "
             "frames.",
         ),
-        click.option(
+        option(
             "--close-gaps",
             is_flag=True,
             help="Number the frames one after another, whatever numbers of files are missing.",
         ),
+        group=HelpGroup.CLIP,
     ),
 )
 
@@ -90,50 +94,53 @@ SAMPLED_CLIP_OPTIONS = OptionGroup("clip", ClipSettings, *CLIP_MEMBERS, rate_opt
 SCENE_OPTIONS = OptionGroup(
     "scene",
     SceneHints,
-    click.option(
+    option(
         "--fps",
         type=float,
         help="Frames per second; glTF is sampled at them.  [default: from the source, or 24]",
     ),
-    click.option(
+    option(
         "--start", type=float, help="Number of the first frame.  [default: from the source, or 1]"
     ),
-    click.option(
+    option(
         "--frame-step",
         type=float,
         help="From the number of a frame to that of the next.  [default: from the source, or 1]",
     ),
-    click.option(
+    option(
         "--up-axis",
         type=click.Choice(UP_AXES),
         help="Axis that points up.  [default: from the source, or Y]",
     ),
-    click.option(
+    option(
         "--metres-per-unit",
         type=float,
         help="Metres per unit of length.  [default: from the source, or 1]",
     ),
+    group=HelpGroup.CLIP,
 )
 
 
-to_option = click.option(
+to_option = option(
     "--to",
     type=SceneType(),
     default="",
     help="Convert what is written to this unit (mm, cm, dm, m, km, in, ft) and up axis, such as "
     "m or cm,z.  [default: as the source]",
+    group=HelpGroup.CLIP,
 )
 
 
 def make_given_option(what: str, over: str) -> Callable[[Any], Any]:
     """Make --from, for the options `what` beside `over`."""
-    return click.option(
+    return option(
         "--from",
         "given_in",
         type=SceneType(),
         default="",
         help=f"Unit (mm, cm, dm, m, km, in, ft) and up axis of {what}, such as cm or m,z, which "
         f"are converted to those of {over}.  [default: what the files state]",
+        group=HelpGroup.CLIP,
     )
 
 
@@ -143,14 +150,14 @@ def _refuse_two_rest_poses(ctx: click.Context, param: click.Parameter, value: An
     return value
 
 
-rest_option = click.option(
+rest_option = option(
     "--rest",
     type=PATH_TYPE,
     callback=_refuse_two_rest_poses,
     help="Mesh of the rest pose.  [default: the first frame]",
 )
 
-rest_frame_option = click.option(
+rest_frame_option = option(
     "--rest-frame",
     type=OrWord(click.INT, AUTO, "the number of a frame"),
     default=0,
@@ -158,17 +165,18 @@ rest_frame_option = click.option(
     metavar=f"K|{AUTO}",
     help="Number of the frame that is the rest pose, from 0, or auto: the frame in which the "
     "fewest parts touch.",
+    group=HelpGroup.CLIP,
 )
 
 MORPH_MEMBERS = (
-    click.option(
+    option(
         "--morphs",
         "count",
         type=click.IntRange(2, MAX_MORPHS),
         help=f"Write at most this number of morph targets (.glb).  [default: "
         f"{DEFAULT_MORPHS}, or {MAX_MORPHS} with --tolerance]",
     ),
-    click.option(
+    option(
         "--tolerance",
         type=PercentType("a tolerance", "0.01%, of the diagonal"),
         help="Write as few morph targets as bring every vertex in every frame this near, in "
@@ -187,7 +195,7 @@ def make_morph_settings(tolerance: float | None, **others: Any) -> MorphSettings
     return MorphSettings(tolerance=tolerance, **others)
 
 
-MORPH_OPTIONS = OptionGroup("morphs", make_morph_settings, *MORPH_MEMBERS)
+MORPH_OPTIONS = OptionGroup("morphs", make_morph_settings, *MORPH_MEMBERS, group=HelpGroup.WRITTEN)
 
 
 def check_morph_usage(options: str, is_given: bool, out: Path) -> None:

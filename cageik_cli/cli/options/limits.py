@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from cageik_cli.cli.command import HelpGroup, option
 from cageik_cli.cli.options import PATH_TYPE, OptionGroup
 from cageik_cli.cli.options.types import LimitType, LimitValue
 from cageik_cli.util.errors import SettingError
@@ -63,35 +64,36 @@ class LimitOptions:
 LIMIT_OPTIONS = OptionGroup(
     "limits",
     LimitOptions,
-    click.option(
+    option(
         "--max-rms",
         type=LimitType(is_length=True),
         help="Fail with exit code 3 if the RMS error of the clip is above this: 0.4% of the "
         "diagonal, or 0.01units of the file.",
     ),
-    click.option(
+    option(
         "--max-frame-rms",
         type=LimitType(is_length=True),
         help="Fail if the RMS error of any frame is above this, in % or units.",
     ),
-    click.option(
+    option(
         "--max-deviation",
         type=LimitType(is_length=True),
         help="Fail if any vertex of any frame deviates by more than this, in % or units.",
     ),
-    click.option(
+    option(
         "--max-volume-change",
         type=LimitType(is_length=False),
         help="Fail if the volume of any frame changes by more percent; closed models only.",
     ),
-    click.option(
+    option(
         "--baseline",
         type=PATH_TYPE,
         help="Fail if a figure is worse than in this JSON of an earlier report or batch.",
     ),
-    click.option(
+    option(
         "--max-regression",
         type=LimitType(is_length=False),
         help="How much worse than --baseline a figure may be.  [default: 10%]",
     ),
+    group=HelpGroup.LIMITS,
 )

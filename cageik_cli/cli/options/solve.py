@@ -6,60 +6,60 @@ from typing import Any
 
 import click
 
+from cageik_cli.cli.command import HelpGroup, option
 from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, refuse_options
 from cageik_cli.cli.options.types import OrWord
 from cageik_cli.solver.fitting.record import FitSettings, find_kind
 from cageik_cli.solver.settings import AREA, AUTO_SMOOTHING, CaptureSettings, SolveSettings
 
-vertex_weights_option = click.option(
+vertex_weights_option = option(
     "--vertex-weights",
     type=OrWord(PATH_TYPE, AREA),
     metavar=f"FILE|{AREA}",
     help="Weights of the vertices: a file with one per vertex (text or .npy), or in extract one "
     f"per frame and vertex (.npy), where 0 marks missing data; or {AREA}: each vertex counts by "
     "its area.",
+    group=HelpGroup.SOLVE,
 )
 
 SOLVE_OPTIONS = OptionGroup(
     "solve",
     SolveSettings,
-    click.option(
+    option(
         "--alpha",
         type=float,
         default=SolveSettings().alpha,
         show_default=True,
         help="Weight of the cage's Laplacian: higher is smoother and less exact.",
     ),
-    click.option(
+    option(
         "--beta",
         type=float,
         default=SolveSettings().beta,
         show_default=True,
         help="Weight of the vertices.",
     ),
-    click.option(
+    option(
         "--align/--no-align",
         default=SolveSettings().align,
         show_default=True,
         help="Align each frame rigidly with the rest pose before the solve.",
     ),
+    group=HelpGroup.SOLVE,
 )
 
 CAPTURE_OPTIONS = OptionGroup(
     "capture",
     CaptureSettings,
-    click.option(
-        "--robust", is_flag=True, help="Reject vertices that are thrown away in some frames."
-    ),
-    click.option(
+    option("--robust", is_flag=True, help="Reject vertices that are thrown away in some frames."),
+    option(
         "--smooth",
         type=OrWord(click.FLOAT, AUTO_SMOOTHING, "a number of seconds"),
         metavar=f"SECONDS|{AUTO_SMOOTHING}",
         help="Smooth the cages over time: halve motions of this period, or find it from the noise.",
     ),
-    click.option(
-        "--fill-gaps", is_flag=True, help="Fill frames without data from those around them."
-    ),
+    option("--fill-gaps", is_flag=True, help="Fill frames without data from those around them."),
+    group=HelpGroup.CAPTURED,
 )
 
 
@@ -69,12 +69,14 @@ def make_setting_option(setting: "Field[Any]") -> Decorator:
     kind, unset, default = find_kind(setting), setting.metadata["unset"], setting.default
     if kind is bool:
         words = f"--{word}/--no-{word}"
-        return click.option(words, setting.name, default=default, show_default=True, help=text)
+        return option(
+            words, setting.name, default=default, show_default=True, help=text, group=HelpGroup.FIT
+        )
     if default is None:
         text = f"{text}  [default: {unset}]"
-        return click.option(f"--{word}", setting.name, type=kind, help=text)
+        return option(f"--{word}", setting.name, type=kind, help=text, group=HelpGroup.FIT)
     is_found, known = unset == "auto", click.types.convert_type(kind)
-    return click.option(
+    return option(
         f"--{word}",
         setting.name,
         type=OrWord(known, "auto", "a number, such as 0.1") if is_found else known,
@@ -82,6 +84,7 @@ def make_setting_option(setting: "Field[Any]") -> Decorator:
         default=str(default),
         show_default=True,
         help=text,
+        group=HelpGroup.FIT,
     )
 
 

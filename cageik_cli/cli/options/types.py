@@ -73,16 +73,19 @@ class SceneType(click.ParamType):  # type: ignore[type-arg]  # as above
 
 
 class SizeType(click.ParamType):  # type: ignore[type-arg]  # as above
-    """Bytes, such as 512MiB, 2GiB or 1000000."""
+    """A number of bytes with its unit, such as 512MiB or 2GiB."""
 
     name = "size"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
         """Parse the text."""
-        match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(?:i?B)?", str(value), re.IGNORECASE)
+        match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([KMGT]?)(i?B)?", str(value), re.IGNORECASE)
         if not match or float(match[1]) == 0:
             self.fail(f"{value!r} is not a size such as 512MiB or 1GiB", param, ctx)
-        return int(float(match[1]) * 1024 ** " KMGT".index(match[2].upper() or " "))
+        number, prefix, byte = match.groups()
+        if not prefix and not byte:
+            self.fail(f"{value!r} has no unit; give {number}GiB or {number}MiB", param, ctx)
+        return int(float(number) * 1024 ** " KMGT".index(prefix.upper() or " "))
 
 
 class FrameRangeType(click.ParamType):  # type: ignore[type-arg]  # as above

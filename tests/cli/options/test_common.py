@@ -19,7 +19,7 @@ TYPED = ("extract", "frames", "--cage", "cage.obj")
 @pytest.mark.parametrize(
     ("text", "size"),
     [
-        ("1000000", 10**6),
+        ("1000000B", 10**6),
         ("1K", 1024),
         ("512MiB", 512 << 20),
         ("512 mb", 512 << 20),
@@ -35,6 +35,13 @@ def test_sizes(text, size):
 @pytest.mark.parametrize("text", ["lots", "0", "-1GiB", "1XiB", "1e9", "inf", "", "1 GiB 2"])
 def test_what_is_no_size(text):
     with pytest.raises(click.BadParameter, match=f"'{text}' is not a size"):
+        SizeType().convert(text, None, None)
+
+
+@pytest.mark.parametrize(("text", "shown"), [("2", "2GiB or 2MiB"), ("1.5", "1.5GiB or 1.5MiB")])
+def test_a_size_has_its_unit(text, shown):
+    """Else `--memory 2` would be two bytes."""
+    with pytest.raises(click.BadParameter, match=f"'{text}' has no unit; give {shown}"):
         SizeType().convert(text, None, None)
 
 
@@ -79,7 +86,7 @@ finally:
 
 @pytest.mark.parametrize("command", ["extract", "bind"])
 def test_help_states_the_tolerances(run, command):
-    said = " ".join(run(command, "--help").out.split())
+    said = " ".join(run(command, "--help-all").out.split())
     assert "0.03 preview, 0.005 standard, 0.001 fine" in said
 
 
