@@ -15,7 +15,7 @@ from cageik_cli.formats.gltf_file import (
     VectorSpool,
     describe_excess,
 )
-from cageik_cli.formats.gltf_nodes import NodeSpace, make_part_nodes, place_node
+from cageik_cli.formats.gltf_nodes import choose_spaces, make_part_nodes, place_node
 from cageik_cli.formats.gltf_surface import Primitive, cut_surface
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import OutputError
@@ -187,7 +187,7 @@ class Writer(GlbWriter):
         self._check_size()
         self._rest = to_float32(animation.rest.vertices).astype(np.float64)
         self._parts = animation.split()
-        self._spaces = [NodeSpace.of_part(part) for part in self._parts]
+        self._spaces = choose_spaces(self._parts)
         self._rest_normals = self._surface.compute_normals(self._rest)
         self._moves, self._turns = self.open_file(len(self._surface.origins), spool_count=2)
 

@@ -19,15 +19,6 @@ class NodeSpace:
 
     transform: Floats
 
-    @staticmethod
-    def of_part(part: Part) -> "NodeSpace":
-        """Return the own space of a part; that of the scene if a node cannot have its transform."""
-        rows = part.transform[:3, :3]
-        axes = rows / np.linalg.norm(rows, axis=1)[:, None]
-        is_sheared = np.abs(axes @ axes.T - np.eye(3)).max() > SHEAR_TOL
-        is_mirrored = np.linalg.det(axes) < 0
-        return NodeSpace(np.eye(4) if is_sheared or is_mirrored else part.transform)
-
     @property
     def is_scene(self) -> bool:
         """Whether it is the space of the scene."""
@@ -55,6 +46,37 @@ class NodeSpace:
     @property
     def _inverse(self) -> Floats:
         return np.asarray(np.linalg.inv(self.transform[:3, :3]))
+
+
+def choose_spaces(parts: Sequence[Part]) -> list[NodeSpace]:
+    """Return the space of the node of each part.
+
+    It is that of the part if the node can have the transform from there into the space of the next
+    part above, or the scene; else it is that space.
+    """
+    matrices: dict[str, Floats] = {}
+    for part in sorted(parts, key=lambda part: part.name.strip("/").count("/")):
+        path = part.name.strip("/")
+        outer = _find_outer(path, matrices)
+        local = part.transform @ np.linalg.inv(outer)
+        matrices[path] = part.transform if _is_of_node(local) else outer
+    return [NodeSpace(matrices[part.name.strip("/")]) for part in parts]
+
+
+def _is_of_node(matrix: Floats) -> bool:
+    """Return whether a node can have a transform: it does not shear, and does not mirror."""
+    rows = matrix[:3, :3]
+    axes = rows / np.linalg.norm(rows, axis=1)[:, None]
+    is_sheared = np.abs(axes @ axes.T - np.eye(3)).max() > SHEAR_TOL
+    return not is_sheared and bool(np.linalg.det(axes) > 0)
+
+
+def _find_outer(path: str, matrices: dict[str, Floats]) -> Floats:
+    """Return the matrix of the next path above that has one, or of the scene."""
+    above = path.rpartition("/")[0]
+    while above and above not in matrices:
+        above = above.rpartition("/")[0]
+    return matrices.get(above, np.eye(4))
 
 
 def make_part_nodes(
@@ -113,12 +135,10 @@ def make_part_nodes(
 
 
 def _set_matrix(node: Any, path: str, matrices: dict[str, Floats]) -> None:
-    """Set the matrix of a node whose space, or that of the next part above, has a transform."""
-    own, above = matrices.get(path), path.rpartition("/")[0]
-    while above and above not in matrices:
-        above = above.rpartition("/")[0]
-    outer = matrices.get(above, np.eye(4))
-    local = np.eye(4) if own is None else own @ np.linalg.inv(outer)
+    """Set the matrix of the node of a part into the space of the next part above."""
+    if path not in matrices:
+        return
+    local = matrices[path] @ np.linalg.inv(_find_outer(path, matrices))
     if not np.array_equal(local, np.eye(4)):
         node.matrix = local.ravel().tolist()
 

@@ -1,6 +1,7 @@
 """Parts with transforms and paths that are hard to keep: written, and read back by cageik."""
 
 import numpy as np
+import pygltflib
 import pytest
 
 from cageik_cli.formats.open import open_sequence
@@ -14,14 +15,23 @@ TWICE = np.diag([2.0, 2, 2, 1])
 STRETCH = np.diag([3.0, 1, 1, 1])
 SHEAR = np.eye(4)
 SHEAR[0, 1] = 0.5
+TURN = np.eye(4)
+TURN[:2, :2] = [[0.8, 0.6], [-0.6, 0.8]]
 CASES = {
     "mirrored": {"/h/a": PLAIN, "/h/b": MIRROR},
     "sheared": {"/h/a": PLAIN, "/h/b": SHEAR},
     "at the top": {"/a": PLAIN, "/b": TWICE},
     "below each other": {"/h/a": TWICE, "/h/a/b": PLAIN, "/h/a/b/c": STRETCH},
+    "stretched in a turned one": {"/h/a": TURN, "/h/a/b": STRETCH @ TURN},
+    "sheared by those above": {"/h/a": STRETCH, "/h/a/b": TURN @ STRETCH},
+    "sheared below its path": {"/h/a": STRETCH, "/h/a/b": TURN, "/h/a/b/c": TURN},
 }
-NO_NODE = {"mirrored", "sheared"}
-"""Whose transforms glTF does not keep: positions are in the space of the scene."""
+OTHERS = {
+    "mirrored": {"/h/b": PLAIN},
+    "sheared": {"/h/b": PLAIN},
+    "sheared below its path": {"/h/a/b": STRETCH, "/h/a/b/c": STRETCH},
+}
+"""Transforms that nodes of glTF cannot have: positions are in the space of what is above."""
 
 
 def make_model(transforms):
@@ -45,8 +55,21 @@ def test_places_and_transforms_come_back(tmp_path, case, suffix):
     assert clip.first.volume == pytest.approx(model.volume, rel=1e-6)  # faces are not turned
     for part, (name, matrix) in zip(split_parts(clip.first), CASES[case].items(), strict=True):
         assert part.name.removesuffix("Shape") in (name, f"{name}/{name[-1]}")
-        kept = PLAIN if suffix == "glb" and case in NO_NODE else matrix
+        kept = OTHERS.get(case, {}).get(name, matrix) if suffix == "glb" else matrix
         np.testing.assert_allclose(part.transform, kept, atol=1e-12)
+
+
+@pytest.mark.parametrize("case", list(CASES))
+def test_nodes_of_gltf_are_moved_turned_and_scaled_only(tmp_path, case):
+    """As the specification wants it: the axes of each node are at right angles."""
+    model = make_model(CASES[case])
+    path = write(tmp_path / "a.glb", model, model.vertices[None])
+    matrices = [node.matrix for node in pygltflib.GLTF2().load(path).nodes if node.matrix]
+    assert matrices or case in ("mirrored", "sheared")
+    for matrix in matrices:
+        axes = np.reshape(matrix, (4, 4))[:3, :3]
+        products = axes @ axes.T
+        assert np.abs(products - np.diag(np.diag(products))).max() < 1e-9
 
 
 @pytest.mark.parametrize("suffix", ["usdc", "abc", "glb", "obj"])
