@@ -87,8 +87,12 @@ class SceneMesh(ABC):
         mesh = FileMesh(points, corners.astype(np.int64), counts.astype(np.int64))
         TriMesh(points, mesh.fans)  # names vertices that are not there
         mesh = mesh.read_layers(self.list_surface_layers(len(points), time))
-        is_inside_out = self.is_clockwise != is_mirroring(self.compute_matrix(time))
+        is_inside_out = self.is_clockwise != self.is_mirrored(time)
         return mesh.turn_faces() if is_inside_out else mesh
+
+    def is_mirrored(self, time: float) -> bool:
+        """Return whether the surface is turned inside out on its way into the scene."""
+        return is_mirroring(self.compute_matrix(time))
 
     def describe_transform(self, time: float) -> list[str]:
         """Return a note on a mesh that its transform has moved."""

@@ -15,6 +15,7 @@ from cageik_cli.formats.base.scene_graph import (
     Polygons,
     SceneMesh,
     SceneReader,
+    is_mirroring,
     round_frame_step,
 )
 from cageik_cli.formats.settings import SceneHints
@@ -161,6 +162,12 @@ class UsdSceneMesh(SceneMesh):
         if self._pose is None:
             return super().read_moved(time)
         return self._pose.move(self.read_points(time), time)
+
+    def is_mirrored(self, time: float) -> bool:
+        """Return whether the prim, or what places it in its rig instead, mirrors the surface."""
+        if self._pose is None:
+            return super().is_mirrored(time)
+        return is_mirroring(self._pose.compute_matrix(time))
 
     def describe_transform(self, time: float) -> list[str]:
         """Return notes on what has moved the mesh, and when it is not seen."""

@@ -108,9 +108,16 @@ class MeshPose:
         notes = [f"posed by the skeleton {self._skeleton.GetPath()}"] if self.has_joints else []
         return notes + (["shaped by its blend shapes"] if self._shapes is not None else [])
 
+    def compute_matrix(self, time: float) -> Floats:
+        """Return what moves the mesh into the stage while joints are as they were bound, (4, 4)."""
+        placed = self._compute_placement(time)
+        if not self.has_joints:
+            return placed
+        return np.array(self._skin.GetGeomBindTransform(), np.float64) @ placed
+
     def move(self, points: NDArray[np.floating], time: float) -> Floats:
         """Return the posed points (m, 3) in the space of the stage."""
-        from pxr import UsdGeom, Vt
+        from pxr import Vt
 
         if len(points) != self._count:
             raise ConnectivityError(
@@ -122,8 +129,14 @@ class MeshPose:
             self._shapes.add_offsets(posed, time)
         if self.has_joints:
             self._skin_points(posed, time)
+        return transform_points(np.asarray(posed), self._compute_placement(time))
+
+    def _compute_placement(self, time: float) -> Floats:
+        """Return the transform of what places the posed points, (4, 4)."""
+        from pxr import UsdGeom
+
         placed = UsdGeom.Xformable(self.placed_by).ComputeLocalToWorldTransform(time)
-        return transform_points(np.asarray(posed), np.array(placed, np.float64))
+        return np.array(placed, np.float64)
 
     def _skin_points(self, points: Any, time: float) -> None:
         """Move points, in place, from the space of the mesh into that of the skeleton."""

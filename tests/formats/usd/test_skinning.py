@@ -46,6 +46,29 @@ def test_joints_move_points_as_the_formula_says(tmp_path, name):
     np.testing.assert_allclose(part[3, :3], rigs.transform(np.array([7.0, 0, 0]), rigs.ROOT))
 
 
+MIRROR = Gf.Matrix4d(1).SetScale(Gf.Vec3d(-1, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("mirrored", "is_turned"),
+    [("none", False), ("mesh", False), ("bind", True), ("skeleton", True), ("both", False)],
+)
+def test_faces_are_turned_where_the_rig_mirrors_them(rig, mirrored, is_turned):
+    """The transform of the mesh itself does not place it."""
+    rig.skin()
+    rig.animate()
+    if mirrored == "mesh":
+        rig.mesh.AddTransformOp().Set(MIRROR)
+    if mirrored in ("bind", "both"):
+        bind = Gf.Matrix4d(rigs.GEOM_BIND) * MIRROR
+        rig.binding.CreateGeomBindTransformAttr(bind)
+    if mirrored in ("skeleton", "both"):
+        UsdGeom.Xformable(rig.skeleton).AddTransformOp().Set(MIRROR)
+    sequence, _ = read(rig)
+    assert sequence.first.volume > 0
+    assert np.array_equal(sequence.first.faces[0], MESH.faces[0]) != is_turned
+
+
 def test_dual_quaternions_move_points_as_the_formula_says(rig):
     rig.skin(method="dualQuaternion")
     rig.animate(np.ones((3, 3), "f2"))
