@@ -25,7 +25,7 @@ from cageik_cli.formats.usd.library import (
     check_layers,
     require_usd,
 )
-from cageik_cli.formats.usd.skinning import Rigs
+from cageik_cli.formats.usd.skinning import Rigs, describe_unposed
 from cageik_cli.formats.usd.surface_reader import SurfaceReader
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats
@@ -171,8 +171,11 @@ class UsdSceneMesh(SceneMesh):
 
     def describe_transform(self, time: float) -> list[str]:
         """Return notes on what has moved the mesh, and when it is not seen."""
-        moved = super().describe_transform(time) if self._pose is None else self._pose.describe()
         prim = self._mesh.GetPrim()
+        if self._pose is not None:
+            moved = self._pose.describe()
+        else:
+            moved = super().describe_transform(time) + describe_unposed(prim)
         hidden = [each for each in _list_visibility_times(prim) if not _is_visible(prim, each)]
         return moved + [
             f"invisible at time {each:g}, but read in all frames" for each in hidden[:1]

@@ -279,6 +279,17 @@ class BlendShapes:
                 _check_offsets(shape, point_count)
 
 
+def describe_unposed(prim: Any) -> list[str]:
+    """Return a note on a mesh that has a skin or blend shapes, but is below no skeleton root."""
+    from pxr import UsdSkel
+
+    binding = UsdSkel.BindingAPI(prim)
+    skin = (binding.GetJointIndicesAttr(), binding.GetBlendShapesAttr())
+    if UsdSkel.Root.Find(prim) or not any(each.HasAuthoredValue() for each in skin):
+        return []
+    return ["bound to a rig, but below no SkelRoot: it is not posed, as USD has it"]
+
+
 def _check_offsets(shape: Any, point_count: int) -> None:
     """Refuse offsets of a blend shape that are not one per point that it names."""
     places = np.asarray(shape.GetPointIndicesAttr().Get() or (), np.int64)

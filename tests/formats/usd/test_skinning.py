@@ -163,7 +163,9 @@ def test_a_rig_below_no_root_is_none(rig):
     rig.animate()
     UsdGeom.Xform.Define(rig.stage, "/hero")
     placed = rigs.transform(POINTS + np.array([7.0, 0, 0]), rigs.ROOT)
-    np.testing.assert_allclose(read(rig)[1], [placed], atol=1e-6)
+    sequence, frames = read(rig)
+    np.testing.assert_allclose(frames, [placed], atol=1e-6)
+    assert any("bound to a rig, but below no SkelRoot" in note for note in sequence.notes)
 
 
 def test_nothing_is_written_to_the_file(rig):
