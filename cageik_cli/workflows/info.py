@@ -40,28 +40,39 @@ def describe_files(
     exclude: tuple[str, ...] = (),
     fps: float | None = None,
 ) -> str:
-    """Describe results, bindings, checkpoints, a mesh, or the clip that arguments name.
+    """Describe each of the files that arguments name, or the clip whose frames they are.
 
     `layout` is the order of an array's axes, `exclude` the patterns of parts that are left out, and
     `fps` the rate at which a clip is sampled, as in `ClipSettings`.
     """
-    paths = [Path(argument) for argument in arguments]
-    if paths and all(map(is_checkpoint, paths)):
-        return "\n\n".join(format_block(str(path), _checkpoint_rows(path)) for path in paths)
-    if all(path.is_file() and path.suffix.lower() in HDF5_SUFFIXES for path in paths):
-        pages = [_describe_hdf5(path) for path in paths]
-        if all(pages):
-            return "\n\n".join(pages)
-    if len(paths) == 1 and _is_mesh_file(paths[0]):
-        model = load_model(paths[0], exclude)
+    if len(arguments) > 1 and not _are_frames(arguments):
+        return "\n\n".join(describe_files([each], layout, exclude, fps) for each in arguments)
+    path = Path(arguments[0])
+    if len(arguments) == 1 and is_checkpoint(path):
+        return format_block(str(path), _checkpoint_rows(path))
+    if path.is_file() and path.suffix.lower() in HDF5_SUFFIXES and (page := _describe_hdf5(path)):
+        return page
+    if len(arguments) == 1 and _is_mesh_file(path):
+        model = load_model(path, exclude)
         if model.points is not None:
-            return format_block(str(paths[0]), _point_rows(model, model.points))
+            return format_block(str(path), _point_rows(model, model.points))
         loaded = model.mesh
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
-        return format_block(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
+        return format_block(str(path), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
     settings = ClipSettings(layout=layout, gaps="keep", exclude=exclude, fps=fps)
     rows = describe_contents(arguments, settings) or _clip_rows(open_sequence(arguments, settings))
     return format_block(join_truncated(arguments, 3), rows)
+
+
+def _are_frames(arguments: list[str]) -> bool:
+    """Return whether arguments may name the frames of one clip: files of one mesh, of one format.
+
+    Folders and patterns are taken for frames.
+    """
+    files = [split_member(argument)[0] for argument in arguments]
+    suffixes = {file_suffix(file) for file in files}
+    is_series = len(suffixes) == 1 and suffixes <= set(mesh_suffixes())
+    return is_series or not all(file.is_file() for file in files)
 
 
 def _is_mesh_file(path: Path) -> bool:

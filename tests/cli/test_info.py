@@ -117,6 +117,17 @@ def test_several_clips_are_listed(run, folder, animation):
     assert rows["frames"] == "5, clip.hdf5::walk[0] to clip.hdf5::walk[4]"
 
 
+def test_files_that_are_no_frames_of_one_clip_are_described_one_by_one(run, folder, animation):
+    np.savez("a.npz", v=animation.frames, f=animation.rest.faces)
+    np.savez("b.npz", v=animation.frames[:2], f=animation.rest.faces)
+    blocks = run("info", "a.npz", "cage.obj", "b.npz").out.split("\n\n")
+    assert [block.split("\n")[0] for block in blocks] == ["a.npz", "cage.obj", "b.npz"]
+    assert "frames         2, b.npz[0]" in blocks[2]
+    outcome = run("info", "a.npz", "lost.obj")
+    assert outcome.code == 1
+    assert "lost.obj" in outcome.err
+
+
 def test_a_sound_cage_is_said_to_be_one(run, folder):
     _, rows = rows_of(run("info", "cage.obj"))
     assert rows["holds"] == "a mesh"
