@@ -139,7 +139,8 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
         (check_batch_folder if options.resume else check_folder_empty)(options.output)
     commands = list_commands(click.get_current_context())
     tables = ClipTables(extract_command, commands, BATCH_OPTIONS, options.folders)
-    found = _find_clips(options, shared, tables)
+    notes: list[str] = []
+    found = _find_clips(options, shared, tables, notes.append)
     load_baseline = cache(read_baseline)
     jobs, rejected, is_wrong_usage = [], [], False
     for clip in found:
@@ -155,11 +156,14 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
         message = f"none of {len(found)} clips can be started: {rejected[0].fault}"
         raise click.UsageError(message) if is_wrong_usage else SettingError(message)
     order = tuple(clip.name for clip in found)
-    return BatchPlan(options.output, tuple(jobs), tuple(rejected), order)
+    return BatchPlan(options.output, tuple(jobs), tuple(rejected), order, tuple(notes))
 
 
 def _find_clips(
-    options: BatchOptions, shared: SharedOptions, tables: ClipTables
+    options: BatchOptions,
+    shared: SharedOptions,
+    tables: ClipTables,
+    note: Callable[[str], None],
 ) -> list["DiscoveredClip"]:
     """Find the clips under the folders; files that options name are none."""
     from cageik_cli.util.outputs import check_no_overlap
@@ -178,6 +182,7 @@ def _find_clips(
         output=options.output,
         auxiliary_files=auxiliary_files,
         exclude=options.exclude_clips,
+        note=note,
     )
 
 
@@ -185,10 +190,11 @@ def _make_job(
     name: str, settings: "ExtractSettings", limits: "Limits", options: BatchOptions
 ) -> "ClipJob":
     """Make the job of a clip, whose result goes to the folder of the batch."""
+    from cageik_cli.workflows.batch.discover import make_result_name
     from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob
     from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER, check_is_result
 
-    place = options.output / CLIPS_FOLDER / f"{name}.h5"
+    place = options.output / CLIPS_FOLDER / make_result_name(name)
     if not options.overwrite:
         check_is_result(place)
     settings = replace(

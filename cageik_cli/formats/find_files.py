@@ -3,7 +3,8 @@
 import glob
 import os
 import re
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from natsort import natsort_keygen, ns
@@ -18,6 +19,9 @@ from cageik_cli.util.text import to_unicode
 
 MAX_COMPARED_MESHES = 16
 """Meshes of a folder that are compared, to see whether they are frames, at most."""
+
+MAX_COMPARED_FRAMES = 5
+"""Meshes of a series that are compared, evenly spread, at most: a damaged one is outvoted."""
 
 MAX_SUGGESTED_FOLDERS = 3
 """Folders that are named in place of one that holds no clip, at most."""
@@ -111,6 +115,9 @@ def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
     series = _find_series(files)
     if not series:
         return files
+    if len(series) > 1:  # cages of several sizes beside the frames, say
+        clips = {start: group for start, group in series.items() if are_frames(group)}
+        series = clips or series
     begins = re.compile("|".join(map(re.escape, series)))
     kinds = {file_suffix(group[0]) for group in series.values()}
     if len(series) > 1 and len(kinds) == 1:
@@ -130,36 +137,65 @@ def _find_series(files: list[Path]) -> dict[str, list[Path]]:
     return {stem.rpartition("#")[0]: group for stem, group in groups if len(group) > 1}
 
 
-def check_folders(arguments: list[str], paths: tuple[Path, ...]) -> None:
-    """Refuse folders whose meshes are not frames of one another, such as a body and its clothes.
+def check_frames(arguments: list[str], paths: tuple[Path, ...]) -> None:
+    """Refuse meshes that are not frames of one another, such as a body and its clothes.
 
-    Of a series of numbered meshes, the second and the last are compared with the first, so that
-    one that is damaged does not count; of others up to `MAX_COMPARED_MESHES`.
+    Of a folder that is all meshes; of files that are named, only numbered ones are compared.
 
     Raises
     ------
     SettingError
-        Saying what is in the folder and what to name instead.
+        Saying what is there and what to name instead.
     """
+    loose = set(paths)
     for folder in map(Path, arguments):
         inside = [path for path in paths if path.parent == folder] if folder.is_dir() else []
-        if not inside or any(file_suffix(path) not in mesh_suffixes() for path in inside):
-            continue
-        is_series = bool(_find_series(inside))
-        below = "" if is_series else suggest_series_below(folder)
-        others = [inside[1], inside[-1]] if is_series else inside[1:MAX_COMPARED_MESHES]
-        counts = {path: _count_mesh(path) for path in [inside[0], *others]}
-        differing = {path for path in others if counts[path] != counts[inside[0]]}
-        differing -= {path for path, count in counts.items() if count is None}
-        is_clip = not differing or (is_series and len(differing) < 2)
-        if is_clip and not below:
-            continue
-        found = "a mesh" if len(inside) == 1 else f"{len(inside)} meshes"
-        names = join_truncated(map(_describe_mesh, counts, counts.values()), 5)
-        raise SettingError(
-            f"{folder}: holds {found}{'' if is_clip else ' that are no frames of one clip'} "
-            f"({names}); {below or _suggest_mesh(inside[0])}"
-        )
+        loose -= set(inside)
+        if inside and all(file_suffix(path) in mesh_suffixes() for path in inside):
+            is_series = bool(_find_series(inside))
+            _check_meshes(str(folder), inside, "" if is_series else suggest_series_below(folder))
+    for group in _find_series([path for path in paths if path in loose]).values():
+        _check_meshes(arguments[0], group, "")
+
+
+def _check_meshes(place: str, meshes: Sequence[Path], below: str) -> None:
+    """Refuse meshes that are no frames of one clip, or a folder in place of one `below` it."""
+    is_series = bool(_find_series(list(meshes)))
+    compared = _spread_frames(meshes) if is_series else meshes[:MAX_COMPARED_MESHES]
+    counts = {path: _count_mesh(path) for path in compared}
+    is_clip = _agree(counts.values(), allows_some=is_series)
+    if is_clip and not below:
+        return
+    found = "a mesh" if len(meshes) == 1 else f"{len(meshes)} meshes"
+    names = join_truncated(map(_describe_mesh, counts, counts.values()), 5)
+    raise SettingError(
+        f"{place}: holds {found}{'' if is_clip else ' that are no frames of one clip'} "
+        f"({names}); {below or _suggest_mesh(meshes[0])}"
+    )
+
+
+def are_frames(series: Sequence[Path]) -> bool:
+    """Return whether numbered meshes may be frames of one clip: most have the same counts.
+
+    Files of about one size are not read.
+    """
+    sizes = [path.stat().st_size for path in series]
+    if max(sizes) <= 1.1 * min(sizes):
+        return True
+    return _agree(map(_count_mesh, _spread_frames(series)), allows_some=True)
+
+
+def _spread_frames(series: Sequence[Path]) -> list[Path]:
+    """Return some meshes of a series, evenly spread, the first and the last among them."""
+    count = min(len(series), MAX_COMPARED_FRAMES)
+    return [series[k * (len(series) - 1) // max(count - 1, 1)] for k in range(count)]
+
+
+def _agree(counts: Iterable[tuple[int, int] | None], allows_some: bool) -> bool:
+    """Return whether all meshes that can be read have the same counts, or more than half."""
+    found = Counter(count for count in counts if count is not None)
+    most = max(found.values(), default=0)
+    return len(found) < 2 or (allows_some and 2 * most > found.total())
 
 
 def _count_mesh(path: Path) -> tuple[int, int] | None:

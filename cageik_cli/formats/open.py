@@ -12,7 +12,7 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.base.readers import ArrayClipFile, FrameFileReader, parse_mesh
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
 from cageik_cli.formats.find_files import (
-    check_folders,
+    check_frames,
     expand_arguments,
     find_mesh_readers,
     find_readers,
@@ -83,7 +83,7 @@ def _resolve_request(
     readers_by_suffix = find_readers()
     arguments, member = split_only_member(arguments)
     paths = expand_arguments(arguments, tuple(readers_by_suffix))
-    check_folders(arguments, tuple(paths))
+    check_frames(arguments, tuple(paths))
     for path in paths:
         if file_suffix(path) not in readers_by_suffix:
             raise FileAccessError(f"{path}: {_explain_unsupported(file_suffix(path))}")

@@ -1,19 +1,29 @@
 """Find the clips under folders: folders of frames, and files that hold clips."""
 
-from collections.abc import Iterator, Sequence, Set
+import hashlib
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from cageik_cli.formats.base.file_numbers import group_numbered_files
 from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-from cageik_cli.formats.find_files import clip_suffixes, mesh_suffixes, sort_naturally
+from cageik_cli.formats.find_files import (
+    are_frames,
+    clip_suffixes,
+    mesh_suffixes,
+    sort_naturally,
+)
 from cageik_cli.formats.open import list_members
+from cageik_cli.report.overview import shorten_names
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
-from cageik_cli.util.errors import FileAccessError, OutputError, SettingError
+from cageik_cli.util.errors import FileAccessError, OutputError, SettingError, join_truncated
 from cageik_cli.util.text import make_file_name
+
+MAX_RESULT_NAME = 200
+"""Bytes of the name of a result, without its suffix; most disks take 255 in all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +77,7 @@ def discover_clips(
     output: Path,
     auxiliary_files: Set[Path] = frozenset(),
     exclude: Sequence[str] = (),
+    note: Callable[[str], object] = str,
 ) -> list[DiscoveredClip]:
     """Find all clips under the folders, in natural order.
 
@@ -79,52 +90,66 @@ def discover_clips(
     auxiliary_files : set of Path
         Cages, rest poses and other files that are not clips; resolved.
     exclude : sequence of str
-        Patterns of names of clips that are left out.
+        Patterns of clips that are left out: of their names, or of what lists show of these.
+    note : callable
+        Takes a sentence on numbered meshes that are no clip.
     """
     _check_not_nested(roots)
     found: list[DiscoveredClip] = []
-    excluded = 0
+    no_clips: list[str] = []
     for root in roots:
         prefix = f"{root.resolve().name}/" if len(roots) > 1 else ""
         for folder in walk_folders(root, output):
-            for clip in _find_clips_in(folder, root, auxiliary_files):
-                if any(fnmatch(clip.name, pattern) for pattern in exclude):
-                    excluded += 1
-                else:
-                    found.append(replace(clip, name=prefix + clip.name))
-    if excluded and not found:
-        raise SettingError(
-            f"{', '.join(map(str, roots))}: `exclude_clips=` leaves out all {excluded} clips; "
-            "exclude fewer"
-        )
+            for clip in _find_clips_in(folder, root, auxiliary_files, no_clips):
+                found.append(replace(clip, name=prefix + clip.name))
+    places = ", ".join(map(str, roots))
+    left_out = f"numbered meshes whose vertices differ are no clip: {join_truncated(no_clips, 5)}"
     if not found:
         raise FileAccessError(
-            f"{', '.join(map(str, roots))}: no clip found, expected folders of numbered frames "
+            f"{places}: no clip found, expected folders of numbered frames "
             f"({', '.join(mesh_suffixes())}) or clip files ({', '.join(_clip_file_suffixes())})"
+            + (f"; {left_out}" if no_clips else "")
         )
-    _check_names_differ(found)
-    return found
+    if no_clips:
+        note(f"left out, as {left_out}")
+    names = [clip.name for clip in found]
+    kept = [
+        clip
+        for clip, shown in zip(found, shorten_names(names), strict=True)
+        if not any(fnmatch(name, pattern) for pattern in exclude for name in (clip.name, shown))
+    ]
+    if not kept:
+        raise SettingError(
+            f"{places}: `exclude_clips=` leaves out all {len(found)} clips; exclude fewer"
+        )
+    _check_names_differ(kept)
+    return kept
+
+
+def make_result_name(name: str) -> str:
+    """Return the name of the file with the result of a clip; no other clip has the same.
+
+    All results are in one folder, so that those of several clips can be copied together. A name
+    that is too long for a disk is cut at its beginning, and gets a digest of the whole.
+    """
+    flat = name.replace("/", "_")
+    if len(flat.encode()) > MAX_RESULT_NAME:
+        digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+        flat = f"{digest}_{flat.encode()[9 - MAX_RESULT_NAME :].decode(errors='ignore')}"
+    return f"{flat}.h5"
 
 
 def _check_names_differ(clips: Sequence[DiscoveredClip]) -> None:
-    """Refuse clips whose results would have the same name, or that of a folder with others."""
+    """Refuse clips whose results would have the same name, on some disks at least."""
     clips_by_name: dict[str, DiscoveredClip] = {}
     for clip in clips:
-        other = clips_by_name.setdefault(clip.name.casefold(), clip)
+        name = make_result_name(clip.name)
+        other = clips_by_name.setdefault(name.casefold(), clip)
         if other is not clip:
             raise OutputError(
                 f"{clip.frames[0]}: its result and that of {other.frames[0]} would have the same "
-                f"name ({clip.name}); rename one of them"
+                f"name ({name}); rename one of them"
             )
-    folders = {str(above): name for name in clips_by_name for above in PurePosixPath(name).parents}
-    for name, clip in clips_by_name.items():
-        for suffix in (".h5", ".h5.partial", ".html"):  # of the files that are written
-            if name + suffix in folders:
-                other = clips_by_name[folders[name + suffix]]
-                raise OutputError(
-                    f"{clip.frames[0]}: its result would have the name of the folder with that of "
-                    f"{other.frames[0]} ({clip.name}{suffix}); rename one of them"
-                )
 
 
 def _check_not_nested(roots: Sequence[Path]) -> None:
@@ -139,14 +164,20 @@ def _check_not_nested(roots: Sequence[Path]) -> None:
 
 
 def _find_clips_in(
-    folder: Path, root: Path, auxiliary_files: Set[Path]
+    folder: Path, root: Path, auxiliary_files: Set[Path], no_clips: list[str]
 ) -> Iterator[DiscoveredClip]:
-    """Yield the clips of a folder: of its numbered mesh files, and in its clip files."""
+    """Yield the clips of a folder: of its numbered mesh files, and in its clip files.
+
+    Numbered meshes that are no frames of one another are added to `no_clips`.
+    """
     files = [path for path in folder.iterdir() if path.is_file() and path.name[0] != "."]
     files = sort_naturally([path for path in files if path.resolve() not in auxiliary_files])
     series = group_numbered_files([path for path in files if file_suffix(path) in mesh_suffixes()])
     # A single file is a rest pose, a cage or a prop.
     clips = {stem: frames for stem, frames in series.items() if len(frames) > 1}
+    for stem in [stem for stem, frames in clips.items() if not are_frames(frames)]:
+        no_clips.append(str(folder.relative_to(root) / stem.replace("#", "*")))
+        del clips[stem]
     for stem, frames in clips.items():
         name, place = _make_clip_name(folder, root), folder
         if len(clips) > 1:

@@ -159,9 +159,8 @@ def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
     """Make the outcome of a job that has a result; write its page unless that is up to date."""
     state = ClipState.DONE if is_new else ClipState.UNCHANGED
     report = build_report(result, job.limits, job.name, job.word)
-    place = f"{CLIPS_FOLDER}/{job.name}"
     if not job.has_page:
-        return Outcome(build_clip_entry(report, f"{place}.h5"), state)
+        return Outcome(build_clip_entry(report, f"{CLIPS_FOLDER}/{result.path.name}"), state)
     from cageik_cli.report.html.page import is_page_current, render_result_page
 
     page = result.path.with_suffix(".html")
@@ -170,4 +169,5 @@ def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
     if not is_page_current(page, report, has_pictures, has_player):
         text = render_result_page(result, report, has_player, job.word)
         write_text(page, text, overwrite=True)
-    return Outcome(build_clip_entry(report, f"{place}.h5", f"{place}.html"), state)
+    files = (f"{CLIPS_FOLDER}/{path.name}" for path in (result.path, page))
+    return Outcome(build_clip_entry(report, *files), state)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.html.index import render_index
-from cageik_cli.report.overview import ClipEntry, Overview
+from cageik_cli.report.overview import ClipEntry, Overview, shorten_names
 from cageik_cli.report.views.data import format_junit, format_overview_csv, format_overview_json
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.store.result import checkpoint_path, is_result
@@ -48,12 +48,15 @@ class BatchPlan:
         Clips that cannot be started, and why.
     order : tuple of str
         Names of all clips, as reports list them.
+    notes : tuple of str
+        On files that are no clips.
     """
 
     output: Path
     jobs: tuple[ClipJob, ...]
     rejected: tuple[ClipEntry, ...]
     order: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 def run_batch(
@@ -77,7 +80,8 @@ def run_batch(
         When the folder of results cannot be written, or another batch is writing to it.
     """
     entries = {entry.name: entry for entry in batch.rejected}
-    width = min(max(map(len, batch.order), default=0), 60)  # of the column with the names
+    labels = dict(zip(batch.order, shorten_names(batch.order), strict=True))
+    width = min(max(map(len, labels.values()), default=0), 60)  # of the column with the names
     with _folder_lock(batch.output):
         make_folder(batch.output / CLIPS_FOLDER)
         with (
@@ -86,13 +90,15 @@ def run_batch(
             scheduler as active_scheduler,
         ):
             for entry in batch.rejected:
-                _log_outcome(Outcome(entry, ClipState.FAILED), width, progress)
+                label = f"{labels[entry.name]:<{width}}"
+                progress.note(label, _describe_outcome(Outcome(entry, ClipState.FAILED)))
             for outcome in active_scheduler.run_jobs(
                 [replace(job, word=word) for job in batch.jobs]
             ):
                 entries[outcome.entry.name] = outcome.entry
                 done.append(outcome)
-                _log_outcome(outcome, width, progress)
+                label = f"{labels[outcome.entry.name]:<{width}}"
+                progress.note(label, _describe_outcome(outcome))
                 progress.update(len(done), len(batch.jobs))
         if any(job.settings.cache == batch.output / WEIGHT_CACHE_FOLDER for job in batch.jobs):
             shutil.rmtree(batch.output / WEIGHT_CACHE_FOLDER, ignore_errors=True)
@@ -174,13 +180,13 @@ def check_is_result(path: Path) -> None:
         )
 
 
-def _log_outcome(outcome: Outcome, width: int, progress: ProgressListener) -> None:
-    """Note one line per clip, as it ends: its error over all frames, or that there is none."""
+def _describe_outcome(outcome: Outcome) -> str:
+    """Say in a line how a clip ended: with its error over all frames, or that there is none."""
     entry, text = outcome.entry, outcome.state.value
-    if entry.report is not None:
-        over = ", over a limit" if entry.exceeds_limit else ""
-        text = f"{text}, error {format_percent(entry.report.summary.rms_percent)} %{over}"
-    progress.note(f"{entry.name:<{width}}", text)
+    if entry.report is None:
+        return text
+    state = f", {entry.state}" if entry.is_poor or entry.exceeds_limit else ""
+    return f"{text}, error {format_percent(entry.report.summary.rms_percent)} %{state}"
 
 
 @contextmanager
