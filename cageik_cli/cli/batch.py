@@ -42,8 +42,8 @@ if TYPE_CHECKING:
         "exclude_clips",
         metavar="PATTERN",
         multiple=True,
-        help="Leave out clips whose listed names match this pattern, such as 'tests/*'; may be "
-        "repeated.",
+        help="Leave out clips whose listed names, or paths below FOLDER, match this pattern, such "
+        "as 'tests/*'; may be repeated.",
         group=HelpGroup.CLIP,
     ),
     option(
@@ -111,6 +111,8 @@ def batch_command(
     from cageik_cli.workflows.batch.run import describe_batch, run_batch
 
     batch = plan_batch(options, shared)
+    for note in batch.notes if not quiet else ():
+        click.echo(f"note: {note}", err=True)
     if dry_run:
         _show_dry_run(describe_batch(batch))
         return
@@ -154,13 +156,18 @@ def _show_dry_run(clips: dict[str, list[tuple[str, str]]]) -> None:
 
 
 def _show_overview(overview: "Overview", quiet: bool) -> None:
-    """Print the counts, and why each clip failed or is above a limit."""
+    """Print the counts, which clips are poor, and why others failed or are above a limit."""
+    from cageik_cli.report.overview import describe_poor
+
     failed = [entry for entry in overview.clips if entry.has_failed]
     over = [entry for entry in overview.clips if entry.exceeds_limit]
     if not quiet:
         clips, done = format_count(len(overview.clips), "clip"), len(overview.clips) - len(failed)
-        text = f"{clips}: {done} done, {len(failed)} failed"
-        click.echo(f"{text}, {len(over)} over a limit", err=True)
+        text = f"{clips}: {done} done, {len(failed)} failed, {len(over)} over a limit"
+        poor = sum(entry.is_poor for entry in overview.clips)
+        click.echo(f"{text}, {poor} poor" if poor else text, err=True)
+        for sentence in describe_poor(overview.worst_first):
+            click.echo(sentence, err=True)
     for entry in failed:  # at the end, where a long log is looked at
-        click.echo(f"{entry.name}: {entry.fault}", err=True)
+        click.echo(f"{entry.label}: {entry.fault}", err=True)
     echo_exceeded_limits(overview)

@@ -179,7 +179,7 @@ def echo_exceeded_limits(overview: "Overview") -> None:
         for check in entry.gates:
             if check.passed is False:
                 row = ": ".join(format_check_row(check, entry.vocabulary))
-                click.echo(f"{entry.name}: {row}", err=True)
+                click.echo(f"{entry.label}: {row}", err=True)
 
 
 def exit_with_code(overview: "Overview") -> None:

@@ -192,10 +192,11 @@ def _spread_frames(series: Sequence[Path]) -> list[Path]:
 
 
 def _agree(counts: Iterable[tuple[int, int] | None], allows_some: bool) -> bool:
-    """Return whether all meshes that can be read have the same counts, or more than half."""
-    found = Counter(count for count in counts if count is not None)
+    """Return whether all meshes have the same counts, or more than half; damaged ones agree."""
+    found = Counter(counts)
+    damaged = found.pop(None, 0)
     most = max(found.values(), default=0)
-    return len(found) < 2 or (allows_some and 2 * most > found.total())
+    return len(found) < 2 or (allows_some and 2 * (most + damaged) > found.total() + damaged)
 
 
 def _count_mesh(path: Path) -> tuple[int, int] | None:

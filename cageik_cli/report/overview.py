@@ -1,7 +1,9 @@
 """The record of many clips, shown by the index page, JUnit and Markdown."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import takewhile
+from pathlib import PurePosixPath
 
 import numpy as np
 
@@ -9,6 +11,7 @@ from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
+from cageik_cli.util.errors import join_truncated
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +45,10 @@ class ClipEntry:
         Its files, relative to the overview's, with forward slashes.
     report : Report, optional
         Without its frames, which would fill the memory in a batch of many long clips.
+    picture : bytes, optional
+        The worst frame, as a PNG file; None without stored weights.
+    label : str
+        What lists call the clip: its name without what all names share. The overview sets it.
     """
 
     name: str
@@ -50,6 +57,8 @@ class ClipEntry:
     page: str | None = None
     report: Report | None = None
     curve: Curve | None = None
+    picture: bytes | None = None
+    label: str = field(default="", compare=False)
 
     @property
     def has_failed(self) -> bool:
@@ -72,6 +81,16 @@ class ClipEntry:
         return any(check.passed is False for check in self.gates)
 
     @property
+    def is_poor(self) -> bool:
+        """Whether the clip was extracted, and its cages give it poorly."""
+        return self.report is not None and self.report.quality == "poor"
+
+    @property
+    def states(self) -> list[str]:
+        """What is wrong with a clip that has a result, in words; nothing if all is well."""
+        return ["over a limit"] * self.exceeds_limit + ["poor"] * self.is_poor
+
+    @property
     def error(self) -> float:
         """The rms of the clip, percent of the diagonal; 0 if it has failed."""
         return 0.0 if self.report is None else self.report.summary.rms_percent
@@ -90,8 +109,8 @@ class ClipEntry:
     def title(self) -> str:
         """The name in a list; that of an edited result says what its numbers mean."""
         if self.edited_from is None:
-            return self.name
-        return f"{self.name} (edited: distance moved from {self.edited_from})"
+            return self.label
+        return f"{self.label} (edited: distance moved from {self.edited_from})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,11 +119,24 @@ class Overview:
 
     clips: Sequence[ClipEntry]
 
+    def __post_init__(self) -> None:
+        labels = shorten_names([clip.name for clip in self.clips])
+        labelled = [
+            replace(clip, label=label) for clip, label in zip(self.clips, labels, strict=True)
+        ]
+        object.__setattr__(self, "clips", labelled)
+
     @property
     def worst_first(self) -> list[ClipEntry]:
-        """Failed clips, then those over a limit, then the others, largest error first."""
+        """Failed clips, those over a limit, poor ones, then the others, largest error first."""
         return sorted(
-            self.clips, key=lambda clip: (not clip.has_failed, not clip.exceeds_limit, -clip.error)
+            self.clips,
+            key=lambda clip: (
+                not clip.has_failed,
+                not clip.exceeds_limit,
+                not clip.is_poor,
+                -clip.error,
+            ),
         )
 
     @property
@@ -121,12 +153,49 @@ class Overview:
         return 3 if any(entry.exceeds_limit for entry in self.clips) else 0
 
 
+def shorten_names(names: Sequence[str]) -> list[str]:
+    """Return names of clips without the folders that all begin or end with, and their one suffix.
+
+    They are as different as before. A name that is alone stays.
+    """
+    if len(set(names)) < 2:
+        return list(names)
+    parts = [name.split("/") for name in names]
+    room = min(map(len, parts)) - 1  # something is left of each
+    first = min(_count_shared(zip(*parts, strict=False)), room)
+    last = min(_count_shared(zip(*(part[::-1] for part in parts), strict=False)), room - first)
+    kept = ["/".join(part[first : len(part) - last]) for part in parts]
+    suffix, *others = {PurePosixPath(name).suffix for name in kept}
+    is_shared = not others and suffix[1:].isalnum()
+    return [name.removesuffix(suffix) for name in kept] if is_shared else kept
+
+
+def _count_shared(levels: Iterable[tuple[str, ...]]) -> int:
+    """Return how many levels from the first on have one name only."""
+    return sum(1 for _ in takewhile(lambda level: len(set(level)) == 1, levels))
+
+
 def build_clip_entry(
-    report: Report, result: str | None = None, page: str | None = None
+    report: Report,
+    result: str | None = None,
+    page: str | None = None,
+    picture: bytes | None = None,
 ) -> ClipEntry:
     """Build the entry of a report in an overview."""
     short = replace(report, frames=())
-    return ClipEntry(report.result, None, result, page, short, _build_curve(report))
+    return ClipEntry(report.result, None, result, page, short, _build_curve(report), picture)
+
+
+def describe_poor(clips: Iterable[ClipEntry]) -> list[str]:
+    """Name poor clips, in one sentence for all that the same step would help."""
+    by_step: dict[str | None, list[str]] = {}
+    for clip in clips:
+        if clip.report is not None and clip.is_poor:
+            by_step.setdefault(clip.report.better, []).append(clip.label)
+    return [
+        f"poor: {join_truncated(labels)}" + (f"; better: {step}" if step else "")
+        for step, labels in by_step.items()
+    ]
 
 
 def _build_curve(report: Report) -> Curve:

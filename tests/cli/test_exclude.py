@@ -109,7 +109,7 @@ def test_a_batch_leaves_out_clips_and_parts(run, hero, here):
     words = ("batch", "clips", "--cage", "cage.obj", "-o", "out", "--exclude", "b/*")
     assert run(*words, "--exclude-parts", "prop", "--no-pages").code == 0
     assert here == ["a/objs"]
-    assert list_part_names(read_result(Path("out/clips/a/objs.h5")).rest) == ("body", "eye_L")
+    assert list_part_names(read_result(Path("out/clips/a_objs.h5")).rest) == ("body", "eye_L")
 
 
 def test_a_file_of_options_beside_a_clip_leaves_out_its_parts(run, hero, here):

@@ -53,6 +53,12 @@ def clip(name: str, *gates: LimitCheck, notes=(), **figures) -> ClipEntry:
     return ClipEntry(name, report=report)
 
 
+def poor(name: str, *gates: LimitCheck, better: str | None = None) -> ClipEntry:
+    """An extracted clip whose cages give it poorly."""
+    entry = clip(name, *gates)
+    return replace(entry, report=replace(entry.report, quality="poor", better=better))
+
+
 def change(entry: ClipEntry, name: str | None = None, **figures) -> ClipEntry:
     """The entry with another name and other figures in its summary."""
     report = replace(entry.report, summary=replace(entry.report.summary, **figures))

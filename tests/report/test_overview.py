@@ -8,10 +8,16 @@ from dataclasses import asdict, fields, replace
 import pytest
 
 from cageik_cli.report.figures import ClipRecord, ReportSummary
-from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
+from cageik_cli.report.overview import (
+    ClipEntry,
+    Overview,
+    build_clip_entry,
+    describe_poor,
+    shorten_names,
+)
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_overview_csv, format_overview_json
-from tests.report.clips import clip, gate
+from tests.report.clips import clip, gate, poor
 
 WELL, OVER, FAILED = clip("a", gate(True)), clip("b", gate(False)), ClipEntry("c", fault="broken")
 UNJUDGED, BARE = clip("d", gate(None)), clip("e")
@@ -23,6 +29,7 @@ UNJUDGED, BARE = clip("d", gate(None)), clip("e")
         ([], 0),
         ([WELL], 0),
         ([UNJUDGED, BARE, WELL], 0),
+        ([poor("a"), poor("b", gate(True))], 0),
         ([OVER], 3),
         ([WELL, OVER, UNJUDGED], 3),
         ([clip("a", gate(True), gate(None), gate(False))], 3),
@@ -37,6 +44,31 @@ UNJUDGED, BARE = clip("d", gate(None)), clip("e")
 def test_the_exit_code(entries, code):
     assert Overview(entries).exit_code == code
     assert Overview(entries[::-1]).exit_code == code
+
+
+@pytest.mark.parametrize(
+    ("names", "short"),
+    [
+        (["walk/cages.h5", "run/cages.h5"], ["walk", "run"]),
+        (["shots/s010/body.abc", "shots/s020/hat.abc"], ["s010/body", "s020/hat"]),
+        (["a/b", "a/b/c"], ["b", "b/c"]),
+        (["a/x/a", "a/a"], ["x/a", "a"]),
+        (["walk.usdc", "run.abc"], ["walk.usdc", "run.abc"]),
+        (["v1. old", "v2. old"], ["v1. old", "v2. old"]),
+        (["alone/clip.abc"], ["alone/clip.abc"]),
+        (["same", "same"], ["same", "same"]),
+        ([], []),
+    ],
+)
+def test_names_drop_what_all_share(names, short):
+    assert shorten_names(names) == short
+
+
+def test_poor_clips_come_before_others_and_are_named_by_what_helps():
+    clips = [clip("a/well"), poor("a/x", better="--fit"), OVER, poor("a/y", better="--fit")]
+    overview = Overview([*clips, poor("a/z")])
+    assert [entry.name for entry in overview.worst_first] == ["b", "a/x", "a/y", "a/z", "a/well"]
+    assert describe_poor(overview.clips) == ["poor: a/x, a/y; better: --fit", "poor: a/z"]
 
 
 def build_curve(report, rms, other, worst):
@@ -112,7 +144,17 @@ def test_json_is_the_whole_record(closed):
     report = build_report(closed.result)
     entry = build_clip_entry(report, "walk.h5", "walk.html")
     record = json.loads(format_overview_json(Overview([entry, OVER, FAILED, UNJUDGED])))
-    names = ("clip", "binding", "summary", "gates", "notes", "edited_from", "regions", "fit")
+    names = (
+        "clip",
+        "binding",
+        "summary",
+        "gates",
+        "notes",
+        "edited_from",
+        "regions",
+        "fit",
+        "quality",
+    )
     expected = {"name": "cages.h5", "fault": None, "result": "walk.h5", "page": "walk.html"}
     expected |= {name: asdict(report)[name] for name in names} | {"curve": asdict(entry.curve)}
     assert record["clips"][0] == json.loads(json.dumps(expected))

@@ -146,11 +146,11 @@ def test_edits_are_marked_among_extractions(edited, closed):
     both = Overview(
         [build_clip_entry(build_report(edited)), build_clip_entry(build_report(closed.result))]
     )
-    name = "edited.h5 (edited: distance moved from cages.h5)"
+    name = "edited (edited: distance moved from cages.h5)"
     assert name in parse_page(render_index(both)).text
     assert name in format_markdown(both).replace("\\", "")
     assert "| edited |" in format_markdown(both)
-    assert "| extracted |" in format_markdown(both)
+    assert "| **poor** |" in format_markdown(both)
     cases = [
         case.attrib["name"] for case in ElementTree.fromstring(format_junit(both)).iter("testcase")
     ]

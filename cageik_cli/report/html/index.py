@@ -6,10 +6,11 @@ from typing import Any
 from urllib.parse import quote
 
 from cageik_cli.report.figures import ReportSummary, format_change, format_percent
-from cageik_cli.report.html.templating import render_template
+from cageik_cli.report.html.templating import make_png_url, render_template
 from cageik_cli.report.limits import make_overall_verdict
-from cageik_cli.report.overview import ClipEntry, Curve, Overview
+from cageik_cli.report.overview import ClipEntry, Curve, Overview, describe_poor
 from cageik_cli.report.record import Report
+from cageik_cli.report.verdict import MAX_FAIR_DEVIATION
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.text import format_count
 
@@ -18,22 +19,26 @@ THUMBNAIL_HEIGHT, THUMBNAIL_MARGIN, THUMBNAIL_STEP = 48, 4, 2
 
 
 def render_index(overview: Overview) -> str:
-    """Render the index: failed clips, then those over a limit, then the others by error.
+    """Render the index: failed clips, those over a limit, poor ones, then the others by error.
 
     Links are relative to the page. The same overview gives the same page.
     """
     failed = [entry for entry in overview.clips if entry.has_failed]
     done = [entry for entry in overview.worst_first if not entry.has_failed]
     over = sum(entry.exceeds_limit for entry in done)
+    poor = sum(entry.is_poor for entry in done)
     counts = [
         ("Failed", len(failed), "bad"),
         ("Over a limit", over, "bad"),
-        ("OK", len(done) - over, "good"),
+        ("Poor", poor, "warn"),
+        ("OK", sum(not entry.states for entry in done), "good"),
     ]
     return render_template(
         "index.html.j2",
         total=len(overview.clips),
-        verdict=_make_batch_verdict(len(failed), over, len(overview.clips)),
+        verdict=_make_batch_verdict(len(failed), over, poor, len(overview.clips)),
+        steps=describe_poor(done),
+        scale_end=f"{MAX_FAIR_DEVIATION:g}",
         counts=counts,
         words=overview.vocabulary,
         failed=failed,
@@ -45,23 +50,35 @@ def render_index(overview: Overview) -> str:
     )
 
 
-def _make_batch_verdict(failed: int, over: int, total: int) -> tuple[str, str]:
-    """Return the verdict on a batch, as `make_overall_verdict` returns that on a clip."""
+def _make_batch_verdict(failed: int, over: int, poor: int, total: int) -> tuple[str, str]:
+    """Return the verdict on a batch: as `LimitCheck.state` or "warn", and in words."""
     parts = [
         f"{count} of {format_count(total, 'clip')} {what}"
-        for count, what in ((failed, "failed"), (over, "over a limit"))
+        for count, what in ((failed, "failed"), (over, "over a limit"), (poor, "poor"))
         if count
     ]
     if parts:
-        return "bad", ", ".join(parts)
-    return "good", "All clips done, none over a limit"
+        return "bad" if failed or over else "warn", ", ".join(parts)
+    return "good", "All clips done, none over a limit, none poor"
+
+
+def _make_clip_verdict(entry: ClipEntry) -> tuple[str, str]:
+    """Return the verdict on a clip, as that on a batch: on its limits, and on its quality."""
+    state, words = make_overall_verdict(entry.gates) if entry.gates else ("none", "")
+    quality = (entry.report.quality if entry.report else None) or ""
+    if entry.is_poor:
+        state = "bad" if entry.exceeds_limit else "warn"
+    elif quality == "good" and not entry.gates:
+        state = "good"
+    text = ", ".join(part for part in (quality, words.lower()) if part) or "no limits"
+    return state, text.capitalize()
 
 
 def _build_clip_row(entry: ClipEntry, report: Report, curve: Curve) -> dict[str, Any]:
     clip, summary, words = report.clip, report.summary, report.vocabulary
     change = summary.volume_change_percent_max
     undefined = "unknown" if clip.closed else "open"
-    state, verdict = make_overall_verdict(entry.gates) if entry.gates else ("none", "no limits")
+    state, verdict = _make_clip_verdict(entry)
     return {
         "name": entry.title,
         "href": entry.page and "./" + quote(entry.page, errors="surrogateescape"),
@@ -76,7 +93,8 @@ def _build_clip_row(entry: ClipEntry, report: Report, curve: Curve) -> dict[str,
         "cage_vertices": clip.cage_vertices,
         "state": state,
         "verdict": verdict,
-        "rank": {"bad": 0, "none": 1, "good": 2}[state],
+        "rank": {"bad": 0, "warn": 1, "none": 2, "good": 3}[state],
+        "picture": entry.picture and make_png_url(entry.picture),
         "exceeded": [
             f"{words.describe_metric(check.metric)} {check.format_found()} > "
             f"{check.format_limit_with_baseline(f' {check.unit}')}"

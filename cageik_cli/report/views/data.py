@@ -4,7 +4,7 @@ import csv
 import io
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, SubElement
 from cageik_cli import __version__
 from cageik_cli.report.figures import ClipRecord, FrameRecord, ReportSummary
 from cageik_cli.report.limits import LimitCheck
-from cageik_cli.report.overview import ClipEntry, Overview
+from cageik_cli.report.overview import ClipEntry, Overview, describe_poor
 from cageik_cli.report.record import REPORT_SCHEMA, Report
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import Vocabulary
@@ -56,7 +56,7 @@ def _collect_entry(entry: ClipEntry) -> dict[str, Any]:
     own |= {name: report.get(name) for name in ("clip", "binding", "summary")}
     own["curve"] = None if entry.curve is None else asdict(entry.curve)
     own |= {name: report.get(name, ()) for name in ("gates", "notes")}
-    return own | {name: report.get(name) for name in ("edited_from", "regions", "fit")}
+    return own | {name: report.get(name) for name in ("edited_from", "regions", "fit", "quality")}
 
 
 def format_overview_csv(overview: Overview) -> str:
@@ -109,7 +109,8 @@ def _add_suite(root: Element, number: int, entry: ClipEntry) -> None:
         _add_fault(done, "error", single_line(entry.fault))
     for check in entry.gates:
         _add_case(suite, name, check, words)
-    SubElement(suite, "system-out").text = "\n".join(map(single_line, entry.notes))
+    output = [*describe_poor([replace(entry, label=entry.name)]), *entry.notes]
+    SubElement(suite, "system-out").text = "\n".join(map(single_line, output))
     SubElement(suite, "system-err")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from cageik_cli.report.figures import format_change, format_percent
 from cageik_cli.report.fit_figures import format_fit_line
-from cageik_cli.report.overview import ClipEntry, Overview
+from cageik_cli.report.overview import ClipEntry, Overview, describe_poor
 from cageik_cli.report.regions import describe_region
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import Vocabulary
@@ -28,9 +28,10 @@ def format_markdown(overview: Overview) -> str:
     parts = {
         "Failed": (9_500, [_make_item(one, one.fault) for one in clips if one.has_failed]),
         "Over a limit": (9_500, _list_exceeded_limits(clips)),
-        "Worst regions": (6_000, _list_worst_regions(clips)),
-        "Fitted weights": (6_000, _list_fits(clips)),
-        "Notes": (6_000, _list_notes(clips)),
+        "Poor": (3_000, _list_poor(clips)),
+        "Worst regions": (5_000, _list_worst_regions(clips)),
+        "Fitted weights": (5_000, _list_fits(clips)),
+        "Notes": (5_000, _list_notes(clips)),
     }
     blocks = [f"## cageik: {_format_run_verdict(overview)}", "\n".join(table)]
     for heading, (max_bytes, lines) in parts.items():
@@ -46,6 +47,10 @@ def _list_exceeded_limits(clips: Iterable[ClipEntry]) -> list[str]:
         for check in entry.gates
         if check.passed is False
     ]
+
+
+def _list_poor(clips: Iterable[ClipEntry]) -> list[str]:
+    return [f"- {_escape_markdown(line)}" for line in describe_poor(clips)]
 
 
 def _list_worst_regions(clips: Iterable[ClipEntry]) -> list[str]:
@@ -66,7 +71,7 @@ def _list_fits(clips: Iterable[ClipEntry]) -> list[str]:
 
 def _make_item(entry: ClipEntry, text: str | None) -> str:
     """Return what is said of a clip as an item of a list."""
-    return f"- {_escape_markdown(entry.name)}: {_escape_markdown(text)}"
+    return f"- {_escape_markdown(entry.label)}: {_escape_markdown(text)}"
 
 
 def _table_header(words: Vocabulary) -> str:
@@ -98,7 +103,7 @@ def _format_table_row(entry: ClipEntry) -> str:
             "not defined" if change is None else format_change(change),
         ]
     verdict = _name_clip_verdict(entry)
-    if entry.has_failed or entry.exceeds_limit:
+    if entry.has_failed or entry.exceeds_limit or entry.is_poor:
         verdict = f"**{verdict}**"
     name = _escape_markdown(entry.title)
     return f"| {' | '.join([name, verdict, *cells])} |"
@@ -109,7 +114,10 @@ def _name_clip_verdict(entry: ClipEntry) -> str:
         return "failed"
     if entry.exceeds_limit:
         return "over limit"
-    if any(check.passed for check in entry.gates):
+    is_within = any(check.passed for check in entry.gates)
+    if entry.is_poor:
+        return "poor, within limits" if is_within else "poor"
+    if is_within:
         return "within limits"
     return entry.vocabulary.done
 

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from cageik_cli.report.limits import Limits
 from cageik_cli.report.overview import ClipEntry, build_clip_entry
 from cageik_cli.report.record import build_report
+from cageik_cli.report.render.thumbnail import draw_thumbnail
 from cageik_cli.solver.executor import RunBlocks, run_in_threads
 from cageik_cli.solver.settings import AREA
 from cageik_cli.store.binding_file import StoredBinding
@@ -159,8 +160,9 @@ def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
     """Make the outcome of a job that has a result; write its page unless that is up to date."""
     state = ClipState.DONE if is_new else ClipState.UNCHANGED
     report = build_report(result, job.limits, job.name, job.word)
+    file, picture = f"{CLIPS_FOLDER}/{result.path.name}", draw_thumbnail(result)
     if not job.has_page:
-        return Outcome(build_clip_entry(report, f"{CLIPS_FOLDER}/{result.path.name}"), state)
+        return Outcome(build_clip_entry(report, file, picture=picture), state)
     from cageik_cli.report.html.page import is_page_current, render_result_page
 
     page = result.path.with_suffix(".html")
@@ -169,5 +171,4 @@ def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
     if not is_page_current(page, report, has_pictures, has_player):
         text = render_result_page(result, report, has_player, job.word)
         write_text(page, text, overwrite=True)
-    files = (f"{CLIPS_FOLDER}/{path.name}" for path in (result.path, page))
-    return Outcome(build_clip_entry(report, *files), state)
+    return Outcome(build_clip_entry(report, file, f"{CLIPS_FOLDER}/{page.name}", picture), state)

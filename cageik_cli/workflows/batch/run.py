@@ -185,8 +185,8 @@ def _describe_outcome(outcome: Outcome) -> str:
     entry, text = outcome.entry, outcome.state.value
     if entry.report is None:
         return text
-    state = f", {entry.state}" if entry.is_poor or entry.exceeds_limit else ""
-    return f"{text}, error {format_percent(entry.report.summary.rms_percent)} %{state}"
+    error = f"error {format_percent(entry.report.summary.rms_percent)} %"
+    return ", ".join([text, error, *entry.states])
 
 
 @contextmanager

@@ -36,39 +36,54 @@ def _with_limit(report, most="0.0001"):
 
 
 def test_failed_clips_come_first_then_those_over_a_limit_then_the_worst(report):
+    report = replace(report, quality="fair")
     fine, over = build_clip_entry(report), build_clip_entry(_with_limit(report))
     page = _show(
+        change(build_clip_entry(replace(report, quality="poor")), "poor", rms_percent=0.05),
         change(fine, "small", rms_percent=0.1),
         change(fine, "large", rms_percent=2.0),
         change(over, "over, small", rms_percent=0.2),
         change(over, "over, large", rms_percent=0.3),
         ClipEntry("broken", fault=FAULT),
     )
-    assert _names(page) == ["broken", "over, large", "over, small", "large", "small"]
+    assert _names(page) == ["broken", "over, large", "over, small", "poor", "large", "small"]
     assert _rows(page)[0].text.endswith(FAULT)
-    assert "1 of 5 clips failed, 2 of 5 clips over a limit" in parse_page(page).text
-    assert "Failed 1 Over a limit 2 OK 2" in parse_page(page).text
+    assert (
+        "1 of 6 clips failed, 2 of 6 clips over a limit, 1 of 6 clips poor" in parse_page(page).text
+    )
+    assert "Failed 1 Over a limit 2 Poor 1 OK 2" in parse_page(page).text
 
 
 @pytest.mark.parametrize(
-    ("most", "verdict"),
+    ("most", "quality", "verdict", "colour"),
     [
-        ("99", "All clips done, none over a limit"),
-        ("0.0001", "1 of 1 clip over a limit"),
+        ("99", "fair", "All clips done, none over a limit, none poor", "good"),
+        ("99", "poor", "1 of 1 clip poor", "warn"),
+        ("0.0001", "fair", "1 of 1 clip over a limit", "bad"),
     ],
 )
-def test_the_verdict_of_a_batch_follows_the_limits(report, most, verdict):
-    page = _show(build_clip_entry(_with_limit(report, most)))
-    assert verdict in parse_page(page).text
+def test_the_verdict_of_a_batch_follows_the_limits_and_the_quality(
+    report, most, quality, verdict, colour
+):
+    report = replace(_with_limit(report, most), quality=quality, better="--fit")
+    page = parse_page(_show(build_clip_entry(report)))
+    assert verdict in page.text
+    badges = [
+        badge.attributes["class"]
+        for badge in page.all("span")
+        if "badge" in badge.attributes.get("class", "")
+    ]
+    assert badges == [f"badge {colour}"] * 2
+    assert ("poor: cages.h5; better: --fit" in page.text) == (quality == "poor")
 
 
 def test_a_row_shows_the_metrics_as_printed(report):
-    over = build_clip_entry(_with_limit(report))
+    over = build_clip_entry(replace(_with_limit(report), quality="fair"))
     (row,) = _rows(_show(over))
     summary, cells = report.summary, [cell.text for cell in row.all("td")]
     rms = format_percent(summary.rms_percent)
     assert cells == [
-        f"Over the limit RMS error of the clip {rms} > 0.0001 %",
+        f"Fair, over the limit RMS error of the clip {rms} > 0.0001 %",
         "",
         rms,
         f"{format_percent(summary.worst_frame_rms_percent)} {summary.worst_frame}",

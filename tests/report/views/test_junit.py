@@ -7,7 +7,7 @@ import pytest
 
 from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.views.data import format_junit
-from tests.report.clips import HOSTILE, clip, gate
+from tests.report.clips import HOSTILE, clip, gate, poor
 
 SUITE = {
     "name", "package", "id", "tests", "failures", "errors", "skipped", "timestamp", "hostname",
@@ -134,6 +134,14 @@ def test_every_clip_is_a_suite_and_every_limit_a_case():
     )
     assert run.find("system-out").text == "one\ntwo & three"
     assert [plain.get(count) for count in ("tests", "failures", "errors")] == ["1", "0", "0"]
+
+
+def test_a_poor_clip_is_no_failure_and_is_said():
+    root = ElementTree.fromstring(format_junit(Overview([poor("a/x", gate(True)), clip("a/y")])))
+    one, other = root.iter("testsuite")
+    assert (one.get("failures"), one.get("errors")) == ("0", "0")
+    assert one.find("system-out").text == "poor: a/x"
+    assert not other.find("system-out").text
 
 
 @pytest.mark.parametrize("name", HOSTILE.values(), ids=HOSTILE)

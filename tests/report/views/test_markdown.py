@@ -8,7 +8,7 @@ from markdown_it import MarkdownIt
 
 from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.views.markdown import MAX_TEXT_LENGTH, format_markdown
-from tests.report.clips import HOSTILE, clip, gate
+from tests.report.clips import HOSTILE, clip, gate, poor
 
 RENDERER = MarkdownIt("commonmark").enable(["table", "strikethrough"])
 
@@ -35,6 +35,14 @@ CLIPS = (
     ClipEntry("broken", fault="frame_3.obj: is empty"),
     clip("plain", gate(None), rms_percent=0.01),
 )
+
+
+def test_poor_clips_are_marked():
+    text = format_markdown(Overview([poor("a", gate(True)), poor("b", better="--fit")]))
+    assert text.startswith("## cageik: 2 clips: 1 poor, within limits, 1 poor\n")
+    verdicts = [row[1] for row in table_cells(text)]
+    assert verdicts == ["<strong>poor, within limits</strong>", "<strong>poor</strong>"]
+    assert list_items(text) == ["poor: a", "poor: b; better: --fit"]
 
 
 def test_the_worst_clips_come_first_with_their_reasons():

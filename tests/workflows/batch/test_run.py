@@ -65,7 +65,7 @@ def test_outcomes_are_noted_as_they_end_and_reported_in_order(tmp_path, done):
     assert [entry.name for entry in overview.clips] == ["a", "b", "c"]
     assert [entry.fault for entry in overview.clips] == ["a: is broken", "no cage", None]
     (entry,) = (entry for entry in overview.clips if entry.report)
-    text = f"done, error {entry.report.summary.rms_percent:.4f} %"
+    text = f"done, error {entry.report.summary.rms_percent:.4f} %, poor"
     assert heard.notes == [("b", "failed"), ("c", text), ("a", "failed")]
     assert heard.counts == [(1, 2), (2, 2)]
     assert scheduler.has_ended
