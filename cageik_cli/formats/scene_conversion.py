@@ -54,8 +54,7 @@ class SceneConversion:
     @staticmethod
     def of_output(scene: Scene, to: SceneHints) -> "SceneConversion":
         """Return the conversion of what is written of a scene to what it is asked `to` be in."""
-        known = SceneHints(up_axis=scene.up_axis, metres_per_unit=scene.metres_per_unit)
-        return SceneConversion.between(known, to)
+        return SceneConversion.between(scene.space, to)
 
     @property
     def factor(self) -> float:

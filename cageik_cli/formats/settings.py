@@ -56,6 +56,11 @@ class Scene:
         if self.up_axis not in UP_AXES:
             raise SettingError(f"the up axis is {self.up_axis}, expected {' or '.join(UP_AXES)}")
 
+    @property
+    def space(self) -> "SceneHints":
+        """The unit and the up axis alone."""
+        return SceneHints(up_axis=self.up_axis, metres_per_unit=self.metres_per_unit)
+
     def frame_number(self, index: int) -> float:
         """Return the number of a frame on the timeline; `index` counts frames from 0."""
         return self.start + index * self.frame_step

@@ -1,7 +1,7 @@
 """A model and the cage that moves it, whatever holds them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cageik_cli.cages.settings import BuildSettings
@@ -10,6 +10,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.find_files import split_member
+from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.record import FitRecord
@@ -43,6 +44,8 @@ class CagedModel:
         With the weights, of a binding file.
     source : CagedModel, optional
         The result or the binding that the cage is of, whose fit is carried to this model.
+    conversion : SceneConversion
+        From the scene of `source` to that of this model.
     offer : callable, optional
         Returns the options in place of a transform of the cage, see `CommonScene.offer`.
     """
@@ -53,6 +56,7 @@ class CagedModel:
     result: Result | None = None
     stored: StoredBinding | None = None
     source: "CagedModel | None" = None
+    conversion: SceneConversion = field(default_factory=SceneConversion)
     offer: Offer | None = None
 
     @staticmethod
@@ -71,16 +75,22 @@ class CagedModel:
         """
         if holds_caged_model(path):
             return CagedModel.read(path)
-        model, loaded, offer = load(path), None, None
-        source = None if cage is None else CagedModel._find_source(cage)
+        caged = CagedModel(path, load(path), None)
         if cage is not None:
-            given = load_source(cage, "cage") if source is None else source.cage
-            assert given is not None
-            loaded, offer = CommonScene(model.mesh.scene, given_in).place_cage(given)
+            caged = caged._put_into(cage, CommonScene(caged.model.mesh.scene, given_in))
         if binding is None:
-            return CagedModel(path, model, loaded, source=source, offer=offer)
-        stored = load_matching_binding(binding, model.mesh, loaded)
-        return CagedModel(path, model, loaded, stored=stored, offer=offer)
+            return caged
+        stored = load_matching_binding(binding, caged.model.mesh, caged.cage)
+        return replace(caged, stored=stored)
+
+    def _put_into(self, path: Path, common: CommonScene) -> "CagedModel":
+        """Return the model in a cage that is read, with its source, in the scene of the model."""
+        source = CagedModel._find_source(path)
+        given = load_source(path, "cage") if source is None else source.cage
+        assert given is not None
+        conversion = common.find_conversion(given.scene)
+        cage, offer = common.place_cage(given)
+        return replace(self, cage=cage, source=source, conversion=conversion, offer=offer)
 
     @staticmethod
     def _find_source(cage: Path) -> "CagedModel | None":
@@ -115,10 +125,7 @@ class CagedModel:
     @property
     def hints(self) -> SceneHints:
         """Unit and up axis, if they are known: of a result."""
-        if self.result is None:
-            return UNSTATED
-        scene = self.result.scene
-        return SceneHints(up_axis=scene.up_axis, metres_per_unit=scene.metres_per_unit)
+        return UNSTATED if self.result is None else self.result.scene.space
 
     def require_result(self, need: str) -> Result:
         """Return the result.
@@ -191,9 +198,9 @@ class CagedModel:
             binding = bind_cached(rest, cage, weights, progress).binding
         note_on(progress, self.model.name, *rest.notes)
         note_on(progress, cage.source["name"], *binding.notes)
-        return (
-            binding if self.source is None else carry_fit(self.source, binding, weights, progress)
-        )
+        if self.source is None:
+            return binding
+        return carry_fit(self.source, binding, weights, progress, self.conversion)
 
 
 def _hold_meshes(
@@ -205,9 +212,10 @@ def _hold_meshes(
     stored: StoredBinding | None = None,
 ) -> CagedModel:
     """Return what a file holds, whose meshes have no files of their own."""
-    model = LoadedModel(LoadedMesh(rest, {"name": f"the rest pose of {path.name}"}))
-    loaded = LoadedMesh(cage, {"name": f"the cage of {path.name}"})
-    return CagedModel(path, model, loaded, result, stored)
+    scene = UNSTATED if result is None else result.scene.space
+    model = LoadedMesh(rest, {"name": f"the rest pose of {path.name}"}, scene=scene)
+    loaded = LoadedMesh(cage, {"name": f"the cage of {path.name}"}, scene=scene)
+    return CagedModel(path, LoadedModel(model), loaded, result, stored)
 
 
 def make_weights_error(path: Path, user: str) -> SettingError:

@@ -8,6 +8,7 @@ import numpy as np
 from cageik_cli.coordinates.binding import Binding, reconstruct
 from cageik_cli.coordinates.carried import MAX_CARRY_DISTANCE, CarriedChange
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.figures import format_percent
 from cageik_cli.store.result import Result, has_weights, read_key_frames, read_low_rank
@@ -22,7 +23,11 @@ if TYPE_CHECKING:
 
 
 def carry_fit(
-    source: "CagedModel", binding: Binding, weights: WeightSettings, progress: ProgressListener
+    source: "CagedModel",
+    binding: Binding,
+    weights: WeightSettings,
+    progress: ProgressListener,
+    conversion: SceneConversion,
 ) -> Binding:
     """Return the weights of another model in the cage of a source, with what a fit has changed.
 
@@ -34,6 +39,8 @@ def carry_fit(
         The computed weights, which are changed in place.
     weights : WeightSettings
         How they were computed.
+    conversion : SceneConversion
+        From the unit and the up axis of the source to those of the other model.
 
     Raises
     ------
@@ -54,7 +61,7 @@ def carry_fit(
     # One thread: the last digits depend on how many.
     with progress.stage("carry"), limit_blas_threads(1):
         fitted, computed = found
-        change = CarriedChange(fitted, computed)
+        change = CarriedChange(_convert_meshes(fitted, conversion), computed)
         places = change.locate(binding.rest.vertices)
         carried = change.add_to(binding, places)
         distances = places.distances[binding.rest.is_used]
@@ -91,6 +98,12 @@ def _compute_weights(
     assert source.cage is not None
     with progress.stage("bind"), error_context(source.path):
         return bind_cached(source.model.mesh, source.cage, weights, progress).binding
+
+
+def _convert_meshes(binding: Binding, conversion: SceneConversion) -> Binding:
+    """Return weights, which have no unit, with their meshes in the scene of another model."""
+    rest, cage = map(conversion.convert_mesh, (binding.rest, binding.cage))
+    return replace(binding, rest=rest, cage=cage)
 
 
 def _describe_distances(name: str, distances: Floats) -> str:

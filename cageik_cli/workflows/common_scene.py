@@ -84,16 +84,16 @@ class CommonScene:
 
     def place(self, loaded: LoadedMesh) -> LoadedMesh:
         """Return a mesh in this scene, with a note if it was converted."""
-        return self._convert(loaded.scene).convert_loaded(loaded)
+        return self.find_conversion(loaded.scene).convert_loaded(loaded)
 
     def place_cage(self, loaded: LoadedMesh) -> tuple[LoadedMesh, Offer]:
         """Return a cage in this scene, and the options that an error of its place offers."""
         return self.place(loaded), partial(self.offer, source=loaded.scene)
 
-    def _convert(self, scene: SceneHints) -> SceneConversion:
+    def find_conversion(self, scene: SceneHints) -> SceneConversion:
         """Return the conversion of what has a scene; adopt what is not stated yet."""
         given, wanted = self._find_both(scene)
-        self.hints = self.hints.over(given)
+        self.hints = wanted.over(given)
         return SceneConversion.between(given, wanted)
 
     def _find_both(self, scene: SceneHints) -> tuple[SceneHints, SceneHints]:
@@ -151,7 +151,7 @@ class CommonScene:
         read_expected : callable, optional
             Reads the positions (n, 3) that a frame of the clip is an edit of.
         """
-        placed = self._convert(clip.scene).convert_clip(clip, name)
+        placed = self.find_conversion(clip.scene).convert_clip(clip, name)
         read = read_expected or (lambda _: mesh.vertices)
         pairs = ((given, read(index)) for index, given in read_some_frames(placed))
         is_paired = read_expected is not None

@@ -251,7 +251,7 @@ class _Deformation:
         if source.fit is None:
             return binding
         if settings.mesh:
-            return carry_fit(source, binding, weights, self._progress)
+            return carry_fit(source, binding, weights, self._progress, SceneConversion())
         return self._apply_fit(binding, is_own)
 
     def _apply_fit(self, binding: Binding, is_own: bool) -> Binding:

@@ -87,8 +87,7 @@ def _read_meshes(file: Path) -> dict[str, LoadedMesh]:
     else:
         result = read_result(file)
         rest, cage = result.rest, result.cage
-        known = result.scene
-        scene = SceneHints(up_axis=known.up_axis, metres_per_unit=known.metres_per_unit)
+        scene = result.scene.space
     digest = hash_file(file).hex()
     return {
         role: LoadedMesh(mesh, {"name": f"{file.name}::{role}", "sha256": digest}, scene=scene)

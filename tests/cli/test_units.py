@@ -361,3 +361,15 @@ def test_a_unit_that_is_none_is_wrong_usage(here, run, text):
     done = run("export", "cages.h5", "out.usdc", "--to", text)
     assert done.code == 2
     assert text in done.err
+
+
+def test_files_of_one_unit_are_both_converted_to_that_of_a_clip_without_one(here, run):
+    """The clip is taken for metres, so what is given in centimetres becomes a hundredth."""
+    for name, mesh in (("rest", make_rest()), ("cage", make_cage())):
+        big = mesh.move(100 * mesh.vertices)
+        write_mesh(here / f"{name}_cm.obj", big, HERE)
+    words = ("extract", "frames", "--rest", "rest_cm.obj", "--cage", "cage_cm.obj")
+    assert run(*words, "--from", "cm", "-o", "new.h5", "-q").code == 0
+    assert run("deform", "new.h5", "-o", "new.npz", "-q").code == 0
+    assert is_near(read_positions("new.npz"), read_positions("expected.npz"))
+    assert open_sequence(["new.npz"]).scene.metres_per_unit == 1

@@ -11,6 +11,9 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import reconstruct
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.scene_conversion import SceneConversion
+from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.edits import PosingSettings
@@ -181,3 +184,58 @@ def test_a_model_in_the_cage_of_a_result_is_posed_with_its_fit(form):
     own = pose_model(read_binding(result), handles, PosingSettings(), Listener()).snapshot.after
     np.testing.assert_allclose(pose_in(result.path), own, rtol=0, atol=1e-9)
     assert np.abs(pose_in(Path("cage.obj")) - own).max() > 1e-3
+
+
+SCENES = {
+    "cm": (".usdc", "cm,y", None),
+    "in,z": (".usdc", "in,z", None),
+    "typed": (".obj", "mm,z", "m,y"),
+}
+"""Another scene of a model, in a file that states it, or with what the user states of the cage."""
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("case", SCENES)
+def test_a_fit_is_carried_to_a_model_in_another_unit(form, case, write_obj):
+    """The result is in metres, y up; the posed model is that of one unit, converted."""
+    suffix, words, typed = SCENES[case]
+    here, there = SceneHints.parse("m,y"), SceneHints.parse(words)
+    conversion = SceneConversion.between(here, there)
+    given_in = SceneHints()
+    if typed:  # the model states nothing and is taken for metres, so the cage is not in them
+        factor = conversion.factor
+        given_in = SceneHints.parse(f"{factor:g},y")
+        conversion = SceneConversion((factor, 1.0), ("Y", "Y"))
+    same = pose_model_of(form, "finer.obj", HANDLES)
+    model = conversion.convert_mesh(FINER)
+    if suffix == ".obj":
+        write_obj(Path("other.obj"), model.vertices, model.faces)
+    else:
+        animation = Animation(model, 1, there.override(Scene()), "mesh")
+        with Output(Path("other.usdc")).open_writer(animation) as writer:
+            writer.append(model.vertices[None])
+    handles = [
+        handle | {"offset": conversion.apply(np.array(handle["offset"])).tolist()}
+        if "offset" in handle
+        else handle
+        for handle in HANDLES
+    ]
+    found = pose_model_of(form, f"other{suffix}", handles, given_in)
+    expected = conversion.apply(same)
+    assert np.abs(found - expected).max() <= 1e-6 * model.diagonal
+    assert np.abs(same - pose_model_of("cage.obj", "finer.obj", HANDLES)).max() > 1e-3
+
+
+def pose_model_of(form, model, handles, given_in=None):
+    """The vertices of a model posed in the cage of a result, or of a file."""
+    Path("own.json").write_text(json.dumps({"handles": handles}))
+    cage = Path(form if form.endswith(".obj") else f"{form}.h5")
+    settings = PoseSettings(
+        Path(model),
+        Path("own.json"),
+        Path("posed.obj"),
+        cage=cage,
+        overwrite=True,
+        given_in=given_in or SceneHints(),
+    )
+    return pose(settings).snapshot.after
