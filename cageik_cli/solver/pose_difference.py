@@ -13,7 +13,7 @@ import numpy as np
 from cageik_cli.formats.scene_conversion import UP_TURNS
 from cageik_cli.solver.alignment import best_motions
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.units import find_units_of_ratio, list_unit_ratios
+from cageik_cli.util.units import LONG_UNIT_NAMES, find_units_of_ratio, list_unit_ratios
 
 MAX_POSE_STRETCH = 1.5
 """The median edge of a pose is at most so many times longer than that of another; the smallest
@@ -60,6 +60,29 @@ class PoseDifference:
     units: tuple[str, str] | None = None
     axes: tuple[str, str] | None = None
     is_certain: bool = True
+
+    @property
+    def name(self) -> str:
+        """What explains it: `in metres instead of centimetres`; empty if no unit or axis does."""
+        words = []
+        if self.units is not None:
+            own, its = (LONG_UNIT_NAMES[name] for name in self.units)
+            words.append(f"in {own} instead of {its}")
+        if self.axes is not None:
+            own, its = (axis.lower() for axis in self.axes)
+            words.append(f"with {own} up instead of {its} up")
+        return ", ".join(words)
+
+    def describe(self, beside: str) -> str:
+        """Say what was measured, beside the edges that a message calls `beside`."""
+        seen = []
+        if self.factor != 1:
+            size = f"{max(self.factor, 1 / self.factor):.4g} times as "
+            size += "short" if self.factor > 1 else "long"
+            seen.append(f"its edges are {size} as {beside}")
+        if self.axes is not None:
+            seen.append("its poses are turned so")
+        return ", and ".join(seen)
 
 
 def find_pose_difference(

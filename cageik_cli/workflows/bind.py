@@ -91,7 +91,7 @@ def bind_files(
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):
         rest = load_rest(settings.rest, settings.exclude)
-        scene = CommonScene(rest.scene, settings.given_in)
+        scene = CommonScene(rest.scene, settings.given_in, is_shared=bool(settings.clips))
         cage, offer = scene.place_cage(load_source(settings.cage, "cage"))
         for note in rest.notes:
             progress.note("note", f"{rest.source['name']}: {note}")

@@ -79,7 +79,8 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     progress = progress or ProgressListener()
     check_cage_output(settings.output, settings.overwrite)
     with progress.stage("open"):
-        scene = CommonScene(given_in=settings.given_in)
+        is_shared = bool(settings.animation) and settings.rest is not None
+        scene = CommonScene(given_in=settings.given_in, is_shared=is_shared)
         model, rest_frame = _open_model(settings, scene)
         clip = _read_animation(settings, model, scene, progress)
     with progress.stage("cage"), error_context(model.source["name"]):

@@ -40,7 +40,8 @@ class CheckSettings(CommandSettings):
 
 def check_cage(settings: CheckSettings) -> CheckResult:
     """Read the cage and the rest pose, if there is one, and diagnose them."""
-    scene, rest = CommonScene(given_in=settings.given_in), None
+    is_shared = bool(settings.frames) and settings.rest is not None
+    scene, rest = CommonScene(given_in=settings.given_in, is_shared=is_shared), None
     if settings.frames:
         _, rest, _ = open_clip_and_choose_rest(
             settings.frames, settings.clip, settings.rest, settings.rest_frame, scene

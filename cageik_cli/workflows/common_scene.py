@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from math import isclose
 
 import numpy as np
 
@@ -28,12 +29,12 @@ from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import FormatError, InputError
 from cageik_cli.util.progress import locate_note, mark_warning
 from cageik_cli.util.units import (
-    LONG_UNIT_NAMES,
     PROGRAM_UNITS,
+    SAME_UNIT_TOL,
     UNIT_LENGTHS,
     find_unit,
-    type_unit,
 )
+from cageik_cli.workflows.settings import ExtractSettings
 
 MAX_COMPARED_POSES = 6
 """Frames of a clip that are compared with a rest pose or a cage that does not fit the first."""
@@ -57,7 +58,9 @@ class CommonScene:
     stated : SceneHints
         What is known of the clip or the result: its file's statement, or the user's.
     given_in : SceneHints
-        What the user says of all that is given beside it.
+        What the user says of what is given beside it.
+    is_shared : bool
+        Whether that is said of several files: what one states then comes before it.
     can_restate : bool
         Whether the user can state the unit and the axis of the clip or the result in this run.
 
@@ -72,10 +75,21 @@ class CommonScene:
         stated: SceneHints = UNSTATED,
         given_in: SceneHints = UNSTATED,
         *,
+        is_shared: bool = False,
         can_restate: bool = False,
     ) -> None:
         self.hints = self._stated = _keep_space(stated)
-        self._given_in, self._can_restate = given_in, can_restate
+        self._given_in, self._is_shared, self._can_restate = given_in, is_shared, can_restate
+
+    @staticmethod
+    def of_run(settings: ExtractSettings) -> "CommonScene":
+        """Return the scene of a clip that is extracted, as far as the settings say it."""
+        return CommonScene(
+            settings.scene,
+            settings.given_in,
+            is_shared=None not in (settings.rest, settings.cage),
+            can_restate=True,
+        )
 
     def state(self, hints: SceneHints) -> None:
         """Take what a clip states, where nothing is stated yet."""
@@ -101,10 +115,10 @@ class CommonScene:
 
         If the user says what it is in, the scene is the usual one where none is known.
         """
-        said, usual = self._given_in, Scene()
+        said, usual, stated = self._given_in, Scene(), _keep_space(scene)
         unit = None if said.metres_per_unit is None else usual.metres_per_unit
         axis = None if said.up_axis is None else usual.up_axis
-        given = said.over(_keep_space(scene))
+        given = stated.over(said) if self._is_shared else said.over(stated)
         wanted = self.hints.over(SceneHints(up_axis=axis, metres_per_unit=unit))
         return given, wanted
 
@@ -210,27 +224,44 @@ class CommonScene:
         """Refuse a difference that is certain; return a warning of one that is not."""
         if difference is None:
             return ()
-        seen, what = [], []
-        if difference.factor != 1:
-            size = f"{max(difference.factor, 1 / difference.factor):.4g} times as "
-            size += "short" if difference.factor > 1 else "long"
-            seen.append(f"its edges are {size} as {beside}")
-        if difference.units is not None:
-            own, its = (LONG_UNIT_NAMES[name] for name in difference.units)
-            what.append(f"in {own} instead of {its}")
-        if difference.axes is not None:
-            own, its = (axis.lower() for axis in difference.axes)
-            what.append(f"with {own} up instead of {its} up")
-            seen.append("its poses are turned so")
+        name, seen = difference.name, difference.describe(beside)
+        if not name:
+            return (mark_warning(f"{seen}, which no unit explains; errors are percent of it"),)
         options = self._list_options(source, difference.factor, difference.axes)
-        if difference.is_certain:
-            raise FormatError(
-                f"is {', '.join(what)}: {', and '.join(seen)}; export it as {other} was, or state "
-                f"it by {options}"
-            )
-        if not what:
-            return (mark_warning(f"{seen[0]}, which no unit explains; errors are percent of it"),)
-        return (mark_warning(f"is likely {', '.join(what)}; if so, state it by {options}"),)
+        remedy = f"export it as {other} was"
+        if options:
+            remedy += f", or state it by {options}"
+        elif self._is_shared:
+            remedy += "; `given_in=` is for files that do not state it, where there are several"
+        if not difference.is_certain:
+            return (mark_warning(f"is likely {name}; if so, {remedy}"),)
+        has_unit, has_axis = difference.factor != 1, difference.axes is not None
+        if self._is_meant(source, has_unit=has_unit, has_axis=has_axis):
+            why = f"looks as if it is {name}: {seen}; it is taken as `given_in=` says"
+            return (mark_warning(why),)
+        meant = self._list_meant(source, has_unit=has_unit, has_axis=has_axis)
+        raise FormatError(f"is {name}: {seen}; {remedy}{meant}")
+
+    def _is_meant(self, source: SceneHints, *, has_unit: bool, has_axis: bool) -> bool:
+        """Return whether the user says what a mesh is in that looks as if it were in another scene.
+
+        What it is brought into must be known, too.
+        """
+        said, known, given = self._given_in, self._stated, self._find_both(source)[0]
+        unit, axis = said.metres_per_unit, said.up_axis
+        is_unit = None not in (unit, known.metres_per_unit) and unit == given.metres_per_unit
+        is_axis = None not in (axis, known.up_axis) and axis == given.up_axis
+        return (is_unit or not has_unit) and (is_axis or not has_axis)
+
+    def _list_meant(self, source: SceneHints, *, has_unit: bool, has_axis: bool) -> str:
+        """Return what says that a mesh is in the scene that it is taken to be in; "" if nothing."""
+        known = self._stated
+        if (has_unit and known.metres_per_unit is None) or (has_axis and known.up_axis is None):
+            return ""
+        given, wanted = self._find_both(source)
+        taken = given.over(wanted).over(Scene().space)
+        typed = taken.typed if has_axis else replace(taken, up_axis=None).typed
+        return f"; if it is meant to be so, by `given_in={typed}`"
 
     def _list_options(self, source: SceneHints, factor: float, axes: tuple[str, str] | None) -> str:
         """Return what to type for a mesh that has to be multiplied by a factor, and turned.
@@ -257,8 +288,11 @@ class CommonScene:
                 if not self._can_restate:
                     return ""
                 options.append(f"`up_axis={wanted}`")
-        suffix = "" if axes is None or own_axis is None else f",{own_axis.lower()}"
-        options.append(f"`given_in={type_unit(own)}{suffix}`")
+        needed = SceneHints(up_axis=None if axes is None else own_axis, metres_per_unit=own)
+        if not options or not _is_stated(needed, given):
+            if self._is_shared and not _is_stated(needed, source.over(needed)):
+                return ""  # what the file states comes first
+            options.append(f"`given_in={needed.typed}`")
         return " and ".join(options)
 
 
@@ -289,6 +323,13 @@ def _choose_units(given: float | None, total: float) -> tuple[float | None, floa
         if find_unit(own) in PROGRAM_UNITS:
             return None if name == "m" else UNIT_LENGTHS[name], own
     return None, total
+
+
+def _is_stated(needed: SceneHints, hints: SceneHints) -> bool:
+    """Return whether all that is needed of unit and up axis is stated, and the same."""
+    unit, known = needed.metres_per_unit, hints.metres_per_unit
+    is_unit = unit is None or (known is not None and isclose(unit, known, rel_tol=SAME_UNIT_TOL))
+    return is_unit and needed.up_axis in (None, hints.up_axis)
 
 
 def _keep_space(hints: SceneHints) -> SceneHints:

@@ -105,7 +105,10 @@ class _Deformation:
             settings.output.find_writer()  # refuses other formats before anything is read
         self._source = CagedModel.read(settings.source)
         self._common = CommonScene(
-            settings.scene.over(self._source.hints), settings.given_in, can_restate=True
+            settings.scene.over(self._source.hints),
+            settings.given_in,
+            is_shared=len(settings.mesh) + (settings.cages is not None) > 1,
+            can_restate=True,
         )
         given = self._load_models() if settings.mesh else None
         output = settings.output if given is None else given.choose_output(settings.output)

@@ -91,7 +91,7 @@ class Extraction:
         self.progress = progress or ProgressListener()
         self._run_blocks = run_blocks
         self.existing: Result | None = None
-        self.common = CommonScene(settings.scene, settings.given_in, can_restate=True)
+        self.common = CommonScene.of_run(settings)
         self.cage: LoadedMesh | None = None
         self._offer: Offer | None = None
         self.vertex_weights = VertexWeights(None)

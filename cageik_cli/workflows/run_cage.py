@@ -94,9 +94,10 @@ def suggest_repair(
         try:
             yield
         except CageError as error:
-            if cage.path is None or not error.is_repairable:
-                raise
             misfit = error.misfit if isinstance(error, MisfitError) else None
-            options = "" if misfit is None or offer is None else offer(misfit.transform)
-            command = format_repair_command(cage.path, rest.path)
-            raise CageError(f"{error}{options}; to repair the cage: {command}") from error
+            remedy = "" if misfit is None or offer is None else offer(misfit.transform)
+            if cage.path is not None and error.is_repairable:
+                remedy += f"; to repair the cage: {format_repair_command(cage.path, rest.path)}"
+            if not remedy:
+                raise
+            raise CageError(f"{error}{remedy}") from error

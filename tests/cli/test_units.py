@@ -373,3 +373,103 @@ def test_files_of_one_unit_are_both_converted_to_that_of_a_clip_without_one(here
     assert run("deform", "new.h5", "-o", "new.npz", "-q").code == 0
     assert is_near(read_positions("new.npz"), read_positions("expected.npz"))
     assert open_sequence(["new.npz"]).scene.metres_per_unit == 1
+
+
+@pytest.mark.parametrize("name", ["edit.npz", "edit.pc2"])
+@pytest.mark.parametrize(
+    ("factor", "turn", "typed"),
+    [
+        (10.0, None, "cm"),
+        (0.1, None, "cm"),
+        (2.54, None, "cm"),
+        (1.0, ("Z", "Y"), "cm,z"),
+    ],
+)
+def test_cages_that_are_meant_to_look_as_in_another_scene_can_be_said_to_be(
+    here, run, name, factor, turn, typed
+):
+    """An animator scaled all by ten, or turned it: refused, until the option says what it is in."""
+    matrix = factor * UP_TURNS.get(turn, np.eye(3))
+    write_clip(here / name, make_cage(), read_positions_of_cages(run) @ matrix, HERE)
+    deform = ("deform", "cages.h5", "--cages", name, "-o", "edited.npz")
+    done = run(*deform)
+    assert done.code == 1
+    assert f"if it is meant to be so, by --from {typed}" in done.err
+    done = run(*deform, "--from", typed)
+    assert done.code == 0, done.err
+    assert "warning" in done.err
+    assert "as --from says" in done.err
+    assert is_near(read_positions("edited.npz"), read_positions("expected.npz") @ matrix)
+
+
+def test_what_is_said_of_several_files_is_of_those_that_state_nothing(here, run):
+    """One --from for a mesh that states metres, and cages in inches that do not."""
+    assert run("export", "cages.h5", "cages.pc2", "--to", "in,y", "-q").code == 0
+    write_mesh(here / "stated.usdc", make_rest(), SCENES["m,y"])
+    words = ("deform", "cages.h5", "--mesh", "stated.usdc", "--cages", "cages.pc2", "-o", "x.npz")
+    done = run(*words)
+    assert done.code == 1
+    assert "--from in,y" in done.err
+    done = run(*words, "--from", "in,y")
+    assert done.code == 0, done.err
+    assert is_near(read_positions("x.npz"), read_positions("expected.npz"))
+
+
+def test_of_several_files_one_that_states_a_wrong_unit_is_refused(here, run):
+    """The option would not change what it states, and is not offered."""
+    cages = read_positions_of_cages(run)
+    write_clip(here / "lie.usdc", make_cage(), cages, Scene(up_axis="Z", metres_per_unit=1.0))
+    write_mesh(here / "rest.obj", make_rest(), HERE)
+    words = ("deform", "cages.h5", "--mesh", "rest.obj", "--cages", "lie.usdc", "-o", "x.npz")
+    for option in ((), ("--from", "cm")):
+        done = run(*words, *option)
+        assert done.code == 1
+        assert "state it by" not in done.err
+        assert "--from is for files that do not state it" in done.err
+
+
+POSED = [
+    (".usdc", "m,y", ""),
+    (".usdc", "in,z", ""),
+    (".glb", "m,y", ""),
+    (".obj", "cm,z", ""),
+    (".obj", "m,z", "--from cm"),
+    (".obj", "m,y", "--from cm,z"),
+    (".obj", "cm,y", "--from m,z"),
+    (".obj", "mm,z", "--from 10"),
+    (".ply", "m,y", "--from cm,z"),
+]
+
+
+@pytest.mark.parametrize(("suffix", "words", "option"), POSED)
+def test_a_model_is_posed_in_the_cage_of_a_result_of_another_scene(
+    here, run, suffix, words, option
+):
+    """The result states cm, z up; OBJ and PLY state nothing."""
+    scene = SceneHints.parse(words).override(Scene())
+    conversion = SceneConversion.between(HERE.space, scene.space)
+    if suffix == ".ply":
+        path = str(here / "model.ply")
+        moved = conversion.convert_mesh(make_rest())
+        trimesh.Trimesh(moved.vertices, moved.faces, process=False).export(path)
+    else:
+        path = write_mesh(here / f"model{suffix}", make_rest(), scene)
+    write_mesh(here / "same.obj", make_rest(), HERE)
+    pose = ["handles.json", "--cage", "cages.h5", "-o", "posed.obj", "--overwrite"]
+    handles = {}
+    for name, change in (("same.obj", SceneConversion()), (path, conversion)):
+        offset = change.apply(np.array([5.0, 9, 3])).tolist()
+        handles[name] = [{"name": "top", "vertex": 4, "offset": offset}]
+        handles[name].append({"name": "foot", "vertex": 5, "pin": True})
+        (here / "handles.json").write_text(json.dumps({"handles": handles[name]}))
+        done = run("pose", name, *pose)
+        if name == path and option:
+            assert done.code == 1
+            assert f"state it by {option}" in done.err
+            done = run("pose", name, *pose, *option.split())
+        assert done.code == 0, done.err
+        positions = read_positions("posed.obj")
+        if name == "same.obj":
+            expected = conversion.apply(positions)
+            assert np.abs(positions[0] - make_rest().vertices).max() > 5
+    assert is_near(positions, expected)

@@ -138,7 +138,7 @@ class ClipContext:
         """Open the clip, which must have the same frames as at the start of the run."""
         settings = self.settings
         # Any frame will do as rest pose: that of the run is in the solver.
-        scene = CommonScene(settings.scene, settings.given_in, can_restate=True)
+        scene = CommonScene.of_run(settings)
         clip = replace(settings.clip, fps=settings.scene.fps)
         sequence, *_ = open_clip_and_choose_rest(settings.frames, clip, settings.rest, 0, scene)
         if sequence.names != self._names:
