@@ -5,26 +5,19 @@ are taken as they stand, and refused if they then fit another unit or up axis.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from math import isclose
 
 import numpy as np
 
-from cageik_cli.cages.enclosure import OutsideError
-from cageik_cli.cages.misfit import MAX_SIZE_RATIO, find_transform
-from cageik_cli.cages.transforms import UNIT_SCALES, Transform
+from cageik_cli.cages.transforms import Transform
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.pose_difference import (
-    MIN_CLEAR_RATIO,
-    PoseDifference,
-    find_pose_difference,
-)
+from cageik_cli.solver.pose_difference import PoseDifference, find_pose_difference
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import FormatError, InputError
 from cageik_cli.util.progress import locate_note, mark_warning
@@ -38,9 +31,6 @@ from cageik_cli.workflows.settings import ExtractSettings
 
 MAX_COMPARED_POSES = 6
 """Frames of a clip that are compared with a rest pose or a cage that does not fit the first."""
-
-MAX_BOX_SLACK = 0.1
-"""A mesh that is where a model is leaves its bounding box by at most this, in diagonals."""
 
 UNSTATED = SceneHints()
 """What a file states of its scene that states nothing."""
@@ -174,41 +164,6 @@ class CommonScene:
         placed.notes += tuple(locate_note(name, warning) for warning in warnings)
         return placed
 
-    def check_small_mesh(
-        self, mesh: LoadedMesh, source: SceneHints, cage: TriMesh, model: TriMesh
-    ) -> None:
-        """Refuse a mesh in a cage that is small because it is in a larger unit.
-
-        It is in another unit if the cage holds it closely in that, or if it is about as large as
-        the model of the cage in that, and in its place; a small thing at its own place is neither.
-        """
-        transform = find_transform(cage, mesh.mesh)
-        found = _find_unit_by_box(mesh.mesh, model) if transform is None else transform.invert()
-        if found is not None:
-            raise FormatError(self.explain_mesh(found, source, mesh.mesh.diagonal))
-
-    def explain_mesh(self, transform: Transform, source: SceneHints, diagonal: float) -> str:
-        """Say how a mesh that a transform brings into the cage is wrong, and what to type."""
-        name, options = transform.describe(diagonal), self.offer(transform, source)
-        return f"is {name}, as the cage shows; export it as the result was{options}"
-
-    @contextmanager
-    def suggest_moving(self, mesh: LoadedMesh, source: SceneHints) -> Iterator[None]:
-        """Say what to do with a mesh that is outside the cage, which is not made for it."""
-        try:
-            yield
-        except OutsideError as error:
-            placement, misfit = error.placement, error.misfit
-            if placement is None or misfit is None:
-                raise
-            remedy, transform = "move it into the rest cage", misfit.transform
-            if not placement.is_misplaced:
-                remedy += ", or take the nearest points of the cage with `outside=project`"
-            if transform is not None and not transform.is_scaled:
-                why = self.explain_mesh(transform.invert(), source, mesh.mesh.diagonal)
-                remedy = f"it {why}"
-            raise OutsideError(f"{placement.describe_outside()}; {remedy}") from error
-
     def offer(self, transform: Transform | None, source: SceneHints) -> str:
         """Return the options in place of a transform, to end a sentence; empty if none do."""
         if transform is None or transform.is_fitted:
@@ -294,20 +249,6 @@ class CommonScene:
                 return ""  # what the file states comes first
             options.append(f"`given_in={needed.typed}`")
         return " and ".join(options)
-
-
-def _find_unit_by_box(mesh: TriMesh, model: TriMesh) -> Transform | None:
-    """Return the unit in which a mesh that is much smaller than a model is where the model is."""
-    if mesh.diagonal > model.diagonal / MAX_SIZE_RATIO:
-        return None
-    slack = MAX_BOX_SLACK * model.diagonal
-    low, high = model.vertices.min(axis=0) - slack, model.vertices.max(axis=0) + slack
-    for scale in UNIT_SCALES:
-        points = scale * mesh.vertices
-        is_within = (points >= low).all() and (points <= high).all()
-        if scale >= MIN_CLEAR_RATIO and is_within and scale * mesh.diagonal > model.diagonal / 2:
-            return Transform(np.eye(3), scale, np.zeros(3))
-    return None
 
 
 def _choose_units(given: float | None, total: float) -> tuple[float | None, float]:

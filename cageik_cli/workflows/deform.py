@@ -26,9 +26,10 @@ from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
 from cageik_cli.workflows.caged_model import CagedModel
 from cageik_cli.workflows.carry import carry_fit
-from cageik_cli.workflows.common_scene import UNSTATED, CommonScene
+from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.export import report_skipped_frames, write_converted
-from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, load_models, note_on
+from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, note_on
+from cageik_cli.workflows.moved_meshes import MovedMeshes
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from cageik_cli.workflows.rig import check_influences, make_rig
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
@@ -96,7 +97,6 @@ class _Deformation:
 
     def __init__(self, settings: DeformSettings, progress: ProgressListener) -> None:
         self._settings, self._progress = settings, progress
-        self._mesh_scene = UNSTATED
 
     def run(self) -> ExportSummary:
         """Open the model, the cages and the weights, and write the frames."""
@@ -110,6 +110,7 @@ class _Deformation:
             is_shared=len(settings.mesh) + (settings.cages is not None) > 1,
             can_restate=True,
         )
+        self._meshes = MovedMeshes(self._common)
         given = self._load_models() if settings.mesh else None
         output = settings.output if given is None else given.choose_output(settings.output)
         name, model = _make_object_name(settings.mesh), given or self._source.model
@@ -163,24 +164,13 @@ class _Deformation:
     def _load_models(self) -> LoadedModel:
         """Read the model, or the meshes, that are moved instead of the model at rest."""
         settings = self._settings
-        model = load_models(settings.mesh, self._bring)
+        model = self._meshes.load(settings.mesh)
         if model.points is not None and settings.influences is not None:
             raise SettingError(
                 f"{settings.mesh[0]}: is {model.kind}, and weights of few influences are fitted to "
                 "a surface; leave out `influences=`"
             )
         return model
-
-    def _bring(self, given: LoadedModel) -> LoadedModel:
-        """Bring a mesh that is moved into the scene of the source."""
-        self._mesh_scene = given.mesh.scene
-        placed = self._common.place(given.mesh)
-        if given.points is None or placed is given.mesh:
-            return replace(given, mesh=placed)
-        raise SettingError(
-            f"{given.name}: is {given.kind}, which cannot be converted; leave out `given_in=`, "
-            "and export it as the result was"
-        )
 
     @property
     def _place(self) -> object:
@@ -241,15 +231,13 @@ class _Deformation:
         with (
             self._progress.stage("bind"),
             error_context(self._place),
-            self._common.suggest_moving(mesh, self._mesh_scene),
+            self._meshes.explain_outside(source.cage.mesh, bind.outside),
         ):
             binding = bind_cached(
                 mesh, source.cage, weights, self._progress, is_own_cage=not settings.mesh
             ).binding
             if settings.mesh and not binding.projected:
-                self._common.check_small_mesh(
-                    mesh, self._mesh_scene, source.cage.mesh, source.model.mesh.mesh
-                )
+                self._meshes.check_small(source.cage.mesh, source.model.mesh.mesh)
         note_on(self._progress, self._model.name, *mesh.notes, *binding.notes)
         if source.fit is None:
             return binding

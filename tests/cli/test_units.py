@@ -6,6 +6,7 @@ them (USD, glTF, .npz) or do not (OBJ, Alembic, PC2).
 """
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -473,3 +474,25 @@ def test_a_model_is_posed_in_the_cage_of_a_result_of_another_scene(
             expected = conversion.apply(positions)
             assert np.abs(positions[0] - make_rest().vertices).max() > 5
     assert is_near(positions, expected)
+
+
+@pytest.mark.parametrize("is_last", [True, False])
+@pytest.mark.parametrize(
+    ("words", "option"), [("m,z", "--from m"), ("mm,z", "--from mm"), ("cm,y", "--from cm,y")]
+)
+def test_of_several_meshes_the_one_in_another_unit_is_named(here, run, words, option, is_last):
+    """Beside one that states inches: in metres it is small in the cage, in others outside."""
+    write_mesh(here / "stated.usdc", make_rest(), SCENES["in,y"])
+    write_mesh(here / "plain.obj", make_rest(), SceneHints.parse(words).override(Scene()))
+    names = ["stated.usdc", "plain.obj"][:: 1 if is_last else -1]
+    deform = ["deform", "cages.h5", "-o", "both.npz"]
+    for name in names:
+        deform += ["--mesh", name]
+    done = run(*deform)
+    assert done.code == 1
+    assert re.search(r"plain\.obj: (is in|\d+ of 66)", done.err)
+    assert f"state it by {option}" in done.err
+    done = run(*deform, *option.split())
+    assert done.code == 0, done.err
+    expected = np.concatenate([read_positions("expected.npz")] * 2, axis=1)
+    assert is_near(read_positions("both.npz"), expected)
