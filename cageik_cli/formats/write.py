@@ -37,17 +37,13 @@ from cageik_cli.util.outputs import (
 )
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_bytes
-from cageik_cli.util.units import PROGRAM_UNITS, UNIT_LENGTHS, describe_unit
+from cageik_cli.util.units import list_size_notes
 
 DEFAULT_FORMAT = "obj"
 """Format of the files in a folder, when none is given."""
 
 MAX_ROUNDING = 1e-5
 """Rounding to single precision is noted above it, in diagonals."""
-
-MIN_USUAL_SIZE, MAX_USUAL_SIZE = 0.01, 50.0
-"""Models with a smaller or a larger diagonal, metres, are noted: no animal is, and a man is, whose
-inches, centimetres or millimetres are taken for metres."""
 
 WriterFactory = Callable[[Path, Animation], AnimationWriter]
 
@@ -262,7 +258,8 @@ def write_animation(
     if make_writer is None:
         notes = [*list_part_notes(outputs, output, animation), *notes]
     if writer.states_unit:
-        notes += _list_size_notes(animation)
+        unit = animation.scene.metres_per_unit
+        notes += list_size_notes(animation.rest.diagonal, unit, "the file says that a unit is")
     for note in notes:
         progress.note("note", f"{path.name}: {note}")
     targets = [each.target_path for each in outputs]
@@ -297,23 +294,6 @@ def _list_rounding_notes(largest: float, diagonal: float) -> list[str]:
         "`recentre=True` of cageik export and deform moves them to the origin and writes the "
         "offset beside"
     ]
-
-
-def _list_size_notes(animation: Animation) -> list[str]:
-    """Return a note if the file says that the model has a size that no character has."""
-    length = animation.scene.metres_per_unit
-    size = animation.rest.diagonal * length
-    if not size or MIN_USUAL_SIZE <= size <= MAX_USUAL_SIZE:
-        return []
-    note = f"the file says that a unit is {length:g} m, and so that the model is {size:.3g} m large"
-    likely = (UNIT_LENGTHS[name] for name in PROGRAM_UNITS)
-    for other in likely:
-        if 0.1 <= animation.rest.diagonal * other <= 10:
-            return [
-                f"{note}; if its numbers are {describe_unit(other)}, state it by "
-                f"`metres_per_unit={other:g}`"
-            ]
-    return [f"{note}; if a unit is another length, state it by `metres_per_unit=`"]
 
 
 def check_mesh_output(path: Path, overwrite: bool) -> None:

@@ -26,6 +26,10 @@ LONG_UNIT_NAMES = {
 PROGRAM_UNITS = ("m", "cm", "mm", "in", "ft")
 """What programs count in, the usual ones first: what explains that two sizes differ."""
 
+MIN_USUAL_SIZE, MAX_USUAL_SIZE = 0.01, 50.0
+"""Models with a smaller or a larger diagonal, metres, are noted: no animal is, and a man is, whose
+inches, centimetres or millimetres are taken for metres."""
+
 SAME_UNIT_TOL = 1e-6
 """Lengths of units that differ by less, relative to each other, are the same: files have them in
 single precision."""
@@ -70,3 +74,24 @@ def find_units_of_ratio(ratio: float, tolerance: float) -> tuple[str, str] | Non
     misses = {pair: abs(known / ratio - 1) for pair, known in list_unit_ratios().items()}
     best = min(misses, key=lambda pair: round(misses[pair], 9))
     return best if misses[best] < tolerance else None
+
+
+def list_size_notes(diagonal: float, metres_per_unit: float, says: str) -> list[str]:
+    """Return a note if a model has a size that no character has, in its unit.
+
+    Parameters
+    ----------
+    diagonal : float
+        In units.
+    says : str
+        The beginning of the sentence: who says how long a unit is.
+    """
+    size = diagonal * metres_per_unit
+    if not size or MIN_USUAL_SIZE <= size <= MAX_USUAL_SIZE:
+        return []
+    note = f"{says} {metres_per_unit:g} m, and so the model is {size:.3g} m large"
+    for other in (UNIT_LENGTHS[name] for name in PROGRAM_UNITS):
+        if 0.1 <= diagonal * other <= 10:
+            unit = describe_unit(other)
+            return [f"{note}; if its numbers are {unit}, state it by `metres_per_unit={other:g}`"]
+    return [f"{note}; if a unit is another length, state it by `metres_per_unit=`"]

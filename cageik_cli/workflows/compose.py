@@ -9,6 +9,7 @@ from cageik_cli.cages.sections import find_shared_sections
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
 from cageik_cli.geometry.part_names import MAX_PARTS_NAMED, count_by_part
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
@@ -29,6 +30,7 @@ from cageik_cli.store.result_writer import ResultWriter
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, join_truncated
 from cageik_cli.util.progress import locate_note
+from cageik_cli.util.units import list_size_notes
 from cageik_cli.workflows.fit import choose_compared_frames, measure_unfitted
 
 
@@ -144,14 +146,16 @@ def _find_key_frames(
 
 
 def collect_notes(
-    stored: StoredBinding, rest: LoadedMesh, sequence: MeshSequence, missing: int
+    stored: StoredBinding, rest: LoadedMesh, sequence: MeshSequence, scene: Scene, *, missing: int
 ) -> tuple[str, ...]:
     """Return what the user should know of the meshes, of which so many vertices are missing."""
     cage = stored.sources["cage"]["name"]
+    unit = scene.metres_per_unit
     notes = [
         *(locate_note(cage, note) for note in stored.binding.notes),
         *(locate_note(rest.source["name"], note) for note in rest.notes),
         *sequence.notes,
+        *list_size_notes(rest.mesh.diagonal, unit, "the result says that a unit is"),
     ]
     if not rest.mesh.is_closed:
         edges = rest.mesh.edges

@@ -301,7 +301,9 @@ class Extraction:
             quality=solver.quality,
             scene=self.scene,
             settings=self.recorded_settings,
-            notes=collect_notes(self.stored, self.rest, self.sequence, solver.missing_count),
+            notes=collect_notes(
+                self.stored, self.rest, self.sequence, self.scene, missing=solver.missing_count
+            ),
         )
         output = settings.output
         with self.progress.stage("write"):
@@ -329,16 +331,14 @@ class Extraction:
         """Return what this run has to do, by which an interrupted one is known again."""
         binding, weights = self.binding, self.vertex_weights.vertices
         robust = self.block_solver.robust
-        tolerances = None if robust is None else robust.tolerances
         rate = self.settings.clip.fps  # at which some files are sampled
         is_fitted_here = self.settings.fit is not None
         given = (binding.unfitted if is_fitted_here else None) or binding
-        arrays = [binding.rest.vertices, binding.rest.faces]
-        arrays += [binding.cage.vertices, binding.cage.faces, given.weights]
-        arrays += [] if weights is None else [weights]
-        found = [] if tolerances is None else [tolerances]
-        if not is_fitted_here:
-            arrays += found
+        meshes = binding.rest, binding.cage
+        arrays = [array for mesh in meshes for array in (mesh.vertices, mesh.faces)]
+        arrays += [given.weights] if weights is None else [given.weights, weights]
+        found = [] if robust is None or robust.tolerances is None else [robust.tolerances]
+        arrays += [] if is_fitted_here else found
         return RunSpec(
             frames=list(self.sequence.names),
             settings=self.recorded_settings,

@@ -1,5 +1,6 @@
 """Describe a file in a few lines: a result, a binding, a checkpoint, a clip, a mesh or points."""
 
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.find_files import mesh_suffixes, split_member
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.ply_points import PointFile
-from cageik_cli.formats.settings import ClipSettings, Scene
+from cageik_cli.formats.settings import ClipSettings, Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
 from cageik_cli.report.figures import group_digits
@@ -27,6 +28,7 @@ from cageik_cli.store.result import Result, is_result, read_result
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.progress import label_note, locate_note
 from cageik_cli.util.text import format_block, format_count
+from cageik_cli.util.units import list_size_notes
 from cageik_cli.workflows.mesh_source import holds_caged_model
 from cageik_cli.workflows.model_file import LoadedModel, load_model
 
@@ -57,7 +59,7 @@ def describe_files(
         if model.points is not None:
             return format_block(str(path), _point_rows(model, model.points))
         loaded = model.mesh
-        rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
+        rows = _mesh_rows(loaded.mesh) + _note_rows(loaded.mesh, loaded.scene, loaded.notes)
         return format_block(str(path), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
     settings = ClipSettings(layout=layout, gaps="keep", exclude=exclude, fps=fps)
     rows = describe_contents(arguments, settings) or _clip_rows(open_sequence(arguments, settings))
@@ -178,8 +180,17 @@ def _clip_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
         *missing,
         *_mesh_rows(sequence.first),
         *([("scene", sequence.scene.description)] if sequence.scene.description else []),
-        *(("note", note) for note in sequence.notes),
+        *_note_rows(sequence.first, sequence.scene, sequence.notes),
     ]
+
+
+def _note_rows(mesh: TriMesh, scene: SceneHints, notes: Iterable[str]) -> list[tuple[str, str]]:
+    """Return rows of notes, and of a size that no character has in the unit of the scene."""
+    unit, says = scene.metres_per_unit, "the file says that a unit is"
+    if unit is None:
+        unit, says = Scene().metres_per_unit, "a unit is taken for"
+    sizes = [f"{note} of cageik extract" for note in list_size_notes(mesh.diagonal, unit, says)]
+    return [("note", note) for note in (*notes, *sizes)]
 
 
 def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
@@ -217,7 +228,8 @@ def _point_rows(model: LoadedModel, points: PointFile) -> list[tuple[str, str]]:
     else:
         coefficients = model.splats.harmonics.shape[1]
         rows.append(("colours", f"spherical harmonics up to band {REST_COUNTS[coefficients]}"))
-    return [*rows, _bounds_row(model.mesh.mesh)]
+    notes = _note_rows(model.mesh.mesh, model.mesh.scene, ())
+    return [*rows, _bounds_row(model.mesh.mesh), *notes]
 
 
 def _bounds_row(mesh: TriMesh) -> tuple[str, str]:

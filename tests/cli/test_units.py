@@ -348,7 +348,17 @@ def test_recentred_positions_and_their_offset_are_converted(here, run):
 
 def test_a_size_that_no_character_has_is_noted(here, run):
     """The clip in OBJ, without a unit, is said to be in metres by USD and glTF."""
-    assert run("extract", "frames", "--cage", "cage.obj", "-o", "plain.h5", "-q").code == 0
+    done = run("extract", "frames", "--cage", "cage.obj", "-o", "plain.h5")
+    for shown in (done.err, run("info", "plain.h5").out, run("info", "frames").out):
+        assert "184 m large" in shown
+        assert "--metres-per-unit 0.01" in shown
+    write_mesh(here / "right.usdc", make_rest(), HERE)
+    for path in ("cages.h5", "right.usdc"):
+        assert "large" not in run("info", path).out
+    write_mesh(here / "plain.obj", make_rest(), HERE)
+    assert "a unit is taken for 1 m, and so" in run("info", "plain.obj").out
+    write_clip(here / "said.usdc", make_rest(), make_rest().vertices[None], Scene())
+    assert "the file says that a unit is 1 m" in run("info", "said.usdc").out
     for out in ("out.usdc", "out.glb"):
         done = run("deform", "plain.h5", "-o", out)
         assert "184 m large" in done.err
