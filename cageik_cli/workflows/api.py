@@ -222,7 +222,8 @@ def extract_to_file(
     alpha, beta, align, fit
         As of `extract`.
     given_in : str
-        Unit and up axis of `cage` and `rest`, such as `cm` or `m,z`, if not what their files say.
+        Unit and up axis of `cage` and `rest`, such as `cm` or `m,z`, if not what their files say;
+        of both, of the one whose file says nothing.
     exclude : sequence of str
         As of `load_clip`.
     overwrite : bool

@@ -56,7 +56,7 @@ class BindRunSettings(CommandSettings):
     Attributes
     ----------
     given_in : SceneHints
-        Unit and up axis of the cage and the clips, in place of what their files state.
+        Unit and up axis of the cage and the clips, see `CommonScene`.
     clips : tuple of str
         Clips that the weights are fitted to, each a folder, a glob or a file; none by default.
     vertex_weights : Path or "area", optional

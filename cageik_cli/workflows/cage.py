@@ -58,8 +58,7 @@ class CageSettings(CommandSettings):
     animation : tuple of str
         The clip the cage is for; none if empty.
     given_in : SceneHints
-        Unit and up axis of the rest pose of a clip, and of the animation, in place of what they
-        state.
+        Unit and up axis of the rest pose of a clip, and of the animation, see `CommonScene`.
     """
 
     model: str = field(metadata=READ_CLIP)

@@ -26,7 +26,7 @@ class CheckSettings(CommandSettings):
     rest_frame : int or "auto"
         Which frame then, from 0; or the one in which the least of the surface touches.
     given_in : SceneHints
-        Unit and up axis of the cage, and of the rest pose of a clip, in place of what they state.
+        Unit and up axis of the cage, and of the rest pose of a clip, see `CommonScene`.
     """
 
     cage: Path = field(metadata=READ)

@@ -50,7 +50,8 @@ class CommonScene:
     given_in : SceneHints
         What the user says of what is given beside it.
     is_shared : bool
-        Whether that is said of several files: what one states then comes before it.
+        Whether that is said of several files: what one states then comes before it. Of one file,
+        it comes before what the file states.
     can_restate : bool
         Whether the user can state the unit and the axis of the clip or the result in this run.
 

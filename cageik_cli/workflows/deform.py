@@ -60,7 +60,7 @@ class DeformSettings(CommandSettings):
     to : SceneHints
         Unit and up axis to which what is written is converted.
     given_in : SceneHints
-        Unit and up axis of `mesh` and `cages`, in place of what their files state.
+        Unit and up axis of `mesh` and `cages`, see `CommonScene`.
     influences : int, optional
         Cage vertices that move each vertex, at most, with weights that are fitted again to the
         motion of the mesh; the weights that it has if absent.

@@ -83,7 +83,7 @@ class ExtractSettings(CommandSettings):
     scene : SceneHints
         Time and space, where they differ from what the files of the clip say.
     given_in : SceneHints
-        Unit and up axis of `rest` and `cage`, where they differ from what their files say.
+        Unit and up axis of `rest` and `cage`, see `CommonScene`.
     cage_output : Path, optional
         An OBJ file to which the cage that is built is written.
     fit : FitSettings, optional

@@ -139,7 +139,8 @@ def make_given_option(what: str, over: str) -> Callable[[Any], Any]:
         type=SceneType(),
         default="",
         help=f"Unit (mm, cm, dm, m, km, in, ft) and up axis of {what}, such as cm or m,z, which "
-        f"are converted to those of {over}.  [default: what the files state]",
+        f"are converted to those of {over}. Of several files, it is for those that state nothing."
+        "  [default: what the files state]",
         group=HelpGroup.CLIP,
     )
 
