@@ -140,7 +140,8 @@ def _find_series(files: list[Path]) -> dict[str, list[Path]]:
 def check_frames(arguments: list[str], paths: tuple[Path, ...]) -> None:
     """Refuse meshes that are not frames of one another, such as a body and its clothes.
 
-    Of a folder that is all meshes; of files that are named, only numbered ones are compared.
+    Those of a folder are compared, each series of numbered files that are named, and those that
+    are not numbered.
 
     Raises
     ------
@@ -154,11 +155,19 @@ def check_frames(arguments: list[str], paths: tuple[Path, ...]) -> None:
         if inside and all(file_suffix(path) in mesh_suffixes() for path in inside):
             is_series = bool(_find_series(inside))
             _check_meshes(str(folder), inside, "" if is_series else suggest_series_below(folder))
-    for group in _find_series([path for path in paths if path in loose]).values():
+    named = [path for path in paths if path in loose]
+    series = list(_find_series(named).values())
+    for group in series:
         _check_meshes(arguments[0], group, "")
+    if (
+        len(named) > 1
+        and not series
+        and all(file_suffix(path) in mesh_suffixes() for path in named)
+    ):
+        _check_meshes(str(named[0]), named, "", what="one of")
 
 
-def _check_meshes(place: str, meshes: Sequence[Path], below: str) -> None:
+def _check_meshes(place: str, meshes: Sequence[Path], below: str, what: str = "holds") -> None:
     """Refuse meshes that are no frames of one clip, or a folder in place of one `below` it."""
     is_series = bool(_find_series(list(meshes)))
     compared = _spread_frames(meshes) if is_series else meshes[:MAX_COMPARED_MESHES]
@@ -166,10 +175,11 @@ def _check_meshes(place: str, meshes: Sequence[Path], below: str) -> None:
     is_clip = _agree(counts.values(), allows_some=is_series)
     if is_clip and not below:
         return
+    below = below or suggest_series_below(meshes[0].parent)
     found = "a mesh" if len(meshes) == 1 else f"{len(meshes)} meshes"
     names = join_truncated(map(_describe_mesh, counts, counts.values()), 5)
     raise SettingError(
-        f"{place}: holds {found}{'' if is_clip else ' that are no frames of one clip'} "
+        f"{place}: {what} {found}{'' if is_clip else ' that are no frames of one clip'} "
         f"({names}); {below or _suggest_mesh(meshes[0])}"
     )
 

@@ -240,6 +240,10 @@ class Writer(GlbWriter):
         if largest <= exact:
             quality = "exact to single precision"
         self.notes += (f"{text}; {quality}",)
+        whole, written = len(self._rest), len(self._surface.origins)
+        if written != whole:
+            split = "split where texture coordinates, normals or materials differ"
+            self.notes += (f"{whole} vertices are {written} in the file, {split}",)
         return modes, rms, largest
 
     def _write_primitive(self, part: Primitive, modes: Modes) -> Any:

@@ -203,20 +203,20 @@ class ExportSummary:
         As the user named it.
     byte_count : int
         Bytes, of all files.
-    parts : str
-        What is counted, in words.
+    unit : str
+        What `vertex_count` counts, in words.
     """
 
     path: Path
     frame_count: int
     vertex_count: int
     byte_count: int
-    parts: str = "vertices"
+    unit: str = "vertices"
 
     @property
     def message(self) -> str:
         """A line for the user."""
-        counts = f"{self.frame_count} frames of {self.vertex_count} {self.parts}"
+        counts = f"{self.frame_count} frames of {self.vertex_count} {self.unit}"
         return f"wrote {self.path}: {counts}, {format_bytes(self.byte_count)}"
 
 

@@ -137,7 +137,7 @@ class _Deformation:
             name=name,
             morphs=settings.morphs,
         )
-        return replace(self._write(output, animation), parts=self._model.parts)
+        return replace(self._write(output, animation), unit=self._model.unit)
 
     def _write(self, output: Output, animation: Animation) -> ExportSummary:
         """Write the frames, in the unit and with the up axis that are asked for."""

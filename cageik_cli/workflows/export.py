@@ -133,9 +133,10 @@ def _write_skeleton(
         make_writer = partial(UsdSkeletonWriter, skin=skin, has_cage=settings.with_model)
         animation = replace(animation, guide=animation.name if settings.guide else "")
     with limit_blas_threads(1):  # the last digits of the cages depend on it
-        return write_converted(
+        summary = write_converted(
             settings.output, settings.to, animation, cages, progress, make_writer
         )
+    return replace(summary, unit=f"joints that move {len(result.rest.vertices)} vertices")
 
 
 def _write_with_model(
@@ -160,7 +161,11 @@ def _write_with_model(
     size = count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
     frames = (np.concatenate([block.cages, block.meshes], axis=1) for block in target.blocks(size))
     with limit_blas_threads(1):  # the last digits of the model depend on it
-        return write_converted(settings.output, settings.to, animation, frames, progress)
+        summary = write_converted(settings.output, settings.to, animation, frames, progress)
+    own = len(result.cage.vertices)
+    return replace(
+        summary, unit=f"vertices, {own} of the cage and {len(result.rest.vertices)} of the model"
+    )
 
 
 def _read_skeleton(result: Result, settings: ExportSettings) -> Reconstruction:

@@ -222,7 +222,7 @@ def _part_rows(mesh: TriMesh) -> list[tuple[str, str]]:
 
 
 def _point_rows(model: LoadedModel, points: PointFile) -> list[tuple[str, str]]:
-    rows = [("holds", model.kind), (model.parts, str(len(points.rows)))]
+    rows = [("holds", model.kind), (model.unit, str(len(points.rows)))]
     if model.splats is None:
         rows.append(("properties", join_truncated(points.names, 20)))
     else:

@@ -131,7 +131,7 @@ class LoadedModel:
         return "a cloud of points" if self.splats is None else "a file of Gaussian splats"
 
     @property
-    def parts(self) -> str:
+    def unit(self) -> str:
         """What it consists of, in words."""
         if self.points is None:
             return "vertices"

@@ -130,7 +130,7 @@ def test_a_skeleton_says_what_it_costs(run, result):
     outcome = run("export", "cages.h5", "c.usda", "--skeleton")
     assert outcome.code == 0, outcome.err
     first, note = outcome.err.splitlines()
-    assert first.startswith("wrote c.usda: 5 frames of 8 vertices, ")
+    assert first.startswith("wrote c.usda: 5 frames of 8 joints that move 18 vertices, ")
     assert note.startswith("  note           c.usda: up to 8 influences per vertex")
     assert "def Skeleton" in Path("c.usda").read_text()
     words = ["--skeleton", "--influences", "3", "--overwrite"]
@@ -204,6 +204,7 @@ def read_stage(path):
 def test_cage_and_model_in_one_stage(run, result, options, purpose):
     outcome = run("export", "cages.h5", "both.usdc", "--with-model", *options)
     assert outcome.code == 0, outcome.err
+    assert "5 frames of 26 vertices, 8 of the cage and 18 of the model, " in outcome.err
     assert faults_of("both.usdc") == []
     found = read_stage("both.usdc")
     assert {name: held[0] for name, held in found.items()} == {"cage": purpose, "model": "default"}

@@ -22,9 +22,9 @@ def place(tmp_path, monkeypatch, write_obj):
     return write
 
 
-def refused_folder(name):
+def refused_folder(*names):
     with pytest.raises(InputError) as caught:
-        open_sequence([name])
+        open_sequence([*names])
     return str(caught.value)
 
 
@@ -64,6 +64,19 @@ def test_frames_without_numbers_and_one_that_is_damaged_are_a_clip(place):
     assert len(open_sequence(["one"])) == 1
 
 
-def test_files_that_are_named_are_not_compared(place):
-    place(hero__a=ball(1), hero__b=box())
+@pytest.mark.parametrize("names", [("hero/body.obj", "hero/cap.obj"), ("hero/*.obj",)])
+def test_meshes_that_are_named_one_by_one_are_told_the_same(place, names):
+    place(hero__body=ball(1), hero__cap=octahedron())
+    said = refused_folder(*names)
+    assert said.startswith("hero/body.obj: one of 2 meshes that are no frames of one clip (body.")
+    assert "name one of them, as in hero/body.obj, or export them as one file of several" in said
+    place(**{f"hero__frames__walk_{k}": ball(1) for k in range(5)})
+    assert refused_folder(*names).endswith("; did you mean hero/frames, 5 meshes?")
+
+
+def test_named_frames_are_a_clip_also_if_a_numbered_one_is_damaged(place):
+    place(hero__a=ball(1), hero__b=ball(1), hero__frames__1=ball(1))
     assert len(open_sequence(["hero/a.obj", "hero/b.obj"])) == 2
+    place(walk__1=ball(1), walk__2=box(), walk__3=ball(1))
+    assert len(open_sequence(["walk/1.obj", "walk/2.obj", "walk/3.obj"])) == 3
+    assert len(open_sequence(["walk/*.obj"])) == 3

@@ -25,7 +25,8 @@ def choose_parts(
     Parameters
     ----------
     member : str, optional
-        A mesh, or what they are below; all that are seen if absent.
+        A mesh, or what they are below: its path, or the end of the path if only one ends so. All
+        that are seen if absent.
     exclude : sequence of str
         Patterns of paths and of names in them: what is at or below one is left out.
     hidden : mapping
@@ -35,13 +36,12 @@ def choose_parts(
     Raises
     ------
     InputError
-        Listing the meshes to choose from.
+        Listing the meshes to choose from, or those that a text may mean.
     """
     if not paths:
         raise FormatError("holds no mesh; export an animated mesh")
-    chosen = [path for path in paths if member is None or _is_below(path, member)]
-    if not chosen:
-        raise SettingError(f"holds no mesh `{member}`; choose one of {join_truncated(paths)}")
+    top = None if member is None else _find_top(paths, member)
+    chosen = [path for path in paths if top is None or _is_below(path, top)]
     reasons: dict[str, str] = {}
     for pattern in exclude:
         matching = [path for path in chosen if _matches(path, pattern)]
@@ -53,7 +53,7 @@ def choose_parts(
     if len(reasons) == len(chosen):
         raise SettingError("`exclude=` leaves none of its meshes; give fewer patterns")
     seen = [path for path in chosen if path not in reasons]
-    shown = [path for path in seen if path not in hidden or path == member]
+    shown = [path for path in seen if path not in hidden or path == top]
     unseen = {path: hidden[path] for path in seen if path not in shown}
     if shown:
         return shown, _describe("left out", reasons | unseen)
@@ -68,6 +68,34 @@ def _describe(what: str, reasons: Mapping[str, str]) -> list[str]:
     return [f"{what} {join_truncated(each)} ({reason})" for reason, each in paths.items()]
 
 
+def _find_top(paths: Sequence[str], member: str) -> str:
+    """Return the path that a text names: as it is, or the only one that ends with it."""
+    if any(_is_below(path, member) for path in paths):
+        return member
+    places = {place: None for path in paths for place in _list_places(path)}
+    ending = [place for place in places if place.endswith(f"/{member.rstrip('/')}")]
+    tops = [
+        place
+        for place in ending
+        if not any(_is_below(place, other) for other in ending if other != place)
+    ]
+    if len(tops) == 1:
+        return tops[0]
+    if tops:
+        raise SettingError(
+            f"holds {len(tops)} meshes or groups `{member}`: {join_truncated(tops)}; give more of "
+            f"the path, as in ::{tops[0]}"
+        )
+    raise SettingError(f"holds no mesh `{member}`; choose one of {join_truncated(paths)}")
+
+
+def _list_places(path: str) -> list[str]:
+    """Return a path and those above it, from the top."""
+    names = path.strip("/").split("/")
+    root = "/" if path.startswith("/") else ""
+    return [root + "/".join(names[: k + 1]) for k in range(len(names))]
+
+
 def _is_below(path: str, top: str) -> bool:
     return path == top or path.startswith(f"{top.rstrip('/')}/")
 
@@ -75,9 +103,7 @@ def _is_below(path: str, top: str) -> bool:
 def _matches(path: str, pattern: str) -> bool:
     """Return whether a pattern is that of a path, of one above it, or of a name in it."""
     names = path.strip("/").split("/")
-    root = "/" if path.startswith("/") else ""
-    above = [root + "/".join(names[: k + 1]) for k in range(len(names))]
-    return any(fnmatchcase(each, pattern) for each in (*above, *names))
+    return any(fnmatchcase(each, pattern) for each in (*_list_places(path), *names))
 
 
 def select_parts(

@@ -284,12 +284,13 @@ def choose_animation(names: list[str], member: str | None) -> tuple[int | None, 
     Parameters
     ----------
     member : str, optional
-        `ANIMATION`, `/node/path`, or `ANIMATION::/node/path`; an animation by name or number.
+        `ANIMATION`, `/node/path`, or `ANIMATION::/node/path`; an animation by name or number. A
+        text that is none of these is a part where there is no choice of animations.
 
     Raises
     ------
     SettingError
-        When there is no such animation.
+        When there is no such animation among several.
     """
     if member is None:
         return None, None
@@ -300,6 +301,9 @@ def choose_animation(names: list[str], member: str | None) -> tuple[int | None, 
         return names.index(typed), top or None
     if typed.isdecimal() and int(typed[:9]) < len(names):
         return int(typed), top or None
-    if not names:
-        raise SettingError(f"holds no animation `{typed}`, and none at all; leave out `::{typed}`")
-    raise SettingError(f"holds no animation `{typed}`; choose one of {join_truncated(names)}")
+    if len(names) < 2:
+        return None, member
+    raise SettingError(
+        f"holds no animation `{typed}`; choose one of {join_truncated(names)}; parts are named "
+        f"behind it, as in ::{names[0]}::{typed}"
+    )

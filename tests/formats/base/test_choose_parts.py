@@ -19,6 +19,11 @@ HIDDEN = {"/hero/rig/guide": "purpose guide", "/prop": "invisible"}
         ("/hero/geo/body", (), [0]),
         ("/prop", (), [4]),
         ("/hero/rig", (), [3]),
+        ("body", (), [0]),
+        ("geo", ("eye_?",), [0]),
+        ("hero/geo", (), [0, 1, 2]),
+        ("geo/eye_R", (), [2]),
+        ("prop", (), [4]),
         (None, ("eye_?",), [0]),
         (None, ("geo",), [3, 4]),
         (None, ("/hero/geo/e*", "/prop"), [0]),
@@ -41,6 +46,9 @@ def test_notes_name_what_is_left_out_and_why():
     [
         ([], None, (), "holds no mesh"),
         (PATHS, "/her", (), "no mesh `/her`.*/hero/geo/body"),
+        (PATHS, "bod", (), "no mesh `bod`.*/hero/geo/body"),
+        (PATHS, "/geo/body", (), "no mesh `/geo/body`"),
+        (["/a/geo/x", "/b/geo/x"], "geo", (), "2 meshes or groups `geo`: /a/geo, /b/geo; .* ::/a"),
         (PATHS, None, ("hand",), "`exclude=hand` matches none.*/hero/geo/body"),
         (PATHS, None, ("*",), "leaves none"),
     ],
@@ -48,6 +56,11 @@ def test_notes_name_what_is_left_out_and_why():
 def test_a_choice_of_nothing_is_refused(paths, member, exclude, sentence):
     with pytest.raises(InputError, match=sentence):
         choose_parts(paths, member, exclude)
+
+
+def test_a_transform_and_its_mesh_of_one_name_are_one_part():
+    assert choose_parts(["/hero/body/body", "/hero/hat"], "body", ())[0] == ["/hero/body/body"]
+    assert choose_parts(["body", "/hero/body"], "body", ())[0] == ["body"]
 
 
 MODEL = join_meshes([box(1.0), box(2.0), box(3.0)], PATHS[:3])

@@ -86,10 +86,13 @@ def test_several_animations_are_listed(dance):
         open_sequence([str(dance)])
     with refused(SettingError, "as in FILE::step::/ribbon"):
         open_sequence([f"{dance}::/ribbon"])
-    with refused(SettingError, "holds no animation `run`; choose one of step, 1, 2"):
+    with refused(
+        SettingError, "holds no animation `run`; choose one of step, 1, 2; parts are named"
+    ):
         open_sequence([f"{dance}::run"])
     with refused(SettingError, "holds no mesh `/arm`; choose one of /ribbon, /node_1"):
         open_sequence([f"{dance}::step::/arm"])
+    assert len(open_sequence([f"{dance}::step::ribbon"]).first.vertices)
     assert list_members(dance) == ["step", "1", "2"]
     rows = describe_contents([str(dance)], ClipSettings())
     assert [text for label, text in rows if label == "animation"] == ["step", "1", "2"]

@@ -376,7 +376,7 @@ def test_a_buffer_needs_data_and_a_file_without_animations_has_none_to_choose(sa
     document |= {"buffers": [{"byteLength": 36}, {"byteLength": 36}]}
     path = save(document, bytes(36))
     assert "buffers[1]: names no data" in say(path)
-    with refused(InputError, "holds no animation `run`, and none at all; leave out `::run`"):
+    with refused(InputError, "holds no mesh"):
         open_sequence([f"{path}::run"])
 
 
