@@ -23,7 +23,7 @@ from cageik_cli.formats.find_files import (
 )
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.parts import list_part_names
+from cageik_cli.geometry.parts import adopt_parts
 from cageik_cli.util.errors import (
     FileAccessError,
     FormatError,
@@ -133,10 +133,12 @@ def open_clip_and_rest(
             fans = rest.mesh.fan_triangulated
             expected = sequence.first.fan_triangulated
             check_connectivity(len(fans.vertices), fans.faces, expected, "the first frame")
-        # Polygons are cut as in the first frame, which may also know more of the surface.
-        attributes = rest.mesh.attributes
-        if (not list_part_names(rest.mesh) and list_part_names(sequence.first)) or not attributes:
-            attributes = sequence.first.attributes
+        # Polygons are cut as in the first frame, which also knows its parts, and may know more.
+        attributes, known = rest.mesh.attributes, sequence.first.attributes
+        if attributes is None or (attributes.parts is None and known and known.parts):
+            attributes = known
+        elif known is not None and known.parts is not None:
+            attributes = adopt_parts(attributes, known)
         mesh = TriMesh(rest.mesh.vertices, sequence.first.faces, attributes)
         return sequence, replace(rest, mesh=mesh)
     return sequence, load_rest_frame(sequence, rest_index)

@@ -87,6 +87,23 @@ def list_part_names(mesh: TriMesh) -> tuple[str, ...]:
     return () if attributes is None or attributes.parts is None else attributes.parts.names
 
 
+def adopt_parts(attributes: SurfaceAttributes, other: SurfaceAttributes) -> SurfaceAttributes:
+    """Return attributes with the parts of others, which have some, of the same triangles.
+
+    The triangles may be of other polygons.
+    """
+    parts = other.parts
+    assert parts is not None
+    starts = [each.start for each in parts.polygon_slices]
+    stops = np.cumsum(np.add.reduceat(other.corner_counts - 2, starts))
+    counts = np.diff(attributes.triangle_polygons[stops - 1], prepend=-1)
+    parts = Parts(parts.names, parts.vertex_counts, counts, parts.transforms)
+    subdivision = attributes.subdivision
+    if len(subdivision.part_schemes) != len(parts.names):
+        subdivision = replace(subdivision, part_schemes=())
+    return replace(attributes, parts=parts, subdivision=subdivision)
+
+
 def _select_attributes(
     whole: SurfaceAttributes, vertices: slice, polygons: slice, number: int
 ) -> SurfaceAttributes:

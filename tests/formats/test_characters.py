@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.open import load_mesh, open_clip_and_rest, open_sequence
+from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.formats.write import Output
 from cageik_cli.geometry.parts import list_part_names, split_parts
 from cageik_cli.workflows.deform import DeformSettings, deform
@@ -46,6 +47,28 @@ OUTPUTS = {
 }
 TOL = 1e-6
 """Largest distance, in diagonals: files are in single precision."""
+
+
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_a_rest_pose_of_other_names_keeps_the_parts_of_the_clip(tmp_path, is_cut):
+    """An OBJ says neither paths nor transforms; cut into triangles, it has other polygons."""
+    clip, model = WRITERS["usd"](tmp_path), truth()[0]
+    path = WRITERS["obj"](tmp_path) / "hero_0001.obj"
+    if is_cut:
+        lines = ["v {!r} {!r} {!r}\nvt 0 0".format(*point) for point in model.vertices.tolist()]
+        places = dict(zip(np.cumsum([0, *COUNTS]).tolist(), "abcd", strict=False))
+        for face in model.faces.tolist():
+            lines += [f"o {places.pop(min(face))}"] if min(face) in places else []
+            lines.append("f {0}/{0} {1}/{1} {2}/{2}".format(*(k + 1 for k in face)))
+        path.write_text("\n".join(lines))
+        assert list_part_names(load_mesh(path).mesh) == ("a", "b", "c", "d")
+    _, rest = open_clip_and_rest((str(clip),), ClipSettings(), load_mesh(path), 0)
+    parts = rest.mesh.polygons.parts
+    assert parts.names == NAMES
+    np.testing.assert_allclose(parts.transforms, model.polygons.parts.transforms, atol=1e-6)
+    for part, mesh in zip(split_parts(rest.mesh), make_parts(), strict=True):
+        assert len(part.mesh.faces) == len(mesh.faces)
+        assert part.mesh.polygons.uvs is not None
 
 
 @pytest.fixture(scope="module", params=list(WRITERS))
