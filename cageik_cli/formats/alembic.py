@@ -12,7 +12,16 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.alembic_surface import AlembicSurface, find_cause, list_layers, read_sample
-from cageik_cli.formats.alembic_tree import TransformTree, place_parts
+from cageik_cli.formats.alembic_tree import (
+    SAME_TIME_TOL,
+    TransformTree,
+    find_transforms,
+    interpolate_matrix,
+    is_still,
+    locate_samples,
+    name_parts,
+    place_meshes,
+)
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     SceneMesh,
@@ -33,9 +42,6 @@ from cageik_cli.util.files import open_input
 
 FPS_KEY = "cageik_fps"
 """Where a mesh states the frame rate. The archive could only state it together with the time."""
-
-SAME_TIME_TOL = 1e-6
-"""Times that differ by less than this share of a step are one: seconds of other rates round."""
 
 
 class Reader(SceneReader):
@@ -68,9 +74,15 @@ class Reader(SceneReader):
         self._stated_rates: list[str] = []
         objects = _iterate_descendants(self._archive.getTop())
         meshes = [thing for thing in objects if IPolyMesh.matches(thing.getHeader())]
-        hidden = [thing.getFullName() for thing in meshes if _is_hidden(thing)]
-        found = {thing.getFullName(): thing for thing in meshes}
-        return found, dict.fromkeys(hidden, "invisible")
+        paths = [thing.getFullName() for thing in meshes]
+        names = name_parts(paths, [is_still(thing) for thing in meshes])
+        self._names = dict(zip(paths, names, strict=True))
+        hidden = [name for name, thing in zip(names, meshes, strict=True) if _is_hidden(thing)]
+        return dict(zip(names, meshes, strict=True)), dict.fromkeys(hidden, "invisible")
+
+    def find_top(self, member: str | None) -> str | None:
+        """Return the part of a mesh that is named by its own path."""
+        return self._names.get(member, member) if member else member
 
     def open_mesh(self, found: Any) -> "AlembicMesh":
         """Open an object."""
@@ -117,7 +129,7 @@ class AlembicMesh(SceneMesh):
 
         self._schema = IPolyMesh(thing, WrapExistingFlag.kWrapExisting).getSchema()
         self._points = self._schema.getPositionsProperty()
-        self._transforms = _find_transforms(thing)
+        self._transforms = find_transforms(thing)
 
     def list_times(self) -> set[float]:
         """List the times of the points, or of the transforms if the points do not move."""
@@ -130,7 +142,7 @@ class AlembicMesh(SceneMesh):
         """Return the product of the transforms."""
         matrix = np.eye(4)
         for transform in self._transforms:
-            matrix = matrix @ _interpolate_matrix(transform, time)
+            matrix = matrix @ interpolate_matrix(transform, time)
         return matrix
 
     def has_moving_transform(self) -> bool:
@@ -139,7 +151,7 @@ class AlembicMesh(SceneMesh):
 
     def read_points(self, time: float) -> np.ndarray:
         """Read the points at a time, interpolated linearly between two samples."""
-        start, stop, part = _locate_samples(self._points, time)
+        start, stop, part = locate_samples(self._points, time)
         before, after = (
             np.array(read_sample(self._points, index), np.float32).reshape(-1, 3)
             for index in (start, stop)
@@ -205,55 +217,11 @@ def _iterate_descendants(thing: Any) -> Iterator[Any]:
         yield from _iterate_descendants(child)
 
 
-def _find_transforms(thing: Any) -> list[Any]:
-    """Return the transforms that move an object, its own first."""
-    from alembic3d.Abc import WrapExistingFlag
-    from alembic3d.AbcGeom import IXform
-
-    found = []
-    while thing.getParent().valid():
-        if IXform.matches(thing.getHeader()):
-            found.append(IXform(thing, WrapExistingFlag.kWrapExisting).getSchema())
-            if not found[-1].getInheritsXforms():
-                break
-        thing = thing.getParent()
-    return found
-
-
 def _sample_times(sampled: Any) -> set[float]:
     """Return the times of the samples, if there are several."""
     count = sampled.getNumSamples()
     sampling = sampled.getTimeSampling()
     return {sampling.getSampleTime(k) for k in range(count)} if count > 1 else set()
-
-
-def _locate_samples(sampled: Any, time: float) -> tuple[int, int, float]:
-    """Return the samples before and after a time, and the part of the way between them.
-
-    At a sample, to rounding of its time, they are the same.
-    """
-    count, sampling = sampled.getNumSamples(), sampled.getTimeSampling()
-    start, stop = sampling.getFloorIndex(time, count), sampling.getCeilIndex(time, count)
-    begin, end = sampling.getSampleTime(start), sampling.getSampleTime(stop)
-    part = (time - begin) / (end - begin) if end > begin else 0.0
-    if part < SAME_TIME_TOL:
-        return start, start, 0.0
-    return (stop, stop, 0.0) if part > 1 - SAME_TIME_TOL else (start, stop, part)
-
-
-def _interpolate_matrix(transform: Any, time: float) -> Floats:
-    """Return a transform at a time, interpolated linearly between two samples."""
-    from alembic3d.Abc import ISampleSelector
-
-    if transform.getNumSamples() == 0:
-        return np.eye(4)
-    start, stop, part = _locate_samples(transform, time)
-    before, after = (
-        # By its time: a selector would take an index for seconds, too.
-        np.array([list(row) for row in transform.getValue(ISampleSelector(at)).getMatrix()])
-        for at in map(transform.getTimeSampling().getSampleTime, (start, stop))
-    )
-    return np.asarray(before + part * (after - before))
 
 
 def _is_hidden(thing: Any) -> bool:
@@ -311,14 +279,18 @@ class Writer(AnimationWriter):
             times = archive.addTimeSampling(TimeSampling(step, start))
             stated = MetaData()
             stated.set(FPS_KEY, f"{scene.fps:.12g}")
-            placed = place_parts(parts)
-            tree = TransformTree(archive.getTop(), placed)
+            paths = [f"/{part.name.strip('/')}" for part in parts]
+            are_still = [np.array_equal(part.transform, np.eye(4)) for part in parts]
+            places = [path.rpartition("/") for path in place_meshes(paths, are_still)]
+            matrices: dict[str, Floats] = {}
+            for (above, _, _), part in zip(places, parts, strict=True):
+                matrices.setdefault(above, part.transform)
+            tree = TransformTree(archive.getTop(), matrices)
             # The last references to the file: it is closed with these.
             self._meshes = []
-            for place in placed:
-                above = tree.define(place.above)
-                schema = OPolyMesh(above, place.name, stated, times).getSchema()
-                self._meshes.append((schema, AlembicSurface(place.part.own_mesh), place.part))
+            for (above, _, name), part in zip(places, parts, strict=True):
+                schema = OPolyMesh(tree.define(above), name, stated, times).getSchema()
+                self._meshes.append((schema, AlembicSurface(part.own_mesh), part))
         except RuntimeError as error:
             raise OSError(str(error)) from error
 

@@ -32,7 +32,7 @@ MATERIALS = ("skin", "cloth", "white", "white")
 SHORT = tuple(name.rpartition("/")[2] for name in NAMES)
 PATHS = {
     "usd": NAMES,
-    "alembic": tuple(f"{name}/{short}Shape" for name, short in zip(NAMES, SHORT, strict=True)),
+    "alembic": NAMES,
     "gltf": NAMES,
     "obj": SHORT,
 }
