@@ -12,6 +12,7 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.ply_points import parse_points
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.formats.write import Output
@@ -31,6 +32,7 @@ from tests.conftest import _use_coarse_panels
 from tests.fitted import small_binding, smooth_motion
 from tests.listeners import Listener
 from tests.shapes import finer
+from tests.splats import encode_rows
 
 FORMS = {
     "dense": FitSettings(),
@@ -239,3 +241,37 @@ def pose_model_of(form, model, handles, given_in=None):
         given_in=given_in or SceneHints(),
     )
     return pose(settings).snapshot.after
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_normals_turn_with_a_fit_in_another_scene(form):
+    """The points state nothing, and the user what the result is in; its gradients follow."""
+    points = 1.03 * BINDING.rest.vertices
+    normals = points / np.linalg.norm(points, axis=1, keepdims=True)
+    conversion = SceneConversion((100.0, 1.0), ("Z", "Y"))
+    here = pose_normals(form, points, normals, HANDLES, SceneHints())
+    handles = [dict(HANDLES[0]), HANDLES[1]]
+    handles[0]["offset"] = conversion.apply(np.array(HANDLES[0]["offset"])).tolist()
+    there = pose_normals(
+        form,
+        conversion.apply(points),
+        normals @ conversion.turn,
+        handles,
+        SceneHints.parse("100,z"),
+    )
+    assert np.abs(here - normals).max() > 0.05
+    np.testing.assert_allclose(there, here @ conversion.turn, rtol=0, atol=1e-6)
+
+
+def pose_normals(form, points, normals, handles, given_in):
+    """The normals of a cloud of points that is posed in the cage of a result."""
+    names = ("x", "y", "z", "nx", "ny", "nz")
+    rows = np.zeros(len(points), [(name, "<f8") for name in names])
+    for name, values in zip(names, np.concatenate([points, normals], axis=1).T, strict=True):
+        rows[name] = values
+    Path("cloud.ply").write_bytes(encode_rows(rows))
+    Path("own.json").write_text(json.dumps({"handles": handles}))
+    files = Path("cloud.ply"), Path("own.json"), Path("posed.ply")
+    pose(PoseSettings(*files, cage=Path(f"{form}.h5"), given_in=given_in, overwrite=True))
+    moved = parse_points(Path("posed.ply").read_bytes()).rows
+    return np.stack([moved[name] for name in names[3:]], axis=1)
