@@ -217,22 +217,6 @@ def pack_arrays(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -
     return base64.b64encode(_compress(content)).decode()
 
 
-def unpack_arrays(text: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Unpack what `pack_arrays` packed: the header, and the arrays by name."""
-    content = zlib.decompress(base64.b64decode(text, validate=True), wbits=31)
-    (length,) = struct.unpack_from("<I", content)
-    header, start = json.loads(content[4 : 4 + length]), 4 + length
-    arrays = {}
-    for one in header.pop("arrays"):
-        dtype = np.dtype(PACKED_TYPES[one["type"]])
-        count = int(np.prod(one["shape"]))
-        planes = np.frombuffer(content, np.uint8, count * dtype.itemsize, start)
-        numbers = np.ascontiguousarray(planes.reshape(dtype.itemsize, count).T).view(dtype)
-        arrays[one["name"]] = numbers.reshape(one["shape"])
-        start += count * dtype.itemsize
-    return header, arrays
-
-
 def _compress(content: bytes) -> bytes:
     """Return gzip of `content`, without a time and a system: the same bytes everywhere."""
     header = bytes([0x1F, 0x8B, 8, 0, 0, 0, 0, 0, 0, 0xFF])

@@ -1,8 +1,31 @@
 """What the script of a page computes from its data, in Python."""
 
-import numpy as np
+import base64
+import json
+import struct
+import zlib
+from typing import Any
 
-from cageik_cli.report.player.compression import unpack_arrays
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.report.player.compression import PACKED_TYPES
+
+
+def unpack_arrays(text: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Unpack what `pack_arrays` packed: the header, and the arrays by name."""
+    content = zlib.decompress(base64.b64decode(text, validate=True), wbits=31)
+    (length,) = struct.unpack_from("<I", content)
+    header, start = json.loads(content[4 : 4 + length]), 4 + length
+    arrays = {}
+    for one in header.pop("arrays"):
+        dtype = np.dtype(PACKED_TYPES[one["type"]])
+        count = int(np.prod(one["shape"]))
+        planes = np.frombuffer(content, np.uint8, count * dtype.itemsize, start)
+        numbers = np.ascontiguousarray(planes.reshape(dtype.itemsize, count).T).view(dtype)
+        arrays[one["name"]] = numbers.reshape(one["shape"])
+        start += count * dtype.itemsize
+    return header, arrays
 
 
 def unpack_payload(text: str) -> tuple[dict, dict[str, np.ndarray]]:

@@ -16,9 +16,8 @@ from cageik_cli.report.player.compression import (
     Predictor,
     find_smooth_motions,
     pack_arrays,
-    unpack_arrays,
 )
-from tests.report.player.rebuild import add_predictions
+from tests.report.player.rebuild import add_predictions, unpack_arrays
 from tests.shapes import ball
 
 

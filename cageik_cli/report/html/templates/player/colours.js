@@ -1,12 +1,14 @@
 // Colours of vertices: a ramp of nine colours, and for each vertex a place on it, 0 to 1, or -1 if
-// it is missing data.
+// it is missing data. Parts of a model have a colour of the palette each.
 const CLAY = "#e2d6c8", INPUT = "#cfd6dd", MOVED = "#e0792c";
+
+const PALETTE = [CLAY, "#9dbbd8", "#e3bd7c", "#a9c8a0", "#d6a5b8", "#b9abd6", "#8fc4bf", "#dd9f86", "#c3c58f"];
 
 const parseColour = (text) => [1, 3, 5].map((k) => parseInt(text.slice(k, k + 2), 16) / 255);
 
 const makeRamp = (colours) => Float32Array.from(colours.flatMap(parseColour));
 
-const PLAIN = { clay: makeRamp(Array(9).fill(CLAY)), input: makeRamp(Array(9).fill(INPUT)) };
+const PLAIN = { clay: makeRamp(Array(9).fill(CLAY)), input: makeRamp(Array(9).fill(INPUT)), parts: makeRamp(PALETTE) };
 
 class Colours {
   constructor(clip) {
@@ -15,6 +17,7 @@ class Colours {
     this.movedRamp = makeRamp([...Array(8).fill(CLAY), MOVED]);
     this.missing = parseColour(clip.header.missing);
     this.values = new Float32Array(clip.arrays.lack.length / 3);
+    this.parts = clip.header.parts.length ? listOwners(clip).map((part) => part % PALETTE.length) : null;
   }
 
   // Fills `values` for a mode and a frame; returns the ramp, and what its scale says, if any.
@@ -35,7 +38,9 @@ class Colours {
       values.set(moved);
       return { ramp: this.movedRamp };
     }
-    return { ramp: PLAIN.clay };
+    if (!this.parts) return { ramp: PLAIN.clay };
+    for (let j = 0; j < values.length; j++) values[j] = this.parts[j] / (PALETTE.length - 1);
+    return { ramp: PLAIN.parts };
   }
 
   // Marks what is missing data; returns the ramp of errors up to `end`.

@@ -1,10 +1,15 @@
 // The parts of a model: a list with their errors, in which each can be shown or hidden.
 
+// The number of the part of each vertex.
+function listOwners(clip) {
+  const stops = [];
+  for (const { vertices } of clip.header.parts) stops.push((stops.at(-1) ?? 0) + vertices);
+  return Uint32Array.from({ length: clip.arrays.lack.length / 3 }, (_, vertex) => findPart(stops, clip.fileVertex(vertex)));
+}
+
 // The faces of the parts that are shown; a face is of the part of its first corner.
 function selectFaces(clip, isShown) {
-  const { faces } = clip.arrays, stops = [];
-  for (const { vertices } of clip.header.parts) stops.push((stops.at(-1) ?? 0) + vertices);
-  const owners = Uint32Array.from({ length: clip.arrays.lack.length / 3 }, (_, vertex) => findPart(stops, clip.fileVertex(vertex)));
+  const { faces } = clip.arrays, owners = listOwners(clip);
   return faces.filter((_, k) => isShown[owners[faces[k - k % 3]]]);
 }
 
@@ -26,8 +31,9 @@ function makeParts(section, stage) {
     const box = makeElement("input", { type: "checkbox", checked: true, id: `player-part-${k}` });
     const label = makeElement("label", { htmlFor: box.id, textContent: name });
     const error = makeElement("span", { className: "soft number", textContent: rms === null ? "" : `${rms.toFixed(4)} %` });
-    const item = makeElement("li", {});
-    item.append(box, label, error);
+    const item = makeElement("li", {}), swatch = makeElement("span", { className: "swatch" });
+    swatch.style.background = PALETTE[k % PALETTE.length];
+    item.append(box, swatch, label, error);
     details.querySelector("ul").append(item);
     listenTo(box, "change", () => show());
     return box;
