@@ -41,7 +41,10 @@ def split_output(output: "Output", mesh: TriMesh, name: str) -> "list[Output]":
         return [output]
     names = name_part_files([part.name or name for part in split_parts(mesh)])
     typed = str(output.path)
-    outputs = [replace(output, path=Path(typed.replace(PLACEHOLDER, each))) for each in names]
+    outputs = [
+        replace(output, path=Path(typed.replace(PLACEHOLDER, each)), makes_folder=True)
+        for each in names
+    ]
     if len({each.target_path for each in outputs}) < len(outputs):
         raise OutputError(
             f"{output.path}: each part needs a folder of its own; put {PLACEHOLDER} into its name, "

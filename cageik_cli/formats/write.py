@@ -33,6 +33,7 @@ from cageik_cli.util.outputs import (
     atomic_path,
     check_folder_writable,
     check_writable,
+    make_folder,
     write_bytes,
 )
 from cageik_cli.util.progress import ProgressListener
@@ -63,12 +64,15 @@ class Output:
         Whether an existing file, or a folder of such files and no others, may be replaced.
     recentre : bool
         Whether the animation is moved to the origin, and the offset written beside it.
+    makes_folder : bool
+        Whether the folder that it is in is created, as for the files of parts.
     """
 
     path: Path
     file_format: str | None = None
     overwrite: bool = False
     recentre: bool = False
+    makes_folder: bool = False
 
     @property
     def is_folder(self) -> bool:
@@ -142,6 +146,10 @@ class Output:
         writer = self.find_writer()
         with error_context(self.path):
             writer.require_libraries()
+        folder = self.target_path.parent
+        if self.makes_folder and not folder.exists():
+            check_folder_writable(folder, overwrite=False, is_output_name=lambda name: False)
+            return
         if self.frame_names is None:
             check_writable(self.path, self.overwrite)
         else:
@@ -174,12 +182,28 @@ class Output:
     def _open_unfinished(self) -> Iterator[Path]:
         """Yield a temporary name for the writer; the output is renamed when it is complete."""
         names = self.frame_names
-        if names is None:
-            with atomic_path(self.path, self.overwrite) as path:
-                yield path
-        else:
-            with atomic_folder(self.target_path, self.overwrite, names.matches) as folder:
-                yield folder / names.pattern
+        with self._make_folder():
+            if names is None:
+                with atomic_path(self.path, self.overwrite) as path:
+                    yield path
+            else:
+                with atomic_folder(self.target_path, self.overwrite, names.matches) as folder:
+                    yield folder / names.pattern
+
+    @contextmanager
+    def _make_folder(self) -> Iterator[None]:
+        """Create the folder that the output is in, if it does; remove it if nothing is written."""
+        folder = self.target_path.parent
+        if not self.makes_folder or folder.exists():
+            yield
+            return
+        make_folder(folder)
+        try:
+            yield
+        except BaseException:
+            with suppress(OSError):  # it holds what was completed
+                folder.rmdir()
+            raise
 
 
 def frame_formats() -> tuple[str, ...]:

@@ -52,6 +52,35 @@ def read_whole(run):
     return np.load("whole.npz")["vertices"]
 
 
+@pytest.mark.parametrize("pattern", ["{part}.pc2", "{part}/a_####.obj"])
+def test_the_folder_of_the_files_of_parts_is_made(run, hero, pattern):
+    outcome = run(*DEFORM, f"new/{pattern}")
+    assert outcome.code == 0, outcome.err
+    assert sorted(path.stem for path in Path("new").iterdir()) == list(FILES)
+
+
+def test_a_folder_is_not_made_where_there_is_none_above_it_or_no_writer(run, hero):
+    outcome = run(*DEFORM, "new/deep/{part}.pc2")
+    assert outcome.code == 1
+    assert "the folder new does not exist" in outcome.err
+    assert run("deform", "cages.h5", "-o", "new/cage.pc2").code == 1
+    assert not Path("new").exists()
+
+
+def test_a_skeleton_in_gltf_has_no_cage_beside_it(run, hero):
+    outcome = run("export", "cages.h5", "rig.glb", "--skeleton", "--with-model")
+    assert outcome.code == 1
+    assert "leave out --with-model, or write .usdc" in outcome.err
+
+
+def test_a_folder_that_was_made_is_removed_after_a_failure(tmp_path):
+    output = Output(tmp_path / "new" / "{part}.pc2")
+    moved = Animation(MODEL, 1, Scene(), "hero")
+    with pytest.raises(ZeroDivisionError):
+        write_animation(output, moved, (1 / 0 for _ in "a"), ProgressListener())
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("kind", ["pc2", "mdd"])
 def test_point_caches_of_parts_are_in_the_space_of_each(run, hero, kind):
     """So that one goes onto the object of the asset, whose transform stays."""
