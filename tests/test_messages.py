@@ -63,8 +63,8 @@ MESSAGES = {
     "unsupported file": (
         ["extract", "cage.fbx", "--cage", "cage.obj"],
         1,
-        "Error: cage.fbx: is a scene of another program; bake it to Alembic with the script "
-        "bake_rig.py for Blender (docs/scripts), or export it as glTF, USD or Alembic",
+        "Error: cage.fbx: is a scene of another program; export it as glTF, USD or Alembic, or "
+        "bake it: blender --background --python docs/scripts/bake_rig.py -- cage.fbx cage.abc",
     ),
     "frame of other size": (
         EXTRACT,

@@ -36,12 +36,12 @@ from cageik_cli.util.text import to_unicode
 _UNSUPPORTED_REASONS = {
     ".bvh .c3d .asf .amc": "holds the motion of a skeleton, not a mesh; export the mesh that it "
     "moves, as OBJ frames",
-    ".fbx .blend": "is a scene of another program; bake it to Alembic with the script bake_rig.py "
-    "for Blender (docs/scripts), or export it as glTF, USD or Alembic",
+    ".fbx .blend": "is a scene of another program; export it as glTF, USD or Alembic, or bake it: "
+    "blender --background --python docs/scripts/bake_rig.py -- {file} {stem}.abc",
     ".ma .max .mb .hip .hipnc .hiplc .bgeo": "is a scene of another program; export the meshes "
     "from it as USD, Alembic or OBJ frames",
 }
-"""Why files that look like clips cannot be read, by their suffixes."""
+"""Why files that look like clips cannot be read, by their suffixes, with the names to type."""
 
 
 def open_sequence(
@@ -86,7 +86,7 @@ def _resolve_request(
     check_frames(arguments, tuple(paths))
     for path in paths:
         if file_suffix(path) not in readers_by_suffix:
-            raise FileAccessError(f"{path}: {_explain_unsupported(file_suffix(path))}")
+            raise FileAccessError(f"{path}: {_explain_unsupported(path)}")
     kinds = sorted({file_suffix(path) for path in paths})
     if len(kinds) > 1:
         raise SettingError(
@@ -115,12 +115,13 @@ def _check_choice(
         raise SettingError(f"a `{suffix}` file holds no parts; remove `exclude={exclude[0]}`")
 
 
-def _explain_unsupported(suffix: str) -> str:
+def _explain_unsupported(path: Path, holds: str = "clip") -> str:
+    suffix = file_suffix(path)
     for suffixes, reason in _UNSUPPORTED_REASONS.items():
         if suffix in suffixes.split():
-            return reason
+            return reason.format(file=path.name, stem=path.stem)
     expected = ", ".join(find_readers())
-    return f"`{suffix}` is not a clip format that can be read, expected {expected}"
+    return f"`{suffix}` is not a {holds} format that can be read, expected {expected}"
 
 
 def open_clip_and_rest(
@@ -183,11 +184,9 @@ def load_mesh(path: Path, exclude: Sequence[str] = ()) -> LoadedMesh:
     with error_context(file):
         if file.is_dir():
             raise FileAccessError("is a folder, expected a file; give a mesh in it")
-        suffix, readers = file_suffix(file), find_readers()
-        if suffix not in readers:
-            raise FileAccessError(
-                f"`{suffix}` is not a mesh format that can be read, expected {', '.join(readers)}"
-            )
+        suffix = file_suffix(file)
+        if suffix not in find_readers():
+            raise FileAccessError(_explain_unsupported(file, "mesh"))
     reader = find_mesh_readers().get(suffix)
     if reader is None:
         return _load_first_frame(path, exclude)

@@ -227,8 +227,8 @@ def check_export(settings: ExportSettings) -> None:
             )
         if settings.skeleton and is_gltf:
             raise SettingError(
-                f"{path}: `skeleton=True` with `with_model=True` works with USD only, expected "
-                f"{', '.join(UsdWriter.suffixes)}"
+                f"{path}: a skeleton in glTF is the model alone, without the cage; leave out "
+                "`with_model=True`, or write .usdc, which holds both"
             )
     if not has_parts:
         settings.output.check_writable()

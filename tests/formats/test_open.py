@@ -108,7 +108,7 @@ def test_a_glob_may_name_folders_as_the_shell_would(frames):
         (["walk.bvh"], "walk.bvh: holds the motion of a skeleton"),
         (["walk.C3D"], "walk.C3D: holds the motion of a skeleton"),
         (["walk.fbx"], "walk.fbx: is a scene of another program"),
-        (["walk.fbx"], "with the script bake_rig.py for Blender"),
+        (["walk.fbx"], "docs/scripts/bake_rig.py -- walk.fbx walk.abc"),
         (["walk.mb"], "as USD, Alembic or OBJ frames"),
         (["frames"], "frame_3.obj: missing between frame_2.obj and frame_10.obj"),
     ],
