@@ -13,7 +13,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import Part, join_meshes, split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError, join_truncated
-from cageik_cli.util.text import make_file_name
+from cageik_cli.util.text import make_file_name, number_names
 
 if TYPE_CHECKING:
     from cageik_cli.formats.write import Output
@@ -60,14 +60,10 @@ def split_output(output: "Output", mesh: TriMesh, name: str) -> "list[Output]":
 
 def name_part_files(names: list[str]) -> list[str]:
     """Return a name for the file of each part: short, safe on all systems, and all different."""
-    chosen: dict[str, str] = {}
-    for name in choose_short_names(names):
-        plain = unique = make_file_name(name.replace("/", "_"))
-        number = 2
-        while unique.casefold() in chosen:
-            unique, number = f"{plain}_{number}", number + 1
-        chosen[unique.casefold()] = unique
-    return list(chosen.values())
+    plain = [make_file_name(name.replace("/", "_")) for name in choose_short_names(names)]
+    folded = [name.casefold() for name in plain]
+    unique = zip(plain, folded, number_names(folded), strict=True)
+    return [name + numbered[len(fold) :] for name, fold, numbered in unique]
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -295,23 +296,27 @@ def _join_materials(
     attributes: Sequence[SurfaceAttributes],
 ) -> tuple[FaceLabels | None, Floats | None]:
     """Join materials and their colours; one of the same name and another colour gets a number."""
-    colours: dict[str, tuple[float, ...]] = {}
-    labels = []
-    for each in attributes:
-        own, names = each.materials, []
-        for k, name in enumerate(() if own is None else own.names):
-            known = each.material_colours
-            colour = PLAIN_COLOUR if known is None else tuple(known[k].tolist())
-            chosen, number = name, 2
-            while colours.get(chosen, colour) != colour or chosen in names:
-                chosen, number = f"{name}_{number}", number + 1
-            colours[chosen] = colour
-            names.append(chosen)
-        labels.append(None if own is None else replace(own, names=tuple(names)))
+    looks = [_list_materials(each) for each in attributes]
+    together = list(dict.fromkeys(chain.from_iterable(looks)))
+    names = dict(zip(together, number_names(name for name, _ in together), strict=True))
+    labels = [
+        None
+        if each.materials is None
+        else replace(each.materials, names=tuple(names[look] for look in own))
+        for each, own in zip(attributes, looks, strict=True)
+    ]
     joined = _join_labels(labels, attributes)
     if joined is None or all(each.material_colours is None for each in attributes):
         return joined, None
-    return joined, np.array([colours[name] for name in joined.names])
+    return joined, np.array([colour for _, colour in together])
+
+
+def _list_materials(attributes: SurfaceAttributes) -> list[tuple[str, tuple[float, ...]]]:
+    """Return the name and the colour of each material."""
+    names = () if attributes.materials is None else attributes.materials.names
+    known = attributes.material_colours
+    colours = [PLAIN_COLOUR] * len(names) if known is None else map(tuple, known.tolist())
+    return list(zip(names, colours, strict=True))
 
 
 def _join_subdivisions(given: Sequence[Subdivision], bounds: Integers) -> Subdivision:

@@ -75,12 +75,15 @@ def make_file_name(name: str) -> str:
     return f"_{text}" if text.split(".")[0].upper() in RESERVED_NAMES else text
 
 
-def number_names(names: Iterable[str]) -> list[str]:
-    """Return names that are all different: one that is there before gets a number."""
-    taken: dict[str, None] = {}
+def number_names(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
+    """Return names that are all different: one that is taken, or there before, gets a number."""
+    known, numbers, chosen = set(taken), dict[str, int](), list[str]()
     for name in names:
-        chosen, number = name, 2
-        while chosen in taken:
-            chosen, number = f"{name}_{number}", number + 1
-        taken[chosen] = None
-    return list(taken)
+        unique = name
+        while unique in known:
+            # Numbers go on, for many names may be alike.
+            numbers[name] = numbers.get(name, 1) + 1
+            unique = f"{name}_{numbers[name]}"
+        known.add(unique)
+        chosen.append(unique)
+    return chosen

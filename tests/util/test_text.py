@@ -9,6 +9,7 @@ from cageik_cli.util.text import (
     format_count,
     format_row,
     make_printable,
+    number_names,
     single_line,
     to_unicode,
 )
@@ -85,3 +86,21 @@ def test_what_is_printed_is_kept(text):
 )
 def test_things_are_counted(count, noun, text):
     assert format_count(count, noun) == text
+
+
+@pytest.mark.parametrize(
+    ("names", "taken", "unique"),
+    [
+        (["a", "b"], [], ["a", "b"]),
+        (["a", "a", "a"], [], ["a", "a_2", "a_3"]),
+        (["a_2", "a", "a"], [], ["a_2", "a", "a_3"]),
+        (["a_b_2", "a_b", "a_b"], [], ["a_b_2", "a_b", "a_b_3"]),
+        (["a", "a_2"], ["a", "a_2"], ["a_3", "a_2_2"]),
+    ],
+)
+def test_names_are_told_apart_by_numbers(names, taken, unique):
+    assert number_names(names, taken) == unique
+
+
+def test_as_many_names_alike_as_a_file_may_hold_are_told_apart_soon():
+    assert len(set(number_names(["a"] * 100_000))) == 100_000

@@ -8,6 +8,7 @@ from cageik_cli.formats.gltf_reader.items import Item
 from cageik_cli.geometry.surface_parts import MAX_NAME_LENGTH
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import number_names
 
 TRS_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 """Numbers of the values that place a node; rotations are quaternions (x, y, z, w)."""
@@ -34,6 +35,7 @@ class NodeTree:
     def __init__(self, document: Document) -> None:
         self._items = document.nodes
         self._parents = self._find_parents()
+        self._children = self._list_children(document)
         self._levels = self._order_levels()
         self.is_shown = self._find_shown(document)
         count = len(self._items)
@@ -81,6 +83,14 @@ class NodeTree:
             k = int(self._parents[k])
         return "/" + "/".join(reversed(names))
 
+    def list_in_order(self) -> list[int]:
+        """List all nodes, each before those below it, and these before the next beside it."""
+        found, waiting = [], self._children[-1][::-1]
+        while waiting:
+            found.append(waiting.pop())
+            waiting += self._children[found[-1]][::-1]
+        return found
+
     def list_above(self, number: int) -> list[int]:
         """Return a node and those above it."""
         found = []
@@ -102,18 +112,26 @@ class NodeTree:
                 parents[child] = k
         return parents
 
+    def _list_children(self, document: Document) -> list[list[int]]:
+        """Return the nodes below each, as they are listed; last those at the top.
+
+        Of the latter, those in the scene that a viewer opens are first.
+        """
+        tops = dict.fromkeys(np.flatnonzero(self._parents < 0).tolist())
+        scene = _find_scene(document)
+        listed = [] if scene is None else scene.list_wholes("nodes", len(self._items)).tolist()
+        tops = dict.fromkeys([*(k for k in listed if k in tops), *tops])
+        below = [item.list_wholes("children", len(self._items)).tolist() for item in self._items]
+        return [*below, list(tops)]
+
     def _order_levels(self) -> list[Integers]:
         """Return the nodes at the top, those below them, and so on."""
-        children: list[list[int]] = [[] for _ in self._items]
-        for child, parent in enumerate(self._parents.tolist()):
-            if parent >= 0:
-                children[parent].append(child)
-        level = np.flatnonzero(self._parents < 0).tolist()
+        level = self._children[-1]
         levels, found = [], 0
         while level:
             levels.append(np.array(level))
             found += len(level)
-            level = [child for k in level for child in children[k]]
+            level = [child for k in level for child in self._children[k]]
         if found < len(self._items):
             reached = np.zeros(len(self._items), bool)
             for numbers in levels:
@@ -127,9 +145,8 @@ class NodeTree:
     def _find_shown(self, document: Document) -> Mask:
         """Return which nodes are in the scene that a viewer opens, and visible."""
         shown = np.ones(len(self._items), bool)
-        scenes = document.root.list_items("scenes")
-        if scenes:
-            scene = scenes[document.root.find_whole("scene", len(scenes)) or 0]
+        scene = _find_scene(document)
+        if scene is not None:
             tops = self._parents < 0
             shown[tops] = False
             shown[scene.list_wholes("nodes", len(self._items))] = True
@@ -143,15 +160,20 @@ class NodeTree:
 
     def _choose_names(self) -> list[str]:
         """Return a name per node, no two alike below one node; slashes would part paths."""
-        names = []
-        taken: set[tuple[int, str]] = set()
-        for k, item in enumerate(self._items):
-            above = int(self._parents[k])
-            plain = item.read_name().replace("/", "_") or f"node_{k}"
-            name = plain if (above, plain) not in taken else f"{plain}_{k}"
-            taken.add((above, name))
-            names.append(name)
+        names = [
+            item.read_name().replace("/", "_") or f"node_{k}" for k, item in enumerate(self._items)
+        ]
+        for siblings in self._children:
+            unique = number_names(names[k] for k in siblings)
+            for k, name in zip(siblings, unique, strict=True):
+                names[k] = name
         return names
+
+
+def _find_scene(document: Document) -> Item | None:
+    """Return the scene that a viewer opens; None if there is none."""
+    scenes = document.root.list_items("scenes")
+    return scenes[document.root.find_whole("scene", len(scenes)) or 0] if scenes else None
 
 
 def read_instances(document: Document, node: Item) -> Floats | None:

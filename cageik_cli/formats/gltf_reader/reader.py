@@ -24,6 +24,7 @@ from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context, join_truncated
+from cageik_cli.util.text import number_names
 
 MAX_KEPT_POSES = 8
 """Times at which the transforms of all nodes are kept: those of the frames that threads read."""
@@ -79,8 +80,8 @@ class Reader(SceneReader):
         tree = NodeTree(document)
         mesh_numbers = {
             k: mesh
-            for k, item in enumerate(document.nodes)
-            if (mesh := item.find_whole("mesh", len(document.meshes))) is not None
+            for k in tree.list_in_order()
+            if (mesh := document.nodes[k].find_whole("mesh", len(document.meshes))) is not None
         }
         items = document.root.list_items("animations")
         self._rig = Rig(document, tree, mesh_numbers, items[number or 0] if items else None)
@@ -270,12 +271,14 @@ class GltfMesh(SceneMesh):
 
 def name_animations(document: Document) -> list[str]:
     """Return what a user types for each animation: its name, or its number if that is not clear."""
-    names: dict[str, None] = {}
+    names: list[str] = []
+    seen: set[str] = set()
     for k, item in enumerate(document.root.list_items("animations")):
         name = item.read_name()
-        is_clear = name and name not in names and "::" not in name and not name.startswith("/")
-        names[name if is_clear else f"{k}"] = None
-    return list(names)
+        is_clear = name and name not in seen and "::" not in name and not name.startswith("/")
+        names.append(name if is_clear else f"{k}")
+        seen.add(names[-1])
+    return number_names(names)  # a number may be the name of another
 
 
 def choose_animation(names: list[str], member: str | None) -> tuple[int | None, str | None]:

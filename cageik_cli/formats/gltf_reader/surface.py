@@ -18,7 +18,7 @@ from cageik_cli.geometry.surface_parts import (
 )
 from cageik_cli.util.arrays import Integers, Mask
 from cageik_cli.util.errors import FormatError
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, number_names
 
 GLTF_WHITE = (1.0, 1.0, 1.0, 1.0)
 """The base colour of a material that states none."""
@@ -81,11 +81,9 @@ class SurfaceReader:
             return attributes
         is_absent = int(used[0] == NONE)
         items = {k: self._document.materials[k] for k in used[is_absent:].tolist()}
-        names: dict[str, None] = {}
-        for k, item in items.items():
-            name = item.read_name()[:MAX_NAME_LENGTH] or f"material_{k}"
-            names[name if name not in names else f"{name[: MAX_NAME_LENGTH - 20]}_{k}"] = None
-        labels = FaceLabels(tuple(names), indices - is_absent)
+        longest = MAX_NAME_LENGTH - 20  # room for a number
+        names = [item.read_name()[:longest] or f"material_{k}" for k, item in items.items()]
+        labels = FaceLabels(tuple(number_names(names)), indices - is_absent)
         colours = np.array([_read_base_colour(item) for item in items.values()])
         return replace(attributes, materials=labels, material_colours=colours)
 

@@ -94,9 +94,14 @@ class MeshPose:
 
     def list_times(self) -> set[float]:
         """List the time samples of joints, of weights of blend shapes, and of the skin."""
+        from pxr import UsdSkel
+
         times: set[float] = set()
         if self.has_joints:
-            times.update(self._skin.GetTimeSamples())
+            # The query fails to list them for a mesh without a bind transform.
+            values = self._skin.GetJointIndicesPrimvar(), self._skin.GetJointWeightsPrimvar()
+            attributes = [*values, UsdSkel.BindingAPI(self._mesh).GetGeomBindTransformAttr()]
+            times.update(*(each.GetTimeSamples() for each in attributes if each))
         if self.has_joints and self._motion:
             times.update(self._motion.GetJointTransformTimeSamples())
         if self._shapes is not None and self._motion:

@@ -12,6 +12,7 @@ from cageik_cli.geometry.normals import FALLBACK_NORMAL, compute_corner_normals,
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import NONE, FaceLabels
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.text import number_names
 
 
 class UsdMesh:
@@ -249,17 +250,9 @@ def _choose_paths(parent: Any, names: list[str]) -> list[tuple[str, Any]]:
     """Return names with paths for children, in letters that USD accepts and each not yet taken."""
     from pxr import Tf
 
-    taken = {child.GetName() for child in parent.GetAllChildren()}
-    paths = []
-    for name in names:
-        plain = chosen = Tf.MakeValidIdentifier(name)
-        if chosen in taken:  # numbers that go on, for many names may be alike
-            chosen = f"{plain}_{len(taken)}"
-        while chosen in taken:
-            chosen += "_"
-        taken.add(chosen)
-        paths.append((name, parent.GetPath().AppendChild(chosen)))
-    return paths
+    taken = [child.GetName() for child in parent.GetAllChildren()]
+    chosen = number_names(map(Tf.MakeValidIdentifier, names), taken)
+    return [(n, parent.GetPath().AppendChild(c)) for n, c in zip(names, chosen, strict=True)]
 
 
 def _show_name(prim: Any, name: str) -> None:

@@ -25,6 +25,7 @@ from cageik_cli.formats.usd.surface_writer import UsdMaterials, UsdMesh, count_f
 from cageik_cli.geometry.parts import Part, split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
+from cageik_cli.util.text import number_names
 
 MAX_UNSAVED_BYTES = 1 << 26
 """Bytes of time samples in memory before they are saved; also the limit of a `.usda`, which USD
@@ -226,14 +227,9 @@ def choose_prim_paths(names: Sequence[str], root: str) -> list[str]:
     """Return paths that USD accepts, all different, for the parts of these names."""
     from pxr import Tf
 
-    paths: dict[str, None] = {}
-    for path in choose_scene_paths(names, root):
-        steps = [Tf.MakeValidIdentifier(step) for step in path.split("/") if step]
-        plain = chosen = "/" + "/".join(steps)
-        while chosen in paths:
-            chosen = f"{plain}_{len(paths)}"
-        paths[chosen] = None
-    return list(paths)
+    paths = (path.split("/") for path in choose_scene_paths(names, root))
+    steps = ([Tf.MakeValidIdentifier(step) for step in path if step] for path in paths)
+    return number_names("/" + "/".join(each) for each in steps)
 
 
 class SkeletonWriter(UsdWriter):

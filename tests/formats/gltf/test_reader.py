@@ -206,6 +206,54 @@ def test_names_that_are_alike_or_have_slashes_are_told_apart(tmp_path):
         file.add("nodes", {"mesh": 0, "name": name})
     names = opened(file, tmp_path / "names.glb").first.attributes.parts.names
     assert names == ("/a_b", "/c", "/c_2", "/c_3", "/node_4")
+    for node, name in zip(file.json["nodes"], ["a_2", "a", "a", "a_2", "a"], strict=True):
+        node["name"] = name
+    names = opened(file, tmp_path / "names.glb").first.attributes.parts.names
+    assert names == ("/a_2", "/a", "/a_3", "/a_2_2", "/a_4")
+
+
+def test_nodes_are_parts_in_the_order_of_the_tree(tmp_path):
+    """As programs that write them to formats of nested objects list them."""
+    file = Built()
+    attributes = {"POSITION": file.array(np.eye(3))}
+    file.add("meshes", {"primitives": [{"attributes": attributes}]})
+    nodes = [("a", []), ("b", []), ("c", []), ("hero", [2, 0]), ("root", [3, 1]), ("first", [])]
+    for name, children in nodes:
+        below = {"children": children} if children else {}
+        file.add("nodes", {"name": name} | below | ({} if children else {"mesh": 0}))
+    file.json |= {"scenes": [{"nodes": [5, 4]}]}
+    names = opened(file, tmp_path / "tree.glb").first.attributes.parts.names
+    assert names == ("/first", "/root/hero/c", "/root/hero/a", "/root/b")
+
+
+def test_a_number_that_is_the_name_of_an_animation_names_no_other(tmp_path):
+    file = Built()
+    attributes = {"POSITION": file.array(np.eye(3))}
+    file.add("meshes", {"primitives": [{"attributes": attributes}]})
+    file.add("nodes", {"mesh": 0})
+    for k, name in enumerate(["1", "", "1_2"]):
+        moves = [[0, 0, 0], [k, 0, 0]]
+        file.animate(name, (0, "translation", [0, 1], moves, "LINEAR"))
+    path = file.save(tmp_path / "numbers.glb")
+    assert list_members(path) == ["1", "1_2", "1_2_2"]
+    for k, member in enumerate(list_members(path)):
+        clip = open_sequence([f"{path}::{member}"])
+        moved = clip.read_frame(len(clip) - 1) - clip.first.vertices
+        assert moved.max() == pytest.approx(k)
+
+
+def test_materials_of_names_that_are_alike_are_told_apart(tmp_path):
+    file = Built()
+    primitives = [
+        {"attributes": {"POSITION": file.array(np.eye(3) + k)}, "material": k} for k in range(3)
+    ]
+    file.add("meshes", {"primitives": primitives})
+    file.add("nodes", {"mesh": 0})
+    for name in ("a_2", "a", "a"):
+        file.add("materials", {"name": name})
+    materials = opened(file, tmp_path / "alike.glb").first.attributes.materials
+    assert materials.names == ("a_2", "a", "a_3")
+    np.testing.assert_array_equal(materials.indices, [0, 1, 2])
 
 
 def test_nodes_outside_the_scene_and_invisible_ones_are_left_out(tmp_path):
@@ -222,7 +270,7 @@ def test_nodes_outside_the_scene_and_invisible_ones_are_left_out(tmp_path):
     clip = opened(file, tmp_path / "some.glb")
     assert clip.first.attributes.parts.names == ("/shown",)
     assert clip.notes == (
-        "some.glb: left out /elsewhere, /shown/unseen (not in the scene, or invisible)",
+        "some.glb: left out /shown/unseen, /elsewhere (not in the scene, or invisible)",
         "some.glb: left out /points (points or lines)",
     )
     assert len(opened(file, clip.path, "::/shown/unseen").first.vertices) == 3
@@ -261,7 +309,7 @@ def test_split_vertices_are_welded_and_the_surface_is_kept_per_corner(tmp_path):
     assert (len(mesh.vertices), mesh.is_closed, round(mesh.volume, 9)) == (8, True, 1)
     assert "24 vertices, split where" in " ".join(clip.notes)
     assert "left out TANGENT, _HEAT" in " ".join(clip.notes)
-    assert look.materials.names == ("red", "red_1")
+    assert look.materials.names == ("red", "red_2")
     assert look.materials.indices.tolist() == [0] * 8 + [1] * 2 + [-1] * 2
     assert look.material_colours.tolist() == [[1, 0, 0, 0.5], [1, 1, 1, 1]]
     assert len(np.unique(look.normal_fans)) == 24

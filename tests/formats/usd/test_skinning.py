@@ -69,6 +69,24 @@ def test_faces_are_turned_where_the_rig_mirrors_them(rig, mirrored, is_turned):
     assert np.array_equal(sequence.first.faces[0], MESH.faces[0]) != is_turned
 
 
+def test_a_skin_without_a_bind_transform_is_bound_where_it_is(rig, monkeypatch):
+    """The attribute is optional, and absent wherever the mesh is modelled around its skeleton."""
+    rig.skin()
+    rig.mesh.GetPrim().RemoveProperty("primvars:skel:geomBindTransform")
+    rig.animate()
+    monkeypatch.setattr(rigs, "GEOM_BIND", np.eye(4))
+    expected = np.array([rigs.expect_linear(k) for k in range(len(TIMES))])
+    np.testing.assert_allclose(read(rig)[1], expected, rtol=0, atol=TOL)
+
+
+def test_a_skin_may_change_in_time(rig):
+    rig.skin()
+    rig.animate(times=(1, 2, 3, 4))
+    rig.binding.GetGeomBindTransformAttr().Set(Gf.Matrix4d(rigs.GEOM_BIND), 6)
+    rig.binding.GetJointWeightsAttr().Set(rig.binding.GetJointWeightsAttr().Get(), 5)
+    assert len(read(rig)[0]) == 6
+
+
 def test_dual_quaternions_move_points_as_the_formula_says(rig):
     rig.skin(method="dualQuaternion")
     rig.animate(np.ones((3, 3), "f2"))

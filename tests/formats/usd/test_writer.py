@@ -8,6 +8,7 @@ from pxr import Usd, UsdGeom
 
 from cageik_cli.formats.usd import writer as usd_file
 from cageik_cli.formats.usd.library import USD_SUFFIXES
+from cageik_cli.formats.usd.writer import choose_prim_paths
 from cageik_cli.util.errors import OutputError
 from tests.formats.clips import FRAMES, REST, faults_of, written
 
@@ -83,3 +84,8 @@ def test_too_much_for_a_kind_is_refused_before_anything_is_written(
         written(tmp_path / f"clip{suffix}", FRAMES[:holds])
     assert list(tmp_path.iterdir()) == []
     written(tmp_path / f"clip{suffix}", FRAMES[: holds - 1])
+
+
+def test_names_that_are_alike_in_the_letters_of_usd_are_told_apart():
+    paths = ["/root/a_b_2", "/root/a_b_3", "/root/a_b", "/root/a_b_4"]
+    assert choose_prim_paths(["a_b_2", "a_b_3", "a_b", "a b"], "root") == paths
