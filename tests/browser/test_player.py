@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cageik_cli.geometry.parts import split_parts
 from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
 from tests.browser.players import (
@@ -302,6 +303,19 @@ def test_parts_are_listed_and_hidden(character_page, character_result):
     assert page.evaluate(count) == 0
     page.get_by_role("button", name="Show all").click()
     assert page.evaluate(count) == whole
+
+
+def test_each_part_has_the_colour_of_its_swatch(character_page, character_result):
+    page, values = character_page, "[...P.stage.colours.values]"
+    shades = page.locator("#player [data-parts] .swatch").evaluate_all(
+        "all => all.map((each) => each.style.background)"
+    )
+    assert len(set(shades)) == len(NAMES)
+    found = np.array(page.evaluate(values))
+    parts = split_parts(character_result.rest)
+    assert [set(found[part.vertices].tolist()) for part in parts] == [
+        {k / 8} for k in range(len(NAMES))
+    ]
 
 
 def test_a_hidden_part_is_not_clicked(character_page):
