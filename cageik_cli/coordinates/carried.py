@@ -25,9 +25,6 @@ from cageik_cli.util.threads import run_blocks
 MAX_CARRY_DISTANCE = 0.1
 """Distance from the model, in its diagonals, from which on nothing of a fit is carried."""
 
-MAX_GRADIENT_POINTS = 1024
-"""Points whose gradients of the change are computed at once."""
-
 
 def compute_fade(distances: Floats) -> tuple[Floats, Floats]:
     """Return f and its derivative at distances (m,), in parts of where it has become 0."""
@@ -127,7 +124,7 @@ class CarriedChange:
         def fill(rows: slice) -> None:
             gradients[rows] += self._compute_gradients(points[rows])
 
-        run_blocks(fill, len(points), MAX_GRADIENT_POINTS)
+        run_blocks(fill, len(points), 1024)  # points at once
 
     def _compute_gradients(self, points: Floats) -> Floats:
         """Return the gradients of f Σ_j b_j ΔW_j, (m, n, 3): f ∇b_j + b_j ∇f, times ΔW_j."""

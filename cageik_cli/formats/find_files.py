@@ -20,11 +20,8 @@ from cageik_cli.util.text import to_unicode
 MAX_COMPARED_MESHES = 16
 """Meshes of a folder that are compared, to see whether they are frames, at most."""
 
-MAX_COMPARED_FRAMES = 5
+MAX_SAMPLED_MESHES = 5
 """Meshes of a series that are compared, evenly spread, at most: a damaged one is outvoted."""
-
-MAX_SUGGESTED_FOLDERS = 3
-"""Folders that are named in place of one that holds no clip, at most."""
 
 _natural_key = natsort_keygen(key=str, alg=ns.PATH)
 
@@ -197,7 +194,7 @@ def are_frames(series: Sequence[Path]) -> bool:
 
 def _spread_frames(series: Sequence[Path]) -> list[Path]:
     """Return some meshes of a series, evenly spread, the first and the last among them."""
-    count = min(len(series), MAX_COMPARED_FRAMES)
+    count = min(len(series), MAX_SAMPLED_MESHES)
     return [series[k * (len(series) - 1) // max(count - 1, 1)] for k in range(count)]
 
 
@@ -241,7 +238,7 @@ def suggest_series_below(folder: Path) -> str:
         count = max(map(len, series.values()), default=0)
         if count:
             found.append(f"{to_unicode(inside)}, {count} meshes")
-    return f"did you mean {' or '.join(found[:MAX_SUGGESTED_FOLDERS])}?" if found else ""
+    return f"did you mean {' or '.join(found[:3])}?" if found else ""
 
 
 def _continues_with_number(name: str, begins: re.Pattern[str]) -> bool:

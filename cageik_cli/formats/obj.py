@@ -130,9 +130,6 @@ def _find_face_runs(words: Tokens) -> list[bytes]:
 MIN_DIGITS = 9
 """Digits of coordinates, which distinguish all float32 values."""
 
-MAX_DIGITS = 17
-"""More than enough for all float64 values."""
-
 
 class Writer(FrameFileWriter):
     """Writes vertices with nine digits, and with more where they are far from the origin.
@@ -168,7 +165,7 @@ def count_digits(positions: Floats, diagonal: float) -> int:
     largest = float(np.abs(positions).max())
     if not largest > diagonal > 0:
         return MIN_DIGITS
-    return min(MIN_DIGITS + int(np.log10(largest / diagonal)), MAX_DIGITS)
+    return min(MIN_DIGITS + int(np.log10(largest / diagonal)), 17)  # all that float64 has
 
 
 def make_obj_template(mesh: TriMesh, digits: int = MIN_DIGITS) -> bytes:

@@ -36,9 +36,6 @@ from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
 from cageik_cli.workflows.run_cage import check_cage_output
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
-MAX_MEASURED_FRAMES = 32
-"""Frames of an animation on which candidates are compared, at most."""
-
 
 @dataclass(frozen=True, slots=True)
 class CageSettings(CommandSettings):
@@ -187,7 +184,7 @@ def make_measured_clip(
     read_frame : callable
         Returns the positions (m, 3) of a frame, by its number.
     """
-    chosen = spread_evenly(frame_count, MAX_MEASURED_FRAMES)
+    chosen = spread_evenly(frame_count, 32)
     poses = np.stack([read_frame(int(k)) for k in chosen])
 
     def measure(cage: TriMesh) -> float:

@@ -29,9 +29,6 @@ from cageik_cli.util.units import (
 )
 from cageik_cli.workflows.settings import ExtractSettings
 
-MAX_COMPARED_POSES = 6
-"""Frames of a clip that are compared with a rest pose or a cage that does not fit the first."""
-
 UNSTATED = SceneHints()
 """What a file states of its scene that states nothing."""
 
@@ -282,7 +279,7 @@ def _keep_space(hints: SceneHints) -> SceneHints:
 def read_some_frames(clip: MeshSequence) -> Iterator[tuple[int, Floats]]:
     """Yield the number and positions of the first frame, and of others that can be read."""
     yield 0, clip.first.vertices
-    for index in spread_evenly(len(clip), MAX_COMPARED_POSES)[1:].tolist():
+    for index in spread_evenly(len(clip), 6)[1:].tolist():
         try:
             yield index, clip.read_frame(index)
         except InputError:

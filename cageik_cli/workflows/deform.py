@@ -37,9 +37,6 @@ from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSetti
 NO_CAGES = "which has no cages; give them by `cages=`, or give a result"
 NO_SOLVE = "but `influences=` needs the settings of a result; give one"
 
-MAX_DEFORM_FRAMES = 16
-"""Frames per block at most; more is not faster."""
-
 
 @dataclass(frozen=True, slots=True)
 class DeformSettings(CommandSettings):
@@ -330,7 +327,7 @@ def choose_block_size(memory: int, vertices: int) -> int:
     """Return how many frames, in whole groups, fit into `memory` bytes; one group at least."""
     # Four arrays (m, 3) per frame at once: in the two blocks, moved to the origin, in the writer.
     groups = count_frames(memory, vertices * FRAMES_PER_PRODUCT, 4)
-    return FRAMES_PER_PRODUCT * min(groups, MAX_DEFORM_FRAMES // FRAMES_PER_PRODUCT)
+    return FRAMES_PER_PRODUCT * min(groups, 16 // FRAMES_PER_PRODUCT)  # more is not faster
 
 
 def _make_object_name(meshes: tuple[Path, ...]) -> str:

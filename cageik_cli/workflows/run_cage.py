@@ -25,9 +25,6 @@ from cageik_cli.util.progress import ProgressListener
 UNNAMED_REST = "MODEL.obj"
 """Stands for a rest pose that is in no mesh file."""
 
-BUILT_CAGE_NAME = "built cage"
-"""Name, in the sources of a result, of a cage that was built for it."""
-
 
 def build_cached(
     model: TriMesh, settings: BuildSettings, cache: Path | None, progress: ProgressListener
@@ -45,7 +42,7 @@ def build_cached(
     progress.note("cage", entry["description"])
     cage = TriMesh(entry["vertices"], entry["faces"])
     data = encode_exact_obj(cage.vertices, cage.faces)
-    return LoadedMesh(cage, describe_source(Path(BUILT_CAGE_NAME), data), entry["notes"])
+    return LoadedMesh(cage, describe_source(Path("built cage"), data), entry["notes"])
 
 
 def check_cage_output(path: Path, overwrite: bool) -> None:

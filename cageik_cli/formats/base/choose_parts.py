@@ -11,14 +11,12 @@ from cageik_cli.geometry.parts import Part, join_meshes, split_parts
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import FormatError, SettingError, join_truncated
 
-_NOTHING: Mapping[str, str] = MappingProxyType({})
-
 
 def choose_parts(
     paths: Sequence[str],
     member: str | None,
     exclude: Sequence[str],
-    hidden: Mapping[str, str] = _NOTHING,
+    hidden: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[list[str], list[str]]:
     """Return the paths of the meshes that are read, and notes on those that are left out.
 

@@ -15,9 +15,6 @@ TRS_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 
 INSTANCING = "EXT_mesh_gpu_instancing"
 
-INSTANCE_BYTES = 400
-"""Memory that the place and the name of a copy of a mesh take."""
-
 
 class NodeTree:
     """The nodes of a file.
@@ -204,7 +201,7 @@ def read_instances(document: Document, node: Item) -> Floats | None:
             "of each that is there; export the file again"
         )
     count = counts.pop()
-    document.claim(count * INSTANCE_BYTES)
+    document.claim(count * 400)  # bytes of the place and the name of a copy
     values = {
         "translation": np.zeros((count, 3)),
         "rotation": np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),

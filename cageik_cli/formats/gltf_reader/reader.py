@@ -26,9 +26,6 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context, join_truncated
 from cageik_cli.util.text import number_names
 
-MAX_KEPT_POSES = 8
-"""Times at which the transforms of all nodes are kept: those of the frames that threads read."""
-
 
 class Reader(SceneReader):
     """Frames of the meshes of a scene; times are seconds."""
@@ -174,7 +171,8 @@ class Rig:
         counts = {k: count_targets(document.meshes[mesh]) for k, mesh in mesh_numbers.items()}
         self.animation = Animation(document, tree, item, counts)
         self.mesh_numbers = mesh_numbers
-        self.find_worlds = lru_cache(MAX_KEPT_POSES)(self._compute_worlds)
+        # The times of the frames that threads read.
+        self.find_worlds = lru_cache(8)(self._compute_worlds)
         self._skins: dict[int, Skin] = {}
 
     def find_skin(self, number: int | None) -> Skin | None:

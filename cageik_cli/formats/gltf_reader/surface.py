@@ -20,9 +20,6 @@ from cageik_cli.util.arrays import Integers, Mask
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import format_count, number_names
 
-GLTF_WHITE = (1.0, 1.0, 1.0, 1.0)
-"""The base colour of a material that states none."""
-
 
 class SurfaceReader:
     """Reads the layers of the surface of one mesh."""
@@ -105,4 +102,4 @@ def _read_base_colour(item: Item) -> list[float]:
     """Return linear red, green, blue and opacity."""
     look = item.find_item("pbrMetallicRoughness")
     factor = None if look is None else look.find_numbers("baseColorFactor", 4)
-    return list(GLTF_WHITE) if factor is None else factor.clip(0, 1).tolist()
+    return [1.0, 1.0, 1.0, 1.0] if factor is None else factor.clip(0, 1).tolist()
