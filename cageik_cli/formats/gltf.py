@@ -155,21 +155,21 @@ def choose_modes(
 
     Their errors are returned as of `measure_modes`.
     """
-    errors = measure_modes(spool, modes)
-    if errors[1] > tolerance:
-        return modes, errors
+    rms, largest = measure_modes(spool, modes)
+    if largest > tolerance:
+        return modes, (rms, largest)
     count = spool.frame_count * spool.vertex_count
     enough = np.flatnonzero(modes.residuals <= count * tolerance**2)
     high = modes.count
     low = 1 + int(enough[0]) if len(enough) else high
     while low < high:
         middle = (low + high) // 2
-        found = measure_modes(spool, modes.truncate(middle))
-        if found[1] <= tolerance:
-            high, errors = middle, found
+        found_rms, found_largest = measure_modes(spool, modes.truncate(middle))
+        if found_largest <= tolerance:
+            high, rms, largest = middle, found_rms, found_largest
         else:
             low = middle + 1
-    return modes.truncate(high), errors
+    return modes.truncate(high), (rms, largest)
 
 
 class Writer(GlbWriter):

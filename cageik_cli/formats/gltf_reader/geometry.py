@@ -1,7 +1,6 @@
 """The mesh of a node: split vertices are welded, which targets and joints move."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,24 +15,8 @@ from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import format_count
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TargetPart:
-    """What a morph target does to the vertices of one pool.
-
-    Attributes
-    ----------
-    vertices : (k,) int64
-        Numbers of welded vertices.
-    rows : (r, 3)
-        Displacements, as the file has them.
-    picks : (k,) int64
-        Which of them the vertices have.
-    """
-
-    vertices: Integers
-    rows: NDArray[Any]
-    picks: Integers
+TargetMoves = tuple[Integers, NDArray[Any], Integers]
+"""Welded vertices (k,), displacements (r, 3) of the file, and which of these they have, (k,)."""
 
 
 class Geometry:
@@ -107,8 +90,8 @@ class Geometry:
         """
         points = self.base.copy()
         for weight, parts in zip(weights, self._targets, strict=True):
-            for part in parts if weight else ():
-                points[part.vertices] += weight * part.rows[part.picks]
+            for vertices, rows, picks in parts if weight else ():
+                points[vertices] += weight * rows[picks]
         return points if moves is None else blend(points, self._matrix, moves)
 
     def read_attribute(self, name: str, widths: tuple[int, ...]) -> Floats | None:
@@ -178,7 +161,7 @@ class Geometry:
                 labels = number_rows([labels[:, None], moves])
         return labels
 
-    def _place_target(self, number: int) -> Iterator[TargetPart]:
+    def _place_target(self, number: int) -> Iterator[TargetMoves]:
         """Yield what a target does to the welded vertices."""
         for pool, rows in self._read_target(number):
             start, stop = np.searchsorted(self.firsts, [pool.start, pool.stop]).tolist()
@@ -186,9 +169,9 @@ class Geometry:
             if isinstance(rows, SparseRows):
                 places = np.searchsorted(rows.indices, picks).clip(max=len(rows.indices) - 1)
                 is_moved = rows.indices[places] == picks if len(rows.indices) else picks < 0
-                yield TargetPart(vertices[is_moved], rows.values, places[is_moved])
+                yield vertices[is_moved], rows.values, places[is_moved]
             else:
-                yield TargetPart(vertices, rows, picks)
+                yield vertices, rows, picks
 
     def _note_changes(self, is_used: NDArray[np.bool_], flat: int) -> None:
         count = int(np.count_nonzero(is_used))
