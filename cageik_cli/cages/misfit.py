@@ -10,7 +10,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from cageik_cli.cages.surface_points import sample_surface, thin_out
+from cageik_cli.cages.surface_points import sample_surface, take_evenly
 from cageik_cli.cages.transforms import COMMON_SCALES, UNIT_SCALES, Transform, measure_inflation
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
@@ -136,7 +136,7 @@ def find_transform(cage: TriMesh, model: TriMesh) -> Transform | None:
     Transform, optional
         None if the cage holds the model, or nearly, as it is, or if no transform makes it so.
     """
-    points = thin_out(model.vertices, 400)
+    points = take_evenly(model.vertices, 400)
     depth = _measure_depth(cage, points)
     is_oversized = cage.diagonal > MAX_SIZE_RATIO * model.diagonal
     if depth < MAX_NEAR_PERCENT / 100 * model.diagonal and not is_oversized:
@@ -167,7 +167,7 @@ def _take_best(
 ) -> Transform | None:
     """Take the transform of least cost, of those after which the cage needs little inflation."""
     best, least = None, np.inf
-    samples = thin_out(sample_surface(model), 4000)
+    samples = take_evenly(sample_surface(model), 4000)
     for cost, transform in sorted(found, key=lambda entry: entry[0]):
         if cost >= least:
             break

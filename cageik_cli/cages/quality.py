@@ -9,7 +9,7 @@ from cageik_cli.cages.enclosure import Placement
 from cageik_cli.cages.faults import Finding, format_elements
 from cageik_cli.cages.misfit import MAX_SIZE_RATIO, find_transform
 from cageik_cli.cages.sections import SharedSection, find_shared_sections
-from cageik_cli.cages.surface_points import sample_surface, thin_out
+from cageik_cli.cages.surface_points import sample_surface, take_evenly
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.part_names import count_by_part, describe_by_part, name_vertex
@@ -159,7 +159,7 @@ def _find_loose_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
     1.6 % with 120, 0.8 to 1.1 % with 300. It is typical, not computed for a model. Cages of fewer
     or more vertices are compared with these.
     """
-    samples = thin_out(sample_surface(cage), 1500)
+    samples = take_evenly(sample_surface(cage), 1500)
     gap = float(100 * closest_points(rest, samples).distance.mean() / rest.diagonal)
     count = int(np.clip(len(cage.vertices), 60, 300))
     typical = 16.5 / np.sqrt(count)

@@ -61,6 +61,6 @@ def divide_triangles(corners: Floats, parts: int) -> Floats:
     return np.asarray(np.einsum("pc,kcx->kpx", weights, corners).reshape(-1, 3))
 
 
-def thin_out(points: Floats, count: int) -> Floats:
-    """Return every so many of the points, (s, 3), `count` of them at most."""
+def take_evenly(points: Floats, count: int) -> Floats:
+    """Return points at even steps of their numbers, (s, 3), `count` of them at most."""
     return points[:: -(-len(points) // count)]

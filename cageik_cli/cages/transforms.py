@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.cages.surface_points import sample_surface, thin_out
+from cageik_cli.cages.surface_points import sample_surface, take_evenly
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import closest_points, winding_numbers
@@ -174,7 +174,7 @@ def measure_inflation(cage: TriMesh, model: TriMesh) -> float | None:
         Percent of the model's diagonal, found to hold points all over the model; 0 if the cage
         holds them as it is, None if `MAX_INFLATION` does not, or the cage then crosses itself.
     """
-    samples = thin_out(sample_surface(model), 50_000)
+    samples = take_evenly(sample_surface(model), 50_000)
     outside = samples[winding_numbers(cage, samples) < 0.5]
     if len(outside) == 0:
         return 0.0

@@ -99,7 +99,7 @@ def allocate_floats(count: int, memory: int) -> Floats:
 
 
 def _reserve(descriptor: int, size: int) -> None:
-    """Make a file of so many bytes that are on the disk."""
+    """Make a file of this number of bytes that are on the disk."""
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(descriptor, 0, size)
         return

@@ -21,7 +21,7 @@ def collapse_edges(cage: TriMesh, count: int, motion: Motion | None) -> TriMesh:
     The cost of a collapse is the sum over the rest pose and those of the motion, each with its own
     best place, so that vertices stay where any pose bends.
     """
-    # A fine shell hardly tangles: down to so many vertices collapses need no test.
+    # A fine shell hardly tangles: down to this number of vertices, collapses need no test.
     untested = max(1200, 2 * count)
     if len(cage.vertices) > 1.5 * untested:
         cage = thin_shell(cage, untested)

@@ -51,7 +51,7 @@ class Demand:
         self.surface = _widen_slivers(TriMesh(self.to_units(model.vertices), model.faces))
         self.samples = np.empty((0, 3))
         for block in sample_in_blocks(self.surface):
-            self.samples = thin_points(np.concatenate([self.samples, block]), 0.01)
+            self.samples = keep_one_per_cell(np.concatenate([self.samples, block]), 0.01)
         self.clearance = settings.clearance
         self.fewest, self.most = int(np.ceil(0.9 * settings.vertices)), settings.vertices
 
@@ -64,7 +64,7 @@ class Demand:
         return np.asarray(points * self._scale + self._centre)
 
 
-def thin_points(points: Floats, cell: float) -> Floats:
+def keep_one_per_cell(points: Floats, cell: float) -> Floats:
     """Return the first of the points in each cell of a grid, in their order."""
     cells = np.floor(points / cell).astype(np.int64)
     first = np.unique(cells, axis=0, return_index=True)[1]

@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 
 from cageik_cli.cages.building.collapse import collapse_edges, list_stages
 from cageik_cli.cages.building.draft import Draft
-from cageik_cli.cages.building.judge import Demand, find_near_points, thin_points
+from cageik_cli.cages.building.judge import Demand, find_near_points, keep_one_per_cell
 from cageik_cli.cages.building.motion import Motion
 from cageik_cli.cages.building.polish import (
     collapse_in_shape,
@@ -19,7 +19,7 @@ from cageik_cli.cages.building.polish import (
     tighten,
 )
 from cageik_cli.cages.push import Contacts, move_to_neighbours, push
-from cageik_cli.cages.surface_points import thin_out
+from cageik_cli.cages.surface_points import take_evenly
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
@@ -77,7 +77,7 @@ def complete_clearance(
         _, near = find_near_points(demand.surface, cage, 1.01 * demand.clearance)
         if len(near) == 0:
             break
-        near = thin_points(near, 0.5 * demand.clearance)
+        near = keep_one_per_cell(near, 0.5 * demand.clearance)
         samples = np.concatenate([samples, near])
         cage = push_off(cage, samples, demand.clearance)
     return cage, samples
@@ -158,7 +158,7 @@ def find_weak(cage: TriMesh, demand: Demand) -> Integers:
 
     A check warns of weights below `MIN_INFLUENCE`; here, they are to be safely above.
     """
-    points = thin_out(demand.samples, 1500)
+    points = take_evenly(demand.samples, 1500)
     largest = harmonic_weights(cage, points, "preview").values.max(axis=0)
     order = np.argsort(largest, kind="stable")
     return np.asarray(order[largest[order] < MIN_SAFE_WEIGHT])
