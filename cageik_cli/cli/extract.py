@@ -43,6 +43,8 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.settings import ClipSettings
 
 if TYPE_CHECKING:
+    from cageik_cli.cli.output import ProgressBar
+    from cageik_cli.report.record import Report
     from cageik_cli.util.progress import ProgressListener
     from cageik_cli.workflows.export import ExportSettings
     from cageik_cli.workflows.settings import ExtractSettings
@@ -220,9 +222,7 @@ def extract_command(
     from cageik_cli.cli.output import echo_exceeded_limits, exit_with_code, show_progress
     from cageik_cli.report.overview import Overview, build_clip_entry
     from cageik_cli.report.record import build_report
-    from cageik_cli.report.views.text import format_text
     from cageik_cli.util.outputs import check_no_overlap
-    from cageik_cli.util.text import format_row
     from cageik_cli.workflows.extract import extract
 
     loaded_limits = limits.load()
@@ -239,17 +239,40 @@ def extract_command(
     if quiet:
         echo_exceeded_limits(overview)
     else:
-        lines = [format_text(report, bool(get_verbosity())), *map(format_row, progress.make_rows())]
-        lines += messages
-        if settings.cage_output is not None:
-            lines.append(f"wrote {settings.cage_output}")
-        click.echo(word_options("\n".join(lines)), err=True)
-        click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
+        click.echo(_format_run(report, progress), err=True)
+        for text in [*messages, *_list_written(settings)]:
+            click.echo(text, err=True)
     if get_verbosity():
         click.echo(f"cache: {settings.cache}", err=True)
         click.echo(f"settings: {json.dumps(result.settings)}", err=True)
         click.echo(f"sources: {json.dumps(result.sources)}", err=True)
     exit_with_code(overview)
+
+
+def _format_run(report: "Report", progress: "ProgressBar") -> str:
+    """Return what is read of a run; with -v all figures, notes and seconds."""
+    from cageik_cli.report.views.front import format_front
+    from cageik_cli.report.views.text import format_text
+    from cageik_cli.util.text import format_row
+
+    if not get_verbosity():
+        told = {"resumed", "unchanged"}
+        notes = [
+            ("note", f"{label} {text}") if label in told else (label, text)
+            for label, text in progress.notes
+        ]
+        return format_front(report, notes, progress.seconds["total"])
+    text = word_options(format_text(report, is_verbose=True))
+    return "\n".join([text, *map(format_row, progress.make_rows())])
+
+
+def _list_written(settings: "ExtractSettings") -> list[str]:
+    """Return lines on the files that were written, and what to do with the result."""
+    from cageik_cli.report.views.front import format_front_row, list_next_steps
+
+    cage = [] if settings.cage_output is None else [f"wrote {settings.cage_output}"]
+    steps = map(format_front_row, list_next_steps(str(settings.output)))
+    return [*cage, f"wrote {settings.output}", *steps]
 
 
 def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> list[str]:

@@ -100,12 +100,14 @@ class ReportTargets:
         help="Play the clip and pose its model on the page of --html.",
     ),
 )
+@click.option("--all", "has_all", is_flag=True, help="Print all figures, notes and regions.")
 @LIMIT_OPTIONS
 @overwrite_option
 @common_options
 def report_command(
     results: tuple[Path, ...],
     targets: ReportTargets,
+    has_all: bool,
     limits: LimitOptions,
     overwrite: bool,
     quiet: bool,
@@ -121,8 +123,8 @@ def report_command(
 
     from cageik_cli.report.overview import Overview, build_clip_entry
     from cageik_cli.report.record import build_report
+    from cageik_cli.report.views.front import format_front_row, list_next_steps
     from cageik_cli.report.views.markdown import format_markdown
-    from cageik_cli.report.views.text import format_text
     from cageik_cli.store.result import read_result
 
     check_views(list(targets.named.values()), [*results, limits.baseline], overwrite)
@@ -141,9 +143,11 @@ def report_command(
     if quiet:
         echo_exceeded_limits(overview)
     else:
-        is_verbose = bool(get_verbosity())
-        texts = (format_text(report, is_verbose) for report in reports)
-        click.echo(word_options("\n\n".join(texts)), err=targets.uses_stdout)
+        texts = [_format_result(report, has_all or bool(get_verbosity())) for report in reports]
+        lines = ["\n\n".join(texts), *_list_written(targets)]
+        if len(results) == 1:
+            lines += map(format_front_row, list_next_steps(str(results[0])))
+        click.echo("\n".join(lines), err=targets.uses_stdout)
     exit_with_code(overview)
 
 
@@ -168,6 +172,21 @@ def _write_views(
     }
     for name, path in targets.named.items():
         write_or_print(views[name](), path, overwrite)
+
+
+def _format_result(report: "Report", has_all: bool) -> str:
+    from cageik_cli.report.views.front import format_front
+    from cageik_cli.report.views.text import format_text
+
+    return word_options(format_text(report, is_verbose=True) if has_all else format_front(report))
+
+
+def _list_written(targets: ReportTargets) -> list[str]:
+    """Return a line on each file that was written, with its size."""
+    from cageik_cli.util.text import format_bytes
+
+    files = [path for path in targets.named.values() if str(path) != "-"]
+    return [f"wrote {path} ({format_bytes(path.stat().st_size)})" for path in files]
 
 
 def _choose_names(results: tuple[Path, ...]) -> list[str]:

@@ -40,6 +40,7 @@ class ClipRecord:
     start: float = 1.0
     frame_step: float = 1.0
     body: bool = True
+    metres_per_unit: float = 1.0
 
     def frame_number(self, index: float) -> float:
         """Return the number of a frame; `index` counts frames from 0."""

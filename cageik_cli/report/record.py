@@ -132,6 +132,7 @@ def build_report(
             start=_make_whole(result.scene.start),
             frame_step=_make_whole(result.scene.frame_step),
             body=rest.is_body,
+            metres_per_unit=result.scene.metres_per_unit,
         ),
         binding=result.quality,
         fit=result.fit,

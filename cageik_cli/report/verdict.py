@@ -4,7 +4,7 @@ from cageik_cli.report.notes import MIN_DATA_PER_CAGE_VERTEX, has_outliers
 from cageik_cli.solver.regions import Cause
 from cageik_cli.store.result import Result
 
-MAX_GOOD_RMS = 0.25
+MAX_GOOD_RMS = 0.3
 """Percent of the diagonal; above this rms, a result is fair at best.
 
 The bounds were chosen by looking at the worst frames of a dancer, a horse and a cartoon chicken
@@ -47,16 +47,23 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
         return "`robust=True`"
     if 2 * rms_percent <= MAX_GOOD_RMS and 2 * max_deviation_percent <= MAX_GOOD_DEVIATION:
         return None
+    cause = _find_worst_cause(result)
+    if cause == Cause.LOOSE_CAGE and not _has_built_cage(result):
+        return "a tighter cage: leave out `cage=`, and one is built"
     if result.fit is None:
         return "`fit=True`"
-    if _shares_loop(result) and isinstance(result.settings.get("rest_frame"), int):
+    if cause == Cause.SHARED_LOOP and isinstance(result.settings.get("rest_frame"), int):
         return "`rest_frame=auto`, if limbs touch in the rest pose"
     return _suggest_vertices(result)
 
 
-def _shares_loop(result: Result) -> bool:
-    """Return whether limbs in one loop of the cage are the likely cause of the worst region."""
-    return any(region.cause == Cause.SHARED_LOOP for region in (result.regions or ())[:1])
+def _find_worst_cause(result: Result) -> Cause | None:
+    """Return the likely cause of the worst region; None if there is no such region."""
+    return next((region.cause for region in result.regions or ()), None)
+
+
+def _has_built_cage(result: Result) -> bool:
+    return "cage_vertices" in result.settings
 
 
 def _suggest_vertices(result: Result) -> str | None:
@@ -65,5 +72,5 @@ def _suggest_vertices(result: Result) -> str | None:
     count = min(2 * len(result.cage.vertices), MAX_ADVISED_VERTICES)
     if count <= len(result.cage.vertices) or count > data:
         return None
-    is_built = "cage_vertices" in result.settings
-    return f"`vertices={count}`" if is_built else f"`vertices={count}` in place of `cage=`"
+    step = f"`vertices={count}`"
+    return step if _has_built_cage(result) else f"{step} in place of `cage=`"

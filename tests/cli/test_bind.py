@@ -59,7 +59,9 @@ def test_the_next_command_works_as_told(run, folder):
     """And `info` takes the binding beside the result."""
     assert run(*TYPED).code == 0
     assert run("extract", "frames", "--binding", "binding.h5").code == 0
-    assert run("report").out.startswith("cages.h5: 5 frames of 18 vertices in a cage of 8")
+    assert run("report").out.startswith(
+        "cages.h5: 5 frames, 18 vertices, a cage of 8 that was given"
+    )
     pages = run("info", "binding.h5", "cages.h5").out.split("\n\n")
     assert [page.splitlines()[0] for page in pages] == ["binding.h5", "cages.h5"]
 

@@ -32,7 +32,7 @@ def test_bad_inputs(run, fixtures_folder, tmp_path, monkeypatch, coarse_panels, 
         (folder / "cages.h5").write_text("old")
         words += ["--overwrite"]
     before = contents(folder)
-    outcome = run(*words)
+    outcome = run(*words, *(["-v"] if extracts else []))
     assert outcome.code == case["exit"]
     for fragment in case["says"]:
         assert fragment in outcome.err.lower()

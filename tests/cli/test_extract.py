@@ -23,8 +23,8 @@ def test_the_two_commands_work_as_typed(folder):
     shell = f"'{sys.executable}' {line.format(repr(sys.executable))}"
     done = subprocess.run(shell, shell=True, cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("cages.h5: 5 frames of 18 vertices in a cage of 8")
-    assert "wrote cages.h5; next: cageik report cages.h5" in done.stderr
+    assert done.stdout.startswith("cages.h5: 5 frames, 18 vertices, a cage of 8 that was given")
+    assert "wrote cages.h5\n" in done.stderr
     assert sorted(item.name for item in folder.iterdir()) == ["cage.obj", "cages.h5", "frames"]
 
 
@@ -42,9 +42,21 @@ def test_the_summary_goes_to_stderr_and_ends_with_what_to_do_next(run, folder):
     outcome = run(*TYPED, "-o", "other.h5")
     assert (outcome.code, outcome.out) == (0, "")
     lines = outcome.err.splitlines()
-    assert lines[0].startswith("other.h5: 5 frames of 18 vertices")
-    assert lines[-2].startswith("  seconds        open ")
-    assert lines[-1] == "wrote other.h5; next: cageik report other.h5"
+    assert lines[0].startswith("other.h5: 5 frames, 18 vertices")
+    assert lines[-3] == "wrote other.h5"
+    assert [line.split("cageik ")[1] for line in lines[-2:]] == [
+        "view other.h5",
+        "export other.h5 other.usdc --with-model",
+    ]
+    assert len(lines) <= 9
+    for command in lines[-1:]:
+        assert run(*command.split("cageik ")[1].split()).code == 0
+
+
+def test_all_figures_are_printed_with_v(run, folder):
+    calm, full = run(*TYPED), run(*TYPED, "--overwrite", "-v")
+    assert "  seconds        open " in full.err
+    assert len(calm.err.splitlines()) <= 9 < len(full.err.splitlines())
 
 
 def test_options_reach_the_result(run, folder, animation, write_obj):
@@ -105,7 +117,7 @@ def test_weights_are_the_same_from_the_cache_and_without_it(run, folder, cache):
     """A result says nothing of where its weights came from, unless that is a binding file."""
     said = {}
     for name, words in (("miss", []), ("hit", []), ("none", ["--no-cache"])):
-        outcome = run(*TYPED, "-o", f"{name}.h5", *words)
+        outcome = run(*TYPED, "-v", "-o", f"{name}.h5", *words)
         assert outcome.code == 0
         said[name] = [line for line in outcome.err.splitlines() if line.startswith("  cache ")]
     assert said["miss"] == said["none"] == []

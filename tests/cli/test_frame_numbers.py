@@ -82,10 +82,10 @@ def test_a_gap_is_refused_kept_or_closed(run, numbered):
     for option in ("--allow-gaps", "--close-gaps"):
         assert option in outcome.err
     assert run(*EXTRACT, "--allow-gaps", "--close-gaps").code == 2
-    kept = run("extract", "frames", "--cage", "cage.obj", "--allow-gaps")
+    kept = run("extract", "frames", "--cage", "cage.obj", "--allow-gaps", "-v")
     assert kept.code == 0
     assert "  skipped        1 of 6 frames: walk.1005.obj; " in kept.err
-    closed = run("extract", "frames", "--cage", "cage.obj", "--close-gaps", "--overwrite")
+    closed = run("extract", "frames", "--cage", "cage.obj", "--close-gaps", "--overwrite", "-v")
     assert closed.code == 0
     assert "gaps in frame numbers are closed at walk.1007.obj; frames are numbered" in closed.err
     result = read_result(Path("cages.h5"))

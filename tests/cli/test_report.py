@@ -25,8 +25,8 @@ def results(tmp_path, monkeypatch, tiny_result):
 def test_text_goes_to_stdout(run, results):
     outcome = run("report")
     assert (outcome.code, outcome.err) == (0, "")
-    assert outcome.out.startswith("cages.h5: 5 frames of 18 vertices")
-    assert run("report", "other.h5").out == outcome.out.replace("cages.h5", "other.h5")
+    assert outcome.out.startswith("cages.h5: 5 frames, 18 vertices")
+    assert run("report", "other.h5").out == outcome.out.replace("cages", "other")
 
 
 def test_several_results_follow_each_other(run, results):

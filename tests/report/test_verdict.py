@@ -43,6 +43,14 @@ def test_a_fit_is_advised_where_there_is_none(closed):
     assert suggest_step(closed.result, 1.0, 5.0) == "`fit=True`"
 
 
+def test_a_built_cage_is_advised_where_the_given_one_is_far_too_loose(closed):
+    (region, *_) = closed.result.regions
+    loose = replace(closed.result, regions=(replace(region, cause=Cause.LOOSE_CAGE),))
+    assert "leave out `cage=`" in suggest_step(loose, 1.0, 5.0)
+    built = replace(loose, settings={**loose.settings, "cage_vertices": 8})
+    assert suggest_step(built, 1.0, 5.0) == "`fit=True`"
+
+
 def test_nothing_is_advised_for_an_error_that_is_not_seen(closed):
     assert suggest_step(closed.result, 0.4 * MAX_GOOD_RMS, 0.4 * MAX_GOOD_DEVIATION) is None
 

@@ -167,6 +167,6 @@ def test_each_clip_of_a_batch_has_its_own_fit(folder, run, write_obj, animation)
 
 
 def test_a_cage_that_is_built_can_be_fitted(folder, run, coarse_grids):
-    outcome = run("extract", "frames", "--fit", "--cage-vertices", "20")
+    outcome = run("extract", "frames", "--fit", "--cage-vertices", "20", "-v")
     assert outcome.code == 0, outcome.err
     assert "\n  fit            regularization 0.1" in outcome.err

@@ -54,7 +54,7 @@ def test_a_limit_holds_for_what_is_printed(run, result, option, sign):
     assert figure > 0
     step = Decimal(1).scaleb(figure.as_tuple().exponent)
     for most, code, label in ((figure, 0, "within limit"), (figure - step, 3, "over limit")):
-        outcome = run("report", f"--{option}", f"{most}{sign}")
+        outcome = run("report", "--all", f"--{option}", f"{most}{sign}")
         assert outcome.code == code
         (line,) = [row for row in outcome.out.splitlines() if row.startswith(f"  {label} ")]
         assert f"{figure}" in line
@@ -67,10 +67,10 @@ def test_extract_judges_too_and_writes_all_the_same(run, result, sign):
     figure = printed_figure(result, "max-rms", sign)
     under = figure - Decimal(1).scaleb(figure.as_tuple().exponent)
     before = Path("cages.h5").read_bytes()
-    kept = run(*EXTRACT, "--max-rms", f"{figure}{sign}")
+    kept = run(*EXTRACT, "-v", "--max-rms", f"{figure}{sign}")
     assert (kept.code, "  within limit   rms " in kept.err) == (0, True)
     Path("cages.h5").unlink()
-    over = run(*TYPED, "--max-rms", f"{under}{sign}", "--export", "cage.npz")
+    over = run(*TYPED, "-v", "--max-rms", f"{under}{sign}", "--export", "cage.npz")
     assert (over.code, over.out) == (3, "")
     assert "  over limit     rms " in over.err
     assert "wrote cages.h5" in over.err
@@ -92,7 +92,7 @@ def test_quiet_says_what_is_over_its_limit_and_nothing_else(run, result, words):
 
 
 def test_what_an_open_model_lacks_is_not_judged(run, opened):
-    outcome = run(*TYPED, "--max-volume-change", "0")
+    outcome = run(*TYPED, "-v", "--max-volume-change", "0")
     assert outcome.code == 0
     assert "  not checked    volume change not defined, limit 0 %" in outcome.err
     outcome = run("report", "--max-volume-change", "0", "--json", "-")
@@ -112,7 +112,7 @@ def test_each_of_several_results_is_judged(run, result, animation):
         (["still.h5"], 0), (["cages.h5"], 3), (["still.h5", "cages.h5"], 3),
         (["cages.h5", "still.h5"], 3),
     ):  # fmt: skip
-        outcome = run("report", *names, "--max-rms", "0.0001%", "--json", "-")
+        outcome = run("report", "--all", *names, "--max-rms", "0.0001%", "--json", "-")
         assert outcome.code == code
         assert outcome.err.count("over limit") == (1 if code else 0)
         assert outcome.err.count("within limit") == (1 if "still.h5" in names else 0)
@@ -174,7 +174,7 @@ def test_a_large_limit_in_units_is_noted(run, result):
     diagonal = result["clip"]["diagonal"]
     for share, count in ((0.049, 0), (0.051, 1)):
         typed = f"{share * diagonal:.9f}"
-        outcome = run("report", "--max-deviation", f"{typed}units", "--json", "-")
+        outcome = run("report", "-v", "--max-deviation", f"{typed}units", "--json", "-")
         notes = [note for note in json.loads(outcome.out)["notes"] if "units" in note]
         assert len(notes) == count
         assert outcome.err.count("% of the diagonal, more than 5 %") == count
@@ -215,12 +215,12 @@ def halved(record: dict, name: str = "cages.h5") -> str:
 def test_an_earlier_run_is_a_limit(run, result):
     assert run("report", "--json", "old.json", "-q").code == 0
     for words in (EXTRACT, ("report",)):
-        outcome = run(*words, "--baseline", "old.json", "--max-regression", "0")
+        outcome = run(*words, "-v", "--baseline", "old.json", "--max-regression", "0")
         assert outcome.code == 0
         assert (outcome.out + outcome.err).count("  within limit   ") == 4
     Path("half.json").write_text(halved(result, "another.h5"))
     for words in (EXTRACT, ("report",)):
-        outcome = run(*words, "--baseline", "half.json")
+        outcome = run(*words, "-v", "--baseline", "half.json")
         assert outcome.code == 3
         assert (outcome.out + outcome.err).count("  over limit     ") == 4
         assert run(*words, "--baseline", "half.json", "--max-regression", "101%").code == 0
@@ -230,7 +230,7 @@ def test_an_earlier_run_is_a_limit(run, result):
 def test_several_results_are_compared_by_name(run, result):
     Path("other.h5").write_bytes(Path("cages.h5").read_bytes())
     Path("half.json").write_text(halved(result))
-    outcome = run("report", "cages.h5", "other.h5", "--baseline", "half.json")
+    outcome = run("report", "--all", "cages.h5", "other.h5", "--baseline", "half.json")
     assert outcome.code == 3
     first, second = outcome.out.split("\n\n")
     assert first.count("over limit") == 4
@@ -287,7 +287,7 @@ def test_results_of_one_file_name_are_called_by_their_paths(run, result):
     assert run(*words, "--json", "old.json", "-q").code == 0
     records = json.loads(Path("old.json").read_text())
     assert [record["result"] for record in records] == ["a/cages.h5", "b/cages.h5"]
-    outcome = run(*words, "--baseline", "old.json")
+    outcome = run(*words, "--all", "--baseline", "old.json")
     assert outcome.code == 0
     assert outcome.out.count("within limit") == 8
 

@@ -1,0 +1,102 @@
+"""The lines that people read: what stands in them, how many there are, and how wide."""
+
+from dataclasses import replace
+
+import pytest
+
+from cageik_cli.report.figures import KeptSummary
+from cageik_cli.report.record import build_report
+from cageik_cli.report.views.front import MAX_FRONT_WIDTH, format_front, list_next_steps
+from cageik_cli.util.progress import mark_warning
+
+
+@pytest.fixture(scope="module")
+def report(closed):
+    return build_report(closed.result)
+
+
+def find_row(text: str, label: str) -> str:
+    """The text of the only line with a label."""
+    (row,) = [line for line in text.splitlines() if line[2:12].strip() == label]
+    return row[12:]
+
+
+def test_a_plain_result_has_few_lines_that_are_not_wide(report):
+    lines = format_front(report, seconds=3.5).splitlines()
+    assert len(lines) <= 5
+    assert max(map(len, lines)) <= MAX_FRONT_WIDTH
+    assert lines[0] == "cages.h5: 5 frames, 18 vertices, a cage of 8 that was given, 3.5 s"
+
+
+@pytest.mark.parametrize(
+    ("metres", "average"),
+    [(1.0, "16 cm of 3.46 m"), (0.01, "1.6 mm of 3.46 cm"), (0.0254, "0.16 in of 3.46 in"),
+     (0.3, "0.16 of 3.46")],
+)  # fmt: skip
+def test_lengths_are_in_the_unit_of_the_scene(report, metres, average):
+    known = replace(report, clip=replace(report.clip, metres_per_unit=metres))
+    assert f"({average})" in find_row(format_front(known), "quality")
+
+
+def test_frames_are_named_by_their_numbers(report):
+    frames = tuple(replace(frame, number=1001 + 2 * frame.index) for frame in report.frames)
+    worst = frames[report.summary.worst_frame_index]
+    text = format_front(replace(report, frames=frames))
+    assert f"worst frame {worst.number}: " in find_row(text, "quality")
+    assert find_row(text, "look at").startswith("frame 100")
+
+
+def test_what_was_rejected_does_not_count(report):
+    kept = KeptSummary(0.2, 1.0, 19.57, 3, "a", 0.94, 2, "b")
+    frames = tuple(
+        replace(frame, rms_kept_percent=0.2, max_deviation_kept_percent=float(frame.index))
+        for frame in report.frames
+    )
+    text = format_front(replace(report, kept=kept, frames=frames))
+    assert "0.20 % of the size" in find_row(text, "quality")
+    assert "20 % of the vertices are missing, and 0.94 % " in find_row(text, "data")
+    assert find_row(text, "look at").startswith(f"frame {frames[-1].number:g}: 4.0 % (")
+
+
+def test_a_probable_cause_is_told_and_an_unknown_one_is_not(report):
+    assert find_row(format_front(report), "look at").endswith("the cage is far away")
+    unknown = tuple(replace(region, cause="unknown") for region in report.regions)
+    assert "known" not in find_row(format_front(replace(report, regions=unknown)), "look at")
+    assert "near" not in find_row(format_front(replace(report, regions=None)), "look at")
+
+
+def test_an_edit_is_not_judged(edited):
+    text = format_front(build_report(edited))
+    assert "edited from" in text
+    assert "quality" not in text
+    assert "better" not in text
+    assert " % of the size" in find_row(text, "moved")
+
+
+def test_notes_are_counted_and_cut_and_warnings_come_first(report):
+    def show(*notes, told=()):
+        text = format_front(replace(report, notes=notes), told)
+        assert max(map(len, text.splitlines())) <= MAX_FRONT_WIDTH
+        return [line[12:] for line in text.splitlines()[4:]]
+
+    long, middle = "a part " * 60, "one half " * 12
+    assert show(
+        "short", mark_warning("one is off"), told=[("cage", "built"), ("note", "short")]
+    ) == ["2: warning: one is off; short (-v shows all)"]
+    assert show("short", middle, long)[0].startswith("3: short; one half one half")
+    assert len(show("short", middle, long)) == 2
+    assert " ... (-v shows all)" in show(long)[-1]
+    assert show() == ["none (-v shows all figures)"]
+
+
+def test_a_skipped_frame_is_a_warning(report):
+    first, *others = report.frames
+    skipped = replace(first, skipped="cannot be read", rms=None)
+    text = format_front(replace(report, frames=(skipped, *others)))
+    assert "warning: 1 of 5 frames skipped: cannot be read" in find_row(text, "notes")
+
+
+def test_names_with_blanks_can_be_pasted():
+    shown, used = list_next_steps("my walk.h5")
+    assert shown[1] == "cageik view 'my walk.h5'"
+    assert used[1] == "cageik export 'my walk.h5' 'my walk.usdc' --with-model"
