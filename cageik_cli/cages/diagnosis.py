@@ -7,10 +7,12 @@ import numpy as np
 
 from cageik_cli.cages.enclosure import (
     Placement,
+    are_swapped,
     check_enclosure,
     describe_unused_vertices,
     find_missing_extent,
     locate_vertices,
+    make_swap_finding,
 )
 from cageik_cli.cages.faults import SEVERITIES, Finding, find_cage_faults
 from cageik_cli.cages.misfit import Misfit, explain_misfit
@@ -162,6 +164,8 @@ def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None
         if sound and not _is_any_unfit(more):
             rest_facts, more = _measure_influence(cage, rest, rest_facts, jobs)
             findings += more
+        elif are_swapped(cage, rest):
+            findings = [make_swap_finding(cage, rest)]
         elif len(cage.vertices) > len(rest.vertices):
             findings.append(_suspect_swap(cage, rest))
     findings.sort(key=lambda finding: SEVERITIES.index(finding.severity))

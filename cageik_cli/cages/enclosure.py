@@ -157,8 +157,8 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Pl
     Raises
     ------
     CageError
-        When the cage is not sound, or vertices are outside (`OutsideError`); asks whether cage and
-        model are swapped if their sizes suggest it.
+        When the cage is not sound, or vertices are outside (`OutsideError`); says so if cage and
+        model are swapped, and asks if their sizes suggest it.
     """
     try:
         outward, notes = validate_cage(cage)
@@ -166,6 +166,8 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Pl
     except CageError as error:
         if len(cage.vertices) <= len(rest.vertices) or isinstance(rest, PointCloud):
             raise
+        if are_swapped(cage, rest):
+            raise CageError(make_swap_finding(cage, rest).sentence) from error
         swapped = type(error)(
             f"{error}; the cage has {len(cage.vertices)} vertices and the model "
             f"{len(rest.vertices)}: are they swapped?"
@@ -174,6 +176,28 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Pl
             swapped.placement, swapped.misfit = error.placement, error.misfit
         raise swapped from error
     return replace(placement, notes=notes + placement.notes)
+
+
+def are_swapped(cage: TriMesh, rest: TriMesh) -> bool:
+    """Return whether a cage of more vertices than the model is inside it: each is the other."""
+    is_of_its_size = rest.diagonal <= MAX_SIZE_RATIO * cage.diagonal  # else a unit is at fault
+    if len(cage.vertices) <= len(rest.vertices) or not is_of_its_size:
+        return False
+    try:
+        outward, _ = validate_cage(rest)
+    except CageError:
+        return False
+    return not locate_vertices(outward, cage).is_misplaced
+
+
+def make_swap_finding(cage: TriMesh, rest: TriMesh) -> Finding:
+    """Make the finding that cage and model are swapped."""
+    message = (
+        f"cage and model are swapped: this mesh of {len(cage.vertices)} vertices is inside the "
+        f"other, of {len(rest.vertices)}"
+    )
+    remedy = "give the other as `cage=`, and this as the model"
+    return Finding("swapped", "unfit", message, remedy, value=float(len(cage.vertices)))
 
 
 def refuse_other_unit(cage: TriMesh, rest: TriMesh) -> None:

@@ -1,5 +1,6 @@
 """The mesh that an option names: of any format that holds one, a result or a binding."""
 
+import glob
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +10,17 @@ from cageik_cli.formats.base.choose_parts import drop_parts, select_parts
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.find_files import split_member
+from cageik_cli.formats.find_files import sort_naturally, split_member
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.store.binding_file import is_binding, read_binding
 from cageik_cli.store.result import is_result, read_result
-from cageik_cli.util.errors import SettingError, error_context
+from cageik_cli.util.errors import (
+    FileAccessError,
+    SettingError,
+    error_context,
+    join_truncated,
+)
 from cageik_cli.util.text import to_unicode
 
 Role = Literal["rest", "cage"]
@@ -45,6 +51,8 @@ def load_source(path: Path, role: Role = "rest", exclude: Sequence[str] = ()) ->
         Naming the file, when it is missing, damaged, or holds no mesh.
     """
     file, member = split_member(path)
+    if role == "cage":
+        _check_one_file(file)
     if not file.is_file() or not holds_caged_model(file):
         return load_mesh(path, exclude)
     if member not in (None, "rest", "cage"):
@@ -56,6 +64,22 @@ def load_source(path: Path, role: Role = "rest", exclude: Sequence[str] = ()) ->
     with error_context(path):
         mesh, _, notes = select_parts(found.mesh, None, exclude)
     return replace(found, mesh=mesh, notes=tuple(notes), path=path)
+
+
+def _check_one_file(path: Path) -> None:
+    """Refuse a folder, or a pattern, in place of the file of a cage; a clip may be either."""
+    if path.is_dir():
+        raise FileAccessError(
+            f"{path}: is a folder, expected the file of a cage; give the folder of a clip as "
+            "`frames=`, and the cage as `cage=`"
+        )
+    if glob.has_magic(str(path)) and not path.exists():
+        found = sort_naturally(map(Path, glob.glob(str(path), recursive=True)))
+        names = join_truncated((to_unicode(file.name) for file in found), 3) or "no file"
+        raise FileAccessError(
+            f"{path}: is a pattern ({names}), expected the file of a cage; give the frames of a "
+            "clip as `frames=`, and one file as `cage=`"
+        )
 
 
 def name_source(path: Path) -> str:

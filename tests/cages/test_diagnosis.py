@@ -144,8 +144,15 @@ def test_a_cage_of_degenerate_faces_has_no_smallest_angle():
     assert (facts.smallest_angle, facts.smallest_angle_face) == (None, None)
 
 
-def test_swapped_cage_and_model_are_suspected():
+def test_swapped_cage_and_model_are_one_finding():
     found = diagnose(ball(2), box())
+    assert kinds(found) == [("unfit", "swapped")]
+    assert "66 vertices is inside the other, of 8" in found.findings[0].message
+    assert not found.is_repairable
+
+
+def test_swapped_cage_and_model_are_suspected():
+    found = diagnose(ball(2), changed(box(), vertices=box().vertices + 1.5))
     assert kinds(found)[-1] == ("note", "swapped")
     assert found.findings[-1].sentence == (
         "the cage has 66 vertices and the model 8; are they swapped?"

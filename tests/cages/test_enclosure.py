@@ -26,9 +26,15 @@ def test_vertices_outside_are_counted_and_named():
     assert "swapped" not in str(caught.value)
 
 
-def test_the_message_asks_whether_cage_and_model_are_swapped():
-    with pytest.raises(CageError, match="has 66 vertices and the model 8: are they swapped"):
+def test_a_model_given_as_the_cage_is_known_from_the_cage_that_encloses_it():
+    with pytest.raises(CageError, match=r"are swapped: this mesh of 66 .* other, of 8; give"):
         check_enclosure(ball(2), box())
+
+
+def test_the_message_asks_whether_cage_and_model_are_swapped():
+    beside = changed(box(), vertices=box().vertices + 1.5)
+    with pytest.raises(CageError, match="has 66 vertices and the model 8: are they swapped"):
+        check_enclosure(ball(2), beside)
 
 
 def test_a_vertex_outside_by_rounding_is_moved_onto_the_cage():
