@@ -248,7 +248,7 @@ def pair_cases() -> list[Case]:
         np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32),
     )
     return [
-        Case("swapped", ["cage.obj", "are they swapped"], swapped),
+        Case("swapped", ["cage.obj", "are swapped"], swapped),
         Case(
             "rest_other_connectivity",
             ["rest.obj", "triangle 3 joins", "in the first frame"],

@@ -168,6 +168,8 @@ def _show_overview(overview: "Overview", quiet: bool) -> None:
         click.echo(f"{text}, {poor} poor" if poor else text, err=True)
         for sentence in describe_poor(overview.worst_first):
             click.echo(sentence, err=True)
+        if failed:
+            click.echo("failed clips are done again, and no others, with --resume", err=True)
     for entry in failed:  # at the end, where a long log is looked at
         click.echo(f"{entry.label}: {entry.fault}", err=True)
     echo_exceeded_limits(overview)

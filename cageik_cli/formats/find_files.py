@@ -9,7 +9,7 @@ from pathlib import Path
 
 from natsort import natsort_keygen, ns
 
-from cageik_cli.formats.base.file_numbers import group_numbered_files
+from cageik_cli.formats.base.file_numbers import FrameNames, group_numbered_files
 from cageik_cli.formats.base.files import decompress, discover_plugins, file_suffix
 from cageik_cli.formats.base.readers import FrameFileReader, parse_mesh
 from cageik_cli.formats.base.sequence import MeshSequence
@@ -91,9 +91,11 @@ def _expand_argument(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
         return [path]
     elif glob.has_magic(argument):
         matches = glob.glob(_escape_existing_folders(path), recursive=True)
+        if not matches:
+            raise FileAccessError(f"{argument}: no file matches; {_describe_folder(path.parent)}")
         found = [path for match in matches for path in _expand_argument(match, suffixes)]
     else:
-        raise FileAccessError(f"{argument}: no such file or folder; check the path")
+        raise _make_missing_error(path)
     if not found:
         below = suggest_series_below(path) if path.is_dir() else ""
         raise FileAccessError(
@@ -101,6 +103,29 @@ def _expand_argument(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
             + (f"; {below}" if below else "")
         )
     return found
+
+
+def _make_missing_error(path: Path) -> FileAccessError:
+    """Make the error that a file is not there; a pattern of an output says what is typed here."""
+    names = FrameNames.parse(path.name)
+    if names is None:
+        return FileAccessError(f"{path}: no such file or folder; check the path")
+    place = path.with_name(f"{names.before}*{names.after}")
+    return FileAccessError(
+        f"{path}: no such file; numbers are written like this in names of outputs only, so name "
+        f"the folder of the frames, {path.parent}, or a quoted glob, '{place}'"
+    )
+
+
+def _describe_folder(folder: Path) -> str:
+    """Say what is in a folder in which a pattern finds nothing."""
+    if glob.has_magic(str(folder)):
+        return "check the path"
+    if not folder.is_dir():
+        return f"there is no folder {folder}"
+    inside = sort_naturally(path for path in folder.iterdir() if path.name[0] != ".")
+    names = join_truncated((to_unicode(path.name) for path in inside), 3)
+    return f"{folder} holds {names or 'no file'}"
 
 
 def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
@@ -155,7 +180,8 @@ def check_frames(arguments: list[str], paths: tuple[Path, ...]) -> None:
     named = [path for path in paths if path in loose]
     series = list(_find_series(named).values())
     for group in series:
-        _check_meshes(arguments[0], group, "")
+        what = "matches" if len(arguments) == 1 else "one of"
+        _check_meshes(arguments[0], group, "", what)
     if (
         len(named) > 1
         and not series

@@ -21,8 +21,9 @@ from cageik_cli import __version__
 from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.solver.summary import ClipSummary
 from cageik_cli.store.block_bytes import from_bytes, to_bytes
-from cageik_cli.util.errors import CheckpointError, FormatError, OutputError, error_context
+from cageik_cli.util.errors import CheckpointError, FormatError, error_context, make_write_error
 from cageik_cli.util.files import open_input, open_locked, remove_locked, set_size
+from cageik_cli.util.text import format_count
 
 CHECKPOINT_START = b"cageik.partial "
 CHECKPOINT_MAGIC = CHECKPOINT_START + b"6\n"
@@ -56,21 +57,39 @@ class RunSpec:
     version: str = __version__
 
     def describe_difference(self, other: "RunSpec") -> str:
-        """Say what differs from the run `other` that is to be continued; nothing if it can be."""
+        """Say what differs from the run `other` that is to be continued; nothing if it can be.
+
+        Settings are named as parameters, so that a reader can type what the other run was given.
+        """
         if self.frames != other.frames:
-            return f"it was of {len(other.frames)} other frames"
-        for name in self.settings | other.settings:
-            mine, theirs = self.settings.get(name), other.settings.get(name)
-            if mine != theirs:
-                return f"its {name} was {theirs}, not {mine}"
-        for name in self.sources | other.sources:
-            if self.sources.get(name) != other.sources.get(name):
-                return f"its {name.replace('_', ' ')} was another"
+            count = format_count(len(other.frames), "other frame")
+            return f"it was of {count}, {other.frames[0]} to {other.frames[-1]}"
+        differing = [
+            _describe_setting(name, other.settings.get(name))
+            for name in self.settings | other.settings
+            if self.settings.get(name) != other.settings.get(name)
+        ]
+        differing += [
+            f"with another {name.replace('_', ' ')}"
+            for name in self.sources | other.sources
+            if self.sources.get(name) != other.sources.get(name)
+        ]
+        if differing:
+            return f"it was run {', '.join(differing)}"
         if self.version != other.version:
             return f"it was of cageik {other.version}"
         if replace(self, fit=other.fit) != other:
             return "its weights were others, or frames on which tolerances are measured"
         return ""
+
+
+def _describe_setting(name: str, value: Any) -> str:
+    """Say what a run was given for a setting."""
+    if value is None or value is False:
+        return f"without `{name}=`"
+    if isinstance(value, dict | list):
+        return f"with another `{name}=`"
+    return f"with `{name}={value}`"
 
 
 class Checkpoint:
@@ -166,7 +185,7 @@ class Checkpoint:
             _write_all(self._file, _RECORD_HEADER.pack(len(data), zlib.crc32(data)) + data)
         except OSError as error:
             set_size(self._file, self._end)
-            raise _make_write_error(self.path, error) from error
+            raise make_write_error(self.path, error) from error
         self._end = self._file.tell()
         self.summary.update(block)
 
@@ -243,7 +262,7 @@ def _open_own(path: Path) -> io.FileIO | None:
     try:
         file = open_locked(path)
     except OSError as error:
-        raise _make_write_error(path, error) from error
+        raise make_write_error(path, error) from error
     if file is not None:
         begin = file.read(len(CHECKPOINT_START))
         file.seek(0)
@@ -267,7 +286,7 @@ def _write_spec(path: Path, file: io.FileIO, spec: RunSpec) -> None:
         _write_all(file, head)
     except OSError as error:
         remove_locked(path, file)
-        raise _make_write_error(path, error) from error
+        raise make_write_error(path, error) from error
 
 
 def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
@@ -323,7 +342,3 @@ def _write_all(file: io.FileIO, data: bytes) -> None:
     view = memoryview(data)
     while view:
         view = view[file.write(view) or 0 :]
-
-
-def _make_write_error(path: Path, error: OSError) -> OutputError:
-    return OutputError(f"{path}: cannot be written ({error.strerror or error})")

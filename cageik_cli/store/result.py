@@ -1,5 +1,6 @@
 """Read result files, with every check: the result, and what its frames are rebuilt from."""
 
+import glob
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -225,6 +226,8 @@ def _suggest_instead(path: Path) -> str:
         return (
             f"there is a checkpoint, {checkpoint_file.name}; rerun the command with `resume=True`"
         )
+    if glob.has_magic(str(path)):
+        return "it is a pattern; name the files, or write it without quotes"
     return "create it with cageik extract, or give another"
 
 

@@ -1,5 +1,7 @@
 """Errors that a user can act on: where, what was found, what was expected, what to do."""
 
+import errno
+import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import ClassVar
@@ -131,6 +133,13 @@ def describe_error(error: BaseException) -> str:
         text = "interrupted"
     elif isinstance(error, OSError):
         text = f"{error.filename or 'the system'}: {error.strerror or error}"
+    elif isinstance(error, ModuleNotFoundError) and _is_foreign(error.name):
+        library = str(error.name).partition(".")[0]
+        package = {"igl": "libigl", "PIL": "pillow"}.get(library, library)
+        text = (
+            f"the library {library} is missing, which every installation of cageik has; "
+            f"pip install {package}"
+        )
     elif isinstance(error, ImportError) and not isinstance(error, ModuleNotFoundError):
         text = (
             f"a library cannot be loaded ({error}); check the memory that is free, the limit of "
@@ -144,6 +153,19 @@ def describe_error(error: BaseException) -> str:
             "please report it with the output of the same command with -vv"
         )
     return " ".join(text.split())
+
+
+def _is_foreign(module: str | None) -> bool:
+    """Return whether a module that is not found is of another package, and has a name."""
+    return bool(module) and str(module).partition(".")[0] != __name__.partition(".")[0]
+
+
+def make_write_error(path: object, error: OSError) -> OutputError:
+    """Make the error that an output cannot be written; a full disk says what to do."""
+    reason = error.strerror or str(error)
+    is_full = error.errno in (errno.ENOSPC, errno.EDQUOT) or os.strerror(errno.ENOSPC) in reason
+    remedy = "; free some space on its disk, or choose another place" if is_full else ""
+    return OutputError(f"{path}: cannot be written ({reason}){remedy}")
 
 
 def join_truncated(items: Iterable[object], limit: int = 10) -> str:

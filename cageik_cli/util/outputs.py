@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.util.errors import OutputError
+from cageik_cli.util.errors import OutputError, make_write_error
 from cageik_cli.util.files import exchange, repeat_if_interrupted
 from cageik_cli.util.leftovers import clear_leftovers, make_displaced_path, make_unfinished_path
 
@@ -262,7 +262,7 @@ def _convert_os_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise make_write_error(path, error) from error
 
 
 def write_text(path: Path, text: str, overwrite: bool) -> None:

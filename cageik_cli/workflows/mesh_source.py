@@ -51,8 +51,7 @@ def load_source(path: Path, role: Role = "rest", exclude: Sequence[str] = ()) ->
         Naming the file, when it is missing, damaged, or holds no mesh.
     """
     file, member = split_member(path)
-    if role == "cage":
-        _check_one_file(file)
+    _check_one_file(file, role)
     if not file.is_file() or not holds_caged_model(file):
         return load_mesh(path, exclude)
     if member not in (None, "rest", "cage"):
@@ -66,9 +65,9 @@ def load_source(path: Path, role: Role = "rest", exclude: Sequence[str] = ()) ->
     return replace(found, mesh=mesh, notes=tuple(notes), path=path)
 
 
-def _check_one_file(path: Path) -> None:
-    """Refuse a folder, or a pattern, in place of the file of a cage; a clip may be either."""
-    if path.is_dir():
+def _check_one_file(path: Path, role: Role) -> None:
+    """Refuse a pattern, and a folder in place of a cage: a clip is meant, which may be either."""
+    if path.is_dir() and role == "cage":
         raise FileAccessError(
             f"{path}: is a folder, expected the file of a cage; give the folder of a clip as "
             "`frames=`, and the cage as `cage=`"
@@ -77,8 +76,8 @@ def _check_one_file(path: Path) -> None:
         found = sort_naturally(map(Path, glob.glob(str(path), recursive=True)))
         names = join_truncated((to_unicode(file.name) for file in found), 3) or "no file"
         raise FileAccessError(
-            f"{path}: is a pattern ({names}), expected the file of a cage; give the frames of a "
-            "clip as `frames=`, and one file as `cage=`"
+            f"{path}: is a pattern ({names}), expected one file; give the frames of a clip as "
+            f"`frames=`, and one file as `{role}=`"
         )
 
 

@@ -127,7 +127,7 @@ def open_checkpoint(settings: ExtractSettings, spec: RunSpec) -> Iterator[Checkp
         if kept:
             error.add_note(
                 f"{kept} of {len(spec.frames)} frames are kept in {path}; continue with "
-                "`resume=True`"
+                "`resume=True`, or start over with `overwrite=True`"
             )
             checkpoint.close()
         else:

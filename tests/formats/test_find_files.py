@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 from tests.shapes import ball, box, octahedron
 
 
@@ -80,3 +80,34 @@ def test_named_frames_are_a_clip_also_if_a_numbered_one_is_damaged(place):
     place(walk__1=ball(1), walk__2=box(), walk__3=ball(1))
     assert len(open_sequence(["walk/1.obj", "walk/2.obj", "walk/3.obj"])) == 3
     assert len(open_sequence(["walk/*.obj"])) == 3
+
+
+@pytest.mark.parametrize("name", ["walk_####.obj", "walk_%04d.obj", "walk_$F4.obj"])
+def test_the_pattern_of_an_output_is_no_input(place, name):
+    place(**{f"frames__walk_{k}": box() for k in range(2)})
+    with pytest.raises(FileAccessError, match="folder of the frames, frames, ") as caught:
+        open_sequence([f"frames/{name}"])
+    assert "'frames/walk_*.obj'" in str(caught.value)
+    assert len(open_sequence(["frames/walk_*.obj"])) == 2
+
+
+def test_a_pattern_that_finds_nothing_says_what_there_is(place):
+    place(**{f"frames__walk_{k}": box() for k in range(4)})
+    with pytest.raises(FileAccessError, match=r"frames holds walk_0\.obj, .*walk_2\.obj, \.\.\."):
+        open_sequence(["frames/*.ply"])
+    with pytest.raises(FileAccessError, match="there is no folder nowhere"):
+        open_sequence(["nowhere/*.obj"])
+
+
+def test_named_files_whose_vertices_differ_are_no_clip_with_missing_numbers(place):
+    place(cage_60=box(), cage_120=octahedron(), cage_300=ball(1))
+    for arguments in (["cage_*.obj"], ["cage_60.obj", "cage_120.obj", "cage_300.obj"]):
+        with pytest.raises(SettingError, match="3 meshes that are no frames of one clip"):
+            open_sequence(arguments)
+
+
+def test_frames_beside_cages_of_several_sizes_are_the_clip(place):
+    place(cage_60=box(), cage_120=octahedron(), **{f"f_{k}": ball(1) for k in range(3)})
+    clip = open_sequence(["."])
+    assert len(clip) == 3
+    assert "cage_60.obj, cage_120.obj" in " ".join(clip.notes)

@@ -240,12 +240,16 @@ def test_overwrite_starts_a_new_checkpoint(log):
 @pytest.mark.parametrize(
     ("other", "says"),
     [
-        (replace(SPEC, frames=["a", "b"]), "it was of 5 other frames"),
-        (replace(SPEC, settings=SPEC.settings | {"alpha": 0.25}), "its alpha was 0.5, not 0.25"),
-        (replace(SPEC, sources={}), "its cage was another"),
+        (replace(SPEC, frames=["a", "b"]), r"it was of 5 other frames, \S+ to "),
+        (replace(SPEC, settings=SPEC.settings | {"alpha": 0.25}), "it was run with `alpha=0.5`; "),
+        (
+            replace(SPEC, settings=SPEC.settings | {"missing": True, "robust": False}),
+            "it was run without `missing=`, without `robust=`; ",
+        ),
+        (replace(SPEC, sources={}), "with another cage"),
         (
             replace(SPEC, sources=SPEC.sources | {"vertex_weights": {}}),
-            "its vertex weights was another",
+            "with another vertex weights",
         ),
         (replace(SPEC, version="0.0"), "it was of cageik"),
         (replace(SPEC, key="01"), "its weights were others"),

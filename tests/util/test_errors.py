@@ -1,5 +1,7 @@
 """A library that is not installed: one sentence on what to install."""
 
+import errno
+import re
 import sys
 
 import numpy as np
@@ -9,7 +11,12 @@ from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.write import Output
-from cageik_cli.util.errors import MissingLibraryError, require_optional
+from cageik_cli.util.errors import (
+    MissingLibraryError,
+    describe_error,
+    make_write_error,
+    require_optional,
+)
 from tests.shapes import TETRAHEDRON
 
 
@@ -43,3 +50,28 @@ def test_reading_and_writing_say_what_to_install(tmp_path, monkeypatch, library,
         pass
     assert str(caught.value) == f"{path}: writing {suffix} needs {remedy}"
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize(
+    ("module", "says"),
+    [
+        ("matplotlib.axes", "the library matplotlib is missing, .*; pip install matplotlib$"),
+        ("igl", "the library igl .*; pip install libigl$"),
+        ("cageik_cli.nothing", "internal error"),
+    ],
+)
+def test_a_library_of_every_installation_that_is_missing_is_named(module, says):
+    error = ModuleNotFoundError(f"No module named {module!r}", name=module)
+    assert re.match(says, describe_error(error))
+
+
+@pytest.mark.parametrize(
+    ("error", "is_full"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), True),
+        (OSError("Error occurred writing file: No space left on device"), True),
+        (OSError(errno.EACCES, "Permission denied"), False),
+    ],
+)
+def test_a_full_disk_says_to_free_space(error, is_full):
+    assert str(make_write_error("a", error)).endswith("choose another place") == is_full

@@ -179,7 +179,9 @@ def test_a_full_disk_is_said_whatever_it_led_to(tmp_path, error):
             file.write(b"longer than the disk")
             raise error("unable to flush a cache that nobody knows")
 
-    with pytest.raises(OutputError, match=r"a: cannot be written \(No space left on device\)"):
+    with pytest.raises(
+        OutputError, match=r"a: cannot be written \(No space left on device\); free some"
+    ):
         fail_on()
     assert not list(tmp_path.iterdir())
 
@@ -188,7 +190,9 @@ def test_a_full_disk_is_said_whatever_it_led_to(tmp_path, error):
 def test_a_text_that_does_not_fit_leaves_the_old_one(tmp_path):
     path = tmp_path / "a"
     path.write_text("old")
-    with pytest.raises(OutputError, match=r"a: cannot be written \(No space left on device\)"):
+    with pytest.raises(
+        OutputError, match=r"a: cannot be written \(No space left on device\); free some"
+    ):
         outputs.write_text(path, "longer than the disk", overwrite=True)
     assert path.read_text() == "old"
     assert [item.name for item in tmp_path.iterdir()] == ["a"]

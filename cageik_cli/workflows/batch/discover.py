@@ -1,5 +1,6 @@
 """Find the clips under folders: folders of frames, and files that hold clips."""
 
+import glob
 import hashlib
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
@@ -50,6 +51,8 @@ def walk_folders(root: Path, output: Path) -> Iterator[Path]:
     """Yield a folder and those in it, once, in natural order; not hidden ones, nor `output`."""
     if root.is_file():
         raise FileAccessError(f"{root}: is a file; give its folder, or use cageik extract")
+    if not root.is_dir() and glob.has_magic(str(root)):
+        raise FileAccessError(f"{root}: is a pattern, not a folder; write it without quotes")
     if not root.is_dir():
         raise FileAccessError(f"{root}: no such folder; give one with animations")
     seen = {output.resolve()}

@@ -12,7 +12,7 @@ from cageik_cli.report.overview import ClipEntry, Overview, shorten_names
 from cageik_cli.report.views.data import format_junit, format_overview_csv, format_overview_json
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.store.result import checkpoint_path, is_result
-from cageik_cli.util.errors import CageikError, OutputError
+from cageik_cli.util.errors import CageikError, OutputError, make_write_error
 from cageik_cli.util.files import open_locked, remove_locked
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.progress import ProgressListener
@@ -210,7 +210,7 @@ def _folder_lock(folder: Path) -> Iterator[None]:
     try:
         lock = open_locked(path)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise make_write_error(path, error) from error
     if lock is None:
         raise OutputError(f"{folder}: another batch is writing to it; wait for it, or stop it")
     try:

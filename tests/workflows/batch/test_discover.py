@@ -143,6 +143,8 @@ def test_folders_without_clips_are_refused():
         names("a")
     with pytest.raises(FileAccessError, match="nowhere: "):
         names("nowhere")
+    with pytest.raises(FileAccessError, match=r"a\*: is a pattern.*without quotes"):
+        names("a*")
     with pytest.raises(FileAccessError, match=r"notes\.txt: "):
         names("a/notes.txt")
 
