@@ -36,10 +36,12 @@ MAX_CAGE_DISTANCE = 4.0
 """A cage is far whose surface is further away from a region than this, percent of the diagonal."""
 
 MAX_VERTEX_DISTANCE_RATIO = 1.5
-"""Cage vertices are far whose distance is more than this many sizes of the region"""
+"""Cage vertices are far whose distance is more than this many sizes of the region, and more than
+`MIN_FAR_DISTANCE`."""
 
 MIN_FAR_DISTANCE = 5.0
-"""and more than this, percent of the diagonal."""
+"""Cage vertices that are nearer than this, percent of the diagonal, are not far, however small the
+region is."""
 
 MIN_LARGEST_WEIGHT = 0.25
 """Influence is weak where no cage vertex has a larger weight: they all share the region."""

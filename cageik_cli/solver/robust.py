@@ -27,7 +27,7 @@ from cageik_cli.util.errors import NumericalError
 MAX_REJECTED_WEIGHT = 0.5
 """Vertices that are left a smaller share of their given weight are rejected."""
 
-MIN_HUBER_ROUNDS = 2
+HUBER_ROUNDS = 2
 """First rounds, in which outliers still pull, so that the next start close to the solution."""
 
 MAX_ROBUST_ROUNDS = 20
@@ -173,8 +173,8 @@ class _WeighedBlock:
             for count in range(MAX_ROBUST_ROUNDS):
                 relative = np.sqrt(np.einsum("jx,jx->j", frame.residuals, frame.residuals))
                 relative /= limits[frame.rows]
-                found = given * weigh(relative, is_huber=count < MIN_HUBER_ROUNDS)
-                if count > MIN_HUBER_ROUNDS and np.abs(found - weights).max() <= WEIGHT_CHANGE_TOL:
+                found = given * weigh(relative, is_huber=count < HUBER_ROUNDS)
+                if count > HUBER_ROUNDS and np.abs(found - weights).max() <= WEIGHT_CHANGE_TOL:
                     break
                 weights = found
                 frame.solve(weights)

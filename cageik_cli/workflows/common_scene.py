@@ -32,7 +32,6 @@ from cageik_cli.workflows.settings import ExtractSettings
 UNSTATED = SceneHints()
 """What a file states of its scene that states nothing."""
 
-
 Offer = Callable[[Transform | None], str]
 """Returns the options in place of a transform, see `CommonScene.offer`."""
 

@@ -29,7 +29,6 @@ from cageik_cli.formats.ply_points import (
     place_splats,
     read_splats,
 )
-from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.formats.write import Output, WriterFactory
 from cageik_cli.geometry.oriented import Oriented, Splats
@@ -180,9 +179,7 @@ def load_model(path: Path, exclude: Sequence[str] = ()) -> LoadedModel:
         return LoadedModel(mesh, points, splats)
 
 
-def load_models(
-    paths: Sequence[Path], place: Callable[[LoadedModel], LoadedModel] = lambda model: model
-) -> LoadedModel:
+def load_models(paths: Sequence[Path], place: Callable[[LoadedModel], LoadedModel]) -> LoadedModel:
     """Read a model, or several meshes as the parts of one.
 
     `place` brings each into the unit and the up axis of all.
@@ -190,7 +187,7 @@ def load_models(
     Raises
     ------
     InputError
-        When one of several is points or splats, or they are in other units or axes.
+        When one of several is points or splats.
     """
     models = [place(load_model(path)) for path in paths]
     if len(models) == 1:
@@ -212,24 +209,8 @@ def load_models(
         join_meshes(meshes, names, transforms),
         {"name": join_truncated(one.source["name"] for one in loaded)},
         notes,
-        scene=_share_scene(loaded),
     )
     return LoadedModel(joined)
-
-
-def _share_scene(meshes: Sequence[LoadedMesh]) -> SceneHints:
-    """Return the unit and the up axis that files state, which must be the same."""
-    shared = SceneHints()
-    for mesh in meshes:
-        for name in ("up_axis", "metres_per_unit"):
-            own, before = getattr(mesh.scene, name), getattr(shared, name)
-            if own is not None and before not in (None, own):
-                raise SettingError(
-                    f"{mesh.source['name']}: has {mesh.scene.description}, and other meshes "
-                    f"{shared.description}; give meshes of one unit and up axis"
-                )
-            shared = shared if own is None else replace(shared, **{name: own})
-    return shared
 
 
 def note_on(progress: ProgressListener, name: str, *notes: str) -> None:

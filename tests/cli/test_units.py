@@ -229,6 +229,22 @@ def test_a_cage_is_converted_or_refused_with_what_to_type(here, run, suffix, wor
     assert is_near(read_positions("new.npz"), read_positions("expected.npz"))
 
 
+def test_several_meshes_may_state_one_unit_in_two_ways(here, run):
+    """In single precision, as USD from some programs has it."""
+    rest, words = make_rest(), []
+    for name, unit in (("a", 0.01), ("b", float(np.float32(0.01)))):
+        path = write_clip(here / f"{name}.usda", rest, rest.vertices[None], HERE)
+        text = (here / path).read_text()
+        assert "metersPerUnit = 0.01" in text
+        (here / path).write_text(text.replace("metersPerUnit = 0.01", f"metersPerUnit = {unit!r}"))
+        words += ["--mesh", path]
+    done = run("deform", "cages.h5", *words, "-o", "both.npz")
+    assert done.code == 0, done.err
+    assert "converted" not in done.err
+    expected = read_positions("expected.npz")
+    assert is_near(read_positions("both.npz"), np.concatenate([expected, expected], axis=1))
+
+
 def test_a_file_that_states_a_wrong_unit_is_refused(here, run):
     """Numbers in cm, said to be metres: converted they do not fit."""
     cages = read_positions_of_cages(run)
