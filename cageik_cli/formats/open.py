@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.formats.base.choose_parts import select_parts
+from cageik_cli.formats.base.choose_parts import order_parts, select_parts
 from cageik_cli.formats.base.files import decompress, describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.base.readers import ArrayClipFile, FrameFileReader, parse_mesh
@@ -131,17 +131,18 @@ def open_clip_and_rest(
     sequence = open_sequence(list(frames), settings, rest)
     if rest is not None:
         with error_context(rest.path or rest.source["name"]):
-            fans = rest.mesh.fan_triangulated
+            ordered, notes = order_parts(rest.mesh, sequence.first, "the clip")
+            fans = ordered.fan_triangulated
             expected = sequence.first.fan_triangulated
             check_connectivity(len(fans.vertices), fans.faces, expected, "the first frame")
         # Polygons are cut as in the first frame, which also knows its parts, and may know more.
-        attributes, known = rest.mesh.attributes, sequence.first.attributes
+        attributes, known = ordered.attributes, sequence.first.attributes
         if attributes is None or (attributes.parts is None and known and known.parts):
             attributes = known
         elif known is not None and known.parts is not None:
             attributes = adopt_parts(attributes, known)
-        mesh = TriMesh(rest.mesh.vertices, sequence.first.faces, attributes)
-        return sequence, replace(rest, mesh=mesh)
+        mesh = TriMesh(ordered.vertices, sequence.first.faces, attributes)
+        return sequence, replace(rest, mesh=mesh, notes=(*rest.notes, *notes))
     return sequence, load_rest_frame(sequence, rest_index)
 
 

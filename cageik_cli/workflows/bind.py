@@ -11,6 +11,7 @@ from cageik_cli.cages.enclosure import refuse_other_unit
 from cageik_cli.cages.faults import validate_cage
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.base.choose_parts import check_part_order
 from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_vertex_order
@@ -118,6 +119,7 @@ def _fit_to_files(
     for name in settings.clips:
         clip = open_sequence([name], taken, rest)
         with error_context(name):
+            check_part_order(clip.first, rest.mesh, "the rest pose")
             check_vertex_order(clip.first, rest.mesh.fan_triangulated, "the rest pose")
             clip = scene.match_clip(
                 clip, name, rest.mesh, beside="those of the rest pose", other="the rest pose"

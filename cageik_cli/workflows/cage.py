@@ -14,6 +14,7 @@ from cageik_cli.cages.repair import RepairedCage, repair_cage
 from cageik_cli.cages.settings import BuildSettings, RepairSettings
 from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.base.choose_parts import order_parts
 from cageik_cli.formats.base.files import describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
@@ -110,7 +111,8 @@ def _read_animation(
         return None
     sequence = open_sequence(list(settings.animation), settings.clip, model)
     with error_context(model.source["name"]):
-        fans, expected = model.mesh.fan_triangulated, sequence.first.fan_triangulated
+        rest, _ = order_parts(model.mesh, sequence.first, "the animation")
+        fans, expected = rest.fan_triangulated, sequence.first.fan_triangulated
         check_connectivity(len(fans.vertices), fans.faces, expected, "the first frame")
     name = " ".join(settings.animation)
     with error_context(name):
@@ -121,7 +123,7 @@ def _read_animation(
         progress.note(*label_note(note))
     held = [k for k in range(len(sequence)) if k not in sequence.missing]
     return make_measured_clip(
-        model.mesh, len(held), lambda k: sequence.read_frame(held[k]), settings.jobs
+        rest, len(held), lambda k: sequence.read_frame(held[k]), settings.jobs
     )
 
 

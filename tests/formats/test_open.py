@@ -2,14 +2,17 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cageik_cli.formats.find_files import expand_arguments, list_input_files
-from cageik_cli.formats.open import describe_contents, open_sequence
+from cageik_cli.formats.open import describe_contents, load_mesh, open_clip_and_rest, open_sequence
 from cageik_cli.formats.settings import ClipSettings
-from cageik_cli.util.errors import FileAccessError, InputError, SettingError
+from cageik_cli.geometry.parts import list_part_names
+from cageik_cli.util.errors import ConnectivityError, FileAccessError, InputError, SettingError
 from tests.clips import frames_of
 from tests.refusals import refused
+from tests.shapes import octahedron
 
 WALKS = ["walk.bvh", "walk.C3D", "walk.fbx", "walk.mb"]
 NUMBERS = ["frame_1.obj", "frame_2.obj", "frame_10.obj", "frame_11.obj"]
@@ -187,3 +190,36 @@ def test_a_folder_without_a_series_is_taken_whole(walk):
         (walk / name).unlink()
     clip = open_sequence(["walk"])
     assert (clip.names, clip.notes) == (("rest.obj", "walk_1.obj"), ())
+
+
+def save_parts(path, order):
+    """Two octahedra and one of another place, by their names, as objects of an OBJ."""
+    mesh, lines = octahedron(), []
+    for k, name in enumerate(order):
+        points = mesh.vertices + {"left": 0, "right": 3, "eye": 6, "nose": 9}[name]
+        lines += [f"o {name}", *("v {} {} {}".format(*point) for point in points.tolist())]
+        lines += ["f {} {} {}".format(*(face + 1 + 6 * k)) for face in mesh.faces]
+    path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize("order", [("left", "right", "eye"), ("eye", "left", "right")])
+def test_parts_of_a_rest_pose_are_told_by_their_names(tmp_path, order):
+    """Meshes of one connectivity could be swapped without a word."""
+    clip = str(save_parts(tmp_path / "frame_1.obj", ("left", "right", "eye")))
+    rest = load_mesh(save_parts(tmp_path / "rest.obj", order))
+    sequence, loaded = open_clip_and_rest((clip,), ClipSettings(), rest, 0)
+    np.testing.assert_array_equal(loaded.mesh.vertices, sequence.first.vertices)
+    assert list_part_names(loaded.mesh) == ("left", "right", "eye")
+    is_other = order != ("left", "right", "eye")
+    assert ("parts taken in the order of the clip" in loaded.notes) == is_other
+
+
+def test_parts_in_other_places_that_are_not_all_known_are_refused(tmp_path):
+    clip = str(save_parts(tmp_path / "frame_1.obj", ("left", "right", "eye")))
+    rest = load_mesh(save_parts(tmp_path / "rest.obj", ("right", "nose", "eye")))
+    with refused(ConnectivityError, "part right is number 1 of its parts, and number 2 of the cl"):
+        open_clip_and_rest((clip,), ClipSettings(), rest, 0)
+    rest = load_mesh(save_parts(tmp_path / "rest.obj", ("left", "nose", "eye")))
+    _, loaded = open_clip_and_rest((clip,), ClipSettings(), rest, 0)
+    assert list_part_names(loaded.mesh) == ("left", "right", "eye")

@@ -6,10 +6,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from cageik_cli.formats.base.writers import choose_short_names
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.parts import Part, join_meshes, split_parts
+from cageik_cli.geometry.parts import Part, join_meshes, list_part_names, split_parts
 from cageik_cli.util.arrays import Integers
-from cageik_cli.util.errors import FormatError, SettingError, join_truncated
+from cageik_cli.util.errors import ConnectivityError, FormatError, SettingError, join_truncated
 
 
 def choose_parts(
@@ -143,6 +144,47 @@ def drop_parts(mesh: TriMesh, exclude: Sequence[str]) -> tuple[TriMesh, list[str
         raise SettingError("`exclude=` leaves none of its meshes; give fewer patterns")
     names = join_truncated(part.name for part in parts if part not in kept)
     return _join_parts(kept), [f"left out {names} (`exclude=`)"]
+
+
+def order_parts(mesh: TriMesh, expected: TriMesh, name: str) -> tuple[TriMesh, list[str]]:
+    """Return a mesh with its parts in the order of another one, and a note if it was another.
+
+    Parts are told by their names, or by the last ones in their paths. Those of other names are
+    taken in the order of the mesh.
+
+    Raises
+    ------
+    ConnectivityError
+        When some parts alone are in both, and in other places.
+    """
+    own, wanted = _list_common_names(mesh, expected)
+    if own == wanted or set(own) != set(wanted):
+        check_part_order(mesh, expected, name)
+        return mesh, []
+    parts = dict(zip(own, split_parts(mesh), strict=True))
+    return _join_parts([parts[each] for each in wanted]), [f"parts taken in the order of {name}"]
+
+
+def check_part_order(mesh: TriMesh, expected: TriMesh, expected_name: str) -> None:
+    """Refuse a mesh that has a part in another place; meshes of as many vertices may hide it."""
+    own, wanted = _list_common_names(mesh, expected)
+    places = {name: k for k, name in enumerate(wanted)}
+    for k, name in enumerate(own):
+        if places.get(name, k) != k:
+            raise ConnectivityError(
+                f"part {name} is number {k + 1} of its parts, and number {places[name] + 1} of "
+                f"{expected_name}; give both their parts in one order"
+            )
+
+
+def _list_common_names(mesh: TriMesh, other: TriMesh) -> tuple[Sequence[str], Sequence[str]]:
+    """Return names by which the parts of two meshes can be compared; none if one has no parts."""
+    own, others = list_part_names(mesh), list_part_names(other)
+    if not own or not others:
+        return (), ()
+    if set(own) & set(others):
+        return own, others
+    return choose_short_names(own), choose_short_names(others)
 
 
 def _join_parts(parts: Sequence[Part]) -> TriMesh:
