@@ -9,8 +9,15 @@ from numpy.typing import NDArray
 from cageik_cli.formats.gltf_reader.accessors import Rows, SparseRows, read_floats, read_rows
 from cageik_cli.formats.gltf_reader.document import Document
 from cageik_cli.formats.gltf_reader.items import Item
-from cageik_cli.formats.gltf_reader.primitives import Pool, read_triangles
-from cageik_cli.formats.gltf_reader.skins import Influences, Skin, blend, read_influences
+from cageik_cli.formats.gltf_reader.primitives import Pool, Triangles
+from cageik_cli.formats.gltf_reader.skins import (
+    INFLUENCE_SET_BYTES,
+    Influences,
+    Skin,
+    blend,
+    count_influence_sets,
+    read_influences,
+)
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import format_count
@@ -46,8 +53,8 @@ class Geometry:
 
     def __init__(self, document: Document, item: Item, skin: Skin | None) -> None:
         self._document = document
-        triangles = read_triangles(document, item)
-        self.pools, self.notes = triangles.pools, list(triangles.notes)
+        triangles = Triangles(document, item)
+        self.pools, self.notes = list(triangles.pools.values()), triangles.notes
         is_used = np.zeros(triangles.vertex_count, bool)
         is_used[triangles.faces] = True
         used = np.flatnonzero(is_used)
@@ -121,16 +128,10 @@ class Geometry:
 
     def _read_influences(self, joint_count: int) -> Influences:
         """Read the joints and weights of all vertices of the pools."""
-        set_count = 1
-        for pool in self.pools:
-            sets = [name for name in pool.attributes if name.startswith("JOINTS_")]
-            set_count = max(set_count, len(sets))
-            missing = {"JOINTS_0", *(name.replace("JOINTS", "WEIGHTS") for name in sets)}
-            missing -= set(pool.attributes)
-            if missing:
-                raise FormatError(
-                    f"has a skin, and a primitive without {min(missing)}; export the file again"
-                )
+        counts = [count_influence_sets(pool.attributes) for pool in self.pools]
+        set_count = max(counts, default=1)
+        vertex_count = sum(pool.stop - pool.start for pool in self.pools)
+        self._document.claim(vertex_count * set_count * INFLUENCE_SET_BYTES)
         parts = [
             read_influences(self._document, pool.attributes, set_count, pool.stop - pool.start)
             for pool in self.pools

@@ -42,33 +42,9 @@ class Pool:
     stop: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Triangles:
-    """The triangles of all primitives of a mesh, as they are in the file.
-
-    Attributes
-    ----------
-    faces : (t, 3) int64
-        Vertices of the pools.
-    materials : (t,) int64
-        Numbers of materials; `NONE` for none.
-    """
-
-    pools: tuple[Pool, ...]
-    faces: Integers
-    materials: Integers
-    notes: tuple[str, ...]
-
-    @property
-    def vertex_count(self) -> int:
-        """How many vertices the pools have."""
-        return self.pools[-1].stop if self.pools else 0
-
-
 def has_faces(mesh: Item) -> bool:
     """Return whether a mesh has a primitive of triangles."""
-    modes = map(_read_mode, mesh.list_items("primitives"))
-    return any(mode in (TRIANGLES, STRIP, FAN) for mode in modes)
+    return any(map(_is_of_faces, mesh.list_items("primitives")))
 
 
 def count_targets(mesh: Item) -> int:
@@ -77,34 +53,70 @@ def count_targets(mesh: Item) -> int:
     return max((len(each.list_items("targets")) for each in primitives), default=0)
 
 
-def read_triangles(document: Document, mesh: Item) -> Triangles:
-    """Read the triangles of a mesh.
+class Triangles:
+    """The triangles of all primitives of a mesh, as they are in the file.
+
+    Attributes
+    ----------
+    pools : dict
+        The vertices that primitives use, by what they refer to.
+    vertex_count : int
+        How many vertices the pools have.
+    faces : (t, 3) int64
+        Vertices of the pools.
+    materials : (t,) int64
+        Numbers of materials; `NONE` for none.
+    notes : list of str
+        What is not read.
 
     Raises
     ------
     FormatError
         Naming the primitive.
     """
-    pools: dict[object, Pool] = {}
-    faces = [np.zeros((0, 3), np.int64)]
-    materials = [np.zeros(0, np.int64)]
-    others = 0
-    for primitive in mesh.list_items("primitives"):
-        if _read_mode(primitive) not in (TRIANGLES, STRIP, FAN) or not _has_positions(primitive):
-            others += 1
-            continue
-        pool = _find_pool(document, primitive, pools)
-        found = pool.start + _read_faces(document, primitive, pool.stop - pool.start)
-        material = primitive.find_whole("material", len(document.materials))
-        faces.append(found)
-        materials.append(np.full(len(found), NONE if material is None else material))
-    if len({len(pool.targets) for pool in pools.values()}) > 1:
-        raise FormatError(f"{mesh.place} has primitives of other numbers of morph targets")
-    notes = [f"{format_count(others, 'primitive')} without faces left out"] if others else []
-    notes += _describe_unread(pools.values())
-    return Triangles(
-        tuple(pools.values()), np.concatenate(faces), np.concatenate(materials), tuple(notes)
-    )
+
+    def __init__(self, document: Document, mesh: Item) -> None:
+        self.pools: dict[object, Pool] = {}
+        self.vertex_count = 0
+        faces = [np.zeros((0, 3), np.int64)]
+        materials = [np.zeros(0, np.int64)]
+        primitives = mesh.list_items("primitives")
+        for primitive in primitives:
+            if not (_is_of_faces(primitive) and _has_positions(primitive)):
+                continue
+            pool = self._find_pool(document, primitive)
+            faces.append(pool.start + _read_faces(document, primitive, pool.stop - pool.start))
+            material = primitive.find_whole("material", len(document.materials))
+            materials.append(np.full(len(faces[-1]), NONE if material is None else material))
+        if len({len(pool.targets) for pool in self.pools.values()}) > 1:
+            raise FormatError(f"{mesh.place} has primitives of other numbers of morph targets")
+        self.faces, self.materials = np.concatenate(faces), np.concatenate(materials)
+        others = len(primitives) + 1 - len(faces)
+        self.notes = [f"{format_count(others, 'primitive')} without faces left out"] * (others > 0)
+        self.notes += _describe_unread(self.pools.values())
+
+    def _find_pool(self, document: Document, primitive: Item) -> Pool:
+        """Return the vertices of a primitive, which others may share; new ones are added."""
+        count = len(document.accessors)
+        item = primitive.find_item("attributes")
+        assert item is not None
+        attributes = {name: item.read_whole(name, count) for name in item.values}
+        targets = tuple(
+            each.find_whole("POSITION", count) for each in primitive.list_items("targets")
+        )
+        place = document.accessors[attributes["POSITION"]]
+        if primitive.find_extension(_DRACO) and not place.has("bufferView"):
+            raise make_compression_error(_DRACO)
+        key = tuple(attributes.items()), targets
+        if key not in self.pools:
+            start, size = self.vertex_count, _claim_vertices(document, attributes, targets)
+            self.vertex_count += size
+            self.pools[key] = Pool(attributes, targets, start, self.vertex_count)
+        return self.pools[key]
+
+
+def _is_of_faces(primitive: Item) -> bool:
+    return _read_mode(primitive) in (TRIANGLES, STRIP, FAN)
 
 
 def _read_mode(primitive: Item) -> int:
@@ -117,33 +129,24 @@ def _has_positions(primitive: Item) -> bool:
     return attributes is not None and attributes.has("POSITION")
 
 
-def _find_pool(document: Document, primitive: Item, pools: dict[object, Pool]) -> Pool:
-    """Return the vertices of a primitive, which others may share, and add them to the pools."""
-    count = len(document.accessors)
-    item = primitive.find_item("attributes")
-    assert item is not None
-    attributes = {name: item.read_whole(name, count) for name in item.values}
+def _claim_vertices(
+    document: Document, attributes: dict[str, int], targets: Iterable[int | None]
+) -> int:
+    """Return how many vertices attributes and targets have, which is the same for all."""
     place = attributes["POSITION"]
-    if primitive.find_extension(_DRACO) and not document.accessors[place].has("bufferView"):
-        raise make_compression_error(_DRACO)
-    targets = tuple(each.find_whole("POSITION", count) for each in primitive.list_items("targets"))
-    key = tuple(attributes.items()), targets
-    if key not in pools:
-        size = count_rows(document, place)
-        moved = [target for target in targets if target is not None]
-        for accessor in (*attributes.values(), *moved):
-            found = count_rows(document, accessor)
-            if found != size:
-                raise FormatError(
-                    f"accessors[{accessor}] has {found} vertices, expected {size} as "
-                    f"accessors[{place}]; export the file again"
-                )
-        # Sparse targets are not expanded, but compared vertex by vertex.
-        dense = sum(document.accessors[k].has("bufferView") for k in moved)
-        document.claim(size * (12 + 12 * dense + len(moved) - dense))
-        start = max((pool.stop for pool in pools.values()), default=0)
-        pools[key] = Pool(attributes, targets, start, start + size)
-    return pools[key]
+    size = count_rows(document, place)
+    moved = [target for target in targets if target is not None]
+    for accessor in (*attributes.values(), *moved):
+        found = count_rows(document, accessor)
+        if found != size:
+            raise FormatError(
+                f"accessors[{accessor}] has {found} vertices, expected {size} as "
+                f"accessors[{place}]; export the file again"
+            )
+    # Sparse targets are not expanded, but compared vertex by vertex.
+    dense = sum(document.accessors[k].has("bufferView") for k in moved)
+    document.claim(size * (12 + 12 * dense + len(moved) - dense))
+    return size
 
 
 def _read_faces(document: Document, primitive: Item, vertex_count: int) -> Integers:

@@ -1,5 +1,6 @@
 """Skins: joints, and how much each of them moves each vertex."""
 
+from collections.abc import Container
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,9 @@ from cageik_cli.formats.gltf_reader.document import Document
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import format_count
+
+INFLUENCE_SET_BYTES = 128
+"""Memory that a set of four joints and weights takes at a vertex, as they are and sorted."""
 
 SUM_TOL = 0.01
 """Weights whose sum is this far from 1 get a note; a byte per weight rounds by less."""
@@ -110,6 +114,19 @@ class Influences:
         from scipy.sparse import csr_array  # slow to import, and few clips have skins
 
         return csr_array((weights.ravel(), places), (len(vertices), self._count))
+
+
+def count_influence_sets(attributes: Container[str]) -> int:
+    """Return how many sets of joints and weights vertices have: JOINTS_0, JOINTS_1 and so on."""
+    count = 0
+    while count == 0 or f"JOINTS_{count}" in attributes:
+        for name in (f"JOINTS_{count}", f"WEIGHTS_{count}"):
+            if name not in attributes:
+                raise FormatError(
+                    f"has a skin, and a primitive without {name}; export the file again"
+                )
+        count += 1
+    return count
 
 
 def read_influences(

@@ -91,10 +91,38 @@ def list_sound():
     yield "box", make_box()
 
 
+def repeat_values(document, rng):
+    """The document with an attribute under many names, or many copies of an object in a list."""
+    document = copy(document)
+    primitives = [each for mesh in document["meshes"] for each in mesh["primitives"]]
+    count = 10 ** int(rng.integers(1, 4))
+    if rng.integers(2):
+        attributes = primitives[rng.integers(len(primitives))]["attributes"]
+        stem = rng.choice(["JOINTS", "WEIGHTS", "TEXCOORD", "COLOR", "_HEAT"])
+        for name, value in [*attributes.items()]:
+            if name.startswith(("JOINTS", "WEIGHTS")) or rng.integers(3) == 0:
+                kept = name.partition("_")[0] if rng.integers(4) else stem
+                for k in range(count):
+                    attributes.setdefault(f"{kept}_{k}", value)
+        return document
+    lists = [each["primitives"] for each in document["meshes"]]
+    lists += [each["targets"] for each in primitives if "targets" in each]
+    lists += [document[name] for name in ("nodes", "skins", "animations") if name in document]
+    values = lists[rng.integers(len(lists))]
+    copies = [copy(values[rng.integers(len(values))]) for _ in range(count)]
+    for k, each in enumerate(copies):
+        if "attributes" in each and rng.integers(2):
+            each["attributes"][f"_{k}"] = each["attributes"]["POSITION"]  # vertices of its own
+    values += copies
+    return document
+
+
 def damage(file, rng):
     """A .glb file of a rig that was changed in its values, its buffer, or anywhere."""
     document = file.json | {"buffers": [{"byteLength": len(file.blob)}]}
-    how = rng.integers(3)
+    how = rng.integers(4)
+    if how == 3:
+        return make_glb(json.dumps(repeat_values(document, rng)).encode(), file.blob)
     if how == 0:
         return make_glb(json.dumps(change_values(document, rng)).encode(), file.blob)
     if how == 1:

@@ -290,6 +290,32 @@ def test_few_bytes_cannot_ask_for_much(save):
     assert "expected at most 1048576" in say(save(read_document(file), file.blob))
 
 
+def repeat_influences(name, count):
+    """A document, and its buffer, of a skinned mesh whose joints and weights have many names."""
+    file = skinned("LINEAR")[0]
+    document = read_document(file)
+    attributes = document["meshes"][0]["primitives"][0]["attributes"]
+    for k in range(2, count):
+        attributes |= {
+            f"{what}_{name.format(k)}": attributes[f"{what}_0"] for what in ("JOINTS", "WEIGHTS")
+        }
+    return document, file.blob
+
+
+def test_many_sets_of_joints_are_refused_before_they_take_memory(save):
+    assert "packed in" in say(save(*repeat_influences("{}", 2000)))
+
+
+def test_names_of_joints_without_a_number_are_no_sets(save):
+    path = save(*repeat_influences("x{}", 2000))
+    tracemalloc.start()
+    clip = open_sequence([str(path)])
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert "left out JOINTS_x2, WEIGHTS_x2" in " ".join(clip.notes)
+    assert most < MOST
+
+
 def test_a_chain_of_many_nodes_is_no_more_work_than_others(save):
     document = make_plain()
     chain = [{"children": [k + 1]} for k in range(999)]
