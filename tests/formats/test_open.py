@@ -102,7 +102,7 @@ def test_a_glob_may_name_folders_as_the_shell_would(frames):
     [
         (["nowhere"], "nowhere: no such file or folder"),
         (["frames", "nowhere.obj"], "nowhere.obj: no such file or folder"),
-        (["frames/*.ply"], "frames/*.ply: no frame found"),
+        (["frames/*.ply"], "frames/*.ply: no file matches"),
         (["empty"], "empty: no frame found"),
         (["frames/notes.txt"], "frames/notes.txt: `.txt`"),
         (["frames", "clip.npz"], ".npz, .obj are mixed"),
