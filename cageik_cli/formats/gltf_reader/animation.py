@@ -1,6 +1,7 @@
 """Animations: what their samplers give at a time, and the frames that they are sampled at."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import floor
 
 import numpy as np
@@ -21,7 +22,10 @@ MAX_SAMPLED_TIMES = 100_000
 """Frames between the first and the last key."""
 
 KEY_TOL = 1e-6
-"""Times this near to a key, of it or of a second, are at the key: files have single precision."""
+"""Times this near to a key, of it or of a second, are at the key: files have single precision.
+
+That is at most a tenth of a frame, and of the way to another key: mocap may count from midnight.
+"""
 
 _INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
 
@@ -60,11 +64,16 @@ class Sampler:
     def _locate(self, time: float) -> tuple[int, float]:
         """Return the last key that is not after a time, and the part of the way to the next."""
         keys = self.keys
-        tolerance = KEY_TOL * max(1.0, abs(time))
+        tolerance = find_tolerance(time, self._shortest_step)
         k = int(np.searchsorted(keys, time + tolerance, "right")) - 1
         if k < 0 or k == len(keys) - 1 or time - keys[k] <= tolerance:
             return max(k, 0), 0.0
         return k, float((time - keys[k]) / (keys[k + 1] - keys[k]))
+
+    @cached_property
+    def _shortest_step(self) -> float:
+        steps = np.diff(self.keys)
+        return float(min(steps[steps > 0], default=np.inf))
 
     def _evaluate_spline(self, k: int, t: float) -> Floats:
         value = self.values[k, 1]
@@ -78,6 +87,11 @@ class Sampler:
             + (3 * t2 - 2 * t3) * after[1]
             + step * (t3 - t2) * after[0]
         )
+
+
+def find_tolerance(time: float, step: float) -> float:
+    """Return how near to a time a key is at it; a step is that of keys, or of frames."""
+    return min(KEY_TOL * max(1.0, abs(time)), 0.1 * step)
 
 
 def turn_between(start: Floats, stop: Floats, part: float) -> Floats:
@@ -172,7 +186,7 @@ class Animation:
         first = min(float(each[0]) for each in keys)
         last = max(float(each[-1]) for each in keys)
         rate, step = (fps, 1.0) if fps is not None else _find_stated_rate(self._item)
-        tolerance = KEY_TOL * max(1.0, abs(first), abs(last)) * rate
+        tolerance = find_tolerance(max(abs(first), abs(last)), step / rate) * rate
         start = first * rate
         if abs(start - round(start)) <= tolerance:
             start = float(round(start))

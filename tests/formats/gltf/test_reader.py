@@ -126,6 +126,28 @@ def test_times_of_single_precision_are_at_their_keys(tmp_path):
     np.testing.assert_array_equal([f[0, 0] - clip.first.vertices[0, 0] for f in clip], range(11))
 
 
+@pytest.mark.parametrize("interpolation", ["STEP", "LINEAR"])
+@pytest.mark.parametrize("clock", [3600, 50_000, 86_400])
+def test_keys_at_the_time_of_a_clock_are_each_a_frame(tmp_path, clock, interpolation):
+    file = Built()
+    file.add("meshes", {"primitives": [{"attributes": {"POSITION": file.array(np.eye(3))}}]})
+    file.add("nodes", {"mesh": 0})
+    moves = np.arange(25)[:, None] * [1.0, 0, 0]
+    keys = clock + np.arange(25) / 24
+    file.animate("", (0, "translation", keys, moves, interpolation))
+    clip = opened(file, tmp_path / "clock.glb")
+    assert (len(clip), clip.scene.start) == (25, 24 * clock)
+    np.testing.assert_array_equal([f[1, 0] for f in clip], range(25))
+
+
+def test_keys_at_one_time_are_a_frame_whatever_the_time(tmp_path):
+    file = Built()
+    file.add("meshes", {"primitives": [{"attributes": {"POSITION": file.array(np.eye(3))}}]})
+    file.add("nodes", {"mesh": 0})
+    file.animate("", (0, "translation", [1e30, 1e30], np.zeros((2, 3)), "LINEAR"))
+    assert len(opened(file, tmp_path / "late.glb")) == 1
+
+
 @pytest.mark.parametrize(
     ("fps", "keys", "is_noted"),
     [(None, 30, True), (None, 12, False), (None, 24, False), (25, 30, False)],
