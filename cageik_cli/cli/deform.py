@@ -38,8 +38,11 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
     from cageik_cli.workflows.deform import DeformSettings
 
     if values["cages"] is None:
-        of_cages = ("selection", "layout", "exclude", "allow_gaps", "close_gaps")
+        of_cages = ("selection", "layout", "allow_gaps", "close_gaps")
         refuse_options(of_cages, "{} is for the clip of --cages; leave it out, or give --cages")
+        if not values["mesh"]:
+            said = "{} is for --mesh and --cages; leave it out, or give one of them"
+            refuse_options(("exclude",), said)
     has_morphs = values["morphs"] != MorphSettings(has_normals=True)
     check_morph_usage("--morphs, --tolerance and --flat", has_morphs, values["output"].path)
     return DeformSettings(compares=get_verbosity() > 0, **values)
@@ -116,7 +119,8 @@ def deform_command(settings: "DeformSettings", quiet: bool) -> None:
     a binding. The suffix of OUT is the format: a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a
     folder of frames (.obj, .ply), or numbered files in a folder. Points are written as .ply (the
     default), .npz, .pc2 or .mdd, and splats as .ply (the default) or .usd*.
-    --frames, --layout, --exclude, --allow-gaps and --close-gaps apply to --cages.
+    --frames, --layout, --allow-gaps and --close-gaps apply to --cages, and --exclude to parts of
+    --mesh and --cages.
     """
     from cageik_cli.cli.output import show_progress
     from cageik_cli.util.text import format_block

@@ -19,7 +19,7 @@ from cageik_cli.cli.options import (
     refuse_options,
     timings_option,
 )
-from cageik_cli.cli.options.clip import make_given_option
+from cageik_cli.cli.options.clip import exclude_option, make_given_option
 from cageik_cli.cli.options.types import PercentType, SuffixedPath
 from cageik_cli.cli.output import check_views, list_files, write_or_print
 from cageik_cli.formats.settings import UP_AXES
@@ -90,15 +90,15 @@ def make_pose_settings(
     is_hdf5 = is_hdf5 and not is_clip
     if is_hdf5 and not is_binding(target):
         refuse_options(
-            ("cage", "given_in", "cage_output", *weight_names),
+            ("cage", "given_in", "exclude", "cage_output", *weight_names),
             "{} is for a model; a result has its cage and weights; leave it out",
             is_on_command_line,
         )
-        del others["weights"], others["given_in"]
+        del others["weights"], others["given_in"], others["exclude"]
         return EditSettings(target, **others)
     if is_hdf5:
         refuse_options(
-            ("cage", "given_in", *weight_names),
+            ("cage", "given_in", "exclude", *weight_names),
             "{} is for a model; a binding has its cage and weights; leave it out",
             is_on_command_line,
         )
@@ -135,6 +135,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
         "cage, whose fit is carried to TARGET.",
     ),
     make_given_option("--cage", "TARGET"),
+    exclude_option,
     posed_cage_option,
     POSING_OPTIONS,
     WEIGHT_OPTIONS,

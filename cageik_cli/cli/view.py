@@ -19,7 +19,7 @@ from cageik_cli.cli.options import (
     posed_cage_option,
     refuse_options,
 )
-from cageik_cli.cli.options.clip import make_given_option
+from cageik_cli.cli.options.clip import exclude_option, make_given_option
 from cageik_cli.cli.output import ProgressBar, show_progress
 from cageik_cli.util.progress import ProgressListener
 
@@ -36,7 +36,7 @@ def make_view_settings(**values: Any) -> "ViewSettings":
 
     target, weight_names = values["target"], sorted(WEIGHT_OPTIONS.option_names)
     if holds_caged_model(target):
-        names = ["cage", "given_in", "binding", "vertices", *weight_names]
+        names = ["cage", "given_in", "exclude", "binding", "vertices", *weight_names]
         if is_binding(target):
             _reject(names, "a binding has its cage and weights")
         else:
@@ -68,6 +68,7 @@ def _reject(names: list[str], reason: str) -> None:
         "[default: one is built]",
     ),
     make_given_option("--cage", "TARGET"),
+    exclude_option,
     option("--binding", type=PATH_TYPE, help="The binding file of a model."),
     BUILT_CAGE_OPTIONS,
     option("--handles", type=PATH_TYPE, help="A handles file that the page begins with."),

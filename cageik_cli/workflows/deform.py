@@ -52,6 +52,8 @@ class DeformSettings(CommandSettings):
         As in `BindSettings`; those of the source if absent.
     cages : str, optional
         A clip of cages to use instead of those of the result.
+    clip : ClipSettings
+        How it is read. Patterns to exclude that match parts of `mesh` leave out those instead.
     scene : SceneHints
         What the numbers of the source are in, where that is not what it says.
     to : SceneHints
@@ -107,7 +109,7 @@ class _Deformation:
             is_shared=len(settings.mesh) + (settings.cages is not None) > 1,
             can_restate=True,
         )
-        self._meshes = MovedMeshes(self._common)
+        self._meshes = MovedMeshes(self._common, settings.clip.exclude)
         given = self._load_models() if settings.mesh else None
         output = settings.output if given is None else given.choose_output(settings.output)
         name, model = _make_object_name(settings.mesh), given or self._source.model
@@ -161,7 +163,12 @@ class _Deformation:
     def _load_models(self) -> LoadedModel:
         """Read the model, or the meshes, that are moved instead of the model at rest."""
         settings = self._settings
-        model = self._meshes.load(settings.mesh)
+        model, unmatched = self._meshes.load(settings.mesh), self._meshes.unmatched
+        if unmatched and settings.cages is None:
+            raise SettingError(
+                f"{join_truncated(map(str, settings.mesh))}: `exclude={unmatched[0]}` matches no "
+                "part; give the path of a part, or a name in it"
+            )
         if model.points is not None and settings.influences is not None:
             raise SettingError(
                 f"{settings.mesh[0]}: is {model.kind}, and weights of few influences are fitted to "
@@ -184,7 +191,8 @@ class _Deformation:
             source.require_result(NO_CAGES)
             return None
         assert source.cage is not None
-        sampled = replace(settings.clip, fps=settings.scene.fps)
+        exclude = tuple(self._meshes.unmatched)  # what a mesh has is not meant for the cages
+        sampled = replace(settings.clip, fps=settings.scene.fps, exclude=exclude)
         clip = open_sequence([settings.cages], sampled, source.cage)
         with error_context(settings.cages):
             check_vertex_order(clip.first, source.cage.mesh, source.cage_name)

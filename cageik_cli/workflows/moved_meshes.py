@@ -5,6 +5,7 @@ Of several, which are joined to one model, the one that does not fit is named.
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from cageik_cli.cages.enclosure import OutsideError, check_enclosure
 from cageik_cli.cages.misfit import MAX_SIZE_RATIO, find_transform
 from cageik_cli.cages.transforms import UNIT_SCALES, Transform
+from cageik_cli.formats.base.choose_parts import drop_parts, list_unmatched
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
@@ -31,9 +33,17 @@ class MovedMeshes:
     ----------
     common : CommonScene
         That of the cage.
+    exclude : sequence of str
+        Patterns of parts of meshes that are left out.
+
+    Attributes
+    ----------
+    unmatched : sequence of str
+        The patterns that match no part of the meshes that were read.
     """
 
-    def __init__(self, common: CommonScene) -> None:
+    def __init__(self, common: CommonScene, exclude: Sequence[str] = ()) -> None:
+        self.unmatched = self._exclude = exclude
         self._common = common
         self._placed: list[tuple[LoadedMesh, SceneHints]] = []
 
@@ -41,7 +51,16 @@ class MovedMeshes:
         """Read the meshes as one model, in the scene of the cage; raises as `load_models`."""
         return load_models(paths, self._place)
 
+    def _leave_out(self, given: LoadedModel) -> LoadedModel:
+        if given.points is not None or not self._exclude:
+            return given
+        self.unmatched = list_unmatched(given.mesh.mesh, self.unmatched)
+        with error_context(given.name):
+            mesh, notes = drop_parts(given.mesh.mesh, self._exclude)
+        return LoadedModel(replace(given.mesh, mesh=mesh, notes=(*given.mesh.notes, *notes)))
+
     def _place(self, given: LoadedModel) -> LoadedModel:
+        given = self._leave_out(given)
         placed = self._common.place(given.mesh)
         self._placed.append((placed, given.mesh.scene))
         if given.points is None or placed is given.mesh:

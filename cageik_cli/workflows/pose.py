@@ -1,6 +1,7 @@
 """Pose a model in its cage by the handles of a file."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings
 from cageik_cli.workflows.caged_model import CagedModel
-from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction
+from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, load_model
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 
@@ -42,6 +43,8 @@ class PoseSettings(CommandSettings):
         Unit and up axis of the cage, in place of what its file states.
     cage_output : Path, optional
         The posed cage: .obj or .ply.
+    exclude : tuple of str
+        Patterns of parts of a rest model that are left out.
     """
 
     target: Path = field(metadata=READ)
@@ -53,6 +56,7 @@ class PoseSettings(CommandSettings):
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
     given_in: SceneHints = field(default_factory=SceneHints)
+    exclude: tuple[str, ...] = ()
 
 
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
@@ -60,7 +64,12 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
     progress = progress or ProgressListener()
     check_target_kind(settings.target, "to edit an animation")
     with progress.stage("open"):
-        target = CagedModel.open(settings.target, settings.cage, given_in=settings.given_in)
+        target = CagedModel.open(
+            settings.target,
+            settings.cage,
+            given_in=settings.given_in,
+            load=partial(load_model, exclude=settings.exclude),
+        )
         if target.cage is None:
             raise SettingError(f"{target.path}: is a model without a cage; give one with `cage=`")
         target.model.check_posed_output(settings.output)

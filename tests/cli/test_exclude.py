@@ -1,5 +1,6 @@
 """`--exclude`, and `FILE::PATH`: parts of a clip, from files of several meshes."""
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -9,12 +10,13 @@ import pytest
 
 from cageik_cli import extract_to_file, load_clip
 from cageik_cli.formats.base.writers import Animation
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.settings import ClipSettings, Scene
 from cageik_cli.formats.write import Output, write_animation
 from cageik_cli.geometry.parts import join_meshes, list_part_names
 from cageik_cli.store.result import read_result
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.view.session import ViewSettings, open_session
 from tests.shapes import ball, box
 
 BALL = ball(1, 0.8)
@@ -99,6 +101,54 @@ def test_every_command_that_reads_clips_leaves_out(run, hero, words):
     outcome = run(*words.split(), "--exclude", "eye*", "--exclude", "prop")
     assert outcome.code == 0, outcome.err
     assert re.search(r"\b18 vertices|vertices +18$", outcome.out + outcome.err, re.MULTILINE)
+
+
+@pytest.mark.parametrize("clip", ["hero.usdc", "objs"])
+def test_other_meshes_lack_what_the_patterns_match(run, hero, clip):
+    assert run(*EXTRACT, "hero.usdc").code == 0
+    mesh = "hero.usdc" if clip == "hero.usdc" else "objs/hero_0001.obj"
+    out = ("--overwrite", "-o", "moved.usdc")
+    words = ("deform", "new.h5", "--mesh", mesh, "--exclude", "eye*", *out)
+    outcome = run(*words)
+    assert outcome.code == 0, outcome.err
+    names = list_part_names(open_sequence(["moved.usdc"]).first)
+    assert [name.rpartition("/")[2] for name in names] == ["body", "prop"]
+    outcome = run(*words, "--exclude", "hat")
+    assert outcome.code == 1
+    assert f"{mesh}: --exclude hat matches no part" in outcome.err
+    outcome = run(*words, "--mesh", "frames/frame_1.obj", "--exclude", "prop")
+    assert outcome.code == 0, outcome.err
+
+
+def test_patterns_that_match_no_part_of_a_mesh_are_for_the_cages(run, hero):
+    assert run(*EXTRACT, "hero.usdc").code == 0
+    cage = load_mesh(Path("cage.obj")).mesh
+    scene = join_meshes([cage, box(0.2)], ["/rig/cage", "/rig/light"])
+    moved, frames = Animation(scene, 1, Scene(), "rig"), iter([scene.vertices[None]])
+    write_animation(Output(Path("rig.usdc")), moved, frames, ProgressListener())
+    words = ("deform", "new.h5", "--mesh", "hero.usdc", "--cages", "rig.usdc", "-o", "moved.usdc")
+    assert run(*words, "--exclude", "prop").code == 1
+    outcome = run(*words, "--exclude", "prop", "--exclude", "light")
+    assert outcome.code == 0, outcome.err
+    assert len(list_part_names(open_sequence(["moved.usdc"]).first)) == 2
+
+
+@pytest.mark.parametrize("target", ["hero.usdc", "objs/hero_0001.obj"])
+def test_a_posed_model_lacks_what_the_patterns_match(run, hero, target):
+    handles = {"handles": [{"name": "top", "vertex": 0, "offset": [0, 0.1, 0]}]}
+    Path("handles.json").write_text(json.dumps(handles))
+    words = ("pose", target, "handles.json", "--cage", "cage.obj", "-o", "posed.obj")
+    outcome = run(*words, "--exclude", "eye*", "--exclude", "prop")
+    assert outcome.code == 0, outcome.err
+    assert len(load_mesh(Path("posed.obj")).mesh.vertices) == 18
+    outcome = run(*words, "--exclude", "hat", "--overwrite")
+    assert "--exclude hat matches none of its meshes" in outcome.err
+
+
+def test_a_viewed_model_lacks_what_the_patterns_match(hero):
+    settings = ViewSettings(Path("hero.usdc"), cage=Path("cage.obj"), exclude=("eye*", "prop"))
+    session = open_session(settings, ProgressListener())
+    assert len(session.clip.base) == 18
 
 
 def test_a_batch_leaves_out_clips_and_parts(run, hero, here):

@@ -37,8 +37,8 @@ def make_exclude_option(typed: str) -> Decorator:
         "exclude",
         metavar="PATTERN",
         multiple=True,
-        help="Leave out the parts of a clip whose path, or a name in it, matches this pattern, "
-        "such as 'eye_?' or '/hero/props'; may be repeated.",
+        help="Leave out the parts of a clip or a model whose path, or a name in it, matches this "
+        "pattern, such as 'eye_?' or '/hero/props'; may be repeated.",
         group=HelpGroup.CLIP,
     )
 

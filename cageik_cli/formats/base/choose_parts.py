@@ -187,6 +187,12 @@ def _list_common_names(mesh: TriMesh, other: TriMesh) -> tuple[Sequence[str], Se
     return choose_short_names(own), choose_short_names(others)
 
 
+def list_unmatched(mesh: TriMesh, exclude: Sequence[str]) -> list[str]:
+    """Return the patterns that match no part of a mesh."""
+    names = [part.name for part in split_parts(mesh)]
+    return [one for one in exclude if not any(_matches(name, one) for name in names)]
+
+
 def _join_parts(parts: Sequence[Part]) -> TriMesh:
     names, transforms = [part.name for part in parts], [part.transform for part in parts]
     return join_meshes([part.mesh for part in parts], names, transforms)

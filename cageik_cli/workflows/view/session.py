@@ -114,6 +114,8 @@ class ViewSettings(CommandSettings):
         The handles that were applied.
     overwrite : bool
         Whether files that exist before the first edit may be replaced.
+    exclude : tuple of str
+        Patterns of parts of a rest model that are left out.
     """
 
     target: Path = field(metadata=READ)
@@ -127,6 +129,7 @@ class ViewSettings(CommandSettings):
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
     given_in: SceneHints = field(default_factory=SceneHints)
+    exclude: tuple[str, ...] = ()
 
     def inputs(self) -> list[Path]:
         """Return the files that are read, but handles that are saved where they were."""
@@ -257,7 +260,7 @@ def _open_target(settings: ViewSettings, progress: ProgressListener) -> ViewSess
             settings.cage,
             settings.binding,
             given_in=settings.given_in,
-            load=load_surface,
+            load=partial(load_surface, exclude=settings.exclude),
         )
     _check_outputs(settings, is_result=target.result is not None)
     if target.result is not None:
