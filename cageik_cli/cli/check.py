@@ -1,5 +1,6 @@
 """`cageik check`: whether a cage is fit to hold a model."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,9 +31,14 @@ if TYPE_CHECKING:
 
 
 def make_check_settings(**values: Any) -> "CheckSettings":
-    """Make the settings of a check; a rest frame of no clip is wrong usage."""
+    """Make the settings of a check; no cage, and a rest frame of no clip, are wrong usage."""
     from cageik_cli.workflows.check import CheckSettings
 
+    if values["cage"] is None:
+        frames = values["frames"]
+        is_first = bool(frames) and Path(frames[0]).is_file()  # the cage is, more often than not
+        words = shlex.join(frames[:3] if is_first else ("CAGE", *(frames[:2] or ("FRAMES",))))
+        raise click.UsageError(f"Missing option '--cage': cageik check --cage {words}")
     if is_given("rest_frame") and not values["frames"]:
         raise click.UsageError("--rest-frame needs FRAMES; name them, or leave it out")
     return CheckSettings(**values)
@@ -43,7 +49,7 @@ def make_check_settings(**values: Any) -> "CheckSettings":
     "settings",
     make_check_settings,
     click.argument("frames", nargs=-1),
-    option("--cage", type=PATH_TYPE, required=True, help="The cage to diagnose."),
+    option("--cage", type=PATH_TYPE, help="The cage to diagnose.  [required]"),
     rest_option,
     rest_frame_option,
     SAMPLED_CLIP_OPTIONS,

@@ -16,6 +16,15 @@ def test_a_fit_cage_is_exit_code_0(run, folder):
     assert outcome.out.startswith("cage.obj: fit\n")
 
 
+def test_a_cage_that_is_named_without_its_option_has_the_words_to_type(run, folder):
+    outcome = run("check", "cage.obj", "frames")
+    assert outcome.code == 2
+    words = outcome.err.splitlines()[-1].rpartition(": cageik ")[2].split()
+    assert run(*words).code == 0
+    assert run("check", "frames").err.endswith(": cageik check --cage CAGE frames\n")
+    assert run("check").err.endswith(": cageik check --cage CAGE FRAMES\n")
+
+
 def test_a_usable_cage_is_exit_code_0(run, fixtures_folder):
     outcome = run("check", "--cage", fixtures_folder / "broken/cage_inside_out/cage.obj")
     assert (outcome.code, outcome.err) == (0, "")

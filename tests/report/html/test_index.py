@@ -54,6 +54,15 @@ def test_failed_clips_come_first_then_those_over_a_limit_then_the_worst(report):
     assert "Failed 1 Over a limit 2 Poor 1 OK 2" in parse_page(page).text
 
 
+def test_a_row_has_the_picture_of_its_clip(report):
+    drawn = build_clip_entry(report, picture=b"some PNG")
+    page = parse_page(_show(drawn, change(build_clip_entry(report), "bare")))
+    (picture,) = page.all("img")
+    assert picture.attributes["src"].startswith("data:image/png;base64,")
+    assert "Pictures: the worst frame" in page.text
+    assert "Pictures" not in parse_page(_show(build_clip_entry(report))).text
+
+
 @pytest.mark.parametrize(
     ("most", "quality", "verdict", "colour"),
     [
