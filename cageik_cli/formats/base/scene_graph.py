@@ -154,6 +154,10 @@ class SceneReader(ClipFile):
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the times of frames in place of uneven ones, and a note."""
 
+    def describe_step(self, step: float | None) -> list[str]:
+        """Return a note on times that are far apart; `step` is as in `describe_scene`."""
+        return []
+
     @abstractmethod
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
         """Return what the file says of the scene; `step` is None for one frame, or uneven ones."""
@@ -202,6 +206,7 @@ class SceneReader(ClipFile):
             times, note = self.replace_uneven(times)
             step = find_step(times)
             notes.append(note)
+        notes += self.describe_step(step)
         self.set_frames(request, len(times), self.describe_scene(times, step))
         self._times = times[list(self.frame_indices)].tolist()
         self.first = self._read_first(request, notes)

@@ -12,6 +12,7 @@ import numpy as np
 
 from cageik_cli.formats.base.files import check_unpacked_size, hash_file
 from cageik_cli.formats.base.scene_graph import (
+    EVEN_STEP_TOL,
     Polygons,
     SceneMesh,
     SceneReader,
@@ -89,6 +90,17 @@ class Reader(SceneReader):
             f"codes {first} to {last}"
         )
 
+    def describe_step(self, step: float | None) -> list[str]:
+        """Return a note if a rig is sampled more rarely than at each time code."""
+        meshes = self._meshes.values()
+        is_rig = any(isinstance(mesh, UsdSceneMesh) and mesh.is_moved_by_rig for mesh in meshes)
+        if step is None or step <= 1 + EVEN_STEP_TOL or not is_rig:
+            return []
+        return [
+            f"its rig has samples {step:.6g} time codes apart, and a frame at each of them; export "
+            "it with one at each time code for the frames between"
+        ]
+
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
         """Return what the stage states."""
         from pxr import UsdGeom
@@ -136,6 +148,11 @@ class UsdSceneMesh(SceneMesh):
         self._pose = rigs.find_pose(self._mesh)
         self._transform_times = _find_transform_times(self._pose.placed_by if self._pose else prim)
         self.is_clockwise = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+
+    @property
+    def is_moved_by_rig(self) -> bool:
+        """Whether joints or blend shapes have time samples."""
+        return self._pose is not None and bool(self._pose.list_times())
 
     def list_times(self) -> set[float]:
         """List the time samples of points, of transforms and of the rig."""

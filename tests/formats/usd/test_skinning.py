@@ -155,10 +155,12 @@ def test_frames_are_where_joints_weights_points_or_transforms_are_sampled(rig):
     rig.animate(times=(1, 3, 5, 7))
     sequence, _ = read(rig)
     assert (len(sequence), sequence.scene.frame_step) == (4, 2)
+    assert "its rig has samples 2 time codes apart" in " ".join(sequence.notes)
     rig.shape()  # at 1, 2, 3, 4
     rig.skeleton.GetPrim().GetAttribute("xformOp:translate").Set((0, 0.5, 0), 6)
     sequence, frames = read(rig)
     assert len(sequence) == 7
+    assert "apart" not in " ".join(sequence.notes)
     np.testing.assert_allclose(frames[2], rigs.expect_linear(1, rigs.expect_shaped(2)), atol=2e-6)
 
 
