@@ -94,6 +94,8 @@ test-blender: $(BLENDER_READY) $(READY)  ## Read every format back in Blender, a
 	$(BLENDER_VENV)/bin/python tests/blender/read_assets.py $(OUT)/blender >> $(OUT)/blender/imports.log
 	$(BIN)/python tests/blender/write_parts.py $(OUT)/blender
 	$(BLENDER_VENV)/bin/python tests/blender/read_parts.py $(OUT)/blender >> $(OUT)/blender/imports.log
+	$(BIN)/python tests/blender/write_posed.py $(OUT)/blender
+	$(BLENDER_VENV)/bin/python tests/blender/read_posed.py $(OUT)/blender >> $(OUT)/blender/imports.log
 	$(BLENDER_VENV)/bin/python tests/blender/write_rig.py $(OUT)/blender docs/scripts/bake_rig.py >> $(OUT)/blender/imports.log
 	$(BIN)/python tests/blender/read_rig.py $(OUT)/blender
 
