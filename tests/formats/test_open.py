@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cageik_cli.formats.base.choose_parts import check_part_order
 from cageik_cli.formats.find_files import expand_arguments, list_input_files
 from cageik_cli.formats.open import describe_contents, load_mesh, open_clip_and_rest, open_sequence
 from cageik_cli.formats.settings import ClipSettings
@@ -220,6 +221,9 @@ def test_parts_in_other_places_that_are_not_all_known_are_refused(tmp_path):
     rest = load_mesh(save_parts(tmp_path / "rest.obj", ("right", "nose", "eye")))
     with refused(ConnectivityError, "part right is number 1 of its parts, and number 2 of the cl"):
         open_clip_and_rest((clip,), ClipSettings(), rest, 0)
+    mesh = load_mesh(save_parts(tmp_path / "rest.obj", ("right", "left", "eye"))).mesh
+    with refused(ConnectivityError, "number 2 of the rest pose"):
+        check_part_order(mesh, open_sequence([clip]).first, "the rest pose")
     rest = load_mesh(save_parts(tmp_path / "rest.obj", ("left", "nose", "eye")))
     _, loaded = open_clip_and_rest((clip,), ClipSettings(), rest, 0)
     assert list_part_names(loaded.mesh) == ("left", "right", "eye")
