@@ -13,12 +13,14 @@ from cageik_cli.report.render.shading import (
     SAMPLES_PER_PIXEL,
     Picture,
     VisibleSurface,
+    colour_pixels,
     downsample,
     overlay,
     parse_colour,
     rasterize_surface,
     render,
 )
+from cageik_cli.report.verdict import MAX_FAIR_DEVIATION
 from cageik_cli.store.result import KeyFrames, Result, read_binding, read_key_frames
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -289,3 +291,22 @@ def encode_png(picture: Picture, colours: int | None = None) -> bytes:
         # larger.
         image.save(stream, "PNG", compress_type=Image.RLE)
     return stream.getvalue()
+
+
+def draw_thumbnail(result: Result, pixels: int = 96) -> bytes | None:
+    """Draw the worst frame of a result as a small PNG; None if it was written without weights.
+
+    The colours are of the deviation, from 0 to `MAX_FAIR_DEVIATION` percent of the diagonal for all
+    clips, so that they can be compared at a glance; larger values are clamped.
+    """
+    binding = read_binding(result)
+    if binding is None:
+        return None
+    worst = _make_pose(result, read_key_frames(result, binding), FRAME_LABELS.index("worst"), "")
+    vertices, faces = worst.reconstruction, result.rest.faces
+    deviation = np.where(np.isfinite(result.vertex_rms), worst.deviation, np.nan)
+    axes = view_axes(result.scene.up_axis, VIEW_TURN)
+    camera = ParallelCamera.fit(axes, vertices[np.unique(faces)], SAMPLES_PER_PIXEL * pixels)
+    surface = project_surface(camera, vertices, faces)
+    picture = render(surface, colour_pixels(surface, deviation, MAX_FAIR_DEVIATION))
+    return encode_png(picture, colours=48)

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from cageik_cli.report.limits import Limits
 from cageik_cli.report.overview import ClipEntry, build_clip_entry
 from cageik_cli.report.record import build_report
-from cageik_cli.report.render.thumbnail import draw_thumbnail
+from cageik_cli.report.render.model_views import draw_thumbnail
 from cageik_cli.solver.executor import RunBlocks, run_in_threads
 from cageik_cli.solver.settings import AREA
 from cageik_cli.store.binding_file import StoredBinding

@@ -5,7 +5,7 @@ import io
 import numpy as np
 from PIL import Image
 
-from cageik_cli.report.render.thumbnail import THUMBNAIL_PIXELS, draw_thumbnail
+from cageik_cli.report.render.model_views import draw_thumbnail
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.settings import ExtractSettings
 
@@ -21,7 +21,7 @@ def draw(result):
 def test_the_model_fills_the_picture_and_is_darker_where_it_is_wrong(closed, fitted):
     wrong, right = draw(closed.result), draw(fitted)
     for pixels in (wrong, right):
-        assert pixels.shape == (THUMBNAIL_PIXELS, THUMBNAIL_PIXELS, 4)
+        assert pixels.shape == (96, 96, 4)
         assert 0.3 < (pixels[..., 3] > 0.5).mean() < 0.95
     darkness = [1 - pixels[pixels[..., 3] > 0.5][:, 2].mean() for pixels in (wrong, right)]
     assert darkness[0] > darkness[1] + 0.1
