@@ -95,7 +95,7 @@ def repeat_values(document, rng):
     """The document with an attribute under many names, or many copies of an object in a list."""
     document = copy(document)
     primitives = [each for mesh in document["meshes"] for each in mesh["primitives"]]
-    count = 10 ** int(rng.integers(1, 4))
+    count = int(10 ** rng.uniform(1, 2.7))
     if rng.integers(2):
         attributes = primitives[rng.integers(len(primitives))]["attributes"]
         stem = rng.choice(["JOINTS", "WEIGHTS", "TEXCOORD", "COLOR", "_HEAT"])
