@@ -22,7 +22,7 @@ from tests.formats.gltf.built import make_glb
 from tests.formats.gltf.rigs import INTERPOLATIONS, RIGS
 from tests.formats.gltf.test_reader import make_box
 
-FEW, MANY = 50, 2000
+FEW, MANY = 25, 2000
 MOST = 64 << 20
 """Bytes that a file of a few KiB may make the reader take."""
 
