@@ -26,6 +26,7 @@ from cageik_cli.cli.options.clip import (
     rest_option,
 )
 from cageik_cli.cli.options.types import PercentType
+from cageik_cli.formats.timeline import format_frame_number
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.cage import CageSettings, RepairCageSettings
@@ -142,8 +143,10 @@ def cage_command(
         click.echo(f"{text}\nwrote {settings.output}; next: {command}", err=True)
 
 
-def _name_rest(settings: "CageSettings", rest_frame: int | None) -> str:
+def _name_rest(settings: "CageSettings", rest_frame: float | None) -> str:
     """Return the options by which `cageik extract` takes the same rest pose."""
     if settings.rest is not None:
         return f" --rest {settings.rest}"
-    return f" --rest-frame {rest_frame}" if rest_frame else ""
+    if rest_frame is None or settings.rest_frame is None:
+        return ""
+    return f" --rest-frame {format_frame_number(rest_frame)}"

@@ -115,10 +115,8 @@ class GroupedCommand(click.Command):
 
 
 def _takes_one_value(param: click.Parameter) -> bool:
-    """Tell whether only one of two values of an option would count: not for a mere flag."""
-    if not isinstance(param, click.Option) or param.multiple or param.count:
-        return False
-    return not param.is_flag or bool(param.secondary_opts)
+    """Tell whether only one of two values of an option would count; flags have none."""
+    return isinstance(param, click.Option) and not (param.multiple or param.count or param.is_flag)
 
 
 def _write_group(

@@ -21,7 +21,8 @@ from cageik_cli.formats.find_files import (
     split_member,
     split_only_member,
 )
-from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.formats.settings import ClipSettings, RestFrame
+from cageik_cli.formats.timeline import parse_frame_number
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import adopt_parts
 from cageik_cli.util.errors import (
@@ -125,7 +126,10 @@ def _explain_unsupported(path: Path, holds: str = "clip") -> str:
 
 
 def open_clip_and_rest(
-    frames: tuple[str, ...], settings: ClipSettings, rest: LoadedMesh | None, rest_index: int
+    frames: tuple[str, ...],
+    settings: ClipSettings,
+    rest: LoadedMesh | None,
+    rest_frame: RestFrame = 0,
 ) -> tuple[MeshSequence, LoadedMesh]:
     """Open a clip and its rest pose: a mesh of the same connectivity, or a frame of it."""
     sequence = open_sequence(list(frames), settings, rest)
@@ -143,16 +147,24 @@ def open_clip_and_rest(
             attributes = adopt_parts(attributes, known)
         mesh = TriMesh(ordered.vertices, sequence.first.faces, attributes)
         return sequence, replace(rest, mesh=mesh, notes=(*rest.notes, *notes))
-    return sequence, load_rest_frame(sequence, rest_index)
+    return sequence, load_rest_frame(sequence, find_rest_index(sequence, rest_frame))
+
+
+def find_rest_index(sequence: MeshSequence, rest_frame: RestFrame) -> int:
+    """Return the index of the rest pose, which is given by index, or as text by its number."""
+    timeline = sequence.timeline
+    if isinstance(rest_frame, str):
+        with error_context(f"`rest_frame={rest_frame}`"):
+            return timeline.find_index(parse_frame_number(rest_frame))
+    if not 0 <= rest_frame < len(sequence):
+        raise SettingError(
+            f"`rest_frame={rest_frame}`: there is no such index; {timeline.describe()}"
+        )
+    return rest_frame
 
 
 def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
     """Read a frame of a clip as its rest pose."""
-    if not 0 <= index < len(sequence):
-        raise SettingError(
-            f"`rest_frame={index}`: the clip has {len(sequence)} frames, expected "
-            f"0 to {len(sequence) - 1}"
-        )
     positions = sequence.read_frame(index)
     missing = np.count_nonzero(np.isnan(positions[:, 0]))
     if missing:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any, Final, Literal
 
+from cageik_cli.formats.timeline import FrameRange, Timeline
 from cageik_cli.util.errors import InputError, SettingError
 from cageik_cli.util.units import UNIT_LENGTHS, type_unit
 
@@ -64,6 +65,10 @@ class Scene:
     def frame_number(self, index: int) -> float:
         """Return the number of a frame on the timeline; `index` counts frames from 0."""
         return self.start + index * self.frame_step
+
+    def make_timeline(self, count: int) -> Timeline:
+        """Return the numbers of `count` frames."""
+        return Timeline(count, self.start, self.frame_step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,8 +190,8 @@ AUTO: Final = "auto"
 Gaps = Literal["refuse", "keep", "close"]
 """What is done with missing numbers of files: refused, kept in time, or closed."""
 
-RestFrame = int | Literal["auto"]
-"""Which frame is the rest pose: its number from 0, or `AUTO`."""
+RestFrame = int | str
+"""Which frame is the rest pose: its index from 0; or as text its number, or `AUTO`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,8 +200,8 @@ class ClipSettings:
 
     Attributes
     ----------
-    selection : slice
-        Which of its frames, as Python slices; the step is above zero.
+    selection : slice or FrameRange
+        Which of its frames, by index or by number; the step is above zero.
     layout : str, optional
         The order of an array's axes, one of `LAYOUTS`; found from their lengths if absent.
     gaps : {"refuse", "keep", "close"}
@@ -211,7 +216,7 @@ class ClipSettings:
         Frames per second of a clip that is sampled, as its file states no rate.
     """
 
-    selection: slice = field(default_factory=lambda: slice(None))
+    selection: slice | FrameRange = field(default_factory=lambda: slice(None))
     layout: str | None = None
     gaps: Gaps = "refuse"
     missing: bool = False

@@ -177,9 +177,9 @@ def format_metric(value: float) -> str:
     return f"{value:.4g}"
 
 
-def format_number(number: float) -> str:
-    """Format the number of a frame as in all views."""
-    return f"{number:.10g}"
+def make_whole(number: float) -> float:
+    """Return a whole number as an integer, which is written without a point."""
+    return int(number) if number == int(number) else number
 
 
 def group_digits(count: int, group: str = " ") -> str:

@@ -14,6 +14,7 @@ from cageik_cli.report.figures import (
     KeptSummary,
     ReportSummary,
     VertexMetrics,
+    make_whole,
 )
 from cageik_cli.report.fit_figures import (
     UnfittedRecord,
@@ -129,8 +130,8 @@ def build_report(
             radius=radius,
             closed=rest.is_closed,
             fps=result.scene.fps,
-            start=_make_whole(result.scene.start),
-            frame_step=_make_whole(result.scene.frame_step),
+            start=make_whole(result.scene.start),
+            frame_step=make_whole(result.scene.frame_step),
             body=rest.is_body,
             metres_per_unit=result.scene.metres_per_unit,
         ),
@@ -167,7 +168,7 @@ def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
     return tuple(
         FrameRecord(
             index=k,
-            number=_make_whole(result.scene.frame_number(k)),
+            number=make_whole(result.scene.frame_number(k)),
             name=name,
             rms=_finite_or_none(metrics.rms[k]),
             rms_percent=_finite_or_none(percent * metrics.rms[k]),
@@ -313,11 +314,6 @@ def _build_vertex_metrics(result: Result) -> VertexMetrics:
             for k in worst
         ),
     )
-
-
-def _make_whole(number: float) -> float:
-    """Return a whole number as an integer, which is written without a point."""
-    return int(number) if number == int(number) else number
 
 
 def _percent_change(new: Floats, old: Floats, least: float) -> Floats:

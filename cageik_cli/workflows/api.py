@@ -17,6 +17,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
+from cageik_cli.formats.timeline import parse_frames
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import SolveSettings
@@ -57,7 +58,7 @@ def load_clip(
     frames: FilePath | Sequence[FilePath],
     *,
     rest: FilePath | None = None,
-    selection: slice | None = None,
+    selection: slice | str | None = None,
     allow_gaps: bool = False,
     exclude: Sequence[str] = (),
     fps: float | None = None,
@@ -73,8 +74,9 @@ def load_clip(
         one of several clips in a file.
     rest : path, optional
         A mesh with the faces, for files that have none (.mdd, .pc2).
-    selection : slice, optional
-        The frames to take, `slice(0, 48, 2)`; all by default.
+    selection : slice or str, optional
+        The frames to take: by number, `"1020-1060"` or `"1020-1060x2"`, as on the command line, or
+        by index, `slice(0, 48, 2)`; all by default.
     allow_gaps : bool
         Accept missing numbers in a series of files. The clip has the frames that exist, one after
         another; `clip.scene` has the number of the first.
@@ -100,7 +102,7 @@ def load_clip(
     (1570, 3)
     """
     settings = ClipSettings(
-        selection or slice(None),
+        parse_frames(selection) if isinstance(selection, str) else selection or slice(None),
         gaps="close" if allow_gaps else "refuse",
         exclude=tuple(exclude),
         fps=fps,
@@ -215,8 +217,9 @@ def extract_to_file(
         Vertices of the cage that is built, at most; 100 by default.
     rest : path, optional
         The rest pose; a frame of the clip by default.
-    rest_frame : int or "auto"
-        Which frame then, from 0; "auto" is the frame in which the fewest parts touch.
+    rest_frame : int or str
+        Which frame then: its index from 0, or as text its number, `"1020"`; `"auto"` is the frame
+        in which the fewest parts touch.
     coordinates, accuracy, outside : str
         As of `bind`.
     alpha, beta, align, fit

@@ -21,7 +21,7 @@ from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.formats.find_files import mesh_suffixes, split_member
 from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
+from cageik_cli.formats.settings import ClipSettings, RestFrame, Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.views.cage import CageResult
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
@@ -50,9 +50,9 @@ class CageSettings(CommandSettings):
         An OBJ file.
     rest : Path, optional
         The rest pose of a clip; a frame of it if absent.
-    rest_frame : int or "auto", optional
-        Which frame then, from 0, or the one in which the least of the surface touches; the first if
-        absent.
+    rest_frame : int or str, optional
+        Which frame then: its index, or as text its number; or "auto", the one in which the
+        least of the surface touches; the first if absent.
     animation : tuple of str
         The clip the cage is for; none if empty.
     given_in : SceneHints
@@ -89,7 +89,7 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     return CageResult(settings.output, source, model, settings.build, built, rest_frame)
 
 
-def _open_model(settings: CageSettings, scene: CommonScene) -> tuple[LoadedMesh, int | None]:
+def _open_model(settings: CageSettings, scene: CommonScene) -> tuple[LoadedMesh, float | None]:
     """Read the model: a mesh, or the rest pose of a clip and its number."""
     file, _ = split_member(settings.model)
     is_one_mesh = settings.rest is None and settings.rest_frame is None and file.is_file()
@@ -97,10 +97,11 @@ def _open_model(settings: CageSettings, scene: CommonScene) -> tuple[LoadedMesh,
         model = load_source(Path(settings.model), exclude=settings.clip.exclude)
         scene.state(model.scene)
         return model, None
-    _, rest, index = open_clip_and_choose_rest(
+    clip, rest, index = open_clip_and_choose_rest(
         (settings.model,), settings.clip, settings.rest, settings.rest_frame or 0, scene
     )
-    return rest, index
+    number = None if index is None else clip.scene.override(Scene()).frame_number(index)
+    return rest, number
 
 
 def _read_animation(

@@ -23,8 +23,9 @@ class CheckSettings(CommandSettings):
         Files, folders and globs, or one file that holds a clip; may be none.
     rest : Path, optional
         The rest pose; a frame of the clip if absent, or none without a clip.
-    rest_frame : int or "auto"
-        Which frame then, from 0; or the one in which the least of the surface touches.
+    rest_frame : int or str
+        Which frame then: its index, or as text its number; or "auto", the one in which the
+        least of the surface touches.
     given_in : SceneHints
         Unit and up axis of the cage, and of the rest pose of a clip, see `CommonScene`.
     """

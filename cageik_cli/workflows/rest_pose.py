@@ -8,8 +8,14 @@ import numpy as np
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.open import load_rest_frame, open_clip_and_rest, open_sequence
+from cageik_cli.formats.open import (
+    find_rest_index,
+    load_rest_frame,
+    open_clip_and_rest,
+    open_sequence,
+)
 from cageik_cli.formats.settings import AUTO, ClipSettings, RestFrame
+from cageik_cli.formats.timeline import Timeline
 from cageik_cli.formats.vertex_weights import (
     FrameWeightsFile,
     open_frame_weights,
@@ -60,15 +66,14 @@ def open_clip_and_choose_rest(
     rest : LoadedMesh
         With a note on why it was chosen, if it was.
     index : int or None
-        The number of the rest pose in the clip; None for a file.
+        Which frame of the clip the rest pose is, from 0; None for a file.
     """
     if rest is not None or rest_frame != AUTO:
-        index = 0 if rest_frame == AUTO else int(rest_frame)
         given = None if rest is None else load_rest(rest, settings.exclude)
-        sequence, loaded = open_clip_and_rest(frames, settings, given, index)
+        sequence, loaded = open_clip_and_rest(frames, settings, given, rest_frame)
         scene.state(sequence.scene)
         if rest is None:
-            return sequence, loaded, index
+            return sequence, loaded, find_rest_index(sequence, rest_frame)
         with error_context(rest):
             return sequence, scene.check_rest(scene.place(loaded), loaded.scene, sequence), None
     sequence = open_sequence(list(frames), settings)
@@ -99,20 +104,24 @@ def choose_rest_frame(sequence: MeshSequence) -> tuple[int, str]:
     if not percents:
         return 0, "taken as the rest pose, as no other frame can be read"
     best = min(percents, key=lambda index: (percents[index], index))
-    return best, _explain_choice(best, percents, len(sequence))
+    return best, _explain_choice(best, percents, sequence.timeline)
 
 
-def _explain_choice(best: int, percents: dict[int, float], count: int) -> str:
+def _explain_choice(best: int, percents: dict[int, float], timeline: Timeline) -> str:
     """Say how much of the frame touches, beside the first frame and the worst one."""
     first, most = next(iter(percents)), max(percents, key=lambda index: percents[index])
     others = [
-        f"{percents[k]:.1f} % in frame {k}" for k in dict.fromkeys((first, most)) if k != best
+        f"{percents[k]:.1f} % in frame {timeline.number_frame(k)}"
+        for k in dict.fromkeys((first, most))
+        if k != best
     ]
-    compared = f"{count} frames" if len(percents) == count else f"{len(percents)} of {count} frames"
+    compared = f"{timeline.count} frames"
+    if len(percents) < timeline.count:
+        compared = f"{len(percents)} of {compared}"
     beside = f" ({', '.join(others)})" if others else ""
     return (
-        f"frame {best} is the rest pose: {percents[best]:.1f} % of its surface is "
-        f"near another part, the least of {compared}{beside}"
+        f"frame {timeline.number_frame(best)} is the rest pose: {percents[best]:.1f} % of its "
+        f"surface is near another part, the least of {compared}{beside}"
     )
 
 

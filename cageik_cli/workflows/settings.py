@@ -71,8 +71,9 @@ class ExtractSettings(CommandSettings):
         A binding file of this rest pose, and of `cage` if that is given; `bind` is then ignored.
     rest : Path, optional
         The rest pose; a frame of the clip if absent.
-    rest_frame : int or "auto"
-        Which frame then, from 0; or the one in which the least of the surface touches.
+    rest_frame : int or str
+        Which frame then: its index, or as text its number; or "auto", the one in which the
+        least of the surface touches.
     vertex_weights : Path or "area", optional
         A file with one number per vertex of the model, or an array (F, m) with one per frame and
         vertex; or each vertex counts by its area.

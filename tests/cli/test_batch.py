@@ -142,7 +142,7 @@ def test_the_rest_frame_of_each_clip_may_be_chosen(run, anim, here):
     assert run(*BATCH).code == 0
     walk = read_result(Path("out/clips/walk.h5"))
     assert walk.settings["rest_frame"] == 0
-    assert [note for note in walk.notes if "frame 0 is the rest pose" in note]
+    assert [note for note in walk.notes if "frame 1 is the rest pose" in note]
     assert run(*BATCH, "--resume").err.count("unchanged, error") == 3
 
 

@@ -194,7 +194,10 @@ FAILING = [
     ("report --baseline handles.json", "handles.json: schema is null"),
     ("check --cage none.obj", "none.obj: cannot be read"),
     ("check nowhere --cage cage.obj", "nowhere: no such file or folder"),
-    ("check frames --cage cage.obj --rest-frame 9", "--rest-frame 9: the clip has 5"),
+    (
+        "check frames --cage cage.obj --rest-frame 9",
+        "--rest-frame 9: there is no frame 9; the clip has 5",
+    ),
     ("check --cage cage.obj --rest none.obj", "none.obj: cannot be read"),
     ("cage nowhere.obj -o x.obj", "nowhere.obj: no such file"),
     ("export nothing.h5 c.npz", "nothing.h5: no such result"),
@@ -293,7 +296,7 @@ WRONG = {
         "frames --cage cage.obj --memory lots": "'lots' is not a size",
         "frames --cage cage.obj --rest cage.obj --rest-frame 0": "--rest and --rest-frame",
         "frames --cage cage.obj --rest-frame best": "'best' is not the number of a frame",
-        "frames --cage cage.obj --rest-frame 1.5": "'1.5' is not the number of a frame",
+        "frames --cage cage.obj --rest-frame 1:5": "'1:5' is not the number of a frame",
         "frames --cage cage.obj --cage-out x.obj": "leave out --cage-out or --cage",
         "frames --cage cage.obj --cage-vertices 100": "leave out --cage-vertices or --cage",
         "frames --binding b.h5 --cage-vertices 100": "leave out --cage-vertices or --binding",
@@ -301,7 +304,7 @@ WRONG = {
         "frames --binding binding.h5 --outside project": "--outside project: binding.h5",
         "frames --cage-vertices 3": "a cage of 3 vertices",
         "frames --cage cage.obj --allow-gaps --close-gaps": "--close-gaps",
-        "frames --cage cage.obj --frames 3": "'3'",
+        "frames --cage cage.obj --frames 3:3": "'3:3'",
         "frames --cage cage.obj --frames ::0": "'::0'",
         "frames --cage cage.obj --frames ::-1": "'::-1'",
         "edit.npz --cage cage.obj --layout xvf": "'xvf'",
@@ -439,7 +442,7 @@ def test_wrong_usage_is_exit_code_2(run, workspace, line, names):
 TABLES = {
     "extract frames": (
         'cage = "cage.obj"\noutput = "told.h5"\nalpha = 0.25\nbeta = 2\nalign = false\n'
-        'fps = 30\nmemory = "1MiB"\njobs = 1\nrest-frame = 0\nno-weights = true\n'
+        'fps = 30\nmemory = "1MiB"\njobs = 1\nrest-frame = 1\nno-weights = true\n'
         "allow_gaps = true\noverwrite = true\nquiet = true\n"
         'coordinates = "harmonic"\naccuracy = "fine"\noutside = "project"\ncache = "kept"\n',
         {"told.h5", "kept"},

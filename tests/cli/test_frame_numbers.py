@@ -244,7 +244,7 @@ def test_a_frame_that_cannot_be_read_is_no_gap(run, numbered):
 
 
 def test_the_missing_frame_is_no_rest_pose(run, numbered):
-    outcome = run(*EXTRACT, "--allow-gaps", "--rest-frame", "2")
+    outcome = run(*EXTRACT, "--allow-gaps", "--rest-frame", "1005")
     assert outcome.code == 1
     assert "walk.1005.obj: missing between" in outcome.err
     assert run(*EXTRACT, "--allow-gaps", "--rest-frame", "auto").code == 0

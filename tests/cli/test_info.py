@@ -41,7 +41,7 @@ def test_arrays_are_a_clip(run, folder, animation):
     np.savez("clip.npz", verts=animation.frames, faces=animation.rest.faces[1:])
     headline, rows = rows_of(run("info", "clip.npz"))
     assert headline == "clip.npz"
-    assert rows["frames"] == "5, clip.npz[0] to clip.npz[4]"
+    assert rows["frames"] == "5, clip.npz[1] to clip.npz[5]"
     assert rows["surface"] == "open, 1 component"
 
 
@@ -114,7 +114,7 @@ def test_several_clips_are_listed(run, folder, animation):
         "  clip           walk, 5 frames of 18 vertices",
     ]
     _, rows = rows_of(run("info", "clip.hdf5::walk"))
-    assert rows["frames"] == "5, clip.hdf5::walk[0] to clip.hdf5::walk[4]"
+    assert rows["frames"] == "5, clip.hdf5::walk[1] to clip.hdf5::walk[5]"
 
 
 def test_files_that_are_no_frames_of_one_clip_are_described_one_by_one(run, folder, animation):

@@ -122,7 +122,7 @@ def test_a_sample_that_is_missing_is_a_sentence(archive):
     there = (place | 1 << 63).to_bytes(8, "little")
     assert data.count(there) == 1
     archive.path.write_bytes(data.replace(there, bytes(8)))
-    with pytest.raises(FormatError, match=r"clip\.abc\[1\]: /mesh: sample 1 of `P` is missing"):
+    with pytest.raises(FormatError, match=r"clip\.abc\[2\]: /mesh: sample 1 of `P` is missing"):
         frames_of(open_sequence([str(archive.path)]))
 
 

@@ -138,7 +138,7 @@ def test_a_clip_is_chosen_by_its_name(bodies):
     path, clips = bodies
     for name, frames in clips.items():
         sequence = open_sequence([f"{path}::{name}"])
-        assert sequence.names == tuple(f"bodies.hdf5::{name}[{k}]" for k in range(len(frames)))
+        assert sequence.names == tuple(f"bodies.hdf5::{name}[{k + 1}]" for k in range(len(frames)))
         np.testing.assert_array_equal(sequence.first.faces, FACES)
         np.testing.assert_array_equal(frames_of(sequence), frames)
 

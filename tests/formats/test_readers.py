@@ -1,13 +1,14 @@
 """What holds of a clip in every format: its frames, which are taken, and what is refused."""
 
 import hashlib
+import re
 
 import numpy as np
 import pytest
 
 from cageik_cli.formats.find_files import clip_suffixes
 from cageik_cli.formats.open import describe_contents, load_mesh, open_sequence
-from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.formats.settings import ClipSettings, Scene
 from cageik_cli.util.errors import ConnectivityError, FormatError, InputError, SettingError
 from tests.clips import frames_of
 from tests.formats.kinds import FACES, FRAMES, KINDS, WITHOUT_FACES
@@ -37,6 +38,12 @@ def clip(request, tmp_path, write_obj):
     return Clip(tmp_path, request.param, write_obj)
 
 
+def name_frames(name, sequence):
+    """The names of frames of a file, each with its number."""
+    scene = sequence.scene.override(Scene())
+    return tuple(f"{name}[{scene.frame_number(k):g}]" for k in range(len(sequence)))
+
+
 def test_no_format_of_clips_is_left_out():
     frames = {".obj", ".ply", ".off", ".obj.gz", ".ply.gz", ".off.gz"}
     names = {name.removeprefix("clip") for name in KINDS}
@@ -45,7 +52,7 @@ def test_no_format_of_clips_is_left_out():
 
 def test_frames_faces_and_digest(clip):
     sequence = clip.open()
-    assert sequence.names == tuple(f"{clip.name}[{k}]" for k in range(5))
+    assert sequence.names == name_frames(clip.name, sequence)
     np.testing.assert_array_equal(sequence.first.faces, FACES)
     np.testing.assert_array_equal(sequence.first.vertices, FRAMES[0])
     np.testing.assert_array_equal(frames_of(sequence), FRAMES)
@@ -60,7 +67,7 @@ def test_frames_faces_and_digest(clip):
 def test_chosen_frames_keep_their_names_and_numbers(clip, selection):
     whole, chosen = clip.open().scene, range(5)[selection]
     sequence = clip.open(selection=selection)
-    assert sequence.names == tuple(f"{clip.name}[{k}]" for k in chosen)
+    assert sequence.names == name_frames(clip.name, sequence)
     np.testing.assert_array_equal(sequence.first.vertices, FRAMES[selection][0])
     np.testing.assert_array_equal(frames_of(sequence), FRAMES[selection])
     assert sequence.scene == whole.restrict_to_frames(chosen)
@@ -81,7 +88,8 @@ def test_vertices_that_are_not_finite_are_refused_with_their_frame(clip, value):
     frames[3, 2, 1] = value
     sequence = clip.open(frames)
     assert len(frames_of(clip.open(frames, selection=slice(0, 3)))) == 3
-    with pytest.raises(FormatError, match=r"clip\.\w+\[3\]: vertex 2 is "):
+    name = re.escape(sequence.names[3])
+    with pytest.raises(FormatError, match=rf"{name}: vertex 2 is "):
         frames_of(sequence)
     frames[0, 1, 2] = value
     with pytest.raises(FormatError, match=r"clip\.\w+.*: vertex 1 is "):

@@ -130,7 +130,7 @@ def test_a_scene_without_a_mesh_is_refused(scene):
 
 def test_vertices_that_change_in_number_are_refused(scene):
     scene.mesh(frames=[*FRAMES[:2], FRAMES[2][:5]])
-    with pytest.raises(ConnectivityError, match=r"clip\.\w+\[2\]: 5 vertices of /mesh"):
+    with pytest.raises(ConnectivityError, match=r"clip\.\w+\[3\]: 5 vertices of /mesh"):
         frames_of(scene.opened())
 
 

@@ -38,8 +38,8 @@ def test_mirrored_frames_are_noted(list_notes, animation, is_open):
     mirrored = [-1.0, 1, 1]
     (note,) = list_notes(lambda k, frame: frame * (mirrored if k < 2 else 1), faces)
     assert note.startswith("2 of 5 frames are mirrored relative to the rest pose (")
-    assert "[1]" in note
-    assert "[3]" not in note
+    assert "[2]" in note
+    assert "[4]" not in note
     assert "scale of -1" in note
 
 
@@ -134,7 +134,7 @@ def test_frames_that_stand_out_are_noted(
     frames = walk[0].copy()
     frames[changed] = walk[0][source] + move
     (found,) = [text for text in notes_of(frames) if text.startswith(note)]
-    assert f"clip.npz[{named}]" in found
+    assert f"clip.npz[{named + 1}]" in found
     assert f"`{remedy}`" in found
 
 

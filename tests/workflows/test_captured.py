@@ -207,7 +207,7 @@ def test_infinite_vertices_are_never_missing(walker, make):
 def test_frames_of_too_few_data_are_named(walker, make):
     spoilt = walker[0].copy()
     spoilt[5], spoilt[7, 30:] = np.nan, np.nan
-    with pytest.raises(FormatError, match=r"clip.npz\[5\]: 0 of 1570 vertices are data"):
+    with pytest.raises(FormatError, match=r"clip.npz\[6\]: 0 of 1570 vertices are data"):
         extract(make(spoilt, clip=MISSING))
     result = extract(make(spoilt, clip=MISSING, on_bad_frame="skip"))
     assert list(result.skipped) == [5, 7]
@@ -331,8 +331,8 @@ def test_filled_gaps_are_read_as_they_were_filled(walker, make):
     result = extract(settings)
     assert result.filled == (5,)
     report = build_report(result)
-    assert report.filled == ("clip.npz[5]",)
-    assert "1 frame from those around: clip.npz[5]" in format_text(report)
+    assert report.filled == ("clip.npz[6]",)
+    assert "1 frame from those around: clip.npz[6]" in format_text(report)
     assert "Filled cages of 1 frame come" in render_result_page(result, report)
     plain = make(spoilt, "plain", clip=MISSING, on_bad_frame="skip")
     linear = np.concatenate(list(read_cages(extract(plain), 16)))

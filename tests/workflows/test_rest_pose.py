@@ -41,9 +41,9 @@ def choose():
 def test_the_first_of_the_best_frames_is_chosen():
     index, reason = choose()
     assert index == 2
-    assert reason.startswith("frame 2 is the rest pose: 0.0 % of its surface")
+    assert reason.startswith("frame 3 is the rest pose: 0.0 % of its surface")
     assert "the least of 5 frames (" in reason
-    assert reason.endswith(" % in frame 4)")
+    assert reason.endswith(" % in frame 5)")
 
 
 @pytest.mark.usefixtures("clip")
@@ -72,7 +72,7 @@ def test_a_result_is_that_of_the_chosen_number(clip):
     result = extract(clip)
     assert result.settings["rest_frame"] == 2
     np.testing.assert_array_equal(result.rest.vertices, fold_strip(ANGLES[2]))
-    assert [note for note in result.notes if note.startswith("strip_3.obj: frame 2 is the rest")]
+    assert [note for note in result.notes if note.startswith("strip_3.obj: frame 3 is the rest")]
     same = extract(replace(clip, rest_frame=2, output=Path("same.h5")))
     assert same.settings == result.settings
     np.testing.assert_array_equal(same.rest.vertices, result.rest.vertices)
@@ -80,7 +80,7 @@ def test_a_result_is_that_of_the_chosen_number(clip):
 
 def test_a_result_is_up_to_date_for_the_number_and_for_the_choice(clip):
     extract(clip)
-    for rest_frame in ("auto", 2):
+    for rest_frame in ("auto", 2, "3"):
         extraction = Extraction(replace(clip, resume=True, rest_frame=rest_frame))
         extraction.open()
         assert extraction.existing is not None
@@ -98,7 +98,7 @@ def test_a_rest_pose_from_a_file_is_not_chosen(clip):
 def test_check_says_which_frame_it_took(clip):
     text = format_check_text(check_cage(CheckSettings(clip.cage, ("strip",), rest_frame="auto")))
     assert "rest pose      strip_3.obj" in text
-    assert "note           strip_3.obj: frame 2 is the rest pose" in text
+    assert "note           strip_3.obj: frame 3 is the rest pose" in text
 
 
 @pytest.mark.slow
@@ -106,5 +106,5 @@ def test_check_says_which_frame_it_took(clip):
 def test_a_cage_is_built_around_the_chosen_frame():
     settings = CageSettings("strip", Path("built.obj"), BuildSettings(20), rest_frame="auto")
     result = build_cage_file(settings)
-    assert '"rest_frame": 2' in format_cage_json(result)
-    assert result.notes[0].startswith("strip_3.obj: frame 2 is the rest pose")
+    assert '"rest_frame": 3' in format_cage_json(result)
+    assert result.notes[0].startswith("strip_3.obj: frame 3 is the rest pose")

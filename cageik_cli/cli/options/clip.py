@@ -8,7 +8,7 @@ import click
 
 from cageik_cli.cli.command import HelpGroup, option
 from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, is_given
-from cageik_cli.cli.options.types import FrameRangeType, OrWord, PercentType, SceneType
+from cageik_cli.cli.options.types import FrameNumberType, FrameRangeType, PercentType, SceneType
 from cageik_cli.formats.settings import (
     AUTO,
     DEFAULT_MORPHS,
@@ -59,7 +59,9 @@ CLIP_MEMBERS = (
         "selection",
         type=FrameRangeType(),
         default=":",
-        help="Take frames A:B:STEP only, counted from 0, without B.  [default: all]",
+        metavar="FIRST-LAST",
+        help="Take these frames only, by number: 1020-1060, 1020-1060x2 (every second), 1020, "
+        "1020- (to the end); or the slice A:B:STEP, from 0 and without B.  [default: all]",
     ),
     layout_option,
     exclude_option,
@@ -160,12 +162,12 @@ rest_option = option(
 
 rest_frame_option = option(
     "--rest-frame",
-    type=OrWord(click.INT, AUTO, "the number of a frame"),
-    default=0,
+    type=FrameNumberType(),
+    default="",
     callback=_refuse_two_rest_poses,
-    metavar=f"K|{AUTO}",
-    help="Number of the frame that is the rest pose, from 0, or auto: the frame in which the "
-    "fewest parts touch.",
+    metavar=f"N|{AUTO}",
+    help="Number of the frame that is the rest pose, or auto: the frame in which the fewest parts "
+    "touch.  [default: the first]",
     group=HelpGroup.CLIP,
 )
 

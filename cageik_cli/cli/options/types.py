@@ -9,7 +9,8 @@ from typing import Any
 
 import click
 
-from cageik_cli.formats.settings import SceneHints
+from cageik_cli.formats.settings import AUTO, RestFrame, SceneHints
+from cageik_cli.formats.timeline import FrameRange, parse_frame_number, parse_frames
 from cageik_cli.util.errors import SettingError
 
 
@@ -89,25 +90,38 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]  # as above
 
 
 class FrameRangeType(click.ParamType):  # type: ignore[type-arg]  # as above
-    """Frames A to B, without B, every STEP-th: A:B:STEP, each of which may be left out."""
+    """Frames by number, such as 1020-1060 or 1020-1060x2; or by index, as a slice A:B:STEP."""
 
-    name = "a:b:step"
+    name = "a-b"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> slice:
+    ) -> slice | FrameRange:
         """Parse the text."""
-        if isinstance(value, slice):
+        if isinstance(value, slice | FrameRange):
             return value
-        match = re.fullmatch(r"(-?\d{1,9})?:(-?\d{1,9})?(?::(\d{1,9})?)?", str(value).strip())
-        if not match or (match[3] and int(match[3]) == 0):
-            self.fail(
-                f"{value!r} is not a range of frames; expected A:B or A:B:STEP, such as 10:20 "
-                "for frames 10 to 19, counted from 0",
-                param,
-                ctx,
-            )
-        return slice(*(None if bound is None else int(bound) for bound in match.groups()))
+        try:
+            return parse_frames(str(value))
+        except SettingError as error:
+            return self.fail(str(error), param, ctx)
+
+
+class FrameNumberType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """The number of a frame, which stays text, as an index would be a number; 0 for no text."""
+
+    name = "number"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> RestFrame:
+        """Check the text."""
+        if value in ("", AUTO):
+            return value or 0
+        try:
+            parse_frame_number(str(value))
+        except SettingError as error:
+            self.fail(str(error), param, ctx)
+        return str(value)
 
 
 class FrameFormatType(click.ParamType):  # type: ignore[type-arg]  # as above

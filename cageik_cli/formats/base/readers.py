@@ -16,7 +16,7 @@ from cageik_cli.formats.base.file_numbers import FileSeries
 from cageik_cli.formats.base.files import decompress, file_suffix, hash_file
 from cageik_cli.formats.base.mesh_data import FileMesh, check_connectivity, check_not_points
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
-from cageik_cli.formats.settings import SceneHints
+from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import (
@@ -68,7 +68,7 @@ class FrameFileReader(MeshSequence):
 
     def __init__(self, request: ClipRequest) -> None:
         series = FileSeries(request.paths, request.settings.gaps)
-        chosen = series.trim(request.select_frames(len(series.paths)))
+        chosen = series.trim(request.select_frames(len(series.paths), series.scene))
         self._missing = {k: series.missing[n] for k, n in enumerate(chosen) if n in series.missing}
         self.missing = frozenset(self._missing)
         self.scene = series.scene.restrict_to_frames(chosen)
@@ -153,7 +153,7 @@ def parse_mesh(reader: type[FrameFileReader], data: bytes) -> FileMesh:
 
 
 class ClipFile(MeshSequence):
-    """Frames of one file, each named by its number in it; formats implement `read_positions`.
+    """Frames of one file, each named by its number; formats implement `read_positions`.
 
     `set_frames` sets `frame_indices`: which of the file's frames the clip's are.
     """
@@ -168,13 +168,16 @@ class ClipFile(MeshSequence):
         `scene` has the settings that the file gives for all of them.
         """
         self.path = request.path
-        self.frame_indices = request.select_frames(count)
+        scene = scene or SceneHints()
+        self.frame_indices = request.select_frames(count, scene)
         settings = request.settings
         self._reading = (request.member, settings.layout, *settings.exclude)
-        self.scene = (scene or SceneHints()).restrict_to_frames(self.frame_indices)
+        self.scene = scene.restrict_to_frames(self.frame_indices)
         member = f"::{request.member}" if request.member is not None else ""
         self._name = to_unicode(self.path.name + member)
-        self.names = tuple(f"{self._name}[{k}]" for k in self.frame_indices)
+        timeline = self.scene.override(Scene()).make_timeline(len(self.frame_indices))
+        numbers = map(timeline.number_frame, range(timeline.count))
+        self.names = tuple(f"{self._name}[{number}]" for number in numbers)
 
     def use_rest_faces(self, request: ClipRequest, vertex_count: int) -> None:
         """Take the faces of the rest pose, for a file of `vertex_count` vertices and no faces."""

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
-from cageik_cli.formats.settings import ClipSettings, SceneHints
+from cageik_cli.formats.settings import ClipSettings, Scene, SceneHints
+from cageik_cli.formats.timeline import Timeline
 from cageik_cli.geometry.mesh import TriMesh, validate_known_positions, validate_positions
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import (
@@ -69,15 +70,10 @@ class ClipRequest:
         positions[is_missing] = known.mean(axis=0) if len(known) else 0.0
         return positions
 
-    def select_frames(self, count: int) -> range:
-        """Return the numbers of the selected frames of `count`."""
-        wanted = self.settings.selection
-        numbers = range(count)[wanted]
-        if not numbers:
-            bounds = (wanted.start, wanted.stop, *([wanted.step] if wanted.step else []))
-            typed = ":".join("" if bound is None else str(bound) for bound in bounds)
-            raise SettingError(f"`selection={typed}` selects none of the {count} frames")
-        return numbers
+    def select_frames(self, count: int, scene: SceneHints) -> range:
+        """Return the indices of the selected frames of `count`, whose numbers are of a scene."""
+        timeline = scene.override(Scene()).make_timeline(count)
+        return timeline.choose(self.settings.selection)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,6 +213,11 @@ class MeshSequence(ABC):
             f"<MeshSequence: {len(self)} frames of {len(self.first.vertices)} vertices, "
             f"{self.names[0]} to {self.names[-1]}>"
         )
+
+    @property
+    def timeline(self) -> Timeline:
+        """The numbers of the frames."""
+        return self.scene.override(Scene()).make_timeline(len(self))
 
     def location(self, index: int) -> str:
         """Return where a frame is, for messages."""

@@ -7,11 +7,11 @@ from typing import Any
 from cageik_cli.cages.bind import MIN_HARMONIC_WEIGHT
 from cageik_cli.coordinates.binding import WeightQuality
 from cageik_cli.coordinates.settings import ACCURACIES
+from cageik_cli.formats.timeline import format_frame_number
 from cageik_cli.report.figures import (
     FrameRecord,
     format_change,
     format_length,
-    format_number,
     format_percent,
 )
 from cageik_cli.report.record import Report
@@ -40,7 +40,7 @@ class Column:
 
 
 FRAME_COLUMNS = (
-    Column("number", "#", format_number),
+    Column("number", "#", format_frame_number),
     Column("name", "Frame", kind="name"),
     Column("rms_percent", "RMS, %", format_percent, is_at_cursor=True),
     Column("rms", "RMS, file units", format_length),

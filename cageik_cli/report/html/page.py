@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from cageik_cli.formats.timeline import format_frame_number
 from cageik_cli.report.figures import (
     VertexMetrics,
     describe_kept,
@@ -13,7 +14,6 @@ from cageik_cli.report.figures import (
     format_change,
     format_length,
     format_metric,
-    format_number,
     format_percent,
 )
 from cageik_cli.report.html.fit_section import FitShapes, draw_fit_section, load_fit_shapes
@@ -108,7 +108,7 @@ def render_page(
         histogram=_build_histogram_values(report.vertices),
         quality=build_quality_rows(report, word),
         **_build_provenance(report),
-        worst_number=format_number(report.frames[report.summary.worst_frame_index].number),
+        worst_number=format_frame_number(report.frames[report.summary.worst_frame_index].number),
         columns=columns,
         rows=[(frame.skipped, format_cells(frame, columns)) for frame in report.frames],
         meanings=words.meanings,

@@ -14,6 +14,7 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.part_names import get_parts, name_vertex
 from cageik_cli.report.check_marks import FaultMark, list_marks
+from cageik_cli.report.figures import make_whole
 from cageik_cli.util.text import format_block, format_count, format_row
 
 if TYPE_CHECKING:  # the builder is slow to import
@@ -31,7 +32,7 @@ class CageResult:
         The file of the cage.
     source : dict
         `name` and `sha256` of that file.
-    rest_frame : int or None
+    rest_frame : float or None
         The number of the frame that the model is; None for a file.
     """
 
@@ -40,7 +41,7 @@ class CageResult:
     model: LoadedMesh
     settings: BuildSettings
     built: "BuiltCage"
-    rest_frame: int | None
+    rest_frame: float | None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -82,7 +83,7 @@ def format_cage_json(result: CageResult) -> str:
             "settings": {
                 "vertices": settings.vertices,
                 "clearance_percent": 100 * settings.clearance,
-                "rest_frame": result.rest_frame,
+                "rest_frame": None if result.rest_frame is None else make_whole(result.rest_frame),
             },
             "model": result.model.source,
             "cage": result.source | _candidate_record(built.chosen),

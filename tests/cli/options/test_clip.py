@@ -110,8 +110,10 @@ def test_a_result_is_a_clip_of_its_cages(run, clips):
     ("words", "code", "says"),
     [
         (["frames", "--frames", "9:"], 1, "--frames 9: "),
-        (["clip.npz", "--frames", "3:3"], 1, "clip.npz: --frames 3:3 "),
-        (["frames", "--frames", "3"], 2, "'3'"),
+        (["clip.npz", "--frames", "5:7"], 1, "clip.npz: --frames 5:7 "),
+        (["frames", "--frames", "3:3"], 2, "'3:3'"),
+        (["frames", "--frames", "three"], 2, "'three'"),
+        (["frames", "--frames", "7-9"], 1, "--frames 7-9: the clip has 5 frames, 1 to 5"),
         (["frames", "--frames", "::0"], 2, "'::0'"),
         (["frames", "--frames", "::-1"], 2, "'::-1'"),
         (["clip.npy", "--layout", "xvf"], 2, "'xvf' is not one of 'fvx', 'vxf', 'fxv'"),

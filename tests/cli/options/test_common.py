@@ -171,7 +171,7 @@ def test_a_file_without_this_command_changes_nothing(run, folder):
         ("[extract]\noverwrite = 'maybe'\n", "'maybe' is not a valid boolean"),
         ("[extract]\nalpha = [1]\n", "alpha"),
         ("[extract]\nalpha = 2001-01-01\n", "alpha"),
-        ("[extract]\nrest-frame = 0.5\n", "rest-frame"),
+        ("[extract]\nrest-frame = true\n", "rest-frame"),
         ("[extract]\noutput = ['a']\n", "output"),
         ("[extract]\noutput = 5\n", "output = 5 is not a value of --output"),
         ('[extract]\noutput = "a\\u0000"\n', "is not a value of --output"),

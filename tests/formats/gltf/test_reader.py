@@ -74,7 +74,7 @@ def test_an_animation_is_chosen_by_name_or_number(dance):
         clip = open_sequence([f"{dance}::{member}"])
         moves = clip.read_frame(len(clip) - 1) - clip.first.vertices
         assert moves.max() == pytest.approx(length)
-        assert clip.names[0] == f"dance.glb::{member}[0]"
+        assert clip.names[0] == f"dance.glb::{member}[{clip.scene.start:g}]"
         assert clip.first.attributes.parts.names == ("/ribbon", "/node_1")
     both = open_sequence([f"{dance}::1::/ribbon"])
     assert both.first.attributes.parts.names == ("/ribbon",)

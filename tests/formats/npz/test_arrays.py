@@ -43,7 +43,7 @@ def rest(tmp_path, write_obj):
 )
 def test_the_usual_names_are_found(opened, vertices, faces):
     sequence = opened(**{vertices: FRAMES, faces: FACES, "fps": 24})
-    assert sequence.names == ("clip.npz[0]", "clip.npz[1]")
+    assert sequence.names == ("clip.npz[1]", "clip.npz[2]")
     np.testing.assert_array_equal(sequence.first.faces, FACES)
     np.testing.assert_array_equal(frames_of(sequence), FRAMES)
     assert sequence.scene == SceneHints(fps=24)

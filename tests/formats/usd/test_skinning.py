@@ -275,7 +275,7 @@ DAMAGES = {
     ),
     "a weight that is nan later": (
         break_weights_later,
-        "rig.usda[1]: /hero/mesh: a joint weight is not finite at time 2",
+        "rig.usda[2]: /hero/mesh: a joint weight is not finite at time 2",
     ),
     "fewer points later": (break_points_later, "/hero/mesh: 5 vertices at time 4, but its rig"),
     "no weights": (
@@ -322,7 +322,7 @@ DAMAGES = {
     ),
     "too few moves later": (
         lambda rig: rig.motion().GetRotationsAttr().Set([Gf.Quatf(1)], 4),
-        "rig.usda[3]: /hero/mesh: /hero/rig/motion has 1 rotations at time 4 for 3 joints",
+        "rig.usda[4]: /hero/mesh: /hero/rig/motion has 1 rotations at time 4 for 3 joints",
     ),
     "an animation without scales": (
         lambda rig: rig.motion().GetPrim().RemoveProperty("scales"),
@@ -334,7 +334,7 @@ DAMAGES = {
     ),
     "a weight of a shape that is nan": (
         lambda rig: shape_weights(rig).Set([np.nan, 0], 2),
-        "rig.usda[1]: /hero/mesh: /hero/rig/motion: 2 weights of blend shapes at time 2",
+        "rig.usda[2]: /hero/mesh: /hero/rig/motion: 2 weights of blend shapes at time 2",
     ),
     "too few weights of shapes": (
         lambda rig: shape_weights(rig).Set([0.5], 1),
