@@ -31,7 +31,7 @@ GREETING: list[Handle] = [
 """Of the rest pose: the left arm goes up, all else stays."""
 
 SWINGS = {
-    "frames": [20, 24, 28, 32, 36],
+    "frames": [21, 25, 29, 33, 37],
     "values": [
         [0.2, 0.75, 0.1],
         [-0.1, 0.8, 0.15],
@@ -42,7 +42,7 @@ SWINGS = {
 }
 WAVE: list[Handle] = [{"name": "left hand", "vertex": 1040, "offset": SWINGS}, *PINS]
 """Of the walk: the left hand goes up and swings, all else walks on."""
-SPAN = {"frames": [20, 36], "falloff": 8}
+SPAN = {"frames": [21, 37], "falloff": 8}
 
 
 def write_handles(folder: Path) -> None:

@@ -41,7 +41,7 @@ def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
     if not np.isfinite(times).all():
         frame = int(np.argmin(np.isfinite(times)))
         raise FormatError(
-            f"the time of frame {frame} is {times[frame]}, expected seconds; export it again"
+            f"the time of sample {frame} is {times[frame]}, expected seconds; export it again"
         )
     if len(times) == 1:
         return SceneHints(), ()

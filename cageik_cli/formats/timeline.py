@@ -7,6 +7,7 @@ People name frames by number, and both ends of a range count: `1020-1060`. A sli
 import math
 import re
 from dataclasses import dataclass
+from typing import Any
 
 from cageik_cli.util.errors import SettingError
 
@@ -29,9 +30,13 @@ class Timeline:
         """The number of the last frame."""
         return self.start + (self.count - 1) * self.step
 
+    def numbers(self, indices: Any) -> Any:
+        """Return the numbers of frames, which are counted from 0: of an array as an array."""
+        return self.start + self.step * indices
+
     def number_frame(self, index: int) -> str:
         """Return the number of a frame as text; `index` counts frames from 0."""
-        return format_frame_number(self.start + index * self.step)
+        return format_frame_number(self.numbers(index))
 
     def find_index(self, number: float) -> int:
         """Return the index of the frame that has a number.

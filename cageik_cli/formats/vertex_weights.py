@@ -68,7 +68,7 @@ def _check_rows(rows: np.ndarray) -> tuple[float, float]:
         if is_wrong.any():
             frame, vertex = np.argwhere(is_wrong)[0]
             raise FormatError(
-                f"the weight of vertex {vertex} in frame {start + frame} is {part[frame, vertex]}, "
+                f"the weight of vertex {vertex} in row {start + frame} is {part[frame, vertex]}, "
                 "expected a finite number of 0 or above"
             )
         largest = max(largest, float(part.max()))

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding, measure_offsets, reconstruct
+from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.timeline import Timeline
 from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.posing.constraints import CageConstraints, find_reach
 from cageik_cli.posing.handles.model import Handles, PosedSurface
@@ -54,7 +56,7 @@ class EditTarget:
     Attributes
     ----------
     cage_at : callable
-        The cage of a frame, (n, 3), by its number.
+        The cage of a frame, (n, 3), by its index.
     base_cage : (n, 3) float64
     base_mesh : (m, 3) float64
         The mesh that `base_cage` gives exactly, whatever `weights @ base_cage` is. If both are
@@ -65,6 +67,8 @@ class EditTarget:
         None for a single pose, whose only frame is 0.
     up_axis : str
         "Y" or "Z", for drawings.
+    timeline : Timeline, optional
+        The numbers of the frames, which are counted from 0 here; None for a single pose.
     """
 
     binding: Binding
@@ -74,6 +78,7 @@ class EditTarget:
     rotations: Floats | None = None
     frame_names: Sequence[str] | None = None
     up_axis: str = "Y"
+    timeline: Timeline | None = None
 
     @classmethod
     def of_model(cls, binding: Binding) -> "EditTarget":
@@ -88,7 +93,7 @@ class EditTarget:
         cage_at: Callable[[int], Floats],
         frame_names: Sequence[str],
         rotations: Floats | None = None,
-        up_axis: str = "Y",
+        scene: Scene | None = None,
     ) -> "EditTarget":
         """Return an animation whose meshes are the reconstructions of a result, `weights @ cages`.
 
@@ -96,12 +101,10 @@ class EditTarget:
         """
         m, n = binding.weights.shape
         base = measure_offsets(binding) if binding.has_offsets else np.zeros((m, 3))
-        return cls(binding, cage_at, np.zeros((n, 3)), base, rotations, frame_names, up_axis)
-
-    @property
-    def frame_count(self) -> int | None:
-        """The number of frames; None for a single pose."""
-        return None if self.frame_names is None else len(self.frame_names)
+        scene = scene or Scene()
+        timeline = scene.make_timeline(len(frame_names))
+        still = np.zeros((n, 3))
+        return cls(binding, cage_at, still, base, rotations, frame_names, scene.up_axis, timeline)
 
     def name_frame(self, frame: int) -> str:
         """Return the name of a frame; "" for a single pose."""
@@ -240,7 +243,7 @@ class LayeredEdit:
         self.layers: list[Layer] = []
         binding = target.binding
         for k, handle_set in enumerate(handles.sets):
-            surface = PosedSurface(binding.rest, self._pose_at, target.frame_count)
+            surface = PosedSurface(binding.rest, self._pose_at, target.timeline)
             name = f"sets[{k}]" if len(handles.sets) > 1 else ""
             with _set_context(name):
                 schedule = place_handles(

@@ -233,5 +233,5 @@ def check_finite(frames: Sequence[int] | Integers, cages: Floats, metrics: Frame
     if fault is not None or not np.isfinite(cages).all():
         raise NumericalError(
             f"the solve gave {fault or 'cages that are not finite'} in frames {frames[0]} to "
-            f"{frames[-1]}; scale the scene to coordinates near 1"
+            f"{frames[-1]}, counted from 0; scale the scene to coordinates near 1"
         )

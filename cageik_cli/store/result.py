@@ -154,7 +154,8 @@ def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
             fill_gaps(block, start, known, cages.__getitem__)
             wrong = np.flatnonzero(~np.isfinite(block).all(axis=(1, 2)))
             if len(wrong):
-                raise FormatError(f"the cage of frame {start + wrong[0]} is not finite")
+                name = result.frames[start + wrong[0]]
+                raise FormatError(f"the cage of {name} is not finite")
             yield block
 
 
@@ -278,9 +279,8 @@ def read_rotations(result: Result) -> Floats:
             wrong |= ~(np.linalg.det(np.where(np.isfinite(rotations), rotations, 0)) > 0)
         wrong[result.gaps] = False
         if wrong.any():
-            raise FormatError(
-                f"`rotations` of frame {int(np.argmax(wrong))} are not a rotation; extract it again"
-            )
+            name = result.frames[int(np.argmax(wrong))]
+            raise FormatError(f"`rotations` of {name} are not a rotation; extract it again")
     nearest = known[np.abs(known[None] - np.arange(count)[:, None]).argmin(axis=1)]
     return np.asarray(rotations[nearest])
 

@@ -82,7 +82,7 @@ class _EditRun:
             lambda frame: np.asarray(next(read_cages(result, 1, frame))[0]),
             result.frames,
             self._rotations if binding.has_offsets else None,
-            result.scene.up_axis,
+            result.scene,
         )
 
     def run(self) -> PoseResult:

@@ -173,7 +173,7 @@ def recover_blocks(
         reason = f" ({sequence.names[min(changed)]} has changed)" if changed else ""
         if checkpoint.has_other_fit:
             reason = " (its weights were fitted to other frames)"
-        progress.note("resumed", f"from frame {done} of {count}{reason}")
+        progress.note("resumed", f"after {done} of {count} frames{reason}")
         progress.update(done, count)
 
 

@@ -30,7 +30,7 @@ def test_each_frame_is_that_of_deform(play, walk):
         check_positions(page, frames[frame], result.rest.diagonal)
     page.keyboard.press("End")
     check_positions(page, frames[11], result.rest.diagonal)
-    assert slider.get_attribute("aria-valuetext").startswith("frame 11 of 0 to 11: walker_12.obj")
+    assert slider.get_attribute("aria-valuetext").startswith("frame 12 of 1 to 12: walker_12.obj")
     with pytest.raises(AssertionError):
         check_positions(page, frames[5], result.rest.diagonal)
 

@@ -271,8 +271,8 @@ def test_frames_falloff_and_keys_are_those_of_the_command_line(pose, walk, tmp_p
         settle(page)
     path = save(page, tmp_path)
     saved = json.loads(path.read_text())
-    assert (saved["frames"], saved["falloff"]) == ([3, 8], 3)
-    assert saved["handles"][-1]["offset"]["frames"] == [3, 5, 8]
+    assert (saved["frames"], saved["falloff"]) == ([4, 9], 3)
+    assert saved["handles"][-1]["offset"]["frames"] == [4, 6, 9]
     assert page.locator("[data-strip] .key").count() == 3
     meshes = edit_by_command(result, path, tmp_path)
     check_frames(page, meshes, result.rest.diagonal, range(12))
@@ -280,7 +280,7 @@ def test_frames_falloff_and_keys_are_those_of_the_command_line(pose, walk, tmp_p
     go(page, 5)
     page.get_by_role("button", name="Remove key").click()
     settle(page)
-    assert read_file(page)["handles"][-1]["offset"]["frames"] == [3, 8]
+    assert read_file(page)["handles"][-1]["offset"]["frames"] == [4, 9]
 
 
 FILES = {
@@ -315,7 +315,7 @@ FILES = {
                     {"name": "hand", "vertex": HAND, "offset": [0, 0.3, 0]},
                     {"name": "chest", "vertex": CHEST, "pin": True},
                 ],
-                "frames": [2, 6],
+                "frames": [3, 7],
                 "falloff": 2,
             },
             {
@@ -323,7 +323,7 @@ FILES = {
                     {"name": "head", "vertex": HEAD, "target": [0, 1.9, 0.2]},
                     {"name": "chest", "vertex": CHEST, "pin": True},
                 ],
-                "frames": [5, 9],
+                "frames": [6, 10],
             },
         ]
     },
@@ -423,8 +423,8 @@ BAD_FILES = {
         "keyframes",
     ),
     "frames beyond the clip": (
-        {"handles": [{"name": "a", "vertex": 1, "pin": True}], "frames": [2, 12]},
-        "frames: expected two frames from 0 to 11",
+        {"handles": [{"name": "a", "vertex": 1, "pin": True}], "frames": [2, 13]},
+        "frames: expected two frames from 1 to 12",
     ),
     "no mirror": (
         {"handles": [{"name": "a", "vertex": 1, "pin": True}], "mirror": {"normal": [1]}},

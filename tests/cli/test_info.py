@@ -122,7 +122,7 @@ def test_files_that_are_no_frames_of_one_clip_are_described_one_by_one(run, fold
     np.savez("b.npz", v=animation.frames[:2], f=animation.rest.faces)
     blocks = run("info", "a.npz", "cage.obj", "b.npz").out.split("\n\n")
     assert [block.split("\n")[0] for block in blocks] == ["a.npz", "cage.obj", "b.npz"]
-    assert "frames         2, b.npz[0]" in blocks[2]
+    assert "frames         2, b.npz[1]" in blocks[2]
     outcome = run("info", "a.npz", "lost.obj")
     assert outcome.code == 1
     assert "lost.obj" in outcome.err

@@ -136,7 +136,7 @@ def test_a_binding_keeps_what_the_model_is(run, handles):
 
 
 def test_an_animation_keeps_its_other_frames(run, handles, clip):
-    handles(LIFT, *PINS, frames=[2, 2], falloff=2)
+    handles(LIFT, *PINS, frames=[3, 3], falloff=2)
     outcome = run(*EDIT, "--hard")
     assert outcome.code == 0, outcome.err
     before, after = cages("cages.h5"), cages("edited.h5")
@@ -169,7 +169,7 @@ def test_the_result_is_a_result_like_any_other(run, handles, clip):
 
 
 def test_figures_tell_how_far_the_mesh_was_moved(run, handles, clip):
-    handles(LIFT, *PINS, frames=[3, 4])
+    handles(LIFT, *PINS, frames=[4, 5])
     assert run(*EDIT).code == 0
     weights, edited = read_weights(clip), read_result(Path("edited.h5"))
     moved = np.linalg.norm(weights @ (cages("edited.h5") - cages("cages.h5")), axis=2)
@@ -185,13 +185,13 @@ def test_figures_tell_how_far_the_mesh_was_moved(run, handles, clip):
 def test_sets_are_layers(run, handles, clip):
     """One file with two sets is what one run after the other makes."""
     second = {"name": "side", "vertex": 5, "offset": [0.3, 0, 0]}
-    handles(LIFT, *PINS, frames=[1, 2])
+    handles(LIFT, *PINS, frames=[2, 3])
     assert run(*EDIT).code == 0
-    handles(second, *PINS, frames=[2, 4], falloff=1)
+    handles(second, *PINS, frames=[3, 5], falloff=1)
     assert run("pose", "edited.h5", "handles.json", "-o", "chain.h5").code == 0
     sets = [
-        {"handles": [LIFT, *PINS], "frames": [1, 2]},
-        {"handles": [second, *PINS], "frames": [2, 4], "falloff": 1},
+        {"handles": [LIFT, *PINS], "frames": [2, 3]},
+        {"handles": [second, *PINS], "frames": [3, 5], "falloff": 1},
     ]
     Path("both.json").write_text(json.dumps({"sets": sets}))
     assert run("pose", "cages.h5", "both.json", "-o", "both.h5").code == 0
@@ -211,7 +211,7 @@ def test_gaps_stay_gaps(run, handles, folder):
 
 
 def test_blocks_do_not_change_the_result(run, handles, clip, monkeypatch):
-    handles(LIFT, *PINS, frames=[1, 3], falloff=1)
+    handles(LIFT, *PINS, frames=[2, 4], falloff=1)
     assert run(*EDIT, "--rigidity", "3").code == 0
     monkeypatch.setattr("cageik_cli.solver.executor.MAX_BLOCK_FRAMES", 2)
     assert run(*EDIT[:-1], "small.h5", "--rigidity", "3").code == 0
@@ -287,11 +287,11 @@ def test_the_schema_is_printed(run):
 @pytest.mark.parametrize(
     ("name", "place", "told"),
     [
-        ("verts", (3, 0, 0), "Error: cages.h5: the cage of frame 3 is not finite"),
+        ("verts", (3, 0, 0), "Error: cages.h5: the cage of frame_4.obj is not finite"),
         (
             "handles.json",
             None,
-            "Error: handles.json: handle 'eye': screen.offset: frame 4: the point is",
+            "Error: handles.json: handle 'eye': screen.offset: frame 5: the point is",
         ),
     ],
 )
@@ -344,7 +344,7 @@ def test_only_pictures_need_the_library_that_draws(run_process, handles, words, 
 def test_the_picture_is_of_the_frame_that_was_moved_most(run, handles, clip):
     from PIL import Image
 
-    handles(LIFT, *PINS, frames=[3, 3])
+    handles(LIFT, *PINS, frames=[4, 4])
     assert run(*EDIT, "--plot", "edit.png", "-q").code == 0
     with Image.open("edit.png") as picture:
         assert picture.size[0] > picture.size[1] > 500

@@ -126,8 +126,8 @@ MDD_DAMAGES = damage_header(mdd, 8) | {
         np.array([5, 4], "<i4").tobytes() + mdd()[8:],
         "announces 83886080 frames, 67108864 vertices",
     ),
-    "time nan": (mdd(times=[0, 1, np.nan, 3, 4]), "the time of frame 2 is nan, expected seconds"),
-    "time inf": (mdd(times=[0, 1, 2, 3, np.inf]), "the time of frame 4 is inf"),
+    "time nan": (mdd(times=[0, 1, np.nan, 3, 4]), "the time of sample 2 is nan, expected seconds"),
+    "time inf": (mdd(times=[0, 1, 2, 3, np.inf]), "the time of sample 4 is inf"),
 }
 ANIME_DAMAGES = damage_header(anime, 12, 4) | {
     "no face": (anime(faces=FACES[:0]), "announces 5 frames, 4 vertices, 0 triangles"),

@@ -7,6 +7,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.settings import Scene
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.util.errors import HandlesError, SettingError
 from tests.posing.handles.files import CAMERA, read
@@ -30,7 +31,7 @@ def cages(binding):
 
 @pytest.fixture
 def clip(binding, cages):
-    return EditTarget.of_animation(binding, lambda frame: cages[frame], NAMES)
+    return EditTarget.of_animation(binding, lambda frame: cages[frame], NAMES, scene=Scene(start=0))
 
 
 @pytest.fixture
@@ -44,7 +45,7 @@ def make_edit(tmp_path, clip):
 
 
 def animation_of(binding, rotations=None):
-    return EditTarget.of_animation(binding, lambda frame: None, NAMES, rotations)
+    return EditTarget.of_animation(binding, lambda frame: None, NAMES, rotations, Scene(start=0))
 
 
 def moving(offset, **others):

@@ -5,6 +5,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.settings import Scene
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.summary import PoseStatistics
 from tests.posing.handles.files import read
@@ -22,12 +23,16 @@ DOCUMENT = {
     "falloff": 3,
 }
 
+FROM_0 = Scene(start=0)
+
 
 def make_target(rest):
     binding = bind(rest, box(2.0), BindSettings("mean-value"))
     wobble = np.random.default_rng(0).normal(0, 0.05, (COUNT, 8, 3))
     cages = binding.cage.vertices + wobble
-    return EditTarget.of_animation(binding, lambda frame: cages[frame], NAMES), cages
+    return EditTarget.of_animation(
+        binding, lambda frame: cages[frame], NAMES, scene=Scene(start=0)
+    ), cages
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +126,9 @@ def test_acceleration_counts_near_changed_frames_only(closed, make_edit):
     for jerk, counts in ((4, True), (3, False)):
         cages = np.repeat(clip.binding.cage.vertices[None], COUNT, axis=0)
         cages[jerk] += 5.0
-        still = EditTarget.of_animation(clip.binding, cages.__getitem__, NAMES)
+        still = EditTarget.of_animation(
+            clip.binding, cages.__getitem__, NAMES, scene=Scene(start=0)
+        )
         found = summarize(make_edit(still, late), cages, 4)
         assert found.changed == ("f_6", "f_11")
         assert (found.anchors[2].acceleration_before > 1) == counts

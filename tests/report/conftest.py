@@ -124,7 +124,7 @@ def edited_open(opened) -> Result:
 
 def _edited(result: Result) -> Result:
     handles: Path = result.path.with_name("handles.json")
-    handles.write_text(json.dumps({"handles": HANDLES, "frames": [3, 4]}))
+    handles.write_text(json.dumps({"handles": HANDLES, "frames": [4, 5]}))
     output = result.path.with_name("edited.h5")
     edit(EditSettings(result.path, handles, output))
     return read_result(output)

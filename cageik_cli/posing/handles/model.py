@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.formats.timeline import Timeline, format_frame_number
 from cageik_cli.geometry.camera import Camera
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.constraints import CageConstraints
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, InputError
 
 
@@ -25,8 +26,9 @@ class Motion:
         where it goes, an offset is how far it goes from there; on the screen it keeps its depth.
     values : (q, d) float64, optional
         The targets or offsets: positions, or pixels on the screen; None for a pin.
-    frames : (q,) int64, optional
-        Keyframes of the values, increasing; None for one value, q = 1, that holds in all frames.
+    frames : (q,) float64, optional
+        Increasing numbers of the frames of the values; None for one value, q = 1, that holds in
+        all frames.
     camera : Camera, optional
         Of the screen.
 
@@ -38,11 +40,11 @@ class Motion:
 
     kind: str
     values: Floats | None = None
-    frames: Integers | None = None
+    frames: Floats | None = None
     camera: Camera | None = None
 
-    def evaluate(self, frames: Integers) -> Floats:
-        """Return the targets or offsets in frames (k,), as (k, d)."""
+    def evaluate(self, frames: Floats) -> Floats:
+        """Return the targets or offsets in frames of numbers (k,), as (k, d)."""
         assert self.values is not None
         if self.frames is None or len(self.frames) == 1:
             return np.repeat(self.values, len(frames), axis=0)
@@ -53,8 +55,11 @@ class Motion:
         with np.errstate(over="ignore"):
             return np.asarray(PchipInterpolator(self.frames, self.values)(clipped))
 
-    def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Return the targets, (k, 3), in frames (k,) in which the point is at positions (k, 3)."""
+    def targets(self, frames: Floats, positions: Floats) -> Floats:
+        """Return the targets, (k, 3), in frames of numbers (k,).
+
+        The point is at positions (k, 3) in them.
+        """
         if self.values is None:
             return positions
         values, is_offset = self.evaluate(frames), self.kind.endswith("offset")
@@ -66,14 +71,15 @@ class Motion:
             return self.camera.move_to_pixels(positions, seen + values if is_offset else values)
 
 
-def _project_to_pixels(camera: Camera, frames: Integers, positions: Floats) -> Floats:
+def _project_to_pixels(camera: Camera, frames: Floats, positions: Floats) -> Floats:
     """Return the pixels, (k, 2), of positions (k, 3)."""
     try:
         return camera.project(positions)[:, :2]
     except InputError as error:
         depth_row = (camera.projection @ camera.view)[3]
         is_behind = ~(positions @ depth_row[:3] + depth_row[3] > 0)
-        raise HandlesError(f"frame {frames[is_behind.argmax()]}: {error}") from error
+        number = format_frame_number(frames[is_behind.argmax()])
+        raise HandlesError(f"frame {number}: {error}") from error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,17 +136,18 @@ class HandleSet:
     Attributes
     ----------
     frames : (first, last), optional
-        Frames of full strength, counted from 0, both included; None for all frames.
+        Numbers of the frames of full strength, both included; None for all frames.
     falloff : int
-        Number of frames before and after those over which the edit fades.
+        The edit fades over numbers that are this far before and after those.
     pick_frame : int, optional
-        Frame in whose pose pixels and positions are searched; None for the first of `frames`.
+        Number of the frame in whose pose pixels and positions are searched; None for the first of
+        `frames`.
     """
 
     handles: tuple[Handle, ...]
-    frames: tuple[int, int] | None = None
+    frames: tuple[float, float] | None = None
     falloff: int = 0
-    pick_frame: int | None = None
+    pick_frame: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,11 +184,11 @@ class PosedSurface:
     mesh : TriMesh
         The rest pose, of m vertices.
     pose_at : callable
-        Positions, (m, 3), in frame k.
-    frame_count : int, optional
-        Number of frames of the clip; None for a single pose, `pose_at(0)`.
+        Positions, (m, 3), in frame k, which is counted from 0.
+    timeline : Timeline, optional
+        The numbers of the frames of the clip; None for a single pose, `pose_at(0)`.
     """
 
     mesh: TriMesh
     pose_at: Callable[[int], Floats]
-    frame_count: int | None = None
+    timeline: Timeline | None = None

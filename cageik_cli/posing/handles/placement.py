@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cageik_cli.formats.timeline import Timeline
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import (
     COINCIDENT_TOL,
@@ -18,7 +19,7 @@ from cageik_cli.posing.anchors import (
 from cageik_cli.posing.handles.model import Handle, HandleSet, Place, PosedSurface
 from cageik_cli.posing.handles.schedule import HandleSchedule, merge_coincident
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import HandlesError, error_context
+from cageik_cli.util.errors import HandlesError, SettingError, error_context
 
 
 def place_handles(
@@ -48,18 +49,20 @@ def place_handles(
         When a handle cannot be placed, two handles conflict, or the clip has no such frame; the
         message names them.
     """
-    full_strength = _full_strength_frames(handle_set, surface.frame_count)
-    beyond = max(handle_set.falloff - 1, 0)  # frames on each side with a strength above zero
+    timeline = surface.timeline
+    full_strength = _full_strength_frames(handle_set, timeline)
+    falloff = handle_set.falloff / (timeline.step if timeline else 1)
+    beyond = max(math.ceil(falloff) - 1, 0)  # frames on each side with a strength above zero
     affected_frames = range(
         max(full_strength.start - beyond, 0),
-        min(full_strength.stop + beyond, surface.frame_count or 1),
+        min(full_strength.stop + beyond, timeline.count if timeline else 1),
     )
-    pick_frame = _choose_pick_frame(handle_set, full_strength, surface.frame_count)
+    pick_frame = _choose_pick_frame(handle_set, full_strength, timeline)
     finder = _PointFinder(surface, pick_frame, snap)
     placed, notes = [], []
     for handle in handle_set.handles:
         with error_context(f"handle {handle.name!r}"):
-            _check_keyframes(handle, surface.frame_count)
+            _check_keyframes(handle, timeline)
             point = finder.find_point(handle.place)
         if handle.place.kind == "position":
             notes.append(finder.describe_snap(handle, point))
@@ -69,7 +72,8 @@ def place_handles(
         scheduled=tuple(scheduled),
         full_strength=full_strength,
         affected_frames=affected_frames,
-        falloff=handle_set.falloff,
+        falloff=falloff,
+        timeline=timeline or Timeline(1, 0),
         notes=(*notes, *(one.note for one in scheduled if one.note)),
     )
 
@@ -161,46 +165,48 @@ def _round_up(percent: float) -> str:
     return f"{math.ceil(percent / step) * step:g}"
 
 
-def _full_strength_frames(handle_set: HandleSet, count: int | None) -> range:
-    """Return the frames of full strength."""
-    if count is None:
+def _full_strength_frames(handle_set: HandleSet, timeline: Timeline | None) -> range:
+    """Return the indices of the frames of full strength."""
+    if timeline is None:
         for field in ("frames", "pick_frame"):
             if getattr(handle_set, field) is not None:
                 raise HandlesError(f"{field}: {_explain_one_pose()}")
         return range(1)
-    first, last = handle_set.frames or (0, count - 1)
-    for frame in (first, last):
-        with error_context("frames"):
-            _check_frame(frame, count)
+    if handle_set.frames is None:
+        return range(timeline.count)
+    first, last = (_find_frame(number, timeline, "frames") for number in handle_set.frames)
     if last < first:
-        raise HandlesError(f"frames: the last, {last}, is before the first, {first}; exchange them")
+        numbers = timeline.number_frame(last), timeline.number_frame(first)
+        raise HandlesError(
+            "frames: the last, {}, is before the first, {}; exchange them".format(*numbers)
+        )
     return range(first, last + 1)
 
 
-def _choose_pick_frame(handle_set: HandleSet, full_strength: range, count: int | None) -> int:
-    if handle_set.pick_frame is None or count is None:
+def _choose_pick_frame(
+    handle_set: HandleSet, full_strength: range, timeline: Timeline | None
+) -> int:
+    if handle_set.pick_frame is None or timeline is None:
         return full_strength.start
-    with error_context("pick_frame"):
-        _check_frame(handle_set.pick_frame, count)
-    return handle_set.pick_frame
+    return _find_frame(handle_set.pick_frame, timeline, "pick_frame")
 
 
-def _check_keyframes(handle: Handle, count: int | None) -> None:
+def _check_keyframes(handle: Handle, timeline: Timeline | None) -> None:
     """Check that the clip has the frames of all keyframes."""
     if handle.motion.frames is None:
         return
-    with error_context(handle.motion.kind):
-        if count is None:
-            raise HandlesError(f"keyframes: {_explain_one_pose()}")
-        for frame in handle.motion.frames.tolist():
-            _check_frame(frame, count)
+    if timeline is None:
+        raise HandlesError(f"{handle.motion.kind}: keyframes: {_explain_one_pose()}")
+    for number in handle.motion.frames.tolist():
+        _find_frame(number, timeline, handle.motion.kind)
 
 
-def _check_frame(frame: int, count: int) -> None:
-    if not 0 <= frame < count:
-        raise HandlesError(
-            f"there is no frame {frame}; the clip has {count}, numbered from 0 to {count - 1}"
-        )
+def _find_frame(number: float, timeline: Timeline, field: str) -> int:
+    """Return the index of the frame that a field names by its number."""
+    try:
+        return timeline.find_index(number)
+    except SettingError as error:
+        raise HandlesError(f"{field}: {error}") from error
 
 
 def _explain_one_pose() -> str:

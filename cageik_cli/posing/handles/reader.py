@@ -11,7 +11,7 @@ from cageik_cli.geometry.camera import Camera
 from cageik_cli.posing.constraints import CageConstraints, Mirror
 from cageik_cli.posing.handles.model import Handle, Handles, HandleSet, Motion, Place
 from cageik_cli.posing.handles.schema import HANDLES_FORMAT, check_schema
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, error_context
 from cageik_cli.util.files import read_input
 from cageik_cli.util.json_files import parse_json
@@ -48,7 +48,7 @@ def _require_camera(camera: Camera | None) -> Camera:
     return camera
 
 
-def _parse_values(raw: dict[str, Any], field: str) -> tuple[Floats, Integers | None]:
+def _parse_values(raw: dict[str, Any], field: str) -> tuple[Floats, Floats | None]:
     """Return the values of a field, (q, d), and their keyframes, (q,), if it has any."""
     value = raw[field]
     if isinstance(value, list):
@@ -64,7 +64,7 @@ def _parse_values(raw: dict[str, Any], field: str) -> tuple[Floats, Integers | N
                 raise HandlesError(
                     f"has frame {after} after frame {before}, expected increasing frames"
                 )
-    return _to_array(values), np.array(frames, np.int64)
+    return _to_array(values), _to_array(frames)
 
 
 def read_handles(path: Path) -> Handles:
@@ -108,9 +108,9 @@ def _parse_set(raw: dict[str, Any], camera: Camera | None) -> HandleSet:
     pick_frame = raw.get("pick_frame")
     return HandleSet(
         handles,
-        None if frames is None else (int(frames[0]), int(frames[1])),
+        None if frames is None else (float(frames[0]), float(frames[1])),
         int(raw.get("falloff", 0)),
-        None if pick_frame is None else int(pick_frame),
+        None if pick_frame is None else float(pick_frame),
     )
 
 

@@ -4,10 +4,11 @@ Handles on the same point of the surface are merged into one anchor, or refused.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from cageik_cli.formats.timeline import Timeline, format_frame_number
 from cageik_cli.geometry.mesh import MAX_COORDINATE
 from cageik_cli.posing.anchors import COINCIDENT_TOL, Anchor, SurfacePoint, anchor_positions
 from cageik_cli.posing.handles.model import Handle, Motion, PosedSurface
@@ -47,11 +48,11 @@ class ScheduledAnchor:
     radius: float = np.nan
     note: str = ""
 
-    def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Return the targets, (k, 3), in frames (k,) in which the anchor is at positions (k, 3)."""
+    def targets(self, numbers: Floats, positions: Floats) -> Floats:
+        """Return the targets, (k, 3), in frames of numbers (k,); positions (k, 3) are there."""
         mean = np.zeros_like(positions)
         for name, motion, share in zip(self.names, self.motions, self.shares, strict=True):
-            mean += share * _compute_targets(name, motion, frames, positions)
+            mean += share * _compute_targets(name, motion, numbers, positions)
         return mean
 
 
@@ -67,8 +68,10 @@ class HandleSchedule:
         Frames of full strength.
     affected_frames : range
         All frames of the clip that the edit may change; `range(1)` for a single pose.
-    falloff : int
+    falloff : float
         Number of frames over which the edit fades in and out.
+    timeline : Timeline
+        The numbers of all frames; those above are counted from 0.
     notes : tuple of str
         Notes for the user on how the handles were placed.
     """
@@ -76,7 +79,8 @@ class HandleSchedule:
     scheduled: tuple[ScheduledAnchor, ...]
     full_strength: range
     affected_frames: range
-    falloff: int = 0
+    falloff: float = 0.0
+    timeline: Timeline = field(default_factory=lambda: Timeline(1, 0))
     notes: tuple[str, ...] = ()
 
     @property
@@ -108,8 +112,8 @@ class HandleSchedule:
         Frames, (k,), are some of `affected_frames`; anchors have positions (k, l, 3) in them.
         """
         columns = np.moveaxis(positions, 1, 0)
-        pairs = zip(self.scheduled, columns, strict=True)
-        return np.stack([one.targets(frames, column) for one, column in pairs], axis=1)
+        pairs, numbers = zip(self.scheduled, columns, strict=True), self.timeline.numbers(frames)
+        return np.stack([one.targets(numbers, column) for one, column in pairs], axis=1)
 
     def displacements(self, frames: Integers, positions: Floats) -> Floats:
         """Return the displacements of the anchors in any frames, (k, l, 3); see `targets`."""
@@ -120,14 +124,15 @@ class HandleSchedule:
         return displacements
 
 
-def _compute_targets(name: str, motion: Motion, frames: Integers, positions: Floats) -> Floats:
+def _compute_targets(name: str, motion: Motion, numbers: Floats, positions: Floats) -> Floats:
     """Return the targets of a handle, (k, 3), which exist and are not too far away."""
     with error_context(f"handle {name!r}: {motion.kind}"):
-        targets = motion.targets(frames, positions)
+        targets = motion.targets(numbers, positions)
         is_valid = (np.abs(targets) <= MAX_COORDINATE).all(axis=1)
         if not is_valid.all():
+            number = format_frame_number(numbers[is_valid.argmin()])
             raise HandlesError(
-                f"frame {frames[is_valid.argmin()]}: the target is not finite or too far away "
+                f"frame {number}: the target is not finite or too far away "
                 f"(at most {MAX_COORDINATE:g}); choose another target or camera"
             )
     return targets
@@ -153,12 +158,13 @@ def merge_coincident(
     merged = []
     groups = _group_by_point(placed_handles, surface)
     frames = np.arange(affected_frames.start, affected_frames.stop)
+    numbers = (surface.timeline or Timeline(1, 0)).numbers(frames)
     paths = _trace_points([group for group in groups if len(group) > 1], surface, frames)
     for group in groups:
         if len(group) == 1:
             merged.append(_merge_group(group, group))
             continue
-        conflict = _describe_conflict(group, surface, frames, next(paths))
+        conflict = _describe_conflict(group, surface, numbers, next(paths))
         if conflict and not allow_conflicts:
             raise HandlesError(
                 f"{conflict}; remove one, or use the mean of their targets with "
@@ -199,19 +205,20 @@ def _trace_points(
 
 
 def _describe_conflict(
-    group: Sequence[PlacedHandle], surface: PosedSurface, frames: Integers, positions: Floats
+    group: Sequence[PlacedHandle], surface: PosedSurface, numbers: Floats, positions: Floats
 ) -> str:
     """Describe two handles of one point that disagree; return "" when all agree.
 
-    The point has positions, (k, 3), in frames, (k,).
+    The point has positions, (k, 3), in frames of numbers (k,).
     """
     first, *others = (handle for handle, _ in group)
-    expected = _compute_targets(first.name, first.motion, frames, positions)
+    expected = _compute_targets(first.name, first.motion, numbers, positions)
     for other in others:
-        found = _compute_targets(other.name, other.motion, frames, positions)
+        found = _compute_targets(other.name, other.motion, numbers, positions)
         apart = np.linalg.norm(found - expected, axis=1)
         if apart.max() > SAME_TARGET_TOL * surface.mesh.diagonal:
-            where = "" if surface.frame_count is None else f" in frame {frames[apart.argmax()]}"
+            number = format_frame_number(numbers[apart.argmax()])
+            where = "" if surface.timeline is None else f" in frame {number}"
             return (
                 f"handles {first.name!r} and {other.name!r} conflict: they are on the same point, "
                 f"and their targets are {apart.max():.3g} apart{where}"

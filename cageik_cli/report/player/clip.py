@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
+from cageik_cli.formats.timeline import Timeline
 from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose_turn
 from cageik_cli.store.result import (
     KeyFrames,
@@ -43,6 +44,8 @@ class PlayerClip:
         Of the rest pose to each frame; `points @ R` turns points.
     frames : tuple of str
         Names of the F frames. Empty for a single pose, which has one cage.
+    timeline : Timeline, optional
+        The numbers of the frames; None for a single pose.
     up_axis : str
         "Y" or "Z".
     skipped : tuple of int
@@ -68,6 +71,7 @@ class PlayerClip:
     cages: Floats
     rotations: Floats
     frames: tuple[str, ...] = ()
+    timeline: Timeline | None = None
     fps: float = 24.0
     up_axis: str = "Y"
     skipped: tuple[int, ...] = ()
@@ -120,6 +124,7 @@ def load_player_clip(result: Result) -> PlayerClip | None:
         cages=_read_first_cages(result, count),
         rotations=read_rotations(result)[:count],
         frames=result.frames[:count],
+        timeline=result.scene.make_timeline(count),
         fps=result.scene.fps,
         up_axis=result.scene.up_axis,
         skipped=tuple(frame for frame in result.skipped if frame < count),

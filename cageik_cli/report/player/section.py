@@ -126,6 +126,8 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "vertexCount": len(rest.vertices),
         "isClip": bool(clip.frames),
         "frames": list(clip.frames),
+        "start": clip.timeline.start if clip.timeline else 0.0,
+        "step": clip.timeline.step if clip.timeline else 1.0,
         "skipped": list(clip.skipped),
         "fps": clip.fps,
         "up": clip.up_axis,

@@ -314,7 +314,7 @@ def read_first_handles(path: Path) -> Handles:
 def check_places(handles: Handles, clip: PlayerClip) -> None:
     """Refuse handles that are at no vertex or face of a model, or at no frame of its clip."""
     rest = clip.binding.rest
-    surface = PosedSurface(rest, lambda _: rest.vertices, len(clip.frames) or None)
+    surface = PosedSurface(rest, lambda _: rest.vertices, clip.timeline)
     for handle_set in handles.sets:
         with error_context(handles.path):
             place_handles(handle_set, surface, allow_conflicts=True)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.formats.timeline import Timeline
 from cageik_cli.posing.handles.model import Handles, HandleSet, PosedSurface
 from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.reader import read_handles
@@ -30,7 +31,7 @@ def step(k: int) -> np.ndarray:
 
 
 MESH = box()
-CLIP = PosedSurface(MESH, lambda k: MESH.vertices + step(k), FRAMES)
+CLIP = PosedSurface(MESH, lambda k: MESH.vertices + step(k), Timeline(FRAMES, 0))
 STILL = PosedSurface(MESH, lambda k: MESH.vertices)
 
 

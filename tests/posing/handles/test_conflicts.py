@@ -156,7 +156,9 @@ def test_points_closer_than_the_tolerance_are_merged(tmp_path, slip, count):
 
 
 def test_a_handle_behind_the_camera_is_named(tmp_path):
-    behind = PosedSurface(MESH, lambda k: MESH.vertices + np.array([0, 0, 20.0 * (k == 6)]), FRAMES)
+    behind = PosedSurface(
+        MESH, lambda k: MESH.vertices + np.array([0, 0, 20.0 * (k == 6)]), CLIP.timeline
+    )
     nose = {"name": "nose", "screen": {"source": [320, 240], "offset": [0, 0]}}
     found = drag(read_set(tmp_path, nose), behind).anchors[0].point
     face = next(k for k, f in enumerate(MESH.faces) if set(f) == set(found.corners))

@@ -1,10 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from cageik_cli.formats.timeline import Timeline
 from cageik_cli.posing.anchors import anchor_positions
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.model import HandleSet, PosedSurface
-from cageik_cli.posing.handles.placement import describe_place
+from cageik_cli.posing.handles.placement import describe_place, place_handles
 from cageik_cli.util.errors import HandlesError, SettingError
 from tests.geometry.test_camera import stand
 from tests.posing.handles.files import (
@@ -149,7 +152,7 @@ def test_a_screen_target_is_followed_in_every_frame(tmp_path):
 
 def test_only_needed_poses_are_computed(tmp_path):
     asked = []
-    surface = PosedSurface(MESH, lambda k: asked.append(k) or CLIP.pose_at(k), FRAMES)
+    surface = PosedSurface(MESH, lambda k: asked.append(k) or CLIP.pose_at(k), CLIP.timeline)
     drag(read_set(tmp_path, HAND, KNEE), surface)
     assert asked == []
     drag(read_set(tmp_path, HAND, NOSE, NEAR, pick_frame=3), surface, snap=100)
@@ -193,8 +196,16 @@ REFUSED = {
         "handle 'knee': face: barycentric has -0.5",
     ),
     "a miss": (with_screen(source=[1, 2]), {}, "handle 'nose': screen.source: pixel (1, 2) of 640"),
-    "the first": (HAND, {"frames": [12, 13]}, "frames: there is no frame 12; the clip has 12, "),
-    "the last": (HAND, {"frames": [3, 12]}, "frames: there is no frame 12; the clip has 12, "),
+    "the first": (
+        HAND,
+        {"frames": [12, 13]},
+        "frames: there is no frame 12; the clip has 12 frames, 0 to 11",
+    ),
+    "the last": (
+        HAND,
+        {"frames": [3, 12]},
+        "frames: there is no frame 12; the clip has 12 frames, 0 to 11",
+    ),
     "the pick": (HAND, {"pick_frame": 12}, "pick_frame: there is no frame 12; the clip has 12"),
     "a key": (
         HAND | {"target": KEYS | {"frames": [2, 5, 12]}},
@@ -213,6 +224,26 @@ REFUSED = {
 def test_wrong_places_are_refused(tmp_path, handle, fields, place):
     with refused(HandlesError, place):
         drag(read_set(tmp_path, handle, **fields))
+
+
+def test_frames_are_named_by_the_numbers_of_the_clip(tmp_path):
+    """A clip from 1001 in steps of 2: an edit fades over numbers, so over half as many frames."""
+    hold = HAND | {"target": KEYS | {"frames": [1005, 1011, 1013]}}
+    late = replace(CLIP, timeline=Timeline(12, 1001, 2))
+    found = place_handles(read_set(tmp_path, hold, frames=[1009, 1011], falloff=5), late)
+    assert (found.full_strength, found.affected_frames) == (range(4, 6), range(2, 8))
+    np.testing.assert_allclose(found.blend(np.array([1, 2, 4, 5, 8])) > 0, [0, 1, 1, 1, 0])
+    same = HAND | {"target": KEYS | {"frames": [2, 5, 6]}}
+    plain = place_handles(read_set(tmp_path, same, frames=[4, 5]), CLIP)
+    frames, places = np.arange(2, 8), np.zeros((6, 1, 3))
+    np.testing.assert_allclose(
+        found.targets(frames, places), plain.targets(frames, places), rtol=1e-12
+    )
+    for number in (4, 1010, 1025):
+        with pytest.raises(
+            HandlesError, match=rf"frames: there is no frame {number}; .* steps of 2"
+        ):
+            place_handles(read_set(tmp_path, HAND, frames=[number, number]), late)
 
 
 def test_frames_in_the_wrong_order_are_refused(tmp_path):

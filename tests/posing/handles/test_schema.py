@@ -141,7 +141,10 @@ BAD = {
     "a far radius": (with_one(radius=2e50), "radius: is 2e+50, expected a number above 0, up to"),
     "a word for a radius": (with_one(radius="1 m"), 'radius: is "1 m", expected a number above 0'),
     "one frame": (with_one() | {"frames": [1]}, "frames: is a list of 1, expected two frames"),
-    "a frame before the first": (with_one() | {"frames": [-1, 2]}, "frames[0]: is -1, expected a"),
+    "a word for a frame": (
+        with_one() | {"frames": ["1", 2]},
+        'frames[0]: is "1", expected the number of a frame',
+    ),
     "a falloff of halves": (
         with_one() | {"frames": [1, 2], "falloff": 0.5},
         "falloff: is 0.5, expected a whole number from 0",

@@ -49,9 +49,9 @@ def test_the_view_of_a_pose_starts_at_the_rest_pose(handles, animation):
 def test_the_view_of_an_edit_is_the_most_moved_frame(handles):
     settings = ExtractSettings(("frames",), Path("cage.obj"), Path("cages.h5"))
     result = extract(settings)
-    keys = {"frames": [1, 3], "values": [[0.1, 0, 0], [0.5, 0, 0]]}
+    keys = {"frames": [2, 4], "values": [[0.1, 0, 0], [0.5, 0, 0]]}
     Path("handles.json").write_text(
-        json.dumps({"handles": [HANDLES[0] | {"offset": keys}, HANDLES[1]], "frames": [1, 3]})
+        json.dumps({"handles": [HANDLES[0] | {"offset": keys}, HANDLES[1]], "frames": [2, 4]})
     )
     view = edit(EditSettings(Path("cages.h5"), Path("handles.json"), Path("e.h5"))).snapshot
     assert view.frame == "frame_4.obj"
@@ -84,8 +84,8 @@ def moving(name, vertex, offset, **others):
 
 
 def test_sets_without_effect_in_the_frame_are_not_shown(viewed):
-    small, large = moving("a", 0, [0, 0.1, 0], frames=[0, 1]), moving("b", 3, [0, 1, 0])
-    view = viewed(small, large | {"frames": [3, 4]})
+    small, large = moving("a", 0, [0, 0.1, 0], frames=[1, 2]), moving("b", 3, [0, 1, 0])
+    view = viewed(small, large | {"frames": [4, 5]})
     assert view.names == ("b",)
     np.testing.assert_allclose(view.targets - view.starts, [[0, 1, 0]], rtol=0, atol=1e-12)
     assert view.pinned.tolist() == [False]
@@ -102,6 +102,6 @@ def test_of_several_sets_the_last_decides_a_point(viewed):
 
 
 def test_an_edit_without_effect_shows_no_handles(viewed):
-    view = viewed(moving("still", 0, [0, 0, 0], frames=[0, 1]))
+    view = viewed(moving("still", 0, [0, 0, 0], frames=[1, 2]))
     assert view.names == ()
     assert render_pose_png(view, pixels=120).startswith(b"\x89PNG")

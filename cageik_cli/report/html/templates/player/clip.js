@@ -38,6 +38,15 @@ class Clip {
 
   fromFile(point) { return point.map((x, k) => (x - this.header.origin[k]) / this.header.diagonal); }
 
+  // The number of a frame, as handles files and people name it, and the frame whose number is nearest.
+  numberOf(frame) { return Number((this.header.start + frame * this.header.step).toPrecision(10)); }
+
+  frameOf(number) { return clamp(Math.round((number - this.header.start) / this.header.step), 0, this.count - 1); }
+
+  hasNumber(number) { return typeof number === "number" && abs(number - this.numberOf(this.frameOf(number))) <= 1e-6 * this.header.step; }
+
+  get ends() { return [this.numberOf(0), this.numberOf(this.count - 1)]; }
+
   nameOf(frame) { return this.header.frames[frame] ?? "rest pose"; }
 }
 

@@ -47,9 +47,9 @@ function makeControls(section, stage) {
   const describe = () => {
     const { frame } = transport, why = clip.held.get(frame)?.label;
     const parts = [clip.nameOf(frame), clip.header.skipped.includes(frame) ? "skipped, interpolated" : "", why ? `${why} frame` : ""];
-    return `frame ${frame} of 0 to ${last}: ${parts.filter(Boolean).join(", ")}`;
+    return `frame ${clip.numberOf(frame)} of ${clip.ends.join(" to ")}: ${parts.filter(Boolean).join(", ")}`;
   };
-  const listHeld = () => `the page holds the input of frames ${[...clip.held.keys()].sort((a, b) => a - b).join(", ")}`;
+  const listHeld = () => `the page holds the input of frames ${[...clip.held.keys()].sort((a, b) => a - b).map((frame) => clip.numberOf(frame)).join(", ")}`;
   let shown = "";
   stage.listeners.push(() => {
     const state = [transport.frame, transport.isPlaying, view.show, view.colours].join();

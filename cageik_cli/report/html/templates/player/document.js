@@ -26,10 +26,9 @@ const isPoint = (value) => Array.isArray(value) && value.length === 3 && value.e
 
 function checkSet(set, clip, where) {
   if (!Array.isArray(set?.handles) || !set.handles.length) refuse(`${where}handles`, "expected a list of handles");
-  const isFrame = (k) => isIndex(k, clip.count);
-  const { frames, falloff = 0 } = set;
-  if ((frames || set.pick_frame) && !clip.header.isClip) refuse(`${where}frames`, "not possible for a single pose; remove it");
-  if (frames && !(frames.length === 2 && frames.every(isFrame) && frames[0] <= frames[1])) refuse(`${where}frames`, `expected two frames from 0 to ${clip.count - 1}`);
+  const { frames, falloff = 0 } = set, isFrame = (number) => clip.hasNumber(number);
+  if ((frames || set.pick_frame !== undefined) && !clip.header.isClip) refuse(`${where}frames`, "not possible for a single pose; remove it");
+  if (frames && !(frames.length === 2 && frames.every(isFrame) && frames[0] <= frames[1])) refuse(`${where}frames`, `expected two frames from ${clip.ends.join(" to ")}`);
   if (!isIndex(falloff, Infinity)) refuse(`${where}falloff`, "expected a number of frames");
   const names = new Set(), places = new Set();
   for (const handle of set.handles) {

@@ -104,12 +104,12 @@ class Editor {
   }
 
   displace({ set, anchors }, frame, cage) {
-    const moves = zeros(3 * anchors.length), strength = blendSet(set, frame), diagonal = this.clip.header.diagonal;
+    const moves = zeros(3 * anchors.length), number = this.clip.numberOf(frame), strength = blendSet(set, number), diagonal = this.clip.header.diagonal;
     if (!strength) return moves;
     anchors.forEach((anchor, k) => {
       const handle = set.handles[k], motion = motionOf(handle);
       if (motion === "pin") return;
-      const value = evaluateTrack(handle[motion], frame);
+      const value = evaluateTrack(handle[motion], number);
       const move = motion === "offset" ? scale(value, 1 / diagonal)
         : subtract(this.clip.fromFile(value), this.skin.place(anchor, cage, this.clip.rotation(frame)));
       moves.set(scale(move, strength), 3 * k);
@@ -130,11 +130,11 @@ class Editor {
 
   // Moves the target of the selected handle in a frame; `target` is in diagonals.
   aim(frame, target) {
-    const strength = blendSet(this.set, frame), handle = this.handle, motion = motionOf(handle), { header } = this.clip;
+    const number = this.clip.numberOf(frame), strength = blendSet(this.set, number), handle = this.handle, motion = motionOf(handle), { header } = this.clip;
     if (strength < 0.05) { this.message = "the edit has no strength in this frame; go to one between its first and last"; return; }
     const { start } = this.places(frame)[this.selected], move = scale(subtract(target, start), 1 / strength);
     const value = motion === "target" ? this.clip.toFile(add(start, move)) : scale(move, header.diagonal);
-    handle[motion] = setValue(handle[motion], frame, [...value].map((x) => Number(x.toPrecision(9))));
+    handle[motion] = setValue(handle[motion], number, [...value].map((x) => Number(x.toPrecision(9))));
     this.refresh();
   }
 

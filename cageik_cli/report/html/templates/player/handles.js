@@ -95,8 +95,8 @@ function makeHandles(section, stage) {
   listen("layer", (list) => { editor.active = Number(list.value); editor.selected = -1; });
   const spans = ["first", "last", "falloff"];
   for (const name of spans) edit(name, () => {
-    const [first, last, falloff] = spans.map((one) => max(0, Math.round(numberOf(find(one))))), end = clip.count - 1;
-    Object.assign(editor.set, { frames: [min(first, end), clamp(last, min(first, end), end)], falloff });
+    const [first, last, falloff] = spans.map((one) => numberOf(find(one))), [from, to] = [first, last].map((number) => clip.frameOf(number));
+    Object.assign(editor.set, { frames: [from, max(from, to)].map((frame) => clip.numberOf(frame)), falloff: max(0, Math.round(falloff)) });
   });
   listen("name", (input) => {
     const name = input.value.trim();
@@ -105,16 +105,16 @@ function makeHandles(section, stage) {
   });
   [..."xyz"].forEach((axis, k) => listen(`move-${axis}`, (input) => {
     const value = numberOf(input), { start, target } = editor.places(transport.frame)[editor.selected];
-    target[k] = start[k] + value / clip.header.diagonal * blendSet(editor.set, transport.frame);
+    target[k] = start[k] + value / clip.header.diagonal * blendSet(editor.set, clip.numberOf(transport.frame));
     editor.change(() => editor.aim(transport.frame, target));
   }));
   edit("key", () => {
-    const { handle } = editor, motion = motionOf(handle), now = evaluateTrack(handle[motion], transport.frame);
+    const { handle } = editor, motion = motionOf(handle), number = clip.numberOf(transport.frame), now = evaluateTrack(handle[motion], number);
     if (Array.isArray(handle[motion])) handle[motion] = { frames: [], values: [] };
-    setValue(handle[motion], transport.frame, [...now]);
+    setValue(handle[motion], number, [...now]);
   });
   edit("unkey", () => {
-    const { handle } = editor, motion = motionOf(handle), { frames, values } = handle[motion], at = frames.indexOf(transport.frame);
+    const { handle } = editor, motion = motionOf(handle), { frames, values } = handle[motion], at = frames.indexOf(clip.numberOf(transport.frame));
     if (frames.length === 1) handle[motion] = values[0];
     else for (const list of [frames, values]) list.splice(at, 1);
   });
@@ -150,7 +150,7 @@ const ROUND = (x) => Number(x.toPrecision(6));
 
 // Brings the panel up to date.
 function showHandles(find, { editor, clip, transport, moved }) {
-  const { set, handle, file } = editor, { frame } = transport, motion = handle && motionOf(handle), isIdle = !editor.isDragging;
+  const { set, handle, file } = editor, { frame } = transport, number = clip.numberOf(frame), motion = handle && motionOf(handle), isIdle = !editor.isDragging;
   const list = find("handles"), state = JSON.stringify([set.handles.map(({ name, vertex, face }) => [name, vertex, face]), editor.selected]);
   if (list.dataset.state !== state) {
     const focused = list.contains(document.activeElement);
@@ -170,7 +170,7 @@ function showHandles(find, { editor, clip, transport, moved }) {
   find("layer").closest("span").hidden = sets.length < 2;
   if (find("layer").length !== sets.length) find("layer").replaceChildren(...sets.map((_, k) => new Option(`${k + 1} of ${sets.length}`, k)));
   find("layer").value = editor.active;
-  const [first, last] = set.frames ?? [0, clip.count - 1];
+  const [first, last] = set.frames ?? clip.ends;
   const put = (name, value) => { const input = find(name); if (input !== document.activeElement || !isIdle) input.value = value; };
   put("first", first); put("last", last); put("falloff", set.falloff ?? 0);
   find("chosen").hidden = !handle;
@@ -178,16 +178,16 @@ function showHandles(find, { editor, clip, transport, moved }) {
     put("name", handle.name);
     find("hard").checked = Boolean(handle.hard);
     find("moves").hidden = motion === "pin";
-    const value = motion === "pin" ? null : evaluateTrack(handle[motion], frame);
+    const value = motion === "pin" ? null : evaluateTrack(handle[motion], number);
     if (value) {
       const place = motion === "offset" ? value : subtract(value, clip.toFile(editor.places(frame)[editor.selected].start));
       [..."xyz"].forEach((axis, k) => put(`move-${axis}`, ROUND(place[k])));
     }
     const keys = handle[motion].frames;
-    find("unkey").disabled = !keys?.includes(frame);
+    find("unkey").disabled = !keys?.includes(number);
     find("keys").textContent = keys ? `keys at ${keys.join(", ")}` : "the same in all frames";
   }
-  showStrip(find("strip"), set, handle?.[motion]?.frames ?? [], clip.count - 1);
+  showStrip(find("strip"), set, handle?.[motion]?.frames ?? [], clip.ends);
   const beyond = moved?.count ? `${moved.count} vertices, in orange, move more than the handles do: vertex ${clip.fileVertex(moved.most.vertex)} by ${ROUND(moved.most.distance * clip.header.diagonal)}, the handles by ${ROUND(moved.largest * clip.header.diagonal)} at most. ` : "";
   const said = editor.complaint || editor.message || beyond;
   const say = (name, text) => { if (find(name).textContent !== text) find(name).textContent = text; };
@@ -197,8 +197,8 @@ function showHandles(find, { editor, clip, transport, moved }) {
 }
 
 // The frames of the edit and the keys of a handle, under the slider.
-function showStrip(strip, { frames, falloff = 0, handles }, keys, last) {
-  const state = JSON.stringify([frames, falloff, keys, handles.length > 0]), percent = (k) => 100 * clamp(k, 0, last) / (last || 1);
+function showStrip(strip, { frames, falloff = 0, handles }, keys, ends) {
+  const state = JSON.stringify([frames, falloff, keys, handles.length > 0]), percent = (k) => 100 * (clamp(k, ...ends) - ends[0]) / (ends[1] - ends[0] || 1);
   if (strip.dataset.state === state) return;
   strip.dataset.state = state;
   const make = (kind, from, to) => {
@@ -206,6 +206,6 @@ function showStrip(strip, { frames, falloff = 0, handles }, keys, last) {
     Object.assign(mark.style, { left: `${percent(from)}%`, width: to === undefined ? "" : `${percent(to) - percent(from)}%` });
     return mark;
   };
-  const range = frames ?? [0, last];
+  const range = frames ?? ends;
   strip.replaceChildren(...(handles.length ? [make("fade", range[0] - falloff, range[1] + falloff), make("full", ...range)] : []), ...keys.map((k) => make("key", k)));
 }
