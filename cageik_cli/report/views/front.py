@@ -4,7 +4,8 @@ import shlex
 from collections.abc import Sequence
 from textwrap import wrap
 
-from cageik_cli.report.figures import FrameRecord, KeptSummary, format_number, group_digits
+from cageik_cli.formats.timeline import format_frame_number
+from cageik_cli.report.figures import FrameRecord, KeptSummary, group_digits
 from cageik_cli.report.parts import label_vertex, sort_parts
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import name_cause
@@ -79,7 +80,7 @@ def _list_verdict_rows(report: Report) -> list[tuple[str, str]]:
     average = (
         f"{_round(rms)} % of the size on average ({_format_length(report, rms)} of "
         f"{_format_length(report, 100.0, 3)}), {report.vocabulary.worst} frame "
-        f"{format_number(worst.number)}: {_round(error)} %"
+        f"{format_frame_number(worst.number)}: {_round(error)} %"
     )
     for part in sort_parts(report.parts)[:1]:
         if part.rms_percent is not None:
@@ -109,7 +110,7 @@ def _describe_data(kept: KeptSummary) -> str:
 def _describe_worst_place(report: Report) -> str:
     """Say in which frame and where the largest deviation is, and the cause if it is known."""
     frame, percent = _find_worst_frame(report, "max_deviation")
-    number, length = format_number(frame.number), _format_length(report, percent)
+    number, length = format_frame_number(frame.number), _format_length(report, percent)
     text = f"frame {number}: {_round(percent)} % ({length})"
     if report.kept is not None:  # the worst vertex and region may be those of what was rejected
         return text
