@@ -54,7 +54,7 @@ def test_a_resumed_run_gives_the_same_bytes(plain, whole, after):
     watch = Listener()
     result = extract(replace(plain, resume=True), watch)
     assert result.path.read_bytes() == whole
-    assert watch.notes == [("resumed", f"from frame {after} of 5")]
+    assert watch.notes == [("resumed", f"after {after} of 5 frames")]
     assert not LOG.exists()
 
 
@@ -105,7 +105,7 @@ def test_frames_that_changed_are_solved_again(plain, animation, write_obj):
     write_obj(Path("frames/frame_3.obj"), animation.frames[2] + 0.25, animation.rest.faces)
     watch = Listener()
     resumed = extract(replace(plain, resume=True), watch).path.read_bytes()
-    text = "from frame 2 of 5 (frame_3.obj has changed)"
+    text = "after 2 of 5 frames (frame_3.obj has changed)"
     assert watch.notes == [("resumed", text)]
     assert resumed == extract(replace(plain, output=Path("whole.h5"))).path.read_bytes()
 
@@ -154,7 +154,7 @@ def test_resume_with_overwrite_replaces_other_results_and_checkpoints(plain, who
     Path("cages.h5").unlink()
     interrupted(plain, 3)
     extract(both, watch)
-    assert watch.notes[1:] == [("resumed", "from frame 3 of 5")]
+    assert watch.notes[1:] == [("resumed", "after 3 of 5 frames")]
 
 
 def test_a_key_frame_that_changes_during_the_run_is_refused(plain, animation, write_obj):
@@ -370,4 +370,4 @@ def test_a_run_with_a_built_cage_goes_on_to_the_same_bytes(plain):
         extract(replace(built, build=BuildSettings(21), resume=True))
     listener = Listener()
     assert extract(replace(built, resume=True), listener).path.read_bytes() == whole
-    assert ("resumed", "from frame 2 of 5") in listener.notes
+    assert ("resumed", "after 2 of 5 frames") in listener.notes
