@@ -229,7 +229,7 @@ def test_a_resumed_run_gives_the_same_bytes(interrupted, cache):
     expected = extract(replace(interrupted, output=Path("whole.h5"))).path.read_bytes()
     notes = Listener()
     assert extract(replace(interrupted, cache=cache), notes).path.read_bytes() == expected
-    assert ("resumed", "from frame 16 of 20") in notes.notes
+    assert ("resumed", "after 16 of 20 frames") in notes.notes
 
 
 @pytest.mark.parametrize("frame", [3, 18])
@@ -241,7 +241,7 @@ def test_a_frame_that_changed_before_a_run_is_resumed_changes_the_fit(
     expected = extract(replace(interrupted, output=Path("whole.h5"))).path.read_bytes()
     notes = Listener()
     assert extract(interrupted, notes).path.read_bytes() == expected
-    text = "from frame 0 of 20 (its weights were fitted to other frames)"
+    text = "after 0 of 20 frames (its weights were fitted to other frames)"
     assert ("resumed", text) in notes.notes
 
 
