@@ -216,7 +216,7 @@ def extract_command(
     cageik extract frames --fit
     cageik extract frames --cage-vertices 150
     cageik extract body.pc2 --rest body.obj --cage cage.obj --resume
-    cageik extract shot.usdc::/hero/body --cage cage.obj --frames 0:48
+    cageik extract shot.usdc::/hero/body --cage cage.obj --frames 1020-1060
     cageik extract hero.glb::Run --fit --fps 30
     """  # noqa: D301
     from cageik_cli.cli.output import echo_exceeded_limits, exit_with_code, show_progress

@@ -260,7 +260,7 @@ def test_frames_falloff_and_keys_are_those_of_the_command_line(pose, walk, tmp_p
     page = pose()
     pin_body(page)
     add_vertex(page, HAND)
-    for name, value in [("Frames from", 3), ("to", 8), ("Falloff", 3)]:
+    for name, value in [("Frames from", 4), ("to", 9), ("Falloff", 3)]:
         page.get_by_label(name, exact=True).fill(str(value))
         page.keyboard.press("Enter")
     for frame, height in [(3, 0.1), (5, 0.4), (8, 0.2)]:

@@ -60,8 +60,8 @@ CLIP_MEMBERS = (
         type=FrameRangeType(),
         default=":",
         metavar="FIRST-LAST",
-        help="Take these frames only, by number: 1020-1060, 1020-1060x2 (every second), 1020, "
-        "1020- (to the end); or the slice A:B:STEP, from 0 and without B.  [default: all]",
+        help="Take these frames only: 1020-1060, 1020-1060x2 (every second), 1020, 1020- (to the "
+        "end); the slice A:B:STEP counts from 0.  [default: all]",
     ),
     layout_option,
     exclude_option,
