@@ -4,6 +4,7 @@ import numpy as np
 
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 
 TETRAHEDRON = TriMesh(
     np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
@@ -20,6 +21,12 @@ def box(size: float = 1.0) -> TriMesh:
 
 QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 """The faces of a box before they are cut."""
+
+
+def quad_box(size: float = 1.0) -> TriMesh:
+    """A box that knows its six quads."""
+    polygons = SurfaceAttributes(np.full(6, 4), np.ravel(QUADS))
+    return TriMesh(box(size).vertices, box().faces, polygons)
 
 
 def quad_text(size: float, inward: bool = False) -> str:

@@ -139,6 +139,18 @@ class TriMesh:
         faces = fan_triangulate(self.attributes.corners, self.attributes.corner_counts)
         return TriMesh(self.vertices, faces, self.attributes)
 
+    @cached_property
+    def polygon_sides(self) -> Integers:
+        """The sides of the polygons, each once, (e, 2), the smaller vertex number first.
+
+        They are the lines that a person drew: no triangle is cut from another by them.
+        """
+        corners, counts = self.polygons.corners, self.polygons.corner_counts
+        following = np.arange(1, len(corners) + 1)
+        following[self.polygons.starts + counts - 1] = self.polygons.starts
+        sides = np.sort(np.stack([corners, corners[following]], axis=1), axis=1)
+        return np.unique(sides, axis=0)
+
     def drop_unused_vertices(self) -> "TriMesh":
         """Return the mesh without vertices that are in no face; itself if there are none."""
         if self.is_used.all():

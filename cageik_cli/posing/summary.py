@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.edits import EditedFrames, LayeredEdit
 from cageik_cli.posing.handles.placement import describe_place
 from cageik_cli.util.arrays import Floats, Integers
@@ -277,7 +278,9 @@ class PoseSnapshot:
     ----------
     frame : str
         Its name; "" for a single pose.
-    faces, cage_faces : (t, 3) and (f, 3) int64
+    faces : (t, 3) int64
+    cage : TriMesh
+        The rest cage.
     before, after : (m, 3) float64
         The model.
     cage_before, cage_after : (n, 3) float64
@@ -296,7 +299,7 @@ class PoseSnapshot:
 
     frame: str
     faces: Integers
-    cage_faces: Integers
+    cage: TriMesh
     before: Floats
     after: Floats
     cage_before: Floats
@@ -334,7 +337,7 @@ def take_snapshot(edit: LayeredEdit, block: EditedFrames, summary: PoseSummary) 
     return PoseSnapshot(
         frame=target.name_frame(frame),
         faces=binding.rest.faces,
-        cage_faces=binding.cage.faces,
+        cage=binding.cage,
         before=block.meshes_before[0],
         after=block.meshes_after[0],
         cage_before=block.cages_before[0],

@@ -305,6 +305,21 @@ def test_parts_are_listed_and_hidden(character_page, character_result):
     assert page.evaluate(count) == whole
 
 
+def test_edges_are_those_of_the_polygons_of_shown_parts(character_page, character_result):
+    page, model = character_page, character_result.rest
+    canvas = page.locator("#player canvas")
+    plain = canvas.screenshot()
+    page.get_by_label("Edges", exact=True).check()
+    settle(page)
+    edges = "P.stage.renderer.edgeCount / 2"
+    assert page.evaluate(edges) == len(model.polygon_sides) < len(model.edges.ends)
+    assert canvas.screenshot() != plain
+    page.get_by_label(NAMES[1], exact=True).uncheck()
+    assert page.evaluate(edges) == len(model.polygon_sides) - len(
+        split_parts(model)[1].mesh.polygon_sides
+    )
+
+
 def test_each_part_has_the_colour_of_its_swatch(character_page, character_result):
     page, values = character_page, "[...P.stage.colours.values]"
     shades = page.locator("#player [data-parts] .swatch").evaluate_all(

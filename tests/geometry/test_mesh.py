@@ -8,8 +8,9 @@ from scipy.sparse import csgraph
 
 from cageik_cli.geometry.mesh import TriMesh, find_groups, signed_volumes
 from cageik_cli.geometry.shape import uniform_laplacian
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, fan_triangulate
 from cageik_cli.util.errors import FormatError
-from tests.shapes import TETRAHEDRON, ball, box, concave, octahedron
+from tests.shapes import TETRAHEDRON, ball, box, concave, octahedron, quad_box
 
 
 def test_volume_is_that_of_the_formula_and_of_trimesh():
@@ -60,6 +61,18 @@ def test_edges_follow_euler_and_their_sides():
     for face, sides in zip(mesh.faces, edges.side_edges, strict=True):
         for corner, side in enumerate(sides):
             assert set(edges.ends[side]) == set(np.delete(face, corner))
+
+
+def test_sides_are_those_of_the_polygons():
+    """A cube of quads has 12 sides, one of triangles 18; a pentagon beside a triangle has 7."""
+    sides = [quad_box().polygon_sides, box().polygon_sides]
+    assert [len(ends) for ends in sides] == [12, 18]
+    lengths = [np.ptp(box().vertices[ends], axis=1).astype(bool).sum(axis=1) for ends in sides]
+    assert [sorted(set(count.tolist())) for count in lengths] == [[1], [1, 2]]
+    corners = np.array([0, 1, 2, 3, 4, 0, 4, 5])
+    polygons = SurfaceAttributes(np.array([5, 3]), corners)
+    mesh = TriMesh(np.eye(6, 3), fan_triangulate(corners, polygons.corner_counts), polygons)
+    assert mesh.polygon_sides.tolist() == [[0, 1], [0, 4], [0, 5], [1, 2], [2, 3], [3, 4], [4, 5]]
 
 
 def test_laplacian_kills_constants_and_is_the_mean_of_neighbours():

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 from cageik_cli.workflows.pose import PoseSettings, pose
@@ -49,7 +48,7 @@ def test_changes_of_the_cage_are_noted(settings, write_obj, animation):
     notes = Listener()
     posed = pose(settings(TIP, PIN, cage="inward.obj"), notes)
     assert [text for _, text in notes.notes if text.startswith("inward.obj: ")]
-    cage = TriMesh(posed.snapshot.cage_before, posed.snapshot.cage_faces)
+    cage = posed.snapshot.cage.move(posed.snapshot.cage_before)
     np.testing.assert_allclose(cage.volume, animation.cage.volume, rtol=1e-12)
 
 

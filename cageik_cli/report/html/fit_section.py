@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.fit_figures import UnfittedRecord
 from cageik_cli.report.html.pictures import View
@@ -38,7 +40,7 @@ from cageik_cli.report.render.shading import (
     render,
 )
 from cageik_cli.store.result import Result, read_binding, read_unfitted
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import format_count
 
 DEFAULT_MOVE = 0.05
@@ -59,8 +61,8 @@ class FitShapes:
     move : (3,) float64
     unfitted, fitted : (m,) float64
         Its weights, before and after the fit.
-    cage_faces : (k, 3) int64
-        The faces that meet at the vertex.
+    faces_around : TriMesh
+        The polygons of the rest cage that have the vertex, with all vertices of the cage.
     """
 
     poses: tuple[tuple[Pose, Pose], ...]
@@ -68,7 +70,7 @@ class FitShapes:
     move: Floats
     unfitted: Floats
     fitted: Floats
-    cage_faces: Integers
+    faces_around: TriMesh
 
 
 def load_fit_shapes(result: Result, poses: PoseSet) -> FitShapes | None:
@@ -91,7 +93,21 @@ def load_fit_shapes(result: Result, poses: PoseSet) -> FitShapes | None:
         move=DEFAULT_MOVE * diagonal * _find_outward(result.cage.vertices[faces] / diagonal),
         unfitted=clip.influence,
         fitted=binding.weights[:, clip.cage_vertex],
-        cage_faces=faces,
+        faces_around=_cut_polygons(result.cage, clip.cage_vertex),
+    )
+
+
+def _cut_polygons(cage: TriMesh, vertex: int) -> TriMesh:
+    """Return the polygons of a cage that have a vertex; vertices keep their numbers."""
+    polygons = cage.polygons
+    owners = np.repeat(np.arange(len(polygons.corner_counts)), polygons.corner_counts)
+    chosen = np.unique(owners[polygons.corners == vertex])
+    return TriMesh(
+        cage.vertices,
+        cage.faces[np.isin(polygons.triangle_polygons, chosen)],
+        SurfaceAttributes(
+            polygons.corner_counts[chosen], polygons.corners[np.isin(owners, chosen)]
+        ),
     )
 
 
@@ -193,7 +209,7 @@ def _choose_move_views(poses: PoseSet, moved: FitShapes, size: int) -> dict[str,
     chosen = largest > 0.5 * largest.max()
     turn = choose_turn(rest, poses.faces, chosen, poses.up_axis)
     tip = (cage[moved.vertex] + moved.move)[None]
-    whole = np.concatenate([rest[poses.drawn], cage[moved.cage_faces.ravel()], tip])
+    whole = np.concatenate([rest[poses.drawn], cage[moved.faces_around.used_vertices], tip])
     near = np.concatenate([rest[largest > 0.1 * largest.max()], tip])
     front, behind = (view_axes(poses.up_axis, side) for side in (turn, turn + 180))
     return {
@@ -221,7 +237,7 @@ def _draw_moved(
     for place, camera in cameras.items():
         surface = project_surface(camera, vertices, poses.faces)
         picture = render(surface, colour_signed_pixels(surface, displaced, top))
-        picture = overlay_cage(picture, camera, surface, cage, moved.cage_faces)
+        picture = overlay_cage(picture, camera, surface, moved.faces_around.move(cage))
         drawn = encode_png(_overlay_move(picture, camera, ends))
         what = f"The rest pose with one cage vertex moved, {name} weights, {place}"
         views.append((place.capitalize(), make_png_url(drawn), f"{what}, coloured by displacement"))

@@ -100,7 +100,7 @@ def _draw_views(
     drawn = (
         render(original, parse_colour(MESH_COLOURS["input"])),
         render(reconstruction, colour_pixels(reconstruction, deviation, top)),
-        render_with_cage(reconstruction, camera, pose.cage, poses.cage_faces),
+        render_with_cage(reconstruction, camera, poses.cage.move(pose.cage)),
     )
     captions = (words.original, words.reconstruction, "cage")
     coloured = ("", f", coloured by {words.distance}", "")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.part_names import get_parts
 from cageik_cli.posing.constraints import Mirror, mirror_pairs
 from cageik_cli.posing.poser import DEFAULT_POSE_ALPHA
@@ -141,6 +142,9 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "target": clip.target,
         "applyUrl": apply_url,
     }
+    arrays |= _mark_polygons("joinedCageFaces", cage)
+    if len(chosen) == len(rest.vertices):
+        arrays |= _mark_polygons("joinedFaces", rest)
     base = (clip.base[chosen] - origin) / diagonal
     header |= _add_base(base, rounded, (cage.vertices - origin) / diagonal, arrays)
     if len(chosen) < len(rest.vertices):
@@ -164,6 +168,12 @@ def choose_vertices(binding: Binding) -> tuple[Integers, Integers]:
     if count <= largest:
         return np.arange(count), rest.faces
     return decimate(rest, largest)
+
+
+def _mark_polygons(name: str, mesh: TriMesh) -> dict[str, NDArray[Any]]:
+    """Return which triangles go on with the polygon of the one before; nothing if none does."""
+    is_joined = np.diff(mesh.polygons.triangle_polygons, prepend=-1) == 0
+    return {name: is_joined.astype("i1")} if is_joined.any() else {}
 
 
 def _round_cages(cages: Floats) -> Floats:

@@ -80,7 +80,7 @@ def _draw_meshes(
     """Draw the model and the edges of the cage, then tint the faulty faces of the cage."""
     model = cage if rest is None else rest
     surface = project_surface(camera, model.vertices, model.faces)
-    picture = render_with_cage(surface, camera, cage.vertices, cage.faces)
+    picture = render_with_cage(surface, camera, cage)
     for mark in reversed(marks):
         faces = cage.faces[mark.cage_faces]
         if len(faces):

@@ -159,9 +159,8 @@ class _PanelDrawing:
     def _draw_model(self) -> Floats:
         """Draw the model and its cage; return the depths of its surface."""
         surface = project_surface(self.camera, self.panel.vertices, self.view.faces)
-        picture = downsample(
-            render_with_cage(surface, self.camera, self.panel.cage, self.view.cage_faces)
-        )
+        cage = self.view.cage.move(self.panel.cage)
+        picture = downsample(render_with_cage(surface, self.camera, cage))
         # Without the two lowest bits of its colours the file is a sixth smaller.
         levels = np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8) & np.uint8(0xFC)
         pixels, figure = picture.shape[1], self.axes.get_figure()

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.render.raster import ParallelCamera, rasterize, rasterize_lines
 from cageik_cli.report.render.shading import (
     MESH_COLOURS,
@@ -47,27 +48,20 @@ def project_surface(camera: ParallelCamera, vertices: Floats, faces: Integers) -
     return rasterize_surface(camera.project(vertices), faces, camera.size)
 
 
-def render_with_cage(
-    surface: VisibleSurface, camera: ParallelCamera, cage: Floats, cage_faces: Integers
-) -> Picture:
-    """Draw a pale model and the edges of its cage, fainter where they are behind a surface."""
+def render_with_cage(surface: VisibleSurface, camera: ParallelCamera, cage: TriMesh) -> Picture:
+    """Draw a pale model and the lines of its cage, fainter where they are behind a surface."""
     picture = render(surface, parse_colour(MESH_COLOURS["model"]))
-    return overlay_cage(picture, camera, surface, cage, cage_faces)
+    return overlay_cage(picture, camera, surface, cage)
 
 
 def overlay_cage(
-    picture: Picture,
-    camera: ParallelCamera,
-    surface: VisibleSurface,
-    cage: Floats,
-    cage_faces: Integers,
+    picture: Picture, camera: ParallelCamera, surface: VisibleSurface, cage: TriMesh
 ) -> Picture:
-    """Draw the edges of faces of a cage over a picture, fainter where they are behind a surface."""
+    """Draw the lines of a cage over a picture: its polygons, fainter where a surface is before."""
     line_width, front_opacity, hidden_opacity = 1.3 * SAMPLES_PER_PIXEL, 0.95, 0.28
-    projected, size = camera.project(cage), camera.size
-    edges = np.unique(np.sort(cage_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)), axis=0)
-    depth = rasterize_lines(projected, edges, line_width, size)
-    _, cage_depth = rasterize(projected[cage_faces], size)
+    projected, size = camera.project(cage.vertices), camera.size
+    depth = rasterize_lines(projected, cage.polygon_sides, line_width, size)
+    _, cage_depth = rasterize(projected[cage.faces], size)
     before = np.minimum(surface.depth, cage_depth)
     opacity = np.where(depth <= before + DEPTH_TOL * size, front_opacity, hidden_opacity)
     return overlay(
@@ -191,7 +185,9 @@ class PoseSet:
 
     Attributes
     ----------
-    faces, cage_faces : (t, 3) and (f, 3) int64
+    faces : (t, 3) int64
+    cage : TriMesh
+        The rest cage; `cage.move(pose.cage)` is that of a pose.
     poses : tuple of Pose
         The rest pose first.
     vertex_rms : (m,) float64
@@ -203,7 +199,7 @@ class PoseSet:
     """
 
     faces: Integers
-    cage_faces: Integers
+    cage: TriMesh
     poses: tuple[Pose, ...]
     vertex_rms: Floats
     up_axis: str
@@ -235,7 +231,7 @@ def load_poses(result: Result) -> PoseSet | None:
     poses += [_make_pose(result, key_frames, k, label) for k, label in enumerate(FRAME_LABELS)]
     return PoseSet(
         faces=rest.faces,
-        cage_faces=cage.faces,
+        cage=cage,
         poses=tuple(poses),
         vertex_rms=100 * result.vertex_rms / diagonal,
         up_axis=result.scene.up_axis,

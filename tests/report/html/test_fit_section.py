@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.figures import format_percent
+from cageik_cli.report.html import fit_section
 from cageik_cli.report.html.fit_section import draw_fit_section, load_fit_shapes
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.record import build_report
@@ -14,6 +15,7 @@ from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.store.result import read_binding
 from tests.report.html.test_pictures import PIXELS, open_png
 from tests.report.markup import find_faults, parse_page
+from tests.shapes import box, quad_box
 
 
 @pytest.fixture(scope="module")
@@ -66,10 +68,18 @@ def test_a_cage_vertex_is_moved_outward_by_a_twentieth_of_the_diagonal(fitted, s
     moved, cage = shapes, fitted.cage.vertices
     assert abs(np.linalg.norm(moved.move) / fitted.rest.diagonal - 0.05) < 1e-12
     assert moved.move @ (cage[moved.vertex] - cage.mean(axis=0)) > 0
-    assert (moved.cage_faces == moved.vertex).any(axis=1).all()
+    assert (moved.faces_around.faces == moved.vertex).any(axis=1).all()
     weights = read_binding(fitted).weights
     np.testing.assert_array_equal(moved.fitted, weights[:, moved.vertex])
     assert np.abs(moved.fitted - moved.unfitted).max() > 1e-3
+
+
+def test_whole_polygons_are_drawn_around_a_vertex():
+    """A corner of a box has three quads, of which some are cut beside it; of triangles, five."""
+    quads, triangles = (fit_section._cut_polygons(cage, 0) for cage in (quad_box(), box()))
+    assert (len(quads.faces), len(quads.polygon_sides)) == (6, 9)
+    assert (triangles.faces == 0).any(axis=1).all()
+    assert len(triangles.faces) == (box().faces == 0).any(axis=1).sum()
 
 
 def test_both_weights_are_drawn_and_look_different(draw, shapes):

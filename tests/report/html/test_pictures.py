@@ -53,7 +53,7 @@ def still(vertex_rms, deviation, **changes):
         cage.vertices,
         np.full(count, deviation),
     )
-    poses = PoseSet(model.faces, cage.faces, (original,), np.full(count, vertex_rms), "Y")
+    poses = PoseSet(model.faces, cage, (original,), np.full(count, vertex_rms), "Y")
     return replace(poses, **changes)
 
 

@@ -19,7 +19,7 @@ from tests.report.markup import find_faults, parse_page
 from tests.report.player.rebuild import unpack_payload
 from tests.shapes import ball, box
 
-MAX_SCRIPT_BYTES = 63_000
+MAX_SCRIPT_BYTES = 64_000
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from cageik_cli.report.player.compression import decimate
 from cageik_cli.report.player.section import build_payload, find_mirror
 from cageik_cli.store.result import read_binding, read_cages, read_rotations
 from tests.report.player.rebuild import rebuild_frame, unpack_payload
-from tests.shapes import ball, rotation
+from tests.shapes import ball, box, quad_box, rotation
 
 
 def _check_frames(result, found):
@@ -188,3 +188,15 @@ def test_vertices_without_faces_are_left_out():
     loose = TriMesh(np.vstack([[[9.0, 9, 9]], mesh.vertices]), mesh.faces + 1)
     vertices, _ = decimate(loose, len(mesh.vertices))
     np.testing.assert_array_equal(vertices, np.arange(1, len(mesh.vertices) + 1))
+
+
+def test_triangles_that_go_on_with_a_polygon_are_marked(monkeypatch):
+    """Six quads are twelve triangles; a model of triangles, or one made coarser, marks none."""
+    cage, weights = quad_box(2.0), np.eye(8)
+    _, arrays = unpack_payload(build_payload(make_single_pose(Binding(quad_box(), cage, weights))))
+    assert arrays["joinedFaces"].tolist() == arrays["joinedCageFaces"].tolist() == [0, 1] * 6
+    _, arrays = unpack_payload(build_payload(make_single_pose(Binding(box(), box(2.0), weights))))
+    assert not {"joinedFaces", "joinedCageFaces"} & arrays.keys()
+    monkeypatch.setattr(section, "MAX_DRAWN_VERTICES", 6)
+    _, arrays = unpack_payload(build_payload(make_single_pose(Binding(quad_box(), cage, weights))))
+    assert "joinedFaces" not in arrays

@@ -15,7 +15,7 @@ from cageik_cli.report.render.model_views import (
 )
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import MESH_COLOURS, parse_colour
-from tests.shapes import ball, box
+from tests.shapes import ball, box, quad_box
 
 SIZE = 200
 
@@ -46,7 +46,7 @@ def test_a_cage_is_drawn_over_its_model_and_fainter_behind():
         cage = box(size)
         camera = ParallelCamera.fit(np.eye(3), 1.3 * model.vertices, SIZE)
         surface = project_surface(camera, model.vertices, model.faces)
-        picture = render_with_cage(surface, camera, cage.vertices, cage.faces)
+        picture = render_with_cage(surface, camera, cage)
         blue = (
             np.abs(picture[:3] - parse_colour(MESH_COLOURS["cage"])[:, None, None]).max(axis=0)
             < 0.1
@@ -55,6 +55,18 @@ def test_a_cage_is_drawn_over_its_model_and_fainter_behind():
         assert (picture[3] > 0).sum() >= (surface.depth < np.inf).sum()
     assert shares[0] > 200
     assert shares[1] == 0
+
+
+def test_no_line_is_drawn_within_a_polygon():
+    """Quads have their four sides; those that are cut have a diagonal, too."""
+    model, lines = ball(levels=1, size=0.1), []
+    for cage in (quad_box(), box()):
+        camera = ParallelCamera.fit(view_axes("Y", VIEW_TURN), 1.3 * cage.vertices, SIZE)
+        surface = project_surface(camera, model.vertices, model.faces)
+        lines.append(render_with_cage(surface, camera, cage)[3] > 0)
+    quads, triangles = lines
+    assert (quads <= triangles).all()
+    assert triangles.sum() > 1.3 * quads.sum()
 
 
 def test_colours_are_parsed():

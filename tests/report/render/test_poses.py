@@ -53,7 +53,7 @@ def test_the_vertex_errors_and_the_meshes(closed):
     expected = 100 * np.sqrt((vertex_errors(closed) ** 2).mean(axis=0)) / diagonal(closed)
     np.testing.assert_allclose(poses.vertex_rms, expected, rtol=1e-9)
     np.testing.assert_array_equal(poses.faces, closed.faces)
-    np.testing.assert_array_equal(poses.cage_faces, closed.result.cage.faces)
+    np.testing.assert_array_equal(poses.cage.faces, closed.result.cage.faces)
     assert poses.up_axis == "Y"
 
 

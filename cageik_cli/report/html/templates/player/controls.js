@@ -17,7 +17,8 @@ function makeControls(section, stage) {
     listenTo(input, "change", () => { owner[key] = input[part]; stage.request(true); });
   };
   for (const key of ["speed", "loop", "smooth"]) bind(key, transport, key);
-  for (const key of ["follow", "show", "colours", "cage"]) bind(key, view, key);
+  for (const key of ["follow", "show", "colours", "cage", "edges"]) bind(key, view, key);
+  listenTo(find("edges"), "change", () => stage.sendEdges());
   find("worst").hidden = !clip.header.focus;
   const jumps = find("jumps");
   for (const [frame, { label }] of clip.held) {

@@ -7,10 +7,10 @@ function listOwners(clip) {
   return Uint32Array.from({ length: clip.arrays.lack.length / 3 }, (_, vertex) => findPart(stops, clip.fileVertex(vertex)));
 }
 
-// The faces of the parts that are shown; a face is of the part of its first corner.
-function selectFaces(clip, isShown) {
-  const { faces } = clip.arrays, owners = listOwners(clip);
-  return faces.filter((_, k) => isShown[owners[faces[k - k % 3]]]);
+// Those of faces of 3 corners, or of edges of 2, whose part is shown: that of the first corner.
+function selectParts(clip, corners, size, isShown) {
+  const owners = listOwners(clip);
+  return corners.filter((_, k) => isShown[owners[corners[k - k % size]]]);
 }
 
 // The first place whose stop is beyond a vertex.
@@ -40,9 +40,12 @@ function makeParts(section, stage) {
   });
   const show = (value) => {
     if (value !== undefined) for (const box of boxes) box.checked = value;
-    const faces = selectFaces(clip, boxes.map((box) => box.checked));
+    const isShown = boxes.map((box) => box.checked);
+    stage.selectShown = (corners, size) => selectParts(clip, corners, size, isShown);
+    const faces = stage.selectShown(clip.arrays.faces, 3);
     stage.renderer.setFaces(faces);
     stage.skin.shown = faces;
+    stage.sendEdges();
     stage.request(true);
   };
   listenTo(details.querySelector("[data-all-parts]"), "click", () => show(true));

@@ -49,10 +49,10 @@ class Renderer {
     if (!gl) throw new Error("no WebGL2");
     this.mesh = this.build(MESH_VERTEX, MESH_FRAGMENT, ["position", "normal", "value"]);
     this.mark = this.build(MARK_VERTEX, MARK_FRAGMENT, ["position"]);
-    this.edgeCount = cageEdges.length;
+    this.cageEdgeCount = cageEdges.length;
     this.buffers = {};
     this.setFaces(faces);
-    this.sendIndices("edges", cageEdges);
+    this.sendIndices("cageEdges", cageEdges);
     gl.enable(gl.DEPTH_TEST);
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
   }
@@ -60,6 +60,11 @@ class Renderer {
   setFaces(faces) {
     this.faceCount = faces.length;
     this.sendIndices("faces", faces);
+  }
+
+  setEdges(edges) {
+    this.edgeCount = edges.length;
+    this.sendIndices("edges", edges);
   }
 
   sendIndices(name, indices) {
@@ -139,6 +144,15 @@ class Renderer {
     this.attach(0, name, 3);
   }
 
+  // The edges of a mesh that was just drawn, where its surface does not hide them.
+  drawEdges(name, toClip) {
+    const gl = this.gl;
+    gl.depthFunc(gl.LEQUAL);
+    this.useMarks(name, toClip, { paint: [0.1, 0.12, 0.15, 0.45] });
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.edges);
+    gl.drawElements(gl.LINES, this.edgeCount, gl.UNSIGNED_INT, 0);
+  }
+
   // The cage: clear before surfaces, faint behind them.
   drawCage(toClip, colour, pixels) {
     const gl = this.gl;
@@ -146,8 +160,8 @@ class Renderer {
       gl.depthFunc(order);
       gl.depthMask(order === gl.LEQUAL);
       this.useMarks("cage", toClip, { paint: [...colour, opacity] });
-      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.edges);
-      gl.drawElements(gl.LINES, this.edgeCount, gl.UNSIGNED_INT, 0);
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.cageEdges);
+      gl.drawElements(gl.LINES, this.cageEdgeCount, gl.UNSIGNED_INT, 0);
       this.useMarks("cage", toClip, { paint: [...colour, opacity], shape: 1, size: 5 * pixels });
       gl.drawArrays(gl.POINTS, 0, this.cagePoints);
     }

@@ -112,13 +112,18 @@ class Skin {
   }
 }
 
-// The edges of faces, each once, as pairs of vertices.
-function listEdges(faces) {
-  const seen = new Set(), edges = [];
+// The edges of faces, each once, as pairs of vertices. `isJoined` marks the faces that go on with the
+// polygon of the one before; edges within a polygon are left out.
+function listEdges(faces, isJoined) {
+  const polygonOf = new Map();
+  let polygon = 0;
   for (let k = 0; k < faces.length; k++) {
     const a = faces[k], b = faces[k % 3 === 2 ? k - 2 : k + 1], low = min(a, b), high = max(a, b);
-    const key = low * 67108864 + high;
-    if (!seen.has(key)) { seen.add(key); edges.push(low, high); }
+    if (k % 3 === 0 && !isJoined?.[k / 3]) polygon++;
+    const key = low * 67108864 + high, other = polygonOf.get(key);
+    if (!other) polygonOf.set(key, polygon);
+    else if (isJoined && other === polygon) polygonOf.set(key, -1);
   }
-  return Uint32Array.from(edges);
+  const keys = [...polygonOf.keys()].filter((key) => polygonOf.get(key) > 0);
+  return Uint32Array.from(keys.flatMap((key) => [Math.floor(key / 67108864), key % 67108864]));
 }

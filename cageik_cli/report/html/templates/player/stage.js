@@ -9,12 +9,12 @@ class Stage {
     this.canvas = canvas;
     this.clip = new Clip(payload);
     this.skin = new Skin(payload);
-    this.renderer = new Renderer(canvas, payload.arrays.faces, listEdges(payload.arrays.cageFaces));
+    this.renderer = new Renderer(canvas, payload.arrays.faces, listEdges(payload.arrays.cageFaces, payload.arrays.joinedCageFaces));
     this.colours = new Colours(this.clip);
     this.camera = new Camera(this.clip.header.up);
     this.transport = new Transport(this.clip.count, this.clip.header.fps);
     for (const name of ["positions", "input", "normals"]) this[name] = new Float32Array(payload.arrays.lack.length);
-    this.view = { show: "model", colours: "clay", cage: true, follow: travels(this.clip) };
+    this.view = { show: "model", colours: "clay", cage: true, edges: false, follow: travels(this.clip) };
     Object.assign(this, { editor: null, listeners: [], timings: { solve: [], skin: [], normals: [], draw: [], frames: [] }, isStale: true, toldAt: 0 });
     this.reset();
     new ResizeObserver(() => this.request()).observe(canvas);
@@ -73,6 +73,14 @@ class Stage {
     if (this.view.follow) this.camera.shift = subtract(meanOf(this.cage), meanOf(this.skin.cage));
   }
 
+  // Sends the edges of the model to be drawn, if they are wanted: those of the parts that are shown.
+  sendEdges() {
+    if (!this.view.edges) return;
+    const { faces, joinedFaces } = this.clip.arrays;
+    this.edges ??= listEdges(faces, joinedFaces);
+    this.renderer.setEdges(this.selectShown?.(this.edges, 2) ?? this.edges);
+  }
+
   // The input of this frame, if the page holds it and it is wanted.
   computeInput() {
     const { frame, share } = this.transport;
@@ -111,7 +119,10 @@ class Stage {
     const { renderer, camera, colours } = this, toClip = camera.matrix(), [right, up, back] = camera.axes();
     renderer.begin(left, width, height, this.ground);
     const light = normalize(add(add(back, scale(up, 0.8)), scale(right, -0.5)));
-    const drawMesh = (names, ramp) => renderer.drawMesh(names, toClip, { missing: colours.missing, light, eye: back, ramp });
+    const drawMesh = (names, ramp) => {
+      renderer.drawMesh(names, toClip, { missing: colours.missing, light, eye: back, ramp });
+      if (this.view.edges) renderer.drawEdges(names[0], toClip);
+    };
     if (isInput) { drawMesh(["inputPositions", "inputNormals", "zeros"], PLAIN.input); return; }
     if (this.view.show !== "cage") drawMesh(["positions", "normals", "values"], this.scale.ramp);
     if (this.view.cage || this.view.show === "cage") renderer.drawCage(toClip, this.cageColour(), ratio);
