@@ -36,7 +36,7 @@ from cageik_cli.cli.options.solve import (
     CAPTURE_OPTIONS,
     FIT_STRENGTH_OPTIONS,
     SOLVE_OPTIONS,
-    make_fit_settings,
+    choose_fit_settings,
     vertex_weights_option,
 )
 from cageik_cli.coordinates.settings import BindSettings
@@ -131,12 +131,12 @@ EXTRACT_OPTIONS = OptionGroup(
     SOLVE_OPTIONS,
     OptionGroup(
         "fit",
-        make_fit_settings,
+        choose_fit_settings,
         option(
-            "--fit",
+            "--fit/--no-fit",
             "is_fitted",
-            is_flag=True,
-            help="Fit the weights to the clip.",
+            default=None,
+            help="Fit the weights to the clip.  [default: if a cage is built]",
             group=HelpGroup.FIRST,
         ),
         *FIT_STRENGTH_OPTIONS,
@@ -213,7 +213,6 @@ def extract_command(
     .pc2, .anime, .usd*, .abc, .glb, .gltf). FILE::CLIP names one of several clips in a file.
 
     \b
-    cageik extract frames --fit
     cageik extract frames --cage-vertices 150
     cageik extract body.pc2 --rest body.obj --cage cage.obj --resume
     cageik extract shot.usdc::/hero/body --cage cage.obj --frames 1020-1060

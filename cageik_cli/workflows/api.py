@@ -194,7 +194,7 @@ def extract_to_file(
     alpha: float = SolveSettings().alpha,
     beta: float = SolveSettings().beta,
     align: bool = True,
-    fit: FitSettings | None = None,
+    fit: FitSettings | bool | None = None,
     given_in: str = "",
     exclude: Sequence[str] = (),
     overwrite: bool = False,

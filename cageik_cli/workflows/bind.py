@@ -185,6 +185,20 @@ def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None)
     return replace(stored, binding=binding, sources=sources)
 
 
+def restore_unfitted(
+    stored: StoredBinding, rest: LoadedMesh, settings: WeightSettings, progress: ProgressListener
+) -> StoredBinding:
+    """Return known weights with those before their fit, which binding files do not hold."""
+    binding = stored.binding
+    if binding.fit is None or binding.unfitted is not None:
+        return stored
+    cage = LoadedMesh(binding.cage, stored.sources["cage"])
+    settings = replace(settings, bind=binding.settings)
+    with error_context(stored.sources["binding"]["name"]):
+        unfitted = bind_cached(rest, cage, settings, progress).binding
+    return replace(stored, binding=replace(binding, unfitted=unfitted))
+
+
 def _check_same_mesh(path: Path, what: str, expected: TriMesh, given: TriMesh) -> None:
     difference = _describe_difference(expected, given)
     if difference:

@@ -12,8 +12,8 @@ from cageik_cli.formats.settings import Scene
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.executor import MemoryPlan, RunBlocks, run_in_threads
+from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.robust import RobustSolver
-from cageik_cli.solver.settings import CaptureSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
@@ -23,10 +23,15 @@ from cageik_cli.store.result_writer import open_result_writer
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
+from cageik_cli.workflows.bind import (
+    WeightSettings,
+    bind_cached,
+    load_matching_binding,
+    restore_unfitted,
+)
 from cageik_cli.workflows.common_scene import CommonScene, Offer
 from cageik_cli.workflows.compose import ResultComposer, collect_notes
-from cageik_cli.workflows.fit import fit_to_clips
+from cageik_cli.workflows.fit import choose_fit, fit_to_clips
 from cageik_cli.workflows.mesh_source import load_source
 from cageik_cli.workflows.rest_pose import (
     VertexWeights,
@@ -73,6 +78,8 @@ class Extraction:
         Name and digest of each file that was read, all but the frames, and of a built cage.
     filled : tuple of int
         Skipped frames whose cages were filled from those around them.
+    fit : FitSettings, optional
+        How the weights are fitted to the clip, once that is chosen; None if they are not.
     """
 
     sequence: MeshSequence
@@ -97,6 +104,8 @@ class Extraction:
         self.vertex_weights = VertexWeights(None)
         self.sources: dict[str, Any] = {}
         self.filled: tuple[int, ...] = ()
+        self.fit: FitSettings | None = None
+        self._fit_notes: tuple[str, ...] = ()
 
     def run(self) -> Result:
         """Extract the cage of every frame, or return the result that exists already."""
@@ -145,6 +154,7 @@ class Extraction:
         )
         self.sources |= self.vertex_weights.sources
         settings.capture.check_period(self.scene.fps)
+        self.fit, self._fit_notes = choose_fit(settings, self.sequence, self.weighs_frames)
         if settings.resume:
             self.existing = find_existing(
                 settings,
@@ -163,19 +173,18 @@ class Extraction:
     @property
     def recorded_settings(self) -> dict[str, Any]:
         """The settings on which the numbers depend, as a result file records them."""
-        return self.settings.record(None if self.stored is None else self.stored.binding)
+        known = None if self.stored is None else self.stored.binding
+        return self.settings.record(known, self.fit)
 
     @property
     def weighs_frames(self) -> bool:
         """Whether vertices of one frame may count differently than in another."""
-        settings = self.settings
-        is_asked = settings.capture != CaptureSettings() or settings.clip.missing
-        return is_asked or self.vertex_weights.frames is not None
+        return self.settings.is_captured or self.vertex_weights.frames is not None
 
     def keep_existing(self, result: Result) -> Result:
         """Delete what an interrupted run has left beside a result that exists already."""
-        delete_checkpoint(checkpoint_path(self.settings.output))
-        delete_checkpoint(smoothed_path(self.settings.output))
+        for find_path in (checkpoint_path, smoothed_path):
+            delete_checkpoint(find_path(self.settings.output))
         self.progress.note("unchanged", "up to date, nothing to do")
         write_built_cage(self.settings, result.cage)
         return result
@@ -186,24 +195,25 @@ class Extraction:
         The same model gives the same cage each time, so that a checkpoint of it can be continued.
         """
         settings, rest, progress = self.settings, self.rest, self.progress
+        weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
         if self.stored is not None:
             with progress.stage("bind"):
                 progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
-                self.stored = self._restore_unfitted(self.stored)
+                if settings.keep_weights:
+                    self.stored = restore_unfitted(self.stored, rest, weight_settings, progress)
             return self.stored
         if self.cage is None:
             with progress.stage("cage"), error_context(rest.source["name"]):
                 self.cage = build_cached(rest.mesh, settings.build, settings.cache, progress)
             self.sources["cage"] = self.cage.source
         with progress.stage("bind"), suggest_repair(self.cage, rest, self._offer):
-            weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
             self.stored = bind_cached(rest, self.cage, weight_settings, progress)
-        if settings.fit is not None:
+        if self.fit is not None:
             with progress.stage("fit"):
                 fitted = fit_to_clips(
                     self.stored.binding,
                     [self.sequence],
-                    settings.fit,
+                    self.fit,
                     progress,
                     solve=settings.solve,
                     vertex_weights=self.vertex_weights.vertices,
@@ -214,17 +224,6 @@ class Extraction:
                 )
             self.stored = replace(self.stored, binding=fitted)
         return self.stored
-
-    def _restore_unfitted(self, stored: StoredBinding) -> StoredBinding:
-        """Return known weights with those before their fit, which binding files do not hold."""
-        binding, settings = stored.binding, self.settings
-        if binding.fit is None or binding.unfitted is not None or not settings.keep_weights:
-            return stored
-        cage = LoadedMesh(binding.cage, stored.sources["cage"])
-        weight_settings = WeightSettings(binding.settings, settings.cache, settings.jobs)
-        with error_context(settings.binding):
-            unfitted = bind_cached(self.rest, cage, weight_settings, self.progress).binding
-        return replace(stored, binding=replace(binding, unfitted=unfitted))
 
     @property
     def binding(self) -> Binding:
@@ -303,7 +302,8 @@ class Extraction:
             settings=self.recorded_settings,
             notes=collect_notes(
                 self.stored, self.rest, self.sequence, self.scene, missing=solver.missing_count
-            ),
+            )
+            + self._fit_notes,
         )
         output = settings.output
         with self.progress.stage("write"):
@@ -332,7 +332,7 @@ class Extraction:
         binding, weights = self.binding, self.vertex_weights.vertices
         robust = self.block_solver.robust
         rate = self.settings.clip.fps  # at which some files are sampled
-        is_fitted_here = self.settings.fit is not None
+        is_fitted_here = self.fit is not None
         given = (binding.unfitted if is_fitted_here else None) or binding
         meshes = binding.rest, binding.cage
         arrays = [array for mesh in meshes for array in (mesh.vertices, mesh.faces)]

@@ -21,7 +21,7 @@ from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.extract import Extraction
-from cageik_cli.workflows.fit import fit_weights
+from cageik_cli.workflows.fit import choose_fit, fit_weights
 from cageik_cli.workflows.rest_pose import VertexWeights
 from cageik_cli.workflows.settings import ExtractSettings
 
@@ -99,7 +99,7 @@ def extract(
     beta: float = SolveSettings().beta,
     align: bool = True,
     vertex_weights: ArrayLike | Literal["area"] | None = None,
-    fit: FitSettings | None = None,
+    fit: FitSettings | bool | None = None,
     memory: int = DEFAULT_MEMORY,
     jobs: int | None = None,
     progress: ReportProgress | None = None,
@@ -124,9 +124,10 @@ def extract(
         Align each frame rigidly with the rest pose before the solve.
     vertex_weights : (m,) or "area", optional
         Weights of the vertices; 0 marks missing data. Or each vertex counts by its area.
-    fit : FitSettings, optional
-        Fit the weights to the clip first; `fit_weights` also tells how well they follow frames that
-        they were not fitted to.
+    fit : FitSettings or bool, optional
+        Fit the weights to the clip first, or do not. By default they are fitted if a cage is built,
+        and the clip has more than two frames; else the notes of the binding say why not.
+        `fit_weights` also tells how well they follow frames that they were not fitted to.
     memory : int
         Limit in bytes for the weights and the frames in memory, not for the cages.
     jobs : int, optional
@@ -157,21 +158,32 @@ def extract(
     >>> extract(frames, animation.binding).cages.shape
     (2, 80, 3)
     """
-    jobs = jobs or count_processors()
-    binding = _bind_built_cage(clip, binding, cage_vertices, jobs)
-    sequence, solve = as_sequence(clip, binding.rest), SolveSettings(alpha, beta, align)
-    if fit is not None:
+    # No file is read or written.
+    settings = ExtractSettings(
+        (),
+        None,
+        Path(),
+        solve=SolveSettings(alpha, beta, align),
+        build=_make_build_settings(binding, cage_vertices),
+        fit=False if fit is None and binding is not None else fit,
+        memory=memory,
+        jobs=jobs or count_processors(),
+    )
+    if binding is None:
+        binding = _bind_built_cage(clip, settings)
+    sequence = as_sequence(clip, binding.rest)
+    chosen, notes = choose_fit(settings, sequence)
+    binding = replace(binding, notes=binding.notes + notes)
+    if chosen is not None:
         binding = fit_weights(
             binding,
             [sequence],
-            fit,
-            solve=solve,
+            chosen,
+            solve=settings.solve,
             vertex_weights=vertex_weights,
             memory=memory,
-            jobs=jobs,
+            jobs=settings.jobs,
         ).binding
-    # No file is read or written: the clip and its weights are known already.
-    settings = ExtractSettings((), None, Path(), solve=solve, memory=memory, jobs=jobs)
     extraction = Extraction(settings, stored=StoredBinding(binding, {}))
     extraction.sequence = sequence
     extraction.vertex_weights = VertexWeights(make_vertex_weights(vertex_weights, binding.rest))
@@ -191,23 +203,24 @@ def extract(
     )
 
 
-def _bind_built_cage(
-    clip: MeshSequence | ArrayLike, binding: Binding | None, cage_vertices: int | None, jobs: int
-) -> Binding:
-    """Return the binding that is given; else build a cage and bind the first frame to it."""
-    if binding is not None:
-        if cage_vertices is not None:
-            raise SettingError(
-                f"cage_vertices is {cage_vertices}, but a binding is given; leave out one of them"
-            )
-        return binding
+def _make_build_settings(binding: Binding | None, cage_vertices: int | None) -> BuildSettings:
+    """Return how a cage is built, if no binding brings one."""
+    if binding is not None and cage_vertices is not None:
+        raise SettingError(
+            f"cage_vertices is {cage_vertices}, but a binding is given; leave out one of them"
+        )
+    return BuildSettings() if cage_vertices is None else BuildSettings(cage_vertices)
+
+
+def _bind_built_cage(clip: MeshSequence | ArrayLike, settings: ExtractSettings) -> Binding:
+    """Build a cage, and bind the first frame to it."""
     if not isinstance(clip, MeshSequence):
         raise SettingError("an array of frames has no faces to build a cage from; give a binding")
     from cageik_cli.workflows.cage import build_cage
 
-    settings = BuildSettings() if cage_vertices is None else BuildSettings(cage_vertices)
-    built = build_cage(clip.first, vertices=settings.vertices, clearance=settings.clearance)
-    bound = bind(clip.first, built.cage, jobs=jobs)
+    build = settings.build
+    built = build_cage(clip.first, vertices=build.vertices, clearance=build.clearance)
+    bound = bind(clip.first, built.cage, jobs=settings.jobs)
     return replace(bound, notes=built.notes + bound.notes)
 
 

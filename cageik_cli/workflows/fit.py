@@ -26,7 +26,12 @@ from cageik_cli.store.fit_fields import UnfittedClip
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import format_bytes, format_count
 from cageik_cli.util.threads import count_processors
+from cageik_cli.workflows.settings import ExtractSettings
+
+MIN_FRAMES_BY_DEFAULT = 3
+"""Shorter clips have one pose beside that at rest: weights are fitted to it only if asked for."""
 
 MAX_COMPARED_FIT_FRAMES = 64
 """Evenly spread frames on which a fit is compared; key frames are measured beside them."""
@@ -124,6 +129,54 @@ def fit_weights(
         jobs=jobs or count_processors(),
     )
     return FittedWeights(fitter.fit([as_sequence(clip, binding.rest) for clip in clips]))
+
+
+def choose_fit(
+    settings: ExtractSettings, clip: MeshSequence, weighs_frames: bool = False
+) -> tuple[FitSettings | None, tuple[str, ...]]:
+    """Choose how weights are fitted to a clip: as asked; else they are if a cage is built.
+
+    A fit that was not asked for is left out where it would be refused, or follow data that says
+    nothing of the model. A given cage keeps the weights that it defines.
+
+    Parameters
+    ----------
+    weighs_frames : bool
+        Whether vertices may be missing, or count less in some frames.
+
+    Returns
+    -------
+    FitSettings or None
+    tuple of str
+        The note on why weights are not fitted; none if they are, or nobody expects it.
+    """
+    if settings.fit is not None or not settings.builds_cage:
+        return settings.fit or None, ()  # type: ignore[return-value]  # True is made to settings
+    reason = _find_fit_obstacle(settings, clip, weighs_frames)
+    return (None, (f"weights are not fitted: {reason}",)) if reason else (FitSettings(), ())
+
+
+def _find_fit_obstacle(settings: ExtractSettings, clip: MeshSequence, weighs_frames: bool) -> str:
+    """Say what stands against a fit that nobody asked for; nothing if it can be made."""
+    frames = len(clip) - len(clip.missing)
+    if weighs_frames:
+        return (
+            "the data may be noisy or missing; fit a clean clip of the same model by cageik bind "
+            "`fit=`, and extract by `binding=`"
+        )
+    if not settings.keep_weights:
+        return "the result does not hold weights, and fitted ones cannot be computed again"
+    if frames < MIN_FRAMES_BY_DEFAULT:
+        return f"the clip has {format_count(frames, 'frame')}; fit them all the same by `fit=`"
+    from cageik_cli.solver.fitting.sample import estimate_least_memory
+
+    needed = estimate_least_memory(len(clip.first.vertices), settings.build.vertices, frames)
+    if needed > settings.memory:
+        return (
+            f"that takes at least {format_bytes(needed)}, more than the limit of "
+            f"{format_bytes(settings.memory)}; raise it by `memory=`"
+        )
+    return ""
 
 
 def fit_to_clips(

@@ -87,8 +87,8 @@ class ExtractSettings(CommandSettings):
         Unit and up axis of `rest` and `cage`, see `CommonScene`.
     cage_output : Path, optional
         An OBJ file to which the cage that is built is written.
-    fit : FitSettings, optional
-        Fit the weights to the clip; they are not fitted by default.
+    fit : FitSettings or bool, optional
+        Fit the weights to the clip, or do not; by default as `choose_fit` says.
     """
 
     frames: tuple[str, ...] = field(metadata=READ_CLIP)
@@ -112,7 +112,7 @@ class ExtractSettings(CommandSettings):
     jobs: int = 1
     build: BuildSettings = field(default_factory=BuildSettings)
     cage_output: Path | None = field(default=None, metadata=WRITTEN)
-    fit: FitSettings | None = None
+    fit: FitSettings | bool | None = None
     capture: CaptureSettings = field(default_factory=CaptureSettings)
 
     def __post_init__(self) -> None:
@@ -121,11 +121,13 @@ class ExtractSettings(CommandSettings):
                 f"{self.cage_output}: is for a cage that is built, but a cage is given; leave out "
                 "one of them"
             )
+        if self.fit is True:
+            object.__setattr__(self, "fit", FitSettings())
         self._check_fit()
 
     def _check_fit(self) -> None:
         """Refuse a fit of weights that are given, or that would be lost."""
-        if self.fit is None:
+        if not isinstance(self.fit, FitSettings):
             return
         if self.binding is not None:
             raise SettingError(
@@ -143,15 +145,17 @@ class ExtractSettings(CommandSettings):
                 "(`keep_weights=True`), or store few numbers by `fit_rank=`"
             )
 
-    def record(self, known: Binding | None) -> dict[str, Any]:
+    def record(self, known: Binding | None, fit: FitSettings | None) -> dict[str, Any]:
         """Return the settings on which the numbers depend, as a result file records them.
 
         Parameters
         ----------
         known : Binding, optional
             Weights that come from a binding file: how they were computed and fitted counts.
+        fit : FitSettings, optional
+            How weights are fitted to the clip.
         """
-        weights, fit = self.vertex_weights, self.fit
+        weights = self.vertex_weights
         if fit is None and known is not None and known.fit is not None:
             fit = known.fit.settings
         built = {"cage_vertices": self.build.vertices, "cage_clearance": self.build.clearance}
@@ -179,6 +183,11 @@ class ExtractSettings(CommandSettings):
     def builds_cage(self) -> bool:
         """Whether a cage is built, as none is given."""
         return self.cage is None and self.binding is None
+
+    @property
+    def is_captured(self) -> bool:
+        """Whether the frames are taken as noisy, or as those of which some data are missing."""
+        return self.capture != CaptureSettings() or self.clip.missing
 
     @property
     def accepts_gaps(self) -> bool:

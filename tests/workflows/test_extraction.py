@@ -10,7 +10,9 @@ import pytest
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.formats.settings import SceneHints
+from cageik_cli.formats.settings import ClipSettings, SceneHints
+from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.settings import CaptureSettings
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.util.errors import (
     CheckpointError,
@@ -123,8 +125,8 @@ def test_the_settings_of_a_binding_file_are_recorded(plain):
 @pytest.mark.usefixtures("coarse_grids")
 def test_a_cage_is_built_when_none_is_given(plain):
     listener = Listener()
-    settings = replace(plain, cage=None, build=BuildSettings(20), cage_output=Path("built.obj"))
-    result = extract(settings, listener)
+    built = replace(plain, cage=None, build=BuildSettings(20), fit=False)
+    result = extract(replace(built, cage_output=Path("built.obj")), listener)
     assert (len(result.cage.vertices), result.settings["cage_vertices"]) == (20, 20)
     digest = hashlib.sha256(Path("built.obj").read_bytes()).hexdigest()
     assert result.sources["cage"] == {"name": "built cage", "sha256": digest}
@@ -146,6 +148,57 @@ def test_a_result_with_a_built_cage_is_kept_and_nothing_is_built(plain, monkeypa
         extract(replace(settings, build=BuildSettings(21)))
     with pytest.raises(CheckpointError, match="other settings"):
         extract(replace(settings, cage=Path("cage.obj")))
+
+
+@pytest.mark.usefixtures("coarse_grids")
+def test_weights_in_a_built_cage_are_fitted_unless_that_is_refused(plain):
+    built = replace(plain, cage=None, build=BuildSettings(20), resume=True)
+    fitted = extract(built)
+    assert fitted.fit.settings == FitSettings()
+    assert fitted.settings["fit_regularization"] == 0.1
+    for fit in (None, True, FitSettings()):  # the same run: up to date
+        assert Extraction(replace(built, fit=fit)).run().path == fitted.path
+    with pytest.raises(CheckpointError, match="other settings"):
+        extract(replace(built, fit=False))
+    refused = extract(replace(built, fit=False, overwrite=True))
+    assert refused.fit is None
+    assert not any("not fitted" in note for note in refused.notes)
+    with pytest.raises(CheckpointError, match="other settings"):
+        extract(built)
+    assert extract(replace(plain, output=Path("given.h5"))).fit is None
+
+
+@pytest.mark.usefixtures("coarse_grids")
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"clip": ClipSettings(slice(0, 2))}, "the clip has 2 frames"),
+        ({"clip": ClipSettings(missing=True)}, "noisy or missing"),
+        ({"capture": CaptureSettings(robust=True)}, "noisy or missing"),
+        ({"keep_weights": False}, "cannot be computed again"),
+        ({"memory": 1000}, "more than the limit of 1 kB"),
+    ],
+)
+def test_a_fit_that_was_not_asked_for_is_left_out_where_it_does_not_suit(plain, changes, says):
+    settings = replace(plain, cage=None, build=BuildSettings(16), resume=True, **changes)
+    result = extract(settings)
+    assert result.fit is None
+    assert "fit_regularization" not in result.settings
+    assert [note for note in result.notes if says in note and "not fitted" in note]
+    assert Extraction(settings).run().path == result.path  # up to date
+
+
+@pytest.mark.usefixtures("coarse_grids")
+def test_a_fit_by_default_of_frames_that_do_not_move_is_no_worse(plain, write_obj):
+    for k in range(4):
+        write_obj(Path("still") / f"s_{k}.obj", *_read_rest(plain))
+    settings = replace(plain, frames=("still",), cage=None, build=BuildSettings(20))
+    assert extract(settings).metrics.rms.max() < 1e-12
+
+
+def _read_rest(settings):
+    mesh = load_mesh(Path(settings.frames[0]) / "frame_1.obj").mesh
+    return mesh.vertices, mesh.faces
 
 
 @pytest.mark.usefixtures("coarse_grids")

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from cageik_cli.cli.command import HelpGroup, option
-from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, refuse_options
+from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, is_given, refuse_options
 from cageik_cli.cli.options.types import OrWord
 from cageik_cli.solver.fitting.record import FitSettings, find_kind
 from cageik_cli.solver.settings import AREA, AUTO_SMOOTHING, CaptureSettings, SolveSettings
@@ -95,6 +95,18 @@ FIT_STRENGTH_OPTIONS = tuple(map(make_setting_option, fields(FitSettings)))
 def refuse_without_fit(names: Iterable[str]) -> None:
     """Refuse options that are given, though they are for a fit and there is none."""
     refuse_options(names, "{} is for weights that are fitted; add --fit, or leave out {}")
+
+
+def choose_fit_settings(is_fitted: bool | None, **options: Any) -> FitSettings | bool | None:
+    """Make the settings of a fit that is asked for, False of one that is refused, None by default.
+
+    How a fit is made may be said without asking for it where a cage is built, as it is fitted then.
+    """
+    if is_fitted is None:
+        if not any(map(is_given, options)):
+            return None
+        is_fitted = not (is_given("cage") or is_given("binding"))
+    return make_fit_settings(is_fitted, **options) or False
 
 
 def make_fit_settings(is_fitted: bool, **options: Any) -> FitSettings | None:

@@ -20,6 +20,9 @@ from cageik_cli.util.threads import OrderedMap
 MAX_FITTED_FRAMES = 100
 """Frames that weights are fitted to; more hardly lower the error of the others."""
 
+MIN_FITTED_FRAMES = 10
+"""Frames of a long clip that a fit which nobody asked for needs: of fewer, poses are missing."""
+
 MAX_DESCRIPTOR_VERTICES = 64
 """Vertices whose displacements describe a pose."""
 
@@ -160,6 +163,11 @@ def sample_frames(
         lengths=tuple(map(len, clips)),
         needed_memory=None if len(kept) == wanted else least + wanted * 2 * 3 * m * 4,
     )
+
+
+def estimate_least_memory(m: int, n: int, count: int) -> int:
+    """Return the bytes that a fit takes of (m, n) weights to a small sample of `count` frames."""
+    return estimate_memory(m, n, jobs=1) + min(count, MIN_FITTED_FRAMES) * 2 * 3 * m * 4
 
 
 def _read_aligned(

@@ -137,9 +137,9 @@ def compute_weights_key(extraction: Extraction) -> str:
     }
     if settings.builds_cage:
         shared = {"build": asdict(settings.build)}
-    if settings.fit is not None:
+    if extraction.fit is not None:
         shared |= {
-            "fit": asdict(settings.fit),
+            "fit": asdict(extraction.fit),
             "solve": asdict(settings.solve),
             "weighted": sources.get("vertex_weights", settings.vertex_weights == AREA),
             "memory": settings.memory,

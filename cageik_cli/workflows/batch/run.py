@@ -142,7 +142,8 @@ def _describe_job(job: ClipJob) -> list[tuple[str, str]]:
     vertices = len(sequence.first.vertices)
     cage = str(settings.cage or settings.binding)
     if settings.builds_cage:
-        cage = f"would be built, of {settings.build.vertices} vertices"
+        weights = "fitted" if extraction.fit is not None else "not fitted"
+        cage = f"would be built, of {settings.build.vertices} vertices; weights {weights}"
     return [
         ("frames", f"{len(sequence)} of {vertices} vertices, from {sequence.names[0]}"),
         ("cage", cage),

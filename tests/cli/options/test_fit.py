@@ -8,6 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.cli import main
+from cageik_cli.cli.extract import EXTRACT_OPTIONS
 from cageik_cli.cli.options.solve import make_setting_option
 from cageik_cli.report.fit_figures import format_fit_rows
 from cageik_cli.report.vocabulary import SETTING_MEANINGS
@@ -170,3 +172,24 @@ def test_a_cage_that_is_built_can_be_fitted(folder, run, coarse_grids):
     outcome = run("extract", "frames", "--fit", "--cage-vertices", "20", "-v")
     assert outcome.code == 0, outcome.err
     assert "\n  fit            regularization 0.1" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("words", "fit"),
+    [
+        ((), None),
+        (("--no-fit",), False),
+        (("--fit",), FitSettings()),
+        (("--fit-smoothness", "2"), FitSettings(smoothness=2)),
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_a_fit_is_asked_for_refused_or_left_to_the_run(words, fit):
+    command = main.commands["extract"]
+    with command.make_context("extract", ["frames", *words]) as context:
+        assert EXTRACT_OPTIONS.make_record(context.params).fit == fit
+
+
+def test_options_of_a_fit_are_refused_beside_no_fit(folder, run):
+    said = refused(run, "extract", "frames", "--no-fit", "--fit-rank", "3")
+    assert "--fit-rank is for weights that are fitted" in said
