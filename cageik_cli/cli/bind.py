@@ -88,6 +88,7 @@ def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool)
     cageik bind --cage cage.obj --rest rest.obj --fit walk --fit run -o hero.h5
     """  # noqa: D301
     from cageik_cli.cli.output import show_progress
+    from cageik_cli.report.views.front import format_brief
     from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import format_block
     from cageik_cli.workflows.bind import bind_files
@@ -99,7 +100,8 @@ def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool)
         stored = bind_files(settings, progress)
     if not quiet:
         rows = [*format_binding_rows(stored, bool(get_verbosity())), *progress.make_rows()]
-        click.echo(word_options(format_block(str(output), rows)), err=True)
+        write = format_block if get_verbosity() else format_brief
+        click.echo(word_options(write(str(output), rows)), err=True)
         click.echo(f"wrote {output}; next: cageik extract FRAMES --binding {output}", err=True)
     if get_verbosity():
         click.echo(f"cache: {settings.weights.cache}", err=True)

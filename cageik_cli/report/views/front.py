@@ -12,11 +12,17 @@ from cageik_cli.report.regions import name_cause
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.solver.regions import Cause
 from cageik_cli.util.progress import label_note, mark_warning
-from cageik_cli.util.text import format_count, single_line
+from cageik_cli.util.text import format_block, format_count, single_line
 from cageik_cli.util.units import UNIT_LENGTHS, find_unit
 
 MAX_FRONT_WIDTH = 110
 """Characters of a line of notes, at most."""
+
+NOTE_LABELS = ("note", "warning")
+"""Labels of what is counted among the notes."""
+
+UNREAD_LABELS = ("seconds", "cache", "from cage", "from rest")
+"""Labels of lines that only -v prints: they say how a command went, not what came of it."""
 
 METRIC_UNITS = ("m", "cm", "mm")
 """Units in which metric lengths are read, the longest first."""
@@ -47,6 +53,14 @@ def format_front_row(labelled_text: tuple[str, str]) -> str:
     """Return one labelled line, whose label has less room than in the full text."""
     label, text = labelled_text
     return single_line(f"  {label:<9} {text}")
+
+
+def format_brief(headline: str, rows: Sequence[tuple[str, str]]) -> str:
+    """Return a headline with labelled lines under it, notes in two lines, and no seconds."""
+    facts = [row for row in rows if row[0] not in (*NOTE_LABELS, *UNREAD_LABELS)]
+    notes = [row for row in rows if row[0] in NOTE_LABELS]
+    noted = _list_note_rows(notes) if notes else []
+    return format_block(headline, [*facts, *noted])
 
 
 def list_next_steps(result: str) -> list[tuple[str, str]]:
@@ -144,7 +158,7 @@ def _list_gap_notes(report: Report) -> list[tuple[str, str]]:
 
 def _list_note_rows(notes: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
     """Return two lines at most: how many notes there are, and the first of them, warnings first."""
-    known = dict.fromkeys(note for note in notes if note[0] in ("warning", "note"))
+    known = dict.fromkeys(note for note in notes if note[0] in NOTE_LABELS)
     order = sorted(known, key=lambda note: note[0] != "warning")
     if not order:
         return [("notes", "none (-v shows all figures)")]

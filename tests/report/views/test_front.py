@@ -6,7 +6,12 @@ import pytest
 
 from cageik_cli.report.figures import KeptSummary
 from cageik_cli.report.record import build_report
-from cageik_cli.report.views.front import MAX_FRONT_WIDTH, format_front, list_next_steps
+from cageik_cli.report.views.front import (
+    MAX_FRONT_WIDTH,
+    format_brief,
+    format_front,
+    list_next_steps,
+)
 from cageik_cli.util.progress import mark_warning
 
 
@@ -100,3 +105,12 @@ def test_names_with_blanks_can_be_pasted():
     shown, used = list_next_steps("my walk.h5")
     assert shown[1] == "cageik view 'my walk.h5'"
     assert used[1] == "cageik export 'my walk.h5' 'my walk.usdc' --with-model"
+
+
+def test_lines_of_a_command_are_brief():
+    rows = [("model", "18 vertices"), ("note", "one " * 40), ("seconds", "open 1"), ("note", "two")]
+    lines = format_brief("b.h5", rows).splitlines()
+    assert lines[:2] == ["b.h5", "  model          18 vertices"]
+    assert lines[2].startswith("  notes          2: one one")
+    assert (len(lines), max(map(len, lines)) <= MAX_FRONT_WIDTH + 5) == (4, True)
+    assert format_brief("b.h5", rows[:1]).splitlines() == lines[:2]
