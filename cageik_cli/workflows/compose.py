@@ -9,7 +9,7 @@ from cageik_cli.cages.sections import find_shared_sections
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
 from cageik_cli.geometry.part_names import MAX_PARTS_NAMED, count_by_part
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
@@ -29,7 +29,7 @@ from cageik_cli.store.result_fields import ResultSummary
 from cageik_cli.store.result_writer import ResultWriter
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, join_truncated
-from cageik_cli.util.progress import locate_note
+from cageik_cli.util.progress import ProgressListener, locate_note
 from cageik_cli.util.units import list_size_notes
 from cageik_cli.workflows.fit import choose_compared_frames, measure_unfitted
 
@@ -143,6 +143,17 @@ def _find_key_frames(
         is_rest[rest_index] = True
     frames: list[int] = summary.find_key_frames(is_rest).tolist()
     return frames + [region.frame for region in regions[:1] if region.frame not in frames]
+
+
+def note_missing_unit(stated: SceneHints, diagonal: float, progress: ProgressListener) -> None:
+    """Say that lengths are taken for metres where nobody states what they are.
+
+    A size that no character has is noted with the result.
+    """
+    if stated.metres_per_unit is None and not list_size_notes(diagonal, 1.0, ""):
+        progress.note(
+            "note", "no file states its unit: taken as metres (`metres_per_unit=0.01` for cm)"
+        )
 
 
 def collect_notes(

@@ -30,7 +30,7 @@ from cageik_cli.workflows.bind import (
     restore_unfitted,
 )
 from cageik_cli.workflows.common_scene import CommonScene, Offer
-from cageik_cli.workflows.compose import ResultComposer, collect_notes
+from cageik_cli.workflows.compose import ResultComposer, collect_notes, note_missing_unit
 from cageik_cli.workflows.fit import choose_fit, fit_to_clips
 from cageik_cli.workflows.mesh_source import load_source
 from cageik_cli.workflows.rest_pose import (
@@ -114,6 +114,8 @@ class Extraction:
             self.open()
         if self.existing is not None:
             return self.keep_existing(self.existing)
+        stated = self.settings.scene.over(self.common.hints.over(self.sequence.scene))
+        note_missing_unit(stated, self.rest.mesh.diagonal, self.progress)
         write_built_cage(self.settings, self.bind().binding.cage)
         self.factor()
         # One thread for the products: blocks are solved, and frames read, beside each other.

@@ -246,7 +246,7 @@ def test_a_frame_that_changed_before_a_run_is_resumed_changes_the_fit(
 
 
 def test_a_run_with_other_settings_of_the_fit_is_not_continued(interrupted):
-    with pytest.raises(CheckpointError, match=r"its fit_regularization was 0\.1, not 0\.2"):
+    with pytest.raises(CheckpointError, match=r"`fit_regularization=0\.1`"):
         extract(replace(interrupted, fit=FitSettings(0.2)))
 
 

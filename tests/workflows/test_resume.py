@@ -30,7 +30,12 @@ LOG = Path("cages.h5.partial")
 @pytest.fixture
 def plain(folder, single_frame_blocks):
     """Settings for the little animation, a frame a block."""
-    return ExtractSettings(frames=("frames",), cage=Path("cage.obj"), output=Path("cages.h5"))
+    return ExtractSettings(
+        frames=("frames",),
+        cage=Path("cage.obj"),
+        output=Path("cages.h5"),
+        scene=SceneHints(metres_per_unit=1.0),  # else there is a note on it
+    )
 
 
 @pytest.fixture
@@ -96,7 +101,7 @@ def test_a_run_at_another_rate_is_refused(plain):
     """Some files are sampled at the rate, so frames of the same number differ."""
     interrupted(plain, 2)
     with pytest.raises(CheckpointError, match=r"cages\.h5\.partial"):
-        extract(replace(plain, resume=True, scene=SceneHints(fps=30)))
+        extract(replace(plain, resume=True, scene=SceneHints(fps=30, metres_per_unit=1.0)))
     assert checkpoint_progress(LOG) == (2, 5)
 
 

@@ -44,7 +44,7 @@ def format_front(
         *_list_verdict_rows(report),
         *([] if report.better is None else [("better", report.better)]),
         *_list_limit_rows(report),
-        *_list_note_rows([*_list_gap_notes(report), *run_notes, *map(label_note, report.notes)]),
+        *_list_note_rows([*_list_gap_notes(report), *map(label_note, report.notes), *run_notes]),
     ]
     return "\n".join([single_line(_describe_clip(report, seconds)), *map(format_front_row, rows)])
 
