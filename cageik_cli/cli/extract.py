@@ -260,18 +260,17 @@ def _format_run(report: "Report", progress: "ProgressBar") -> str:
             ("note", f"{label} {text}") if label in told else (label, text)
             for label, text in progress.notes
         ]
-        return format_front(report, notes, progress.seconds["total"])
+        return word_options(format_front(report, notes, progress.seconds["total"]))
     text = word_options(format_text(report, is_verbose=True))
     return "\n".join([text, *map(format_row, progress.make_rows())])
 
 
 def _list_written(settings: "ExtractSettings") -> list[str]:
     """Return lines on the files that were written, and what to do with the result."""
-    from cageik_cli.report.views.front import format_front_row, list_next_steps
+    from cageik_cli.cli.output import list_next_steps
 
     cage = [] if settings.cage_output is None else [f"wrote {settings.cage_output}"]
-    steps = map(format_front_row, list_next_steps(str(settings.output)))
-    return [*cage, f"wrote {settings.output}", *steps]
+    return [*cage, f"wrote {settings.output}", *list_next_steps(str(settings.output))]
 
 
 def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> list[str]:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -180,6 +181,19 @@ def echo_exceeded_limits(overview: "Overview") -> None:
             if check.passed is False:
                 row = ": ".join(format_check_row(check, entry.vocabulary))
                 click.echo(f"{entry.label}: {row}", err=True)
+
+
+def list_next_steps(result: str) -> list[str]:
+    """Return lines with the commands that show a result, and take it to another program."""
+    from cageik_cli.report.views.front import format_front_row
+
+    name = shlex.quote(result)
+    export = shlex.quote(result.removesuffix(".h5") + ".usdc")
+    steps = (
+        ("see it", f"cageik view {name}"),
+        ("use it", f"cageik export {name} {export} --with-model"),
+    )
+    return list(map(format_front_row, steps))
 
 
 def exit_with_code(overview: "Overview") -> None:

@@ -24,6 +24,7 @@ from cageik_cli.cli.output import (
     check_views,
     echo_exceeded_limits,
     exit_with_code,
+    list_next_steps,
     write_or_print,
 )
 
@@ -123,7 +124,6 @@ def report_command(
 
     from cageik_cli.report.overview import Overview, build_clip_entry
     from cageik_cli.report.record import build_report
-    from cageik_cli.report.views.front import format_front_row, list_next_steps
     from cageik_cli.report.views.markdown import format_markdown
     from cageik_cli.store.result import read_result
 
@@ -146,7 +146,7 @@ def report_command(
         texts = [_format_result(report, has_all or bool(get_verbosity())) for report in reports]
         lines = ["\n\n".join(texts), *_list_written(targets)]
         if len(results) == 1:
-            lines += map(format_front_row, list_next_steps(str(results[0])))
+            lines += list_next_steps(str(results[0]))
         click.echo("\n".join(lines), err=targets.uses_stdout)
     exit_with_code(overview)
 

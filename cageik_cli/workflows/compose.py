@@ -145,12 +145,12 @@ def _find_key_frames(
     return frames + [region.frame for region in regions[:1] if region.frame not in frames]
 
 
-def note_missing_unit(stated: SceneHints, diagonal: float, progress: ProgressListener) -> None:
+def note_missing_unit(stated: SceneHints, rest: TriMesh, progress: ProgressListener) -> None:
     """Say that lengths are taken for metres where nobody states what they are.
 
     A size that no character has is noted with the result.
     """
-    if stated.metres_per_unit is None and not list_size_notes(diagonal, 1.0, ""):
+    if stated.metres_per_unit is None and not list_size_notes(rest.diagonal, 1.0, ""):
         progress.note(
             "note", "no file states its unit: taken as metres (`metres_per_unit=0.01` for cm)"
         )

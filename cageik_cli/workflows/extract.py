@@ -68,8 +68,6 @@ class Extraction:
     ----------
     settings : ExtractSettings
         With the number of the rest frame, once it is chosen.
-    common : CommonScene
-        Of the clip, and of what is given beside it.
     existing : Result, optional
         A complete result of this very run at the output, which is kept.
     cage : LoadedMesh, optional
@@ -114,8 +112,7 @@ class Extraction:
             self.open()
         if self.existing is not None:
             return self.keep_existing(self.existing)
-        stated = self.settings.scene.over(self.common.hints.over(self.sequence.scene))
-        note_missing_unit(stated, self.rest.mesh.diagonal, self.progress)
+        note_missing_unit(self.common.hints, self.rest.mesh, self.progress)
         write_built_cage(self.settings, self.bind().binding.cage)
         self.factor()
         # One thread for the products: blocks are solved, and frames read, beside each other.

@@ -132,3 +132,10 @@ def test_the_meshes_are_not_needed(run, results, monkeypatch):
     outcome = run("report", "../cages.h5")
     assert outcome.code == 0
     assert outcome.out.startswith("cages.h5: ")
+
+
+def test_names_with_blanks_can_be_pasted(run, results):
+    Path("my walk.h5").write_bytes(Path("cages.h5").read_bytes())
+    shown, used = run("report", "my walk.h5").out.splitlines()[-2:]
+    assert shown.split(maxsplit=2)[2] == "cageik view 'my walk.h5'"
+    assert used.endswith("cageik export 'my walk.h5' 'my walk.usdc' --with-model")

@@ -1,6 +1,5 @@
 """What people read of a report: at most nine lines on how good a result is, and what to do next."""
 
-import shlex
 from collections.abc import Sequence
 from textwrap import wrap
 
@@ -61,16 +60,6 @@ def format_brief(headline: str, rows: Sequence[tuple[str, str]]) -> str:
     notes = [row for row in rows if row[0] in NOTE_LABELS]
     noted = _list_note_rows(notes) if notes else []
     return format_block(headline, [*facts, *noted])
-
-
-def list_next_steps(result: str) -> list[tuple[str, str]]:
-    """Return the commands that show a result, and take it to another program."""
-    name = shlex.quote(result)
-    export = shlex.quote(result.removesuffix(".h5") + ".usdc")
-    return [
-        ("see it", f"cageik view {name}"),
-        ("use it", f"cageik export {name} {export} --with-model"),
-    ]
 
 
 def _describe_clip(report: Report, seconds: float | None) -> str:
@@ -161,9 +150,10 @@ def _list_note_rows(notes: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
     known = dict.fromkeys(note for note in notes if note[0] in NOTE_LABELS)
     order = sorted(known, key=lambda note: note[0] != "warning")
     if not order:
-        return [("notes", "none (-v shows all figures)")]
+        return [("notes", "none (`verbose=True` shows all figures)")]
     texts = [text if label == "note" else mark_warning(text) for label, text in order]
-    lines = wrap(f"{len(texts)}: {_join_notes(texts)} (-v shows all)", MAX_FRONT_WIDTH - 12)
+    text = f"{len(texts)}: {_join_notes(texts)} (`verbose=True` shows all)"
+    lines = wrap(text, MAX_FRONT_WIDTH - 12)
     return [("notes", lines[0]), *(("", line) for line in lines[1:])]
 
 

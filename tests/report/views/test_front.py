@@ -6,12 +6,7 @@ import pytest
 
 from cageik_cli.report.figures import KeptSummary
 from cageik_cli.report.record import build_report
-from cageik_cli.report.views.front import (
-    MAX_FRONT_WIDTH,
-    format_brief,
-    format_front,
-    list_next_steps,
-)
+from cageik_cli.report.views.front import MAX_FRONT_WIDTH, format_brief, format_front
 from cageik_cli.util.progress import mark_warning
 
 
@@ -87,11 +82,11 @@ def test_notes_are_counted_and_cut_and_warnings_come_first(report):
     long, middle = "a part " * 60, "one half " * 12
     assert show(
         "short", mark_warning("one is off"), told=[("cage", "built"), ("note", "short")]
-    ) == ["2: warning: one is off; short (-v shows all)"]
+    ) == ["2: warning: one is off; short (`verbose=True` shows all)"]
     assert show("short", middle, long)[0].startswith("3: short; one half one half")
     assert len(show("short", middle, long)) == 2
-    assert " ... (-v shows all)" in show(long)[-1]
-    assert show() == ["none (-v shows all figures)"]
+    assert " ... (`verbose=True` shows all)" in show(long)[-1]
+    assert show() == ["none (`verbose=True` shows all figures)"]
 
 
 def test_a_skipped_frame_is_a_warning(report):
@@ -99,12 +94,6 @@ def test_a_skipped_frame_is_a_warning(report):
     skipped = replace(first, skipped="cannot be read", rms=None)
     text = format_front(replace(report, frames=(skipped, *others)))
     assert "warning: 1 of 5 frames skipped: cannot be read" in find_row(text, "notes")
-
-
-def test_names_with_blanks_can_be_pasted():
-    shown, used = list_next_steps("my walk.h5")
-    assert shown[1] == "cageik view 'my walk.h5'"
-    assert used[1] == "cageik export 'my walk.h5' 'my walk.usdc' --with-model"
 
 
 def test_lines_of_a_command_are_brief():
