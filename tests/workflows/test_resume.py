@@ -360,7 +360,7 @@ def test_the_command_says_what_is_kept_and_resumes(run, gapped):
 
 def test_a_gap_is_noted_once_for_several_exports(run, gapped):
     exports = ("--export", "cages.npz", "--export", "cages.mdd")
-    outcome = run(*TYPED, "--on-bad-frame", "skip", *exports)
+    outcome = run(*TYPED, "-v", "--on-bad-frame", "skip", *exports)
     assert outcome.code == 0
     assert outcome.err.count("2 of 5 frames skipped (frame_2.obj, frame_4.obj)") == 1
 
