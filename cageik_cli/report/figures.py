@@ -17,6 +17,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from cageik_cli.util.text import format_count
+from cageik_cli.util.units import UNIT_LENGTHS, find_unit
+
+METRIC_UNITS = ("m", "cm", "mm")
+"""Units in which metric lengths are read, the longest first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +169,26 @@ def format_percent(value: float) -> str:
 def format_length(value: float) -> str:
     """Format a length in file units as in all views."""
     return f"{value:.6g}"
+
+
+def format_scene_length(clip: ClipRecord, percent: float, digits: int = 2) -> str:
+    """Return a share of the size, in percent, as a length in the unit of the scene.
+
+    Metric lengths take the unit that suits them.
+    """
+    size = clip.diagonal * percent / 100
+    unit = find_unit(clip.metres_per_unit)
+    if unit in METRIC_UNITS:
+        metres = size * clip.metres_per_unit
+        unit = next((name for name in METRIC_UNITS if metres >= UNIT_LENGTHS[name]), "mm")
+        size = metres / UNIT_LENGTHS[unit]
+    number = format_briefly(size, digits)
+    return number if unit is None else f"{number} {unit}"
+
+
+def format_briefly(value: float, digits: int = 2) -> str:
+    """Format a number, zero or above, with the few digits that are read, and never fewer."""
+    return f"{value:.0f}" if value >= 10 ** (digits - 1) else f"{value:#.{digits}g}"
 
 
 def format_change(value: float) -> str:

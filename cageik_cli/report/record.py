@@ -87,6 +87,11 @@ class Report:
         return self.fit is not None and self.fit.settings.influences is not None
 
     @property
+    def counted(self) -> ReportSummary | KeptSummary:
+        """The summary of the data that counts: of what was kept, if some was left out."""
+        return self.summary if self.kept is None else self.kept
+
+    @property
     def vocabulary(self) -> Vocabulary:
         """The words for the result."""
         return choose_vocabulary(self.edited_from)

@@ -15,6 +15,7 @@ from cageik_cli.report.figures import (
     format_length,
     format_metric,
     format_percent,
+    format_scene_length,
 )
 from cageik_cli.report.html.fit_section import FitShapes, draw_fit_section, load_fit_shapes
 from cageik_cli.report.html.frames_table import build_quality_rows, choose_columns, format_cells
@@ -35,27 +36,32 @@ from cageik_cli.report.regions import (
 )
 from cageik_cli.report.render.model_views import PoseSet, load_poses
 from cageik_cli.report.views.data import format_json
+from cageik_cli.report.views.front import find_worst_frame, format_front, list_verdict_rows
 from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary
 from cageik_cli.store.result import Result
 from cageik_cli.util.files import open_input
 from cageik_cli.util.text import format_count
 
 SECTIONS = (
-    ("player", "Player"),
     ("verdict", "Verdict"),
+    ("player", "Player"),
     ("parts", "Parts"),
-    ("per-frame", "{measure} per frame"),
+    ("per-frame", "Per frame"),
     ("poses", "Poses"),
-    ("fit", "Fitted weights"),
-    ("regions", "Worst regions"),
+    ("fit", "Fit"),
+    ("regions", "Regions"),
     ("histogram", "Histogram"),
-    ("worst-vertices", "{worst} vertices"),
+    ("worst-vertices", "Vertices"),
     ("weights", "Weights"),
-    ("settings", "Settings and sources"),
+    ("settings", "Settings"),
     ("notes", "Notes"),
     ("frames", "Frames"),
     ("definitions", "Definitions"),
 )
+"""Anchors of the sections, and their names in the navigation: one line of a laptop holds all."""
+
+QUALITY_STATES = {"good": "good", "fair": "none", "poor": "warn"}
+"""Looks of the badge of a quality."""
 
 
 def render_page(
@@ -94,10 +100,14 @@ def render_page(
         report=report,
         digest=digest,
         words=words,
-        sections=_list_sections(words, {name for name, part in optional.items() if not part}),
+        sections=[one for one in SECTIONS if one[0] not in optional or optional[one[0]]],
         fit=fit,
         player=None if player is None else build_player_values(player),
-        verdict=make_overall_verdict(report.gates),
+        badges=_list_badges(report),
+        advice=[row for row in list_verdict_rows(report) if row[0] in ("look at", "better")],
+        worst=find_worst_frame(report, "rms"),
+        furthest=find_worst_frame(report, "max_deviation"),
+        message=format_front(report, source="the page"),
         limit_rows=[_build_limit_row(check, words) for check in report.gates],
         plot=_build_plot_values(report),
         pictures=pictures,
@@ -108,7 +118,8 @@ def render_page(
         histogram=_build_histogram_values(report.vertices),
         quality=build_quality_rows(report, word),
         **_build_provenance(report),
-        worst_number=format_frame_number(report.frames[report.summary.worst_frame_index].number),
+        number=format_frame_number,
+        length=lambda share, digits=2: format_scene_length(report.clip, share, digits),
         columns=columns,
         rows=[(frame.skipped, format_cells(frame, columns)) for frame in report.frames],
         meanings=words.meanings,
@@ -148,10 +159,11 @@ def _make_record_mark(digest: str, has_pictures: bool, has_player: bool) -> str:
     return digest + "".join(parts)
 
 
-def _list_sections(words: Vocabulary, absent: set[str]) -> list[tuple[str, str]]:
-    """List the anchors and the titles of the sections, but those that are absent."""
-    names = {"measure": words.measure.capitalize(), "worst": words.worst.capitalize()}
-    return [(anchor, title.format(**names)) for anchor, title in SECTIONS if anchor not in absent]
+def _list_badges(report: Report) -> list[tuple[str, str]]:
+    """Return looks and words of what is judged: the quality, and the limits if there are any."""
+    quality = report.quality
+    judged = [] if quality is None else [(QUALITY_STATES[quality], quality.capitalize())]
+    return [*judged, make_overall_verdict(report.gates)] if report.gates else judged
 
 
 def _build_region_values(report: Report, word: Callable[[str], str]) -> dict[str, Any]:

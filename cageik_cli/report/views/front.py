@@ -4,7 +4,13 @@ from collections.abc import Sequence
 from textwrap import wrap
 
 from cageik_cli.formats.timeline import format_frame_number
-from cageik_cli.report.figures import FrameRecord, KeptSummary, group_digits
+from cageik_cli.report.figures import (
+    FrameRecord,
+    KeptSummary,
+    format_briefly,
+    format_scene_length,
+    group_digits,
+)
 from cageik_cli.report.parts import label_vertex, sort_parts
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import name_cause
@@ -12,7 +18,6 @@ from cageik_cli.report.views.text import format_check_row
 from cageik_cli.solver.regions import Cause
 from cageik_cli.util.progress import label_note, mark_warning
 from cageik_cli.util.text import format_block, format_count, single_line
-from cageik_cli.util.units import UNIT_LENGTHS, find_unit
 
 MAX_FRONT_WIDTH = 110
 """Characters of a line of notes, at most."""
@@ -23,12 +28,16 @@ NOTE_LABELS = ("note", "warning")
 UNREAD_LABELS = ("seconds", "cache", "from cage", "from rest")
 """Labels of lines that only -v prints: they say how a command went, not what came of it."""
 
-METRIC_UNITS = ("m", "cm", "mm")
-"""Units in which metric lengths are read, the longest first."""
+ALL_FIGURES = "`verbose=True`"
+"""What shows all figures, unless a view says otherwise."""
 
 
 def format_front(
-    report: Report, run_notes: Sequence[tuple[str, str]] = (), seconds: float | None = None
+    report: Report,
+    run_notes: Sequence[tuple[str, str]] = (),
+    seconds: float | None = None,
+    *,
+    source: str = ALL_FIGURES,
 ) -> str:
     """Write the verdict, the place to look at, the step that helps most, limits and notes.
 
@@ -38,12 +47,14 @@ def format_front(
         Labels and texts of what the run told, beside what the report holds.
     seconds : float, optional
         How long the run took.
+    source : str
+        What shows all figures, as the reader calls it.
     """
+    notes = [*_list_gap_notes(report), *map(label_note, report.notes), *run_notes]
     rows = [
-        *_list_verdict_rows(report),
-        *([] if report.better is None else [("better", report.better)]),
+        *list_verdict_rows(report),
         *_list_limit_rows(report),
-        *_list_note_rows([*_list_gap_notes(report), *map(label_note, report.notes), *run_notes]),
+        *_list_note_rows(notes, source),
     ]
     return "\n".join([single_line(_describe_clip(report, seconds)), *map(format_front_row, rows)])
 
@@ -76,24 +87,30 @@ def _describe_clip(report: Report, seconds: float | None) -> str:
     return f"{report.result}: {', '.join(facts)}"
 
 
-def _list_verdict_rows(report: Report) -> list[tuple[str, str]]:
-    """Return the word on the result, and where it deviates most; of an edit, how far it moved."""
-    rms = (report.summary if report.kept is None else report.kept).rms_percent
-    worst, error = _find_worst_frame(report, "rms")
+def list_verdict_rows(report: Report) -> list[tuple[str, str]]:
+    """Return the word on the result, where it deviates most, and the step that helps most.
+
+    Of an edit, they say how far it moved.
+    """
+    rms = report.counted.rms_percent
+    worst, error = find_worst_frame(report, "rms")
+    length, size = format_scene_length(report.clip, rms), format_scene_length(report.clip, 100.0, 3)
     average = (
-        f"{_round(rms)} % of the size on average ({_format_length(report, rms)} of "
-        f"{_format_length(report, 100.0, 3)}), {report.vocabulary.worst} frame "
-        f"{format_frame_number(worst.number)}: {_round(error)} %"
+        f"{format_briefly(rms)} % of the size on average ({length} of {size}), "
+        f"{report.vocabulary.worst} frame {format_frame_number(worst.number)}: "
+        f"{format_briefly(error)} %"
     )
     for part in sort_parts(report.parts)[:1]:
         if part.rms_percent is not None:
-            average += f", {report.vocabulary.worst} part {part.name}: {_round(part.rms_percent)} %"
+            error = part.rms_percent
+            average += f", {report.vocabulary.worst} part {part.name}: {format_briefly(error)} %"
     label, words = ("moved", "") if report.quality is None else ("quality", f"{report.quality}: ")
     kept = [] if report.kept is None else [("data", _describe_data(report.kept))]
-    return [(label, words + average), *kept, ("look at", _describe_worst_place(report))]
+    better = [] if report.better is None else [("better", report.better)]
+    return [(label, words + average), *kept, ("look at", _describe_worst_place(report)), *better]
 
 
-def _find_worst_frame(report: Report, metric: str) -> tuple[FrameRecord, float]:
+def find_worst_frame(report: Report, metric: str) -> tuple[FrameRecord, float]:
     """Return the frame in which a metric is largest, and that, in percent; over what was kept."""
     name = f"{metric}_percent" if report.kept is None else f"{metric}_kept_percent"
     values = {frame: getattr(frame, name) for frame in report.frames}
@@ -105,16 +122,16 @@ def _find_worst_frame(report: Report, metric: str) -> tuple[FrameRecord, float]:
 def _describe_data(kept: KeptSummary) -> str:
     """Say how much of the data does not count in the figures."""
     return (
-        f"{_round(kept.missing_percent)} % of the vertices are missing, and "
-        f"{_round(kept.rejected_percent)} % of the others rejected; neither counts here"
+        f"{format_briefly(kept.missing_percent)} % of the vertices are missing, and "
+        f"{format_briefly(kept.rejected_percent)} % of the others rejected; neither counts here"
     )
 
 
 def _describe_worst_place(report: Report) -> str:
     """Say in which frame and where the largest deviation is, and the cause if it is known."""
-    frame, percent = _find_worst_frame(report, "max_deviation")
-    number, length = format_frame_number(frame.number), _format_length(report, percent)
-    text = f"frame {number}: {_round(percent)} % ({length})"
+    frame, percent = find_worst_frame(report, "max_deviation")
+    number, length = format_frame_number(frame.number), format_scene_length(report.clip, percent)
+    text = f"frame {number}: {format_briefly(percent)} % ({length})"
     if report.kept is not None:  # the worst vertex and region may be those of what was rejected
         return text
     if frame.worst_vertex is not None:
@@ -145,15 +162,16 @@ def _list_gap_notes(report: Report) -> list[tuple[str, str]]:
     return [("warning", f"{len(frames)} of {total} skipped: {frames[0].skipped}")]
 
 
-def _list_note_rows(notes: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
+def _list_note_rows(
+    notes: Sequence[tuple[str, str]], source: str = ALL_FIGURES
+) -> list[tuple[str, str]]:
     """Return two lines at most: how many notes there are, and the first of them, warnings first."""
     known = dict.fromkeys(note for note in notes if note[0] in NOTE_LABELS)
     order = sorted(known, key=lambda note: note[0] != "warning")
     if not order:
-        return [("notes", "none (`verbose=True` shows all figures)")]
+        return [("notes", f"none ({source} shows all figures)")]
     texts = [text if label == "note" else mark_warning(text) for label, text in order]
-    text = f"{len(texts)}: {_join_notes(texts)} (`verbose=True` shows all)"
-    lines = wrap(text, MAX_FRONT_WIDTH - 12)
+    lines = wrap(f"{len(texts)}: {_join_notes(texts)} ({source} shows all)", MAX_FRONT_WIDTH - 12)
     return [("notes", lines[0]), *(("", line) for line in lines[1:])]
 
 
@@ -167,23 +185,3 @@ def _join_notes(notes: Sequence[str]) -> str:
         if len(shown) + len(note) + 2 <= room:
             shown += f"; {note}"
     return shown
-
-
-def _round(value: float, digits: int = 2) -> str:
-    """Format a number, zero or above, with the few digits that are read, and never fewer."""
-    return f"{value:.0f}" if value >= 10 ** (digits - 1) else f"{value:#.{digits}g}"
-
-
-def _format_length(report: Report, percent: float, digits: int = 2) -> str:
-    """Return a share of the size, in percent, as a length in the unit of the scene.
-
-    Metric lengths take the unit that suits them.
-    """
-    size = report.clip.diagonal * percent / 100
-    unit = find_unit(report.clip.metres_per_unit)
-    if unit in METRIC_UNITS:
-        metres = size * report.clip.metres_per_unit
-        unit = next((name for name in METRIC_UNITS if metres >= UNIT_LENGTHS[name]), "mm")
-        size = metres / UNIT_LENGTHS[unit]
-    number = _round(size, digits)
-    return number if unit is None else f"{number} {unit}"

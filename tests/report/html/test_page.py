@@ -8,7 +8,14 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from cageik_cli.report.figures import format_change, format_length, format_metric, format_percent
+from cageik_cli.report.figures import (
+    KeptSummary,
+    format_change,
+    format_length,
+    format_metric,
+    format_percent,
+    format_scene_length,
+)
 from cageik_cli.report.html import pictures
 from cageik_cli.report.html.frames_table import build_quality_rows, choose_columns, format_cells
 from cageik_cli.report.html.page import compute_record_digest, is_page_current, render_page
@@ -22,6 +29,7 @@ from cageik_cli.report.limits import (
 from cageik_cli.report.record import build_report
 from cageik_cli.report.render.shading import COLOUR_SCALE
 from cageik_cli.report.views.data import format_json
+from cageik_cli.report.views.front import format_front
 from cageik_cli.report.views.text import format_text
 from tests.report.hostile import NAMES, with_hostile_names
 from tests.report.markup import find_faults, parse_page
@@ -54,9 +62,56 @@ def page(report, drawn):
 
 
 def test_the_verdict_and_the_error_come_first(page, report):
-    main = parse_page(page).by_id("main").text
-    rms = format_percent(report.summary.rms_percent)
-    assert main.startswith(f"Verdict Over 1 of 3 limits {rms} % of the diagonal")
+    main, clip = parse_page(page).by_id("main").text, report.clip
+    rms = report.summary.rms_percent
+    length, size = format_scene_length(clip, rms), format_scene_length(clip, 100, 3)
+    assert main.startswith(
+        f"Verdict {report.quality.capitalize()} Over 1 of 3 limits {format_percent(rms)} % of the "
+        f"diagonal {length} of {size} on average"
+    )
+
+
+@pytest.mark.parametrize("quality", ["good", "fair", "poor", None])
+def test_the_quality_is_a_badge_unless_nothing_was_judged(report, quality):
+    shown = parse_page(render_page(replace(report, quality=quality, gates=()))).by_id("verdict")
+    badges = [one for one in shown.all("span") if "badge" in one.attributes.get("class", "")]
+    assert [badge.text for badge in badges] == ([quality.capitalize()] if quality else [])
+
+
+def test_five_figures_are_seen_and_published_metrics_are_folded(page):
+    verdict = parse_page(page).by_id("verdict")
+    folded, message = verdict.all("details")
+    names = [[name.text for name in part.all("dt")] for part in (verdict, folded)]
+    own = [name for name in names[0] if name not in names[1]]
+    assert own[:5] == [
+        "Worst frame", "Max deviation", "Error by area", "Largest volume change", "Size"
+    ]  # fmt: skip
+    assert own[5:] == ["Look at", "Better"]
+    assert names[1] == ["Error by radius", "E_RMS", "KG error"]
+    assert list(message.all("dt")) == []
+
+
+def test_the_text_for_a_message_is_that_of_the_command_line(page, report):
+    (text,) = parse_page(page).all("pre")
+    front = format_front(report).replace("`verbose=True`", "the page")
+    assert text.text.split() == front.split()
+    assert "the page shows" in text.text
+
+
+def test_of_captured_data_what_was_kept_is_judged_and_shown(report):
+    """Thrown vertices have an error of 40 %, which is in no figure at the top."""
+    kept = KeptSummary(0.25, 1.5, 2.0, 4, "a", 1.25, 3, "b")
+    frames = tuple(
+        replace(frame, rms_kept_percent=0.5, max_deviation_kept_percent=1.5, rms_percent=40.0)
+        for frame in report.frames
+    )
+    shown = replace(report, kept=kept, frames=frames, quality="good", gates=())
+    text = parse_page(render_page(shown)).by_id("verdict").text
+    assert text.startswith("Verdict Good 0.2500 % of the diagonal")
+    assert "Worst frame 0.5000 %" in text
+    assert "Max deviation 1.5000 %" in text
+    assert f"Over all data: {format_percent(report.summary.rms_percent)} %" in text
+    assert "40.0000" not in text
 
 
 def test_each_limit_has_its_row(page, report):

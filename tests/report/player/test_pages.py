@@ -27,11 +27,11 @@ def page(report, poses, clip):
     return render_page(report, poses, player=clip, pixels=8)
 
 
-def test_the_player_comes_first(page):
+def test_the_player_follows_the_verdict(page):
     sections = list(parse_page(page).by_id("main").all("section"))
-    assert sections[0].attributes["id"] == "player"
-    (first, *_) = next(parse_page(page).all("nav")).all("a")
-    assert first.attributes["href"] == "#player"
+    assert [one.attributes["id"] for one in sections[:2]] == ["verdict", "player"]
+    links = [link.attributes["href"] for link in next(parse_page(page).all("nav")).all("a")]
+    assert links[:2] == ["#verdict", "#player"]
 
 
 def test_the_page_has_no_faults(page):

@@ -147,7 +147,17 @@ function makeSizable(button) {
   });
 }
 
+// A button copies a text. Only some pages are given the clipboard; to copy what is selected works on all.
+function makeCopier(button) {
+  button.addEventListener("click", () => {
+    getSelection().selectAllChildren(document.getElementById(button.dataset.copies));
+    button.textContent = document.execCommand("copy") ? "Copied" : "Selected: press Ctrl+C";
+    announce(button.textContent);
+  });
+}
+
 document.querySelectorAll("button.size").forEach(makeSizable);
 document.querySelectorAll("#plot").forEach(makeCursor);
+document.querySelectorAll("button.copy").forEach(makeCopier);
 document.querySelectorAll("table.sortable").forEach(makeSortable);
 document.querySelectorAll("input[data-filters]").forEach(makeFilter);
