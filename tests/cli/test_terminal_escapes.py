@@ -23,7 +23,7 @@ def find_controls(text):
 def frame_in_odd_folder():
     shutil.move("frames/frame_2.obj", f"frames/{EVIL}.obj")
     Path(f"frames/{EVIL}.obj").write_text("v 1 2\n")
-    return [*BASE, "--allow-gaps"]
+    return [*BASE, "--allow-gaps", "-v"]
 
 
 def odd_folder():

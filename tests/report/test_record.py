@@ -116,6 +116,7 @@ def test_clip_binding_and_provenance(closed, report):
         "start": 1,
         "frame_step": 1,
         "body": True,
+        "metres_per_unit": 1.0,
     }
     assert set(dataclasses.asdict(report.binding)) == {
         "partition_of_unity", "linear_precision", "min_weight", "panels", "estimated_error",

@@ -269,7 +269,7 @@ def test_equal_weights_of_frames_change_nothing(walker, make):
     ("weights", "says"),
     [
         (np.ones((11, 1570)), r"shape \(11, 1570\), expected \(12, 1570\)"),
-        (np.full((12, 1570), -1.0), "weight of vertex 0 in frame 0 is -1.0"),
+        (np.full((12, 1570), -1.0), "weight of vertex 0 in row 0 is -1.0"),
         (np.zeros((12, 1570)), "all vertex weights are zero"),
         (np.full((12, 1570), "a"), "expected numbers"),
     ],
