@@ -8,7 +8,11 @@ from pathlib import Path
 
 from mkdocs.structure.files import File
 
-_SHARED = ("data_fixtures/pictures/*.png", "data_fixtures/walker/*.json")
+_SHARED = (
+    "data_fixtures/pictures/*.png",
+    "data_fixtures/pictures/*.webp",
+    "data_fixtures/walker/*.json",
+)
 
 
 def on_files(files, config):

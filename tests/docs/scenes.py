@@ -4,8 +4,10 @@ import shutil
 
 import h5py
 import numpy as np
+from click.testing import CliRunner
 
 from cageik_cli import extract_to_file, load_mesh
+from cageik_cli.cli import main
 from cageik_cli.formats.obj import encode_exact_obj
 from tests.corruptions import corrupt
 from tests.docs.pages import ROOT
@@ -67,6 +69,12 @@ def add_character(folder):
         (folder / f"{name}.obj").write_bytes(encode_exact_obj(cage.vertices, cage.faces))
 
 
+def add_edited_cage(folder):
+    """Make `edited.usdc`, the cages of `hero.h5` with Z up, as Blender writes them."""
+    words = [folder / "hero.h5", folder / "edited.usdc", "--to", "m,z"]
+    CliRunner().invoke(main, ["export", *map(str, words)], catch_exceptions=False)
+
+
 def add_box(folder):
     """Make `frames`, every second one of the walking figure, and `box.obj` around the first."""
     (folder / "frames").mkdir()
@@ -119,6 +127,7 @@ SCENES = {
     "model": add_model,
     "box": add_box,
     "character": add_character,
+    "edited cage": add_edited_cage,
     "animations": add_animations,
     "splats": add_splats,
 }

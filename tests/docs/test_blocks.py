@@ -19,8 +19,10 @@ from tests.docs.pages import ROOT, find_pages, name_page, read_all_blocks, read_
 from tests.docs.session import find_reason_to_skip
 
 NOT_RUN = [
+    ("docs/blender.md", "sh", "needs Blender"),
     ("docs/cluster.md", "python", "needs SLURM"),
     ("docs/cluster.md", "sh", "needs a Dask cluster"),
+    ("docs/getting-started.md", "console", "serves a page until Ctrl-C"),
     ("docs/handles-file.md", "python", "needs Blender"),
     ("docs/recipes.md", "python", "needs Blender"),
     ("docs/reports-and-limits.md", "yaml", "GitHub workflow"),

@@ -8,6 +8,12 @@ import pytest
 from cageik_cli.formats.base.files import MAX_UNPACKED_RATIO, MIN_UNPACKED_LIMIT
 from cageik_cli.formats.find_files import clip_suffixes
 from cageik_cli.formats.write import _find_writers
+from cageik_cli.report.verdict import (
+    MAX_FAIR_DEVIATION,
+    MAX_FAIR_RMS,
+    MAX_GOOD_DEVIATION,
+    MAX_GOOD_RMS,
+)
 
 ROOT = Path(__file__).parents[2]
 ARCHITECTURE = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
@@ -47,6 +53,23 @@ def test_every_format_has_a_row():
     assert find_missing_suffixes(text.replace("| `.mdd`", "| `.xyz`")) == [".mdd"]
     limit = f"{MAX_UNPACKED_RATIO} times their size, or to {MIN_UNPACKED_LIMIT >> 20} MiB"
     assert f"They may unpack to {limit}" in text
+
+
+def read_bounds(text):
+    """Return the bounds on rms and largest deviation of each word, as the page's table has them."""
+    rows = re.findall(r"^\| (good|fair) \| ([\d.]+) % \| ([\d.]+) %", text, flags=re.M)
+    return {word: (float(rms), float(largest)) for word, rms, largest in rows}
+
+
+def test_the_page_on_quality_has_the_bounds():
+    text = (ROOT / "docs/quality.md").read_text(encoding="utf-8")
+    bounds = {
+        "good": (MAX_GOOD_RMS, MAX_GOOD_DEVIATION),
+        "fair": (MAX_FAIR_RMS, MAX_FAIR_DEVIATION),
+    }
+    assert read_bounds(text) == bounds
+    assert read_bounds(text.replace("| 0.75 %", "| 0.8 %")) != bounds
+    assert f"darkest: {MAX_FAIR_DEVIATION:g} %" in text
 
 
 @pytest.mark.parametrize("word", ["--help", "-h"])
