@@ -26,6 +26,9 @@ CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]+")
 OPTION = re.compile(r"(?<![\w-])(?:--(?!nthreads|nworkers)[a-z][a-z-]*|-[oqv](?![\w-]))")
 """An option of ours, such as --rest or -o; those of `dask worker` are not."""
 
+FOREIGN = re.compile(r"\bblender --[^`;\n]*")
+"""The command line of another program that a text tells, up to its end."""
+
 DOTTED = re.compile(r"`(?:cageik_cli\.)?([a-z_]+(?:\.(?!py\b|json\b)\w+)+)")
 """What may be a module, or a name in it: `cages.push`, `cages.push.push`, and `result.frames`."""
 
@@ -86,7 +89,8 @@ def find_option_words(modules: list[Module]) -> Iterator[str]:
         docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
         for node in ast.walk(tree):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                found = OPTION.search(node.value) if id(node) not in docstrings else None
+                text = "" if id(node) in docstrings else FOREIGN.sub("", node.value)
+                found = OPTION.search(text)
                 if found and found[0] != node.value:
                     yield f"{path}:{node.lineno}: names {found[0]}; name the parameter in backticks"
 

@@ -4,6 +4,7 @@ import pytest
 
 from tests.rules import (
     MIN_LINES,
+    RULES,
     find_lost_modules,
     find_option_words,
     find_repeated_constants,
@@ -13,6 +14,11 @@ from tests.rules import (
 from tests.rules import SHORT as SHORT_MODULES
 
 SHORT, LONG, FINE = "x = 1\n" * 59, "x = 1\n" * 351, "x = 1\n" * 60
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_the_package_keeps_the_rules(rule):
+    assert list(rule(read_modules())) == []
 
 
 def test_constant_of_two_modules_is_found():
@@ -48,6 +54,20 @@ def test_short_options_below_the_command_line_are_found():
     assert fault.startswith("solver/a.py:1: names -o")
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "run blender --background; then give --rest",
+        "run `blender --background`, and --rest",
+        "give --rest to blender",
+        "open it in blender and give --rest",
+    ],
+)
+def test_own_options_beside_those_of_other_programs_are_found(text):
+    (fault,) = find_option_words([("solver/a.py", f'TEXT = "{text}"\n')])
+    assert fault.startswith("solver/a.py:1: names --rest")
+
+
 PACKAGE = [("cages/push.py", "def push():\n    pass\n"), ("cages/mesh_parts.py", "")]
 
 
@@ -67,6 +87,7 @@ def test_docstrings_that_name_modules_or_values_pass(name):
     [
         'WORDS = ["cageik", "cage", "--repair", "cage.obj"]\n',
         'TEXT = "start `dask worker --nthreads 1`"\n',
+        'TEXT = "bake it: blender --background --python bake.py -- {file} {stem}.abc"\n',
     ],
 )
 def test_words_of_commands_pass(source):

@@ -12,7 +12,8 @@ from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.posing.edits import EditedFrames, EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
+from cageik_cli.posing.statistics import PoseStatistics
+from cageik_cli.posing.summary import PoseResult, take_snapshot
 from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.solver.executor import choose_block_size
 from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics, check_finite

@@ -15,7 +15,8 @@ from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
 from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
+from cageik_cli.posing.statistics import PoseStatistics
+from cageik_cli.posing.summary import PoseResult, take_snapshot
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, write_bytes

@@ -10,7 +10,7 @@ from cageik_cli.posing import constraints
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
 from cageik_cli.posing.constraints import MAX_LEAK, Mirror, find_reach, mirror_pairs
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
-from cageik_cli.posing.summary import PoseStatistics
+from cageik_cli.posing.statistics import PoseStatistics
 from cageik_cli.util.errors import HandlesError
 from tests.posing.handles.files import read
 

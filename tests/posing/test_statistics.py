@@ -7,7 +7,7 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.settings import Scene
 from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
-from cageik_cli.posing.summary import PoseStatistics
+from cageik_cli.posing.statistics import PoseStatistics
 from tests.posing.handles.files import read
 from tests.shapes import ball, box, changed
 
