@@ -298,11 +298,16 @@ class _Builder:
     def _describe_shell(self, shell: Shell) -> tuple[str, ...]:
         """Return notes on what the shell closed, and where."""
         notes = []
-        handles = 1 - euler_characteristic(shell.surface) // 2
+        holes = 1 - euler_characteristic(shell.surface) // 2
+        is_joined = holes > 0 and len(shell.webs) > 0  # else they are holes of the model itself
         for count, what, places in (
             (len(shell.bridges), "parts of the model that lie apart were joined", shell.bridges),
             (len(shell.hollows), "hollows with a narrow opening were filled", shell.hollows),
-            (handles, "handles are left where parts touch: they move together", shell.webs),
+            (
+                is_joined * holes,
+                "the cage has holes through it, some perhaps where parts touch and move together",
+                shell.webs,
+            ),
         ):
             if count:
                 points = self._demand.to_file_units(places)

@@ -1,6 +1,7 @@
 """Weaknesses of a cage that binds: each has a limit, a place and a remedy."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -117,21 +118,25 @@ def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
         yield found.at("vertices", weak)
 
 
-def find_room_faults(cage: TriMesh, rest: TriMesh, is_thorough: bool = True) -> Iterator[Finding]:
+def find_room_faults(
+    cage: TriMesh, rest: TriMesh, is_thorough: bool = True, is_built: bool = False
+) -> Iterator[Finding]:
     """Find what is poor about the room in a cage, closed and turned outward, around its model.
 
     Limbs in one loop are looked for in loose cages; in others, too, if it is to be thorough. Of
-    the places where they are, the four longest are named.
+    the places where they are, the four longest are named. What helps a cage that was just built is
+    to build it with more vertices.
     """
     if cage.diagonal > MAX_SIZE_RATIO * rest.diagonal:
         yield _describe_size(cage, rest)
         return
     if len(rest.vertices) < MIN_MODEL_VERTICES:
         return
-    loose = list(_find_loose_cage(cage, rest))
-    yield from loose
-    if loose or is_thorough:
-        yield from islice(_find_shared_loops(cage, rest), 4)
+    found = list(_find_loose_cage(cage, rest))
+    if found or is_thorough:
+        found += islice(_find_shared_loops(cage, rest), 4)
+    for fault in found:
+        yield replace(fault, remedy="raise `cage_vertices=`") if is_built else fault
 
 
 def has_too_much_room(cage: TriMesh, rest: TriMesh) -> bool:
@@ -178,8 +183,8 @@ def _find_loose_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
         f"{expected}"
     )
     remedy = (
-        "move it closer to the model, or build one with cageik cage, with more vertices if this "
-        "one was built; a loose cage follows the motion poorly"
+        "move it closer to the model, or build one with cageik cage, with more vertices than this "
+        "one has; a loose cage follows the motion poorly"
     )
     yield Finding("loose", "warning", message, remedy, value=gap)
 

@@ -176,8 +176,8 @@ class Writer(GlbWriter):
     """The rest pose plus weights times morph targets is each frame, to an error that is noted.
 
     The targets are the singular vectors of the displacements from the rest pose, in float32. The
-    track has their weights at each frame's number / fps seconds, linear between. Normals are those
-    of the rest pose, and targets of normals that are fitted to the frames' by least squares.
+    track has their weights at the times of the frames, from 0 s on, linear between. Normals are
+    those of the rest pose, and targets of normals that are fitted to the frames' by least squares.
     """
 
     def __init__(self, target: Path, animation: Animation) -> None:

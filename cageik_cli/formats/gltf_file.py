@@ -233,7 +233,7 @@ class GlbWriter(AnimationWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         self._target, self._animation = target, animation
-        self.notes = _check_start(animation.scene)
+        self.notes = _tell_start(animation.scene)
 
     def open_file(self, vector_count: int, spool_count: int) -> list[VectorSpool]:
         """Open the file, and spools of as many vectors per frame."""
@@ -251,13 +251,16 @@ class GlbWriter(AnimationWriter):
         self._open.close()
 
     def add_times(self) -> int:
-        """Add the time of each frame, seconds; return the number of the accessor."""
+        """Add the time of each frame, seconds; return the number of the accessor.
+
+        The first is at 0 s: players loop from there, and would wait for a later one in each loop.
+        """
         scene = self._animation.scene
-        numbers = scene.start + scene.frame_step * np.arange(self._animation.frame_count)
+        numbers = scene.frame_step * np.arange(self._animation.frame_count)
         return self._file.add_array(np.asarray(numbers / scene.fps, np.float32), bounds=True)
 
     def make_animation(self, channels: list[object], samplers: list[object]) -> object:
-        """Return the animation, which states the frame rate for cageik itself."""
+        """Return the animation, which states rate and numbers of its frames for cageik itself."""
         import pygltflib as gltf
 
         scene = self._animation.scene
@@ -265,7 +268,7 @@ class GlbWriter(AnimationWriter):
             name=self._animation.name,
             channels=channels,
             samplers=samplers,
-            extras={GLTF_RATE_KEY: [scene.fps, scene.frame_step]},
+            extras={GLTF_RATE_KEY: [scene.fps, scene.frame_step, scene.start]},
         )
 
     def make_node_transform(self) -> dict[str, list[float]]:
@@ -279,17 +282,8 @@ class GlbWriter(AnimationWriter):
         return placement
 
 
-def _check_start(scene: Scene) -> tuple[str, ...]:
-    """Return a note on a late first frame."""
-    if scene.start < 0:
-        raise OutputError(
-            f"the number of the first frame is {scene.start:.10g}, and glTF has no "
-            "time before 0; give another with `start=`, or write .usdc or .abc"
-        )
-    seconds = scene.start / scene.fps
-    if seconds <= 1:
+def _tell_start(scene: Scene) -> tuple[str, ...]:
+    """Return a note on the number of the frame at 0 s, where that is not the usual 0 or 1."""
+    if scene.start in (0, 1):
         return ()
-    return (
-        f"the first frame is at {seconds:.4g} s, as its number says, and players wait "
-        "until then; `start=0` begins at once",
-    )
+    return (f"frame {scene.start:.10g} is at 0 s, where players begin; cageik reads its number",)

@@ -37,7 +37,7 @@ from cageik_cli.util.outputs import (
     write_bytes,
 )
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import format_bytes
+from cageik_cli.util.text import format_bytes, format_count
 from cageik_cli.util.units import list_size_notes
 
 DEFAULT_FORMAT = "obj"
@@ -240,7 +240,8 @@ class ExportSummary:
     @property
     def message(self) -> str:
         """A line for the user."""
-        counts = f"{self.frame_count} frames of {self.vertex_count} {self.unit}"
+        frames = format_count(self.frame_count, "frame")
+        counts = f"{frames} of {self.vertex_count} {self.unit}"
         return f"wrote {self.path}: {counts}, {format_bytes(self.byte_count)}"
 
 

@@ -57,14 +57,16 @@ def _list_sample_notes(report: FitReport) -> list[str]:
             f"a fit to more of them needs `memory={format_bytes(report.needed_memory)}`"
         )
     if held_out is None:
+        fitted = format_count(report.fitted_frames, "frame")
         notes.append(
-            f"no frames were held out of {format_count(report.fitted_frames, 'fitted frame')}: how "
-            "well the fitted weights follow other frames is not known"
+            f"no frames were kept aside from the fit ({fitted} fitted): how well the fitted "
+            "weights follow other frames is not known"
         )
     elif report.is_repetitive:
         notes.append(
-            f"{report.copied_frames} of {format_count(held_out.frames, 'held-out frame')} are "
-            "nearly copies of fitted ones, so the held-out error says nothing about other motion"
+            f"{report.copied_frames} of {format_count(held_out.frames, 'frame')} kept aside from "
+            "the fit are nearly copies of fitted ones, so their error says nothing about other "
+            "motion"
         )
     return notes
 
@@ -80,15 +82,16 @@ def _list_error_notes(report: FitReport) -> list[str]:
         )
     elif held_out is not None and report.is_gainless:
         notes.append(
-            f"the fitted weights follow held-out frames no better "
+            "the fitted weights follow frames kept aside from the fit no better "
             f"({format_percent(held_out.fitted.rms)} %) than the unfitted ones "
             f"({format_percent(held_out.unfitted.rms)} %); fit more motion, or leave the fit out"
         )
     elif held_out is not None and report.is_overfitted:
         notes.append(
-            f"the error of held-out frames, {format_percent(held_out.fitted.rms)} %, is more than "
-            f"{MAX_HELD_OUT_RATIO:g} times that of fitted ones, {format_percent(fitted)} %: the "
-            "weights follow other motion less closely; fit more motion if they are for other clips"
+            f"the error of frames kept aside from the fit, "
+            f"{format_percent(held_out.fitted.rms)} %, is more than {MAX_HELD_OUT_RATIO:g} times "
+            f"that of fitted ones, {format_percent(fitted)} %: the weights follow other motion "
+            "less closely; fit more motion if they are for other clips"
         )
     if report.roughness > MAX_ROUGHNESS:
         notes.append(
@@ -102,12 +105,12 @@ def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[tuple[s
     """Return labelled lines on a fit; `is_verbose` shows all regularizations that were tried."""
     report = record.report
     tried = ", ".join(f"{pull:g}: {format_percent(error)} %" for pull, error in report.curve)
-    curve = [("tried", f"held-out error by regularization: {tried}")] if tried else []
+    curve = [("tried", f"error of frames kept aside, by regularization: {tried}")] if tried else []
     return [
         ("fit", _describe_settings(record)),
         *(curve if is_verbose else []),
         ("fitted frames", _format_comparison(report.fitted)),
-        ("held out", _format_held_out(record)),
+        ("kept aside", _format_held_out(record)),
         ("last third", _format_comparison(report.unseen_third) if report.unseen_third else "none"),
         (
             "fitted weights",
@@ -121,7 +124,7 @@ def format_fit_line(report: FitReport) -> str:
     """Return the errors of a fit in one line."""
     parts = {
         "fitted frames": report.fitted,
-        "held out": report.held_out_blocks,
+        "kept aside": report.held_out_blocks,
         "last third": report.unseen_third,
     }
     return "; ".join(

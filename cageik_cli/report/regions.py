@@ -11,7 +11,7 @@ from cageik_cli.store.result import Result
 CAUSES = {
     Cause.LOOSE_CAGE: (
         "the cage is far too loose",
-        "cage far too loose: build one with cageik cage, or move it closer to the model",
+        "cage far too loose: move it closer to the model, or build one of more vertices",
     ),
     Cause.SHARED_LOOP: (
         "limbs share one loop of the cage",

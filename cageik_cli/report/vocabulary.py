@@ -92,10 +92,10 @@ MEANINGS = (
         "the aligned displacements of s vertices in all F frames. Fitted weights come near to it.",
     ),
     (
-        "Held-out error",
+        "Error of frames kept aside",
         "",
         "Of weights that are fitted to the clip: the error of frames that a second fit did not "
-        "see. Each clip is cut into ten blocks, and every second one is held out; or the last "
+        "see. Each clip is cut into ten blocks, and every second one is kept aside; or the last "
         "third is. It tells how well the weights follow other motion.",
     ),
     (

@@ -9,6 +9,7 @@ import numpy as np
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.enclosure import refuse_other_unit
 from cageik_cli.cages.faults import validate_cage
+from cageik_cli.cages.quality import find_room_faults
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.choose_parts import check_part_order
@@ -31,7 +32,7 @@ from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.fit import fit_to_clips
 from cageik_cli.workflows.mesh_source import load_rest, load_source
 from cageik_cli.workflows.rest_pose import load_vertex_weights
-from cageik_cli.workflows.run_cage import suggest_repair
+from cageik_cli.workflows.run_cage import BUILT_CAGE, suggest_repair
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
 
@@ -164,8 +165,16 @@ def bind_cached(
     notes = cage.notes + binding.notes
     if is_own_cage:
         refuse_other_unit(binding.cage, binding.rest)
-        notes += tuple(map(mark_warning, binding.cage_warnings))
+        notes += tuple(map(mark_warning, _list_cage_warnings(cage, binding)))
     return StoredBinding(replace(binding, notes=notes), sources)
+
+
+def _list_cage_warnings(cage: LoadedMesh, binding: Binding) -> tuple[str, ...]:
+    """Return how a cage is judged; of one that was built, what to build it with."""
+    if not binding.cage_warnings or cage.source["name"] != BUILT_CAGE:
+        return binding.cage_warnings
+    faults = find_room_faults(binding.cage, binding.rest, is_thorough=False, is_built=True)
+    return tuple(fault.sentence for fault in faults)
 
 
 def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None) -> StoredBinding:

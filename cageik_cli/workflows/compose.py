@@ -176,7 +176,7 @@ def collect_notes(
         ]
         where = f": {join_truncated(counts, MAX_PARTS_NAMED)}" if counts else ""
         notes.append(
-            f"the model is open ({len(holes)} edges without a counterpart{where}), so its volume "
+            f"the model is open ({len(holes)} boundary edges{where}), so its volume "
             "is not defined and volume figures are left out"
         )
     elif not rest.mesh.is_body:

@@ -15,7 +15,15 @@ from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import MorphSettings, SceneHints
 from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.usd.writer import UsdWriter
-from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
+from cageik_cli.formats.write import (
+    ExportSummary,
+    Output,
+    WriterFactory,
+    check_mesh_output,
+    frame_formats,
+    write_animation,
+    write_mesh,
+)
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.util.arrays import Floats, count_frames
@@ -68,12 +76,18 @@ class ExportSettings(CommandSettings):
     guide: bool = False
     morphs: MorphSettings = field(default_factory=MorphSettings)
 
+    def outputs(self) -> list[Path]:
+        """Return what is written; one file of a format of frames is that of the rest cage."""
+        return [self.output.path] if is_rest_cage(self) else CommandSettings.outputs(self)
+
 
 def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:
     """Write the cage animation of a result."""
     progress = progress or ProgressListener()
     check_export(settings)
     result = read_result(settings.result)
+    if is_rest_cage(settings):
+        return _write_rest_cage(settings, result, progress)
     animation = Animation(
         rest=result.cage,
         frame_count=len(result.frames),
@@ -88,6 +102,32 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
         return _write_with_model(settings, result, animation, progress)
     blocks = read_cages(result, count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices)))
     return write_converted(settings.output, settings.to, animation, blocks, progress)
+
+
+def is_rest_cage(settings: ExportSettings) -> bool:
+    """Return whether one file of a format of one mesh per file is named: it holds the rest cage."""
+    output = settings.output
+    asks_more = settings.skeleton or settings.with_model or output.recentre or output.file_format
+    is_frame = output.path.suffix.lower()[1:] in frame_formats() and output.frame_names is None
+    return is_frame and not asks_more and not names_parts(output.path)
+
+
+def _write_rest_cage(
+    settings: ExportSettings, result: Result, progress: ProgressListener
+) -> ExportSummary:
+    """Write the cage at rest, which a frame alone would be mistaken for; and note it."""
+    path, suffix = settings.output.path, settings.output.suffix
+    conversion = SceneConversion.of_output(settings.scene.override(result.scene), settings.to)
+    if conversion:
+        progress.note("note", f"{path.name}: {conversion.note}")
+    vertices = conversion.apply(result.cage.vertices[None])[0]
+    write_mesh(path, result.cage, vertices, settings.output.overwrite)
+    progress.note(
+        "note",
+        f"{path.name}: the cage at rest; {path.stem}/{path.stem}_####{suffix} writes all "
+        f"{len(result.frames)} frames",
+    )
+    return ExportSummary(path, 1, len(vertices), path.stat().st_size)
 
 
 def write_converted(
@@ -123,6 +163,7 @@ def _write_skeleton(
         influences=settings.influences,
         name=settings.output.path.name,
         compares=settings.compares,
+        input_rms=_measure_input_rms(result),
         jobs=count_processors(),
     )
     cages = (block.cages for block in rig.blocks())
@@ -137,6 +178,14 @@ def _write_skeleton(
             settings.output, settings.to, animation, cages, progress, make_writer
         )
     return replace(summary, unit=f"joints that move {len(result.rest.vertices)} vertices")
+
+
+def _measure_input_rms(result: Result) -> float | None:
+    """Return the rms of a result, percent; None if it is not that of all vertices and frames."""
+    rms = result.metrics.rms
+    if result.edited_from or not (np.isfinite(rms).all() and np.isfinite(result.vertex_rms).all()):
+        return None
+    return 100 * float(np.sqrt(np.mean(np.square(rms)))) / result.rest.diagonal
 
 
 def _write_with_model(
@@ -230,5 +279,7 @@ def check_export(settings: ExportSettings) -> None:
                 f"{path}: a skeleton in glTF is the model alone, without the cage; leave out "
                 "`with_model=True`, or write .usdc, which holds both"
             )
-    if not has_parts:
+    if is_rest_cage(settings):
+        check_mesh_output(path, settings.output.overwrite)
+    elif not has_parts:
         settings.output.check_writable()

@@ -31,7 +31,8 @@ def check_output(settings: ExtractSettings) -> None:
     """Refuse, before any work, to write over a result or a checkpoint."""
     may_replace = settings.overwrite or settings.resume
     check_writable(settings.output, may_replace)
-    check_hdf5_suffix(settings.output)
+    other = settings.output
+    check_hdf5_suffix(other, f"write the cages to it, too, by `exports={other}`")
     path = checkpoint_path(settings.output)
     check_checkpoint_path(path)
     if path.exists() and not may_replace:

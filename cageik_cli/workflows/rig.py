@@ -30,13 +30,16 @@ FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rig:
-    """A skin, the motion of its joints, and how far it is from the reconstruction.
+    """A skin, the motion of its joints, and how far it is from the reconstruction and the input.
 
     Attributes
     ----------
     rms, largest : float
         Distances of the skinned mesh from the reconstruction, over all vertices and frames, in
         percent of the diagonal of the rest pose.
+    total : float, optional
+        The largest that the rms distance from the input can be, in the same percent: that of the
+        reconstruction and this one, added. None where the input is not known.
     blocks : callable
         Yields all frames in order: the places of the joints as cages, and the skinned meshes.
     """
@@ -45,6 +48,7 @@ class Rig:
     rms: float
     largest: float
     blocks: Callable[[], Iterator[RebuiltFrames]]
+    total: float | None = None
 
     @property
     def message(self) -> str:
@@ -52,10 +56,10 @@ class Rig:
         text = f"up to {self.skin.weights.joints.shape[1]} influences per vertex"
         if self.largest < 1e-6:  # rounding: single precision is coarser
             return f"{text}; the mesh moves as with the full weights"
-        return (
-            f"{text}; error against the full weights: rms {self.rms:.2g}, largest "
-            f"{self.largest:.2g} % of the diagonal"
-        )
+        added = f"it adds an rms of {self.rms:.2g} %, largest {self.largest:.2g} %"
+        if self.total is None:
+            return f"{text}; {added} of the diagonal, against the full weights"
+        return f"{text}; {added}; against the input, the rms is at most {self.total:.2g} %"
 
 
 def make_rig(
@@ -66,6 +70,7 @@ def make_rig(
     influences: int | None,
     name: str,
     compares: bool = False,
+    input_rms: float | None = None,
     memory: int = DEFAULT_MEMORY,
     jobs: int = 1,
 ) -> Rig:
@@ -80,12 +85,17 @@ def make_rig(
         the reconstruction, which must not be negative.
     name : str
         What the note on the error is about.
+    input_rms : float, optional
+        Distance of the reconstruction from the input, rms over all vertices and frames, in
+        percent of the diagonal, where it is known.
     """
     with progress.stage("fit"), error_context(result.path), limit_blas_threads(1):
         solve = _read_solve_settings(result)
         target = _settle_rest(target)
         fit_rig = partial(_fit_rig, target, solve=solve, memory=memory, jobs=jobs)
         rig = fit_rig(influences)
+        if input_rms is not None:
+            rig = replace(rig, total=input_rms + rig.rms)
         progress.note("note", f"{name}: {rig.message}")
         if compares:
             counts = [k for k in (4, 8, 16, 32) if k <= len(target.binding.cage.vertices)]

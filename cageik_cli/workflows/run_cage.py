@@ -22,6 +22,9 @@ from cageik_cli.util.errors import CageError, OutputError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
 
+BUILT_CAGE = "built cage"
+"""Name of a cage that was built for the run, in place of that of a file."""
+
 UNNAMED_REST = "MODEL.obj"
 """Stands for a rest pose that is in no mesh file."""
 
@@ -42,7 +45,7 @@ def build_cached(
     progress.note("cage", entry["description"])
     cage = TriMesh(entry["vertices"], entry["faces"])
     data = encode_exact_obj(cage.vertices, cage.faces)
-    return LoadedMesh(cage, describe_source(Path("built cage"), data), entry["notes"])
+    return LoadedMesh(cage, describe_source(Path(BUILT_CAGE), data), entry["notes"])
 
 
 def check_cage_output(path: Path, overwrite: bool) -> None:

@@ -137,3 +137,20 @@ def test_a_model_that_is_one_point_is_refused():
 def test_positions_that_are_no_numbers_are_refused():
     with pytest.raises(FormatError, match="vertex 1 is \\(nan, 1, 1\\)"):
         build_cage(TriMesh([[0, 0, 0], [np.nan, 1, 1], [1, 0, 0]], [[0, 1, 2]]))
+
+
+def test_the_hole_of_a_torus_is_not_said_to_be_where_parts_touch():
+    turn = 2 * np.pi * np.arange(24) / 24
+    around, across = np.meshgrid(turn, turn[::3], indexing="ij")
+    radius = 1 + 0.3 * np.cos(across)
+    rows = [radius * np.cos(around), radius * np.sin(around), 0.3 * np.sin(across)]
+    first, second = np.divmod(np.arange(24 * 8), 8)
+    right, up = 8 * ((first + 1) % 24), (second + 1) % 8
+    corners = [8 * first + second, right + second, right + up, 8 * first + up]
+    faces = np.concatenate(
+        [np.stack([corners[k] for k in t], axis=1) for t in [(0, 1, 2), (0, 2, 3)]]
+    )
+    torus = TriMesh(np.stack([row.ravel() for row in rows], axis=1), faces)
+    built = build_cage(torus, BuildSettings(vertices=40))
+    assert diagnose(built.cage).cage.genus == 1
+    assert not [note for note in built.notes if "touch" in note]

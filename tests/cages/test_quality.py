@@ -160,6 +160,13 @@ def test_a_loose_cage_is_found(size, found):
     assert room_faults(scaled(ball(3), *[size] * 3), MODEL) == found
 
 
+def test_a_loose_cage_that_was_built_needs_more_vertices():
+    (given,), (built,) = (find_room_faults(box(2.0), MODEL, is_built=b) for b in (False, True))
+    assert given.message == built.message
+    assert "cageik cage" in given.remedy
+    assert built.remedy == "raise `cage_vertices=`"
+
+
 def test_the_warning_has_the_ratio_of_volumes_and_what_a_built_cage_has():
     (loose,) = find_room_faults(box(2.0), MODEL)
     assert loose.severity == "warning"

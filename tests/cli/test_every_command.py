@@ -203,7 +203,7 @@ FAILING = [
     ("export nothing.h5 c.npz", "nothing.h5: no such result"),
     ("export cage.obj c.npz", "cage.obj: is not an HDF5 file"),
     ("export cages.h5 c.gif", "c.gif: `.gif`"),
-    ("export cages.h5 c.obj", "c.obj: a `.obj` file holds one frame"),
+    ("deform cages.h5 -o c.obj", "c.obj: a `.obj` file holds one frame"),
     ("export cages.h5 no/c.npz", "no/c.npz: the folder no "),
     ("export cages.h5 c/c_#.obj --start -1", "c/c_#.obj: the number of the first frame is -1"),
     ("export cages.h5 c.pc2 --skeleton", "c.pc2: --skeleton"),

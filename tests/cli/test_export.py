@@ -1,5 +1,6 @@
 """`cageik export`: the cages of a result, in the formats of others."""
 
+import re
 from pathlib import Path
 
 import h5py
@@ -7,7 +8,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats import write as opening
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.open import load_mesh, open_sequence
+from cageik_cli.store.result import read_result
 from cageik_cli.workflows import export as exporting
 from tests.clips import frames_of
 from tests.conftest import EXTRACT
@@ -135,8 +137,27 @@ def test_a_skeleton_says_what_it_costs(run, result):
     assert "def Skeleton" in Path("c.usda").read_text()
     words = ["--skeleton", "--influences", "3", "--overwrite"]
     outcome = run("export", "cages.h5", "c.usda", *words)
-    assert "c.usda: up to 3 influences per vertex; error against the full" in outcome.err
-    assert outcome.err.endswith(" % of the diagonal\n")
+    assert "c.usda: up to 3 influences per vertex; it adds an rms of " in outcome.err
+    assert "; against the input, the rms is at most " in outcome.err
+    added, total = (float(x) for x in re.findall(r"rms (?:of|is at most) (\S+) %", outcome.err))
+    known = read_result(Path("cages.h5"))
+    own = 100 * np.sqrt(np.mean(known.metrics.rms**2)) / known.rest.diagonal
+    assert total == pytest.approx(own + added, rel=0.1)
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply"])
+def test_one_mesh_file_is_the_rest_cage(run, result, suffix):
+    outcome = run("export", "cages.h5", f"rest{suffix}")
+    assert outcome.code == 0, outcome.err
+    assert f"rest/rest_####{suffix} writes all 5 frames" in outcome.err
+    expected = read_result(Path("cages.h5")).cage.vertices
+    np.testing.assert_allclose(load_mesh(Path(f"rest{suffix}")).mesh.vertices, expected, rtol=1e-6)
+    assert f"rest{suffix}: exists already" in run("export", "cages.h5", f"rest{suffix}").err
+
+
+def test_another_output_of_extract_names_its_option(run, result):
+    outcome = run("extract", "frames", "--cage", "cage.obj", "-o", "x.usdc")
+    assert (outcome.code, "--export x.usdc" in outcome.err) == (1, True)
 
 
 def test_more_numbers_of_influences_are_compared_when_asked(run, result):

@@ -264,7 +264,7 @@ def test_an_open_model_gets_a_note_and_no_volumes(plain, animation):
     assert np.isnan(result.metrics.volume).all()
     assert np.isnan(result.metrics.volume_reconstructed).all()
     (note,) = result.notes
-    assert note.startswith("the model is open (3 edges without a counterpart)")
+    assert note.startswith("the model is open (3 boundary edges)")
 
 
 def test_sources_and_settings_are_recorded(plain, folder):

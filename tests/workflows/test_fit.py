@@ -380,8 +380,8 @@ def test_a_repeated_clip_is_noted(settings, write_obj):
 def test_frames_that_were_not_held_out_are_noted(settings):
     report = build_report(extract(replace(settings, frames=("frames/f_003.obj",))))
     assert report.fit.report.held_out_blocks is None
-    assert any("no frames were held out" in note for note in report.notes)
-    assert "  held out       none" in format_text(report)
+    assert any("no frames were kept aside" in note for note in report.notes)
+    assert "  kept aside     none" in format_text(report)
 
 
 def test_every_view_tells_what_the_fit_gains(settings):
@@ -396,7 +396,7 @@ def test_every_view_tells_what_the_fit_gains(settings):
         f"  last third     {fit.unseen_third.fitted.rms:.4f} % (",
         f"negative ones sum to {fit.negative_per_row:.3f} per vertex, smallest",
         f"  best possible  {result.bound.rms_percent:.4f} % with any weights",
-        f"the fit closes {summary.gap_closed_percent:.0f} % of the gap",
+        f"the fit takes {summary.gap_closed_percent:.0f} % of the way",
         "(auto)",
     ):
         assert shown in text

@@ -182,9 +182,10 @@ def test_a_mesh_that_is_deformed_moves_as_the_skeleton_does(run, folder):
     assert outcome.code == 0, outcome.err
     meshes, diagonal = frames_in("m.npz"), read_result(Path("cages.h5")).rest.diagonal
     assert np.abs(meshes - skinned("c.usdc")).max() < SINGLE * diagonal
-    said = "up to 3 influences per vertex; error against the full weights: rms "
+    said = "up to 3 influences per vertex; it adds an rms of "
     (expected,) = [line.split(said)[1] for line in exported.err.splitlines() if said in line]
-    assert f"  note           m.npz: {said}{expected}" in outcome.err.splitlines()
+    added = expected.partition("; against the input")[0]
+    assert f"m.npz: {said}{added} of the diagonal, against the full" in outcome.err
     distances = np.linalg.norm(meshes - reconstructed()[0], axis=2)
     assert 100 * distances.max() / diagonal == pytest.approx(rig(3).largest, rel=1e-9)
 
@@ -206,11 +207,11 @@ def test_another_mesh_has_influences_of_its_own(run, folder, animation, write_ob
     errors = []
     for count in (2, 8):
         outcome = run(*words, "--influences", count, "-o", f"{count}.npz")
-        assert f"up to {count} influences per vertex; error against" in outcome.err
+        assert f"up to {count} influences per vertex; it adds an rms" in outcome.err
         distances = np.linalg.norm(frames_in(f"{count}.npz") - frames_in("full.npz"), axis=2)
         rms, largest = np.sqrt(np.mean(distances**2)), distances.max()
         percent = [f"{100 * value / fine.diagonal:.2g}" for value in (rms, largest)]
-        assert f"rms {percent[0]}, largest {percent[1]} %" in outcome.err
+        assert f"rms of {percent[0]} %, largest {percent[1]} %" in outcome.err
         errors.append(rms)
     assert errors[1] < errors[0]
 

@@ -74,7 +74,7 @@ def test_a_refusal_names_the_parts_outside(character_usd, cage_file, tmp_path, c
 
 def test_the_note_on_an_open_model_names_the_open_part(character_result):
     (note,) = (note for note in character_result.notes if "is open" in note)
-    assert f"(32 edges without a counterpart: 32 of {NAMES[1]})" in note
+    assert f"(32 boundary edges: 32 of {NAMES[1]})" in note
 
 
 @pytest.mark.slow

@@ -23,7 +23,9 @@ MAX_TEXT_BYTES = 1 << 28
 HDF5_SUFFIXES = (".h5", ".hdf5")
 
 
-def check_hdf5_suffix(path: Path) -> None:
+def check_hdf5_suffix(
+    path: Path, remedy: str = "cageik export writes cages in other formats"
+) -> None:
     """Refuse to write HDF5 to a file with the suffix of another format.
 
     Raises
@@ -34,7 +36,7 @@ def check_hdf5_suffix(path: Path) -> None:
     if path.suffix.lower() not in HDF5_SUFFIXES:
         raise OutputError(
             f"{path}: the output is an HDF5 file, expected a name that ends in "
-            f"{' or '.join(HDF5_SUFFIXES)}; cageik export writes cages in other formats"
+            f"{' or '.join(HDF5_SUFFIXES)}; {remedy}"
         )
 
 

@@ -185,7 +185,9 @@ class Animation:
             return np.zeros(1), SceneHints(up_axis="Y", metres_per_unit=1.0)
         first = min(float(each[0]) for each in keys)
         last = max(float(each[-1]) for each in keys)
-        rate, step = (fps, 1.0) if fps is not None else _find_stated_rate(self._item)
+        rate, step, stated_start = _find_stated_rate(self._item)
+        if fps is not None:
+            rate, step, stated_start = fps, 1.0, None
         tolerance = find_tolerance(max(abs(first), abs(last)), step / rate) * rate
         start = first * rate
         if abs(start - round(start)) <= tolerance:
@@ -199,7 +201,8 @@ class Animation:
             )
         if fps is None:
             self._note_other_rate(np.unique(np.concatenate(keys)), rate / step)
-        hints = SceneHints(rate, start, "Y", 1.0, None if step == 1 else step)
+        number = start if stated_start is None else stated_start
+        hints = SceneHints(rate, number, "Y", 1.0, None if step == 1 else step)
         return np.asarray((start + step * np.arange(count)) / rate), hints
 
     def _note_other_rate(self, keys: Floats, fps: float) -> None:
@@ -272,12 +275,17 @@ class Animation:
         return Sampler(keys, values.reshape(shape), interpolation, path == "rotation")
 
 
-def _find_stated_rate(item: Item | None) -> tuple[float, float]:
-    """Return the frames per second and the step of frame numbers that cageik has written."""
+def _find_stated_rate(item: Item | None) -> tuple[float, float, float | None]:
+    """Return the frames per second, and step and first of frame numbers that cageik has written.
+
+    A file without the first has its frames at the times of their numbers.
+    """
     extras = None if item is None else item.values.get("extras")
     stated = extras.get(GLTF_RATE_KEY) if isinstance(extras, dict) else None
-    if isinstance(stated, list) and len(stated) == 2:
-        rate, step = stated
-        if all(isinstance(x, int | float) and 0 < x < MAX_SAMPLED_TIMES for x in stated):
-            return float(rate), float(step)
-    return DEFAULT_SAMPLING_RATE, 1.0
+    if isinstance(stated, list) and len(stated) in (2, 3):
+        rate, step, *start = stated
+        is_number = all(isinstance(x, int | float) for x in stated)
+        if is_number and all(0 < x < MAX_SAMPLED_TIMES for x in (rate, step)):
+            first = float(start[0]) if start and abs(start[0]) < MAX_SAMPLED_TIMES else None
+            return float(rate), float(step), first
+    return DEFAULT_SAMPLING_RATE, 1.0, None

@@ -95,7 +95,7 @@ def _make_kept_row(text: str) -> tuple[str, str]:
 
 
 def _bound_rows(report: Report) -> list[tuple[str, str]]:
-    """Say which error no weights can be below, and how much of the gap to it a fit closes."""
+    """Say which error no weights can be below, and how much of the way to it a fit takes."""
     bound, closed = report.bound, report.summary.gap_closed_percent
     if bound is None:
         return []
@@ -103,7 +103,7 @@ def _bound_rows(report: Report) -> list[tuple[str, str]]:
     where = "" if bound.vertices >= total else f", measured on {bound.vertices} of {total} vertices"
     text = f"{format_percent(bound.rms_percent)} % with any weights{where}"
     if closed is not None:
-        text += f"; the fit closes {closed:.0f} % of the gap"
+        text += f"; the fit takes {closed:.0f} % of the way from the unfitted error to it"
     return [("best possible", text)]
 
 

@@ -78,7 +78,7 @@ class FitSettings:
         DEFAULT_REGULARIZATION,
         "fit_regularization",
         "Pull of fitted weights to the others: higher is smoother and less exact; auto chooses it "
-        "by frames held out.",
+        "by frames kept aside from the fit.",
         meaning="pull of fitted weights to the others",
         unset="auto",
     )

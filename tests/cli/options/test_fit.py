@@ -123,10 +123,10 @@ def test_a_fit_is_reported_when_it_is_bound_and_described(folder, run):
     assert bound.code == 0, bound.err
     described = run("info", "binding.h5").out
     for text in (bound.err, described):
-        for label in ("fit", "fitted frames", "held out", "last third", "fitted weights"):
+        for label in ("fit", "fitted frames", "kept aside", "last third", "fitted weights"):
             assert f"\n  {label:<14} " in text, label
         assert "regularization" in text
-    assert "held-out error by regularization: 1: " in bound.err
+    assert "error of frames kept aside, by regularization: 1: " in bound.err
     run("extract", "frames", "--binding", "binding.h5", "-q")
     assert "fit_regularization auto" in run("info", "cages.h5").out
 

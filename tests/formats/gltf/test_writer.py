@@ -7,6 +7,7 @@ import trimesh
 
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.gltf import Writer
+from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import MAX_MORPHS, MorphSettings, Scene
 from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
@@ -52,7 +53,7 @@ def test_the_frames_come_back_at_their_times(tmp_path, animation, scene):
     moved = TriMesh(animation.rest.vertices + 5, animation.rest.faces)
     file = Glb(write(tmp_path / "a.glb", moved, animation.frames, scene=scene))
     times, frames = file.frames()
-    np.testing.assert_allclose(times, (7 + np.arange(5)) / 30, rtol=1e-6)
+    np.testing.assert_allclose(times, np.arange(5) / 30, rtol=1e-6)
     np.testing.assert_allclose(frames, animation.frames, rtol=0, atol=2e-6)
     np.testing.assert_array_equal(file.faces(), animation.rest.faces)
     np.testing.assert_array_equal(file.attribute("POSITION"), moved.vertices.astype("f4"))
@@ -167,7 +168,7 @@ def test_a_rigid_motion_needs_no_more_than_its_matrices(tmp_path, animation):
 def test_a_clip_of_one_frame(tmp_path, animation):
     file, note = save(tmp_path / "a.glb", animation.rest, animation.frames[2:3])
     times, frames = file.frames()
-    np.testing.assert_allclose(times, [1 / 24], rtol=1e-6)
+    assert times == [0]
     np.testing.assert_allclose(frames[0], animation.frames[2], rtol=0, atol=1e-6)
     assert note == "1 morph target; exact to single precision"
 
@@ -254,20 +255,17 @@ def test_it_stands_upright_and_in_metres(tmp_path, animation, scene):
 # --- refusals and notes
 
 
-@pytest.mark.parametrize(("start", "count"), [(0, 0), (24, 0), (25, 1), (1001, 1)])
-def test_a_late_first_frame_is_said(tmp_path, animation, start, count):
+@pytest.mark.parametrize(("start", "count"), [(0, 0), (1, 0), (1001, 1), (-5, 1)])
+def test_the_first_frame_is_at_zero_seconds_and_its_number_is_kept(
+    tmp_path, animation, start, count
+):
     described = Animation(animation.rest, 5, Scene(start=start), "a")
     with Output(tmp_path / "a.glb").open_writer(described) as writer:
         writer.append(animation.frames)
-    notes = [note for note in writer.notes if "`start=0`" in note]
+    notes = [note for note in writer.notes if f"frame {start} is at 0 s" in note]
     assert len(notes) == count == len(writer.notes) - 1
-
-
-def test_there_is_no_time_before_zero(tmp_path, animation):
-    described = Animation(animation.rest, 5, Scene(start=-1), "a")
-    with pytest.raises(OutputError, match="first frame is -1, and glTF has no time before 0"):
-        Writer(tmp_path / "a.glb", described)
-    assert not list(tmp_path.iterdir())
+    assert Glb(tmp_path / "a.glb").frames()[0][0] == 0
+    assert open_sequence([str(tmp_path / "a.glb")]).scene.start == start
 
 
 @pytest.mark.parametrize(
