@@ -38,6 +38,7 @@ def test_each_frame_is_that_of_deform(play, walk):
 def test_a_drag_of_the_slider_scrubs(play, walk):
     result, frames = walk
     page = play()
+    page.locator("[data-time]").scroll_into_view_if_needed()
     box = page.locator("[data-time]").bounding_box()
     start = box["x"] + 10, box["y"] + box["height"] / 2
     drag(page, start, (box["x"] + box["width"] * 0.5, start[1]))

@@ -97,7 +97,7 @@ def test_the_frame_of_a_notebook_plays(browser, tmp_path, monkeypatch):
     frame.locator("[data-on]").click()
     frame.locator("[data-frame]", has_text="walker_2.obj").wait_for(timeout=10_000)
     with page.expect_download() as download:
-        frame.locator("details summary").first.click()
+        frame.locator("[data-posing] summary").click()
         frame.locator("[data-save]").evaluate("(one) => { one.disabled = false; one.click(); }")
     assert download.value.suggested_filename == "handles.json"
     assert faults == []
