@@ -120,7 +120,10 @@ def _describe_misplaced(cage: TriMesh, rest: TriMesh) -> str:
         what = f"the cage is {ratio:.3g} times as large as the model"
     else:
         what = "most of the model is outside"
-    return f"{what}, and no unit, axes or place makes it fit: give the rest pose it was made for"
+    return (
+        f"{what}, and no unit, axes or place makes it fit: give the rest pose it was made for, "
+        "which may be another frame, as `rest=`"
+    )
 
 
 def find_transform(cage: TriMesh, model: TriMesh) -> Transform | None:

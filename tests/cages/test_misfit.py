@@ -65,6 +65,7 @@ def test_no_transform_is_suspected_of_another_model():
     rod = finer(box(0.3), 2)
     error = refuse(TriMesh(rod.vertices * [9, 0.1, 0.1] + np.array([0.5, 0.5, 0]), rod.faces))
     assert "the rest pose it was made for" in str(error)
+    assert "`rest=`" in str(error)
     assert not error.is_repairable
 
 
