@@ -138,7 +138,7 @@ def test_a_disk_with_room_for_the_result_alone(run_process, folder, cache, anima
     room = 250_000
     assert fine.vertices.size // 3 * 8 * 8 > room
     outcome = run_process(
-        "-m", "cageik_cli", "extract", "clip.npz", "--cage", "cage.obj", "--no-weights",
+        "-m", "cageik_cli", "extract", "clip.npz", "--cage", "cage.obj", "--no-weights", "-v",
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),
     )  # fmt: skip
     assert outcome.code == 0, outcome.err
@@ -201,7 +201,7 @@ def test_a_file_of_options_may_contradict_the_binding(run, bound, table):
 
 @pytest.mark.slow
 def test_frames_alone_are_enough(run, folder, coarse_grids):
-    outcome = run("extract", "frames", "--cage-vertices", "20", "--cage-out", "built.obj")
+    outcome = run("extract", "frames", "--cage-vertices", "20", "--cage-out", "built.obj", "-v")
     assert outcome.code == 0
     assert outcome.err.startswith("cages.h5: 5 frames of 18 vertices in a cage of 20")
     assert "\n  cage           built, 20 vertices, 36 triangles, genus 0" in outcome.err

@@ -173,7 +173,7 @@ def received(dask_worker):
 
 def test_a_cage_is_built_once_for_clips_of_one_rest_pose(workers, job, tmp_path):
     workers.scheduler.transition_log.clear()
-    options = {"cage": None, "build": BuildSettings(20), "cache": tmp_path / "kept"}
+    options = {"cage": None, "build": BuildSettings(20), "fit": False, "cache": tmp_path / "kept"}
     jobs = [job("a", **options), job("b", 7, **options), job("c", **options)]
     found = outcomes(workers, jobs)
     assert {outcome.state for outcome in found.values()} == {ClipState.DONE}, found
