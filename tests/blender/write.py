@@ -78,16 +78,16 @@ CAGES_AND_MESHES = (
     Case("pc2", "{}.pc2", "{}", on_model=True),
     Case("mdd", "{}.mdd", "{}", on_model=True, is_turned=True),
     Case("pc2", "{}.pc2", "{}", on_model=True, is_turned=True),
-    Case("gltf", "{}.glb", "{}"),
+    Case("gltf", "{}.glb", "{}", first=0),  # begins at 0 s
     Case("usd", "{}_z.usdc", "{}", first=101, **Z_UP),  # the scene's frames are time codes
     Case("alembic", "{}_z.abc", "{}", first=101, fps=30),  # states neither axis nor unit
-    Case("gltf", "{}_z.glb", "{}", first=101, fps=30, **Z_UP),
+    Case("gltf", "{}_z.glb", "{}", first=0, fps=30, **Z_UP),
 )
 SKELETONS = (
     *(Case("usd", f"skeleton.{suffix}", "skin", tolerance=SKINNED) for suffix in USD),
     Case("usd", "skeleton_z.usdc", "skin", first=101, tolerance=SKINNED, **Z_UP),
-    Case("gltf", "skeleton.glb", "skin", tolerance=SKINNED),
-    Case("gltf", "skeleton_z.glb", "skin", first=101, fps=30, tolerance=SKINNED, **Z_UP),
+    Case("gltf", "skeleton.glb", "skin", first=0, tolerance=SKINNED),
+    Case("gltf", "skeleton_z.glb", "skin", first=0, fps=30, tolerance=SKINNED, **Z_UP),
 )
 
 
