@@ -57,14 +57,15 @@ def import_parts(kind: str, path: Path, frames: int, up_axis: str) -> Parts:
     empty_scene(24)
     files = sorted(path.parent.glob(path.name.replace("####", "*")))
     IMPORTERS[kind](filepath=str(files[0]))
-    bpy.context.scene.frame_set(1)
+    first = 0 if kind == "gltf" else 1  # glTF begins at 0 s
+    bpy.context.scene.frame_set(first)
     parts = {item.name: describe(item, up_axis) for item in list_meshes()}
     shown: dict = {name: [] for name in parts}
     for k in range(frames):
         if len(files) > 1:
             empty_scene(24)
             IMPORTERS[kind](filepath=str(files[k]))
-        bpy.context.scene.frame_set(1 + k)
+        bpy.context.scene.frame_set(first + k)
         for item in list_meshes():
             shown[item.name].append(in_file_axes(evaluated_points(item), up_axis, 1.0))
     return {name: part | {"frames": np.array(shown[name])} for name, part in parts.items()}
