@@ -135,12 +135,12 @@ def test_alembic_times_are_the_numbers_of_the_input(run, cages):
         np.testing.assert_allclose(points, cage, rtol=0, atol=1e-6)
 
 
-def test_gltf_times_are_the_numbers_of_the_input(run, cages):
+def test_gltf_begins_at_0_s_in_the_steps_of_the_input(run, cages):
     loaded = pygltflib.GLTF2().load(str(export(run, "c.glb")))
     accessor = loaded.accessors[loaded.animations[0].samplers[0].input]
     view = loaded.bufferViews[accessor.bufferView]
     times = np.frombuffer(loaded.binary_blob(), "<f4", accessor.count, view.byteOffset)
-    np.testing.assert_allclose(times * 24, TIMELINE, rtol=1e-6)
+    np.testing.assert_allclose(times * 24, np.subtract(TIMELINE, TIMELINE[0]), rtol=1e-6)
     assert (accessor.min, accessor.max) == ([float(times[0])], [float(times[-1])])
 
 
@@ -208,7 +208,7 @@ def test_reports_have_the_numbers_of_the_input(run, cages):
     page = Path("r.html").read_text()
     assert all(f'<td class="number">{number}</td>' in page for number in TIMELINE)
     worst = record["summary"]["worst_frame_index"]
-    assert f"(frame {TIMELINE[worst]})" in page
+    assert f"frame {TIMELINE[worst]}" in page
 
 
 def test_a_gap_of_cages_is_filled_and_said(run, cages):

@@ -391,7 +391,7 @@ def test_every_view_tells_what_the_fit_gains(settings):
     text = format_text(report)
     for shown in (
         f"  fitted frames  {fit.fitted.fitted.rms:.4f} % (99 % below",
-        f"  held out       {fit.held_out_blocks.fitted.rms:.4f} % (",
+        f"  kept aside     {fit.held_out_blocks.fitted.rms:.4f} % (",
         f"unfitted {fit.held_out_blocks.unfitted.rms:.4f} % (",
         f"  last third     {fit.unseen_third.fitted.rms:.4f} % (",
         f"negative ones sum to {fit.negative_per_row:.3f} per vertex, smallest",
