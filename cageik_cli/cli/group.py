@@ -122,6 +122,8 @@ def _find_option(name: str, command: click.Command | None) -> str | None:
     """Return what is typed for a parameter: an option, or an argument in capitals."""
     from cageik_cli.cli.extract import extract_command
 
+    if name == "verbose":
+        return "-v"  # as everybody types it
     for known in (command, extract_command):
         for param in known.params if known is not None else ():
             if param.name == name or f"--{name.replace('_', '-')}" in param.opts:

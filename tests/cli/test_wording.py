@@ -97,3 +97,7 @@ def test_pages_and_reports_of_a_batch_name_options(run, folder, animation, here)
         text = Path("out", name).read_text().replace("\\", "")
         assert "give --fps" in text, name
         assert "`fps=" not in text, name
+
+
+def test_more_lines_are_asked_for_by_a_letter():
+    assert word_options("`verbose=True` shows all") == "-v shows all"
