@@ -7,12 +7,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cageik_cli.geometry.mesh import TriMesh, signed_volumes
+from cageik_cli.geometry.mesh import signed_volumes
 from cageik_cli.geometry.part_names import name_vertex
 from cageik_cli.report.figures import ReportSummary, format_percent
 from cageik_cli.report.fit_figures import list_fit_notes
 from cageik_cli.report.limits import Limits, list_limit_notes, missing_in_baseline
 from cageik_cli.report.regions import list_region_notes
+from cageik_cli.solver.outliers import MIN_OUTLIER_RATIO, average_neighbours
 from cageik_cli.store.result import Result, read_binding, read_cages, read_key_frames
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import join_truncated
@@ -54,11 +55,8 @@ HELD_TOL = 1e-9
 MAX_HELD_SHARE = 0.1
 """Clips with a larger share of copies are held on purpose, or on twos."""
 
-MIN_OUTLIER_RATIO = 8.0
-"""Vertices are named whose rms is more than this many times that of their neighbours,"""
-
 MIN_OUTLIER_PERCENT = 1.0
-"""and more than this percentage of the diagonal."""
+"""Vertices are named as lonely whose rms is above this percentage of the diagonal."""
 
 
 def list_notes(
@@ -214,7 +212,7 @@ def _has_thrown_vertex(result: Result) -> bool:
         return False
     sizes = np.linalg.norm(np.nan_to_num(read_key_frames(result, binding).errors), axis=-1)
     frame, worst = np.unravel_index(sizes.argmax(), sizes.shape)
-    around = _average_neighbours(result.rest, sizes[frame])[worst]
+    around = average_neighbours(result.rest, sizes[frame])[worst]
     return bool(sizes[frame, worst] > MIN_OUTLIER_RATIO * around)
 
 
@@ -267,7 +265,7 @@ def _note_lonely_vertices(result: Result) -> Iterator[str]:
     found = np.flatnonzero(_find_lonely_vertices(result))
     if len(found):
         rms, percent = result.vertex_rms, 100 / result.rest.diagonal
-        around = _average_neighbours(result.rest, rms)
+        around = average_neighbours(result.rest, rms)
         worst = int(found[rms[found].argmax()])
         numbers = join_truncated(map(str, found.tolist()), 5)
         yield (
@@ -286,18 +284,8 @@ def _find_lonely_vertices(result: Result) -> Mask:
     rms, percent = result.vertex_rms, 100 / result.rest.diagonal
     if not np.isfinite(rms).all():
         return np.zeros(len(rms), bool)
-    around = _average_neighbours(result.rest, rms)
+    around = average_neighbours(result.rest, rms)
     return np.asarray((rms > MIN_OUTLIER_RATIO * around) & (percent * rms > MIN_OUTLIER_PERCENT))
-
-
-def _average_neighbours(mesh: TriMesh, values: Floats) -> Floats:
-    """Return the mean of the values of each vertex's neighbours; its own if it has none."""
-    first, second = mesh.edges.ends.T
-    own = np.concatenate([first, second])
-    others = values[np.concatenate([second, first])]
-    counts = np.bincount(own, minlength=len(values))
-    sums = np.bincount(own, others, minlength=len(values))
-    return np.asarray(np.where(counts > 0, sums / np.maximum(counts, 1), values))
 
 
 def _name_frames(result: Result, frames: Integers, max_named: int = 5) -> str:

@@ -3,8 +3,9 @@
 The algorithm is imported when weights are fitted: other runs start without it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,13 +19,14 @@ from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.record import FitReport, FitSettings, FittedClip
 from cageik_cli.solver.metrics import check_finite, measure
+from cageik_cli.solver.outliers import has_thrown_vertices
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_keys import compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import UnfittedClip
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers, Workspace, spread_evenly
-from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.errors import FileAccessError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_bytes, format_count
 from cageik_cli.util.threads import count_processors
@@ -32,6 +34,9 @@ from cageik_cli.workflows.settings import ExtractSettings
 
 MIN_FRAMES_BY_DEFAULT = 3
 """Shorter clips have one pose beside that at rest: weights are fitted to it only if asked for."""
+
+MAX_PROBED_FRAMES = 100
+"""Evenly spread frames in which thrown vertices are sought before a fit nobody asked for."""
 
 MAX_COMPARED_FIT_FRAMES = 64
 """Evenly spread frames on which a fit is compared; key frames are measured beside them."""
@@ -176,7 +181,19 @@ def _find_fit_obstacle(settings: ExtractSettings, clip: MeshSequence, weighs_fra
             f"that takes at least {format_bytes(needed)}, more than the limit of "
             f"{format_bytes(settings.memory)}; raise it by `memory=`"
         )
+    if has_thrown_vertices(clip.first, _read_probed_frames(clip)):
+        return (
+            "single vertices are thrown away from their neighbours, and fitted weights would follow"
+            " them; reject them by `robust=True`"
+        )
     return ""
+
+
+def _read_probed_frames(clip: MeshSequence) -> Iterator[Floats]:
+    """Read evenly spread frames of a clip; those that cannot be read are dealt with later."""
+    for k in spread_evenly(len(clip), MAX_PROBED_FRAMES).tolist():
+        with suppress(InputError):
+            yield clip.read_frame(k)
 
 
 def fit_to_clips(
