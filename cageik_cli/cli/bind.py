@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cli.command import GroupedCommand, option
-from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,
     WEIGHT_OPTIONS,
@@ -87,10 +86,8 @@ def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool)
     \b
     cageik bind --cage cage.obj --rest rest.obj --fit walk --fit run -o hero.h5
     """  # noqa: D301
-    from cageik_cli.cli.output import show_progress
-    from cageik_cli.report.views.front import format_brief
+    from cageik_cli.cli.output import format_told, show_progress
     from cageik_cli.util.outputs import check_no_overlap
-    from cageik_cli.util.text import format_block
     from cageik_cli.workflows.bind import bind_files
     from cageik_cli.workflows.info import format_binding_rows
 
@@ -100,8 +97,9 @@ def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool)
         stored = bind_files(settings, progress)
     if not quiet:
         rows = [*format_binding_rows(stored, bool(get_verbosity())), *progress.make_rows()]
-        write = format_block if get_verbosity() else format_brief
-        click.echo(word_options(write(str(output), rows)), err=True)
+        if not get_verbosity():  # how close a fit is comes before how it was computed
+            rows.sort(key=lambda row: row[0] in ("settings", "weights", "accuracy"))
+        click.echo(format_told(str(output), rows, bind_command), err=True)
         click.echo(f"wrote {output}; next: cageik extract FRAMES --binding {output}", err=True)
     if get_verbosity():
         click.echo(f"cache: {settings.weights.cache}", err=True)

@@ -117,12 +117,12 @@ def cage_command(
     cageik cage body.obj -o cage.obj --for frames
     cageik cage --repair mine.obj --rest body.obj -o cage.obj
     """  # noqa: D301
-    from cageik_cli.cli.output import check_views, show_progress, write_or_print
+    from cageik_cli.cli.output import check_views, format_told, show_progress, write_or_print
     from cageik_cli.report.views.cage import (
         format_cage_json,
-        format_cage_text,
         format_repair_json,
-        format_repair_text,
+        list_cage_rows,
+        list_repair_rows,
     )
     from cageik_cli.workflows.cage import CageSettings, build_cage_file, repair_cage_file
 
@@ -130,17 +130,18 @@ def cage_command(
     with show_progress(not quiet, None, settings.overwrite) as progress:
         if isinstance(settings, CageSettings):
             built = build_cage_file(settings, progress)
-            text = format_cage_text(built, is_detailed=get_verbosity() > 0)
+            rows = list_cage_rows(built, is_detailed=get_verbosity() > 0)
             record, rest_options = format_cage_json(built), _name_rest(settings, built.rest_frame)
         else:
             repaired, diagonal = repair_cage_file(settings, progress)
-            text = format_repair_text(settings.output, repaired, diagonal)
+            rows = list_repair_rows(repaired, diagonal)
             record, rest_options = format_repair_json(repaired, diagonal), ""
     if json_path is not None:
         write_or_print(record, json_path, settings.overwrite)
     if not quiet:
         command = f"cageik extract FRAMES --cage {settings.output}{rest_options}"
-        click.echo(f"{text}\nwrote {settings.output}; next: {command}", err=True)
+        click.echo(format_told(str(settings.output), rows, cage_command), err=True)
+        click.echo(f"wrote {settings.output}; next: {command}", err=True)
 
 
 def _name_rest(settings: "CageSettings", rest_frame: float | None) -> str:

@@ -12,6 +12,7 @@ from cageik_cli.cli.options import (
     PATH_TYPE,
     OptionGroup,
     common_options,
+    get_verbosity,
     is_given,
     jobs_option,
     json_option,
@@ -24,7 +25,7 @@ from cageik_cli.cli.options.clip import (
     rest_option,
 )
 from cageik_cli.cli.options.types import SuffixedPath
-from cageik_cli.cli.output import check_views, list_files, write_or_print
+from cageik_cli.cli.output import check_views, format_told, list_files, write_or_print
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.check import CheckSettings
@@ -85,7 +86,13 @@ def check_command(
     number in the picture is that in the list that is printed below the findings. The mesh of
     --marked is the cage followed by the rest pose.
     """
-    from cageik_cli.report.views.cage import format_check_json, format_check_text, format_marks_text
+    from cageik_cli.report.views.cage import (
+        format_check_headline,
+        format_check_json,
+        format_marks_text,
+        list_brief_check_rows,
+        list_check_rows,
+    )
     from cageik_cli.workflows.check import check_cage
 
     is_on_stdout = str(json_path) == "-"
@@ -105,7 +112,9 @@ def check_command(
         data = encode_marked_ply(result.cage.mesh, result.rest_mesh, result.marks)
         write_or_print(data, marked, overwrite)
     if not quiet:
-        click.echo(word_options(format_check_text(result)), err=is_on_stdout)
+        rows = (list_check_rows if get_verbosity() else list_brief_check_rows)(result)
+        told = format_told(format_check_headline(result), rows, check_command)
+        click.echo(told, err=is_on_stdout)
         if plot is not None or marked is not None:
             click.echo(format_marks_text(result), err=is_on_stdout)
         for path in list_files(views):

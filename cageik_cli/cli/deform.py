@@ -122,11 +122,10 @@ def deform_command(settings: "DeformSettings", quiet: bool) -> None:
     --frames, --layout, --allow-gaps and --close-gaps apply to --cages, and --exclude to parts of
     --mesh and --cages.
     """
-    from cageik_cli.cli.output import show_progress
-    from cageik_cli.util.text import format_block
+    from cageik_cli.cli.output import format_told, show_progress
     from cageik_cli.workflows.deform import deform
 
     with show_progress(not quiet, None, False) as progress:
         summary = deform(settings, progress)
     if not quiet:
-        click.echo(format_block(summary.message, progress.notes), err=True)
+        click.echo(format_told(summary.message, progress.notes, deform_command), err=True)

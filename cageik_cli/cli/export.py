@@ -84,13 +84,12 @@ def export_command(settings: "ExportSettings", quiet: bool) -> None:
     .glb, .usd*, .abc), a folder of frames (.obj, .ply), or numbered files in a folder, such as
     cage/cage_####.obj.
     """
-    from cageik_cli.cli.output import show_progress
+    from cageik_cli.cli.output import format_told, show_progress
     from cageik_cli.util.outputs import check_no_overlap
-    from cageik_cli.util.text import format_block
     from cageik_cli.workflows.export import export
 
     check_no_overlap(settings.outputs(), settings.inputs())
     with show_progress(not quiet, None, False) as progress:
         summary = export(settings, progress)
     if not quiet:
-        click.echo(format_block(summary.message, progress.notes), err=True)
+        click.echo(format_told(summary.message, progress.notes, export_command), err=True)

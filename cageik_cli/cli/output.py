@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from cageik_cli.cli.group import word_options
+from cageik_cli.cli.options import get_verbosity
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes, write_text
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import format_row
+from cageik_cli.util.text import format_block, format_row
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -181,6 +182,17 @@ def echo_exceeded_limits(overview: "Overview") -> None:
             if check.passed is False:
                 row = ": ".join(format_check_row(check, entry.vocabulary))
                 click.echo(f"{entry.label}: {row}", err=True)
+
+
+def format_told(
+    headline: str, rows: Iterable[tuple[str, str]], command: click.Command | None = None
+) -> str:
+    """Return what a command tells: few lines, or with -v all of them."""
+    from cageik_cli.report.views.front import format_brief
+
+    worded = [(label, word_options(text, command)) for label, text in rows]
+    write = format_block if get_verbosity() else format_brief
+    return word_options(write(headline, worded), command)
 
 
 def list_next_steps(result: str) -> list[str]:

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
-from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,
     WEIGHT_OPTIONS,
     OptionGroup,
     common_options,
+    get_verbosity,
     is_on_command_line,
     overwrite_option,
     posed_cage_option,
@@ -180,9 +180,12 @@ def pose_command(
     cageik pose rest.obj --cage cage.obj handles.json -o posed.obj
     cageik pose cages.h5 handles.json -o edited.h5 --plot edited.png
     """  # noqa: D301
-    from cageik_cli.cli.output import show_progress
-    from cageik_cli.report.views.pose_text import format_pose_json, format_pose_rows
-    from cageik_cli.util.text import format_block
+    from cageik_cli.cli.output import format_told, show_progress
+    from cageik_cli.report.views.pose_text import (
+        format_pose_json,
+        format_pose_rows,
+        list_brief_pose_rows,
+    )
     from cageik_cli.workflows.edit import EditSettings, edit
     from cageik_cli.workflows.pose import pose
 
@@ -204,8 +207,9 @@ def pose_command(
     if json_path is not None:
         write_or_print(format_pose_json(result.summary), json_path, settings.overwrite)
     if not quiet:
-        rows = [*format_pose_rows(result.summary), *progress.make_rows()]
-        click.echo(word_options(format_block(str(settings.output), rows), pose_command), err=True)
+        list_rows = format_pose_rows if get_verbosity() else list_brief_pose_rows
+        rows = [*list_rows(result.summary), *progress.make_rows()]
+        click.echo(format_told(str(settings.output), rows, pose_command), err=True)
         written = list_files([*settings.outputs(), plot, json_path])
         is_edit = isinstance(settings, EditSettings)
         next_step = f"; next: cageik report {settings.output}" if is_edit else ""

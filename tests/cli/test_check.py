@@ -36,7 +36,7 @@ def test_an_unfit_cage_is_exit_code_1_in_the_words_of_extract(
     run, fixtures_folder, tmp_path, monkeypatch, case
 ):
     monkeypatch.chdir(fixtures_folder / "broken" / case)
-    outcome = run(*TYPED)
+    outcome = run(*TYPED, "-v")
     assert (outcome.code, outcome.err) == (1, "")
     assert outcome.out.startswith("cage.obj: unfit\n")
     refused = run("extract", *TYPED[1:], "-o", tmp_path / "cages.h5")

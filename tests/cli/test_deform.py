@@ -155,21 +155,21 @@ def test_a_mesh_outside_is_refused_with_the_remedy(run, extracted, write_obj, an
     vertices = animation.rest.vertices.copy()
     vertices[4] *= 2.5
     write_obj(Path("coat.obj"), vertices, animation.rest.faces)
-    outcome = run("deform", "cages.h5", "--mesh", "coat.obj", *OUT)
+    outcome = run("deform", "-v", "cages.h5", "--mesh", "coat.obj", *OUT)
     assert outcome.code == 1
     assert outcome.err.startswith("Error: coat.obj: 1 of 18 vertices are outside the cage")
     assert "--outside project" in outcome.err
     assert not Path("m.npz").exists()
-    outcome = run("deform", "cages.h5", "--mesh", "coat.obj", "--outside", "project", *OUT)
+    outcome = run("deform", "-v", "cages.h5", "--mesh", "coat.obj", "--outside", "project", *OUT)
     assert outcome.code == 0
     assert "note           coat.obj: 1 of 18 vertices of the model are outside" in outcome.err
 
 
 def test_a_result_without_weights_is_bound_again(run, extracted, cache):
-    assert run("deform", "cages.h5", *OUT).code == 0
+    assert run("deform", "-v", "cages.h5", *OUT).code == 0
     assert run(*EXTRACT, "--no-weights", "-o", "small.h5").code == 0
     before = len(list(cache.glob("*.weights")))
-    outcome = run("deform", "small.h5", "-o", "small.npz")
+    outcome = run("deform", "-v", "small.h5", "-o", "small.npz")
     assert outcome.code == 0
     assert "  cache          " in outcome.err  # the weights that extract kept
     assert len(list(cache.glob("*.weights"))) == before
@@ -233,7 +233,7 @@ def test_skipped_frames_of_a_glb_are_interpolated(run, folder):
     """They are in time, and say so."""
     Path("frames/frame_3.obj").unlink()
     assert run(*EXTRACT, "--allow-gaps").code == 0
-    outcome = run("deform", "cages.h5", "-o", "m.glb")
+    outcome = run("deform", "-v", "cages.h5", "-o", "m.glb")
     assert "1 of 5 frames skipped (frame_3.obj)" in outcome.err
     times, frames = Glb(Path("m.glb")).frames()
     np.testing.assert_allclose(times, np.arange(5) / 24, rtol=1e-6)
@@ -296,7 +296,7 @@ def test_cages_may_come_back_as_quads(run, extracted, write_obj, animation):
     quads = np.array([(3, 2, 0, 1), (4, 6, 7, 5), (0, 4, 5, 1), (7, 6, 2, 3), (0, 2, 6, 4),
                       (1, 5, 7, 3)])  # fmt: skip
     edited(write_obj, 2 * animation.cage.vertices, quads)
-    outcome = run("deform", "cages.h5", "--cages", "edit", *OUT)
+    outcome = run("deform", "-v", "cages.h5", "--cages", "edit", *OUT)
     assert outcome.code == 0, outcome.err
     assert (
         "note           c_1.obj: 6 polygons cut into triangles to compute with, as in all frames"

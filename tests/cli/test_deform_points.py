@@ -262,7 +262,7 @@ def test_splats_that_are_turned_inside_out_are_counted(run, splats, write_obj, a
     write_obj(Path("mirrored/c_1.obj"), cage.vertices * [-1, 1, 1], cage.faces)
     write_obj(Path("mirrored/c_2.obj"), cage.vertices * [1, 0, 1], cage.faces)
     words = ("deform", "cages.h5", "--mesh", "splats.ply", "-o", "out", "--cages", "mirrored")
-    outcome = run(*words)
+    outcome = run(*words, "-v")
     assert outcome.code == 0, outcome.err
     text = " ".join(outcome.err.split())
     assert "60 of 120 moved splats are turned inside out" in text

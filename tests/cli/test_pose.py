@@ -259,7 +259,7 @@ NEAR = {"name": "near", "position": [0.1, 0.2, 1.3], "pin": True}
 )
 def test_positions_snap_to_the_surface_if_it_is_near(run, handles, words, code):
     handles(LIFT, NEAR)
-    outcome = run(*REST, *words)
+    outcome = run(*REST, *words, "-v")
     assert outcome.code == code, outcome.err
     assert Path("posed.obj").exists() == (code == 0)
     assert "handle 'near': position" in outcome.err
@@ -268,7 +268,7 @@ def test_positions_snap_to_the_surface_if_it_is_near(run, handles, words, code):
 def test_the_chosen_place_is_in_text_and_json(run, handles):
     """The place can be put into the file instead of the position."""
     handles(LIFT, NEAR)
-    outcome = run(*REST, "--snap", "30%", "--json", "-")
+    outcome = run(*REST, "--snap", "30%", "--json", "-", "-v")
     tip, near = json.loads(outcome.out)["anchors"]
     assert (tip["vertex"], tip["face"], tip["barycentric"]) == (0, None, None)
     assert near["vertex"] is None
@@ -358,7 +358,7 @@ def test_a_volume_that_changes_much_is_remarked_on_unless_parts_turn(run, handle
     handles({"name": "in", "vertex": 0, "offset": [-1.5, 0, 0]}, *PINS)
     told = "the volume changes by more than 10 %"
     for words in (REST, EDIT):
-        assert told in run(*words).err
+        assert told in run(*words, "-v").err
         assert told not in run(*words, "--rigidity", "1", "--overwrite").err
     handles(LIFT | {"offset": [0, 0, 0.01]}, *PINS)
     assert told not in run(*REST, "--overwrite").err

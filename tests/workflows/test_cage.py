@@ -10,7 +10,7 @@ from cageik_cli.cages.build import MAX_SHIFTED
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.report.views.cage import format_cage_json, format_cage_text
+from cageik_cli.report.views.cage import format_cage_json, list_cage_rows
 from cageik_cli.util.errors import FileAccessError, OutputError
 from cageik_cli.workflows.cage import CageSettings, build_cage_file
 from tests.cages.independent import examine
@@ -76,7 +76,7 @@ def test_the_cage_for_an_animation_has_the_least_error():
     assert [", 4 poses" in recipe for recipe in recipes[:2]] == [True, False]
     assert len([recipe for recipe in recipes if "shifted" in recipe]) == min(MAX_SHIFTED, 2)
     assert result.built.chosen.error == min(errors)
-    assert f"error          {min(errors):.4f} %" in format_cage_text(result)
+    assert dict(list_cage_rows(result))["error"].startswith(f"{min(errors):.4f} %")
 
 
 def test_an_animation_of_another_model_is_refused(animation, write_obj):
@@ -106,7 +106,7 @@ def test_a_loose_cage_has_a_warning(monkeypatch):
     result = build_cage_file(CageSettings(FRAME, OUT, SMALL))
     assert "ellipsoid" in result.built.chosen.recipe
     (warning,) = result.built.notes
-    assert f"  warning        {warning}" in format_cage_text(result)
+    assert ("warning", warning) in list_cage_rows(result)
     assert diagnose(load_mesh(OUT).mesh, load_mesh(Path(FRAME)).mesh).is_fit
 
 

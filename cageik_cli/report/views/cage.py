@@ -55,7 +55,7 @@ def format_cage_record(record: dict[str, Any]) -> str:
     return json.dumps(head | record, indent=1, allow_nan=False) + "\n"
 
 
-def format_cage_text(result: CageResult, is_detailed: bool = False) -> str:
+def list_cage_rows(result: CageResult, is_detailed: bool = False) -> list[tuple[str, str]]:
     """Return the facts of the cage and the warnings; the candidates, too, if asked."""
     built, verdict = result.built, result.built.chosen.verdict
     rows = [
@@ -72,7 +72,7 @@ def format_cage_text(result: CageResult, is_detailed: bool = False) -> str:
     rows += [("note", note) for note in result.notes]
     if is_detailed:
         rows += [("candidate", _describe_candidate(known)) for known in built.candidates]
-    return format_block(str(result.path), rows)
+    return rows
 
 
 def format_cage_json(result: CageResult) -> str:
@@ -154,10 +154,10 @@ def _describe_candidate(candidate: "Candidate") -> str:
     return facts if candidate.error is None else f"{facts}, error {candidate.error:.4f} %"
 
 
-def format_repair_text(path: Path, repaired: "RepairedCage", diagonal: float) -> str:
+def list_repair_rows(repaired: "RepairedCage", diagonal: float) -> list[tuple[str, str]]:
     """Return what was done, step by step, and how far vertices moved.
 
-    `path` is the file of the cage, and `diagonal` that of the model, in file units.
+    `diagonal` is that of the model, in file units.
     """
     count, corners = len(repaired.mesh.vertices), repaired.mesh.corner_counts
     rows = [("cage", f"fit, {count} vertices, {len(corners)} faces")]
@@ -173,7 +173,7 @@ def format_repair_text(path: Path, repaired: "RepairedCage", diagonal: float) ->
     else:
         rows.append(("moved", "no vertex"))
     rows += [("warning", finding.sentence) for finding in repaired.warnings]
-    return format_block(str(path), rows)
+    return rows
 
 
 def format_repair_json(repaired: "RepairedCage", diagonal: float) -> str:
@@ -227,6 +227,24 @@ class CheckResult:
 
 def format_check_text(result: CheckResult) -> str:
     """Return the verdict, the facts and the findings, the worst first."""
+    return format_block(format_check_headline(result), list_check_rows(result))
+
+
+def format_check_headline(result: CheckResult) -> str:
+    """Return the name of a cage, and the verdict on it."""
+    return f"{result.cage.source['name']}: {_format_verdict(result.diagnosis)}"
+
+
+def list_brief_check_rows(result: CheckResult) -> list[tuple[str, str]]:
+    """Return the worst fault and its repair, other faults, facts, and what else was found."""
+    rows = list_check_rows(result)
+    faults = [row for row in rows if row[0] == "unfit"]
+    repair = [row for row in rows if row[0] == "to repair"]
+    return [*faults[:1], *repair, *faults[1:], *(row for row in rows if row not in faults + repair)]
+
+
+def list_check_rows(result: CheckResult) -> list[tuple[str, str]]:
+    """Return the facts and the findings, the worst first."""
     diagnosis = result.diagnosis
     rows = _cage_rows(diagnosis.cage)
     if result.rest is not None and diagnosis.rest is not None:
@@ -235,7 +253,7 @@ def format_check_text(result: CheckResult) -> str:
     rows += [("note", note) for note in result.notes]
     if result.repair_command is not None:
         rows.append(("to repair", result.repair_command))
-    return format_block(f"{result.cage.source['name']}: {_format_verdict(diagnosis)}", rows)
+    return rows
 
 
 def format_marks_text(result: CheckResult) -> str:

@@ -1,7 +1,8 @@
 """What people read of a report: at most nine lines on how good a result is, and what to do next."""
 
+from collections import Counter
 from collections.abc import Sequence
-from textwrap import wrap
+from textwrap import shorten, wrap
 
 from cageik_cli.formats.timeline import format_frame_number
 from cageik_cli.report.figures import (
@@ -21,6 +22,12 @@ from cageik_cli.util.text import format_block, format_count, single_line
 
 MAX_FRONT_WIDTH = 110
 """Characters of a line of notes, at most."""
+
+MAX_FRONT_LINES = 9
+"""Lines that a command prints, at most, with the one on what it wrote."""
+
+MAX_BRIEF_WIDTH = MAX_FRONT_WIDTH - 17
+"""Characters beside the label of a line that a command prints, at most."""
 
 NOTE_LABELS = ("note", "warning")
 """Labels of what is counted among the notes."""
@@ -54,7 +61,7 @@ def format_front(
     rows = [
         *list_verdict_rows(report),
         *_list_limit_rows(report),
-        *_list_note_rows(notes, source),
+        *_list_note_rows(notes, source=source),
     ]
     return "\n".join([single_line(_describe_clip(report, seconds)), *map(format_front_row, rows)])
 
@@ -66,11 +73,54 @@ def format_front_row(labelled_text: tuple[str, str]) -> str:
 
 
 def format_brief(headline: str, rows: Sequence[tuple[str, str]]) -> str:
-    """Return a headline with labelled lines under it, notes in two lines, and no seconds."""
-    facts = [row for row in rows if row[0] not in (*NOTE_LABELS, *UNREAD_LABELS)]
-    notes = [row for row in rows if row[0] in NOTE_LABELS]
-    noted = _list_note_rows(notes) if notes else []
-    return format_block(headline, [*facts, *noted])
+    """Return a headline with labelled lines under it, wrapped, and no seconds.
+
+    If there are too many lines, notes are counted, and shown in one or two. Facts for which there
+    is still no room are named in a last line; the first is always shown.
+    """
+    read = [row for row in rows if row[0] not in UNREAD_LABELS]
+    notes = [row for row in read if row[0] in NOTE_LABELS]
+    facts = [row for row in read if row[0] not in NOTE_LABELS]
+    room = MAX_FRONT_LINES - 2  # the headline, and what was written
+    if len(_wrap_rows(read)) <= room:
+        return format_block(headline, _wrap_rows(read))
+    is_tight = len(_wrap_rows(facts)) + 2 > room
+    noted = _list_note_rows(notes, MAX_BRIEF_WIDTH, count=2 - is_tight) if notes else []
+    return format_block(headline, [*_pick_facts(facts, room - len(noted)), *noted])
+
+
+def _pick_facts(facts: Sequence[tuple[str, str]], room: int) -> list[tuple[str, str]]:
+    """Return the wrapped facts for which there is room, and the labels of the others."""
+    if len(_wrap_rows(facts)) <= room:
+        return _wrap_rows(facts)
+    shown, others = _wrap_rows(facts[:1]), []
+    for fact in facts[1:]:
+        lines = _wrap_rows([fact])
+        if len(shown) + len(lines) < room:
+            shown += lines
+        else:
+            others.append(fact[0])
+    counts = (label if n == 1 else f"{n} {label}" for label, n in Counter(others).items())
+    text, end = ", ".join(counts), f" ({ALL_FIGURES} shows all)"
+    if not others:
+        return shown
+    return [*shown, ("more", shorten(text + end, MAX_BRIEF_WIDTH, placeholder=f", ...{end}"))]
+
+
+def _wrap_rows(rows: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Return rows of which none is too wide, unless a word is; the label stands in the first.
+
+    A command stays whole, so that it can be copied.
+    """
+    return [
+        ("" if k else label, line)
+        for label, text in rows
+        for k, line in enumerate([text] if label == "to repair" else _wrap_text(text))
+    ]
+
+
+def _wrap_text(text: str) -> list[str]:
+    return wrap(text, MAX_BRIEF_WIDTH, break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def _describe_clip(report: Report, seconds: float | None) -> str:
@@ -163,21 +213,32 @@ def _list_gap_notes(report: Report) -> list[tuple[str, str]]:
 
 
 def _list_note_rows(
-    notes: Sequence[tuple[str, str]], source: str = ALL_FIGURES
+    notes: Sequence[tuple[str, str]],
+    width: int = MAX_FRONT_WIDTH - 12,
+    source: str = ALL_FIGURES,
+    count: int = 2,
 ) -> list[tuple[str, str]]:
-    """Return two lines at most: how many notes there are, and the first of them, warnings first."""
+    """Return `count` lines at most: how many notes there are, and the first, warnings first."""
     known = dict.fromkeys(note for note in notes if note[0] in NOTE_LABELS)
     order = sorted(known, key=lambda note: note[0] != "warning")
     if not order:
         return [("notes", f"none ({source} shows all figures)")]
     texts = [text if label == "note" else mark_warning(text) for label, text in order]
-    lines = wrap(f"{len(texts)}: {_join_notes(texts)} ({source} shows all)", MAX_FRONT_WIDTH - 12)
+    end = f" ({source} shows all)"
+    room = count * width - 30  # the count, the pointer to all notes, and ragged ends
+    lines = wrap(
+        f"{len(texts)}: {_join_notes(texts, room)}{end}",
+        width,
+        break_long_words=False,
+        break_on_hyphens=False,
+        max_lines=count,
+        placeholder=f" ...{end}",
+    )
     return [("notes", lines[0]), *(("", line) for line in lines[1:])]
 
 
-def _join_notes(notes: Sequence[str]) -> str:
-    """Return as many whole notes as two lines have room for; at least the first, cut at a word."""
-    room = 2 * (MAX_FRONT_WIDTH - 12) - 30  # the count, the pointer to all notes, and ragged ends
+def _join_notes(notes: Sequence[str], room: int) -> str:
+    """Return as many whole notes as there is room for; at least the first, cut at a word."""
     shown, *others = notes
     if len(shown) > room:
         return shown[: shown.rfind(" ", 0, room - 4)].rstrip(",;:") + " ..."

@@ -55,17 +55,26 @@ def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
     ]
 
 
+def list_brief_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
+    """Return the worst handle, then what says whether a pose is as intended, then the rest."""
+    rows = [row for row in format_pose_rows(summary) if row[0] not in ("handle", "handles")]
+    read = [row for row in rows if row[0] in ("moved most", "beyond radius", "changed", "note")]
+    return [*_handle_rows(summary, max_shown=1), *read, *(row for row in rows if row not in read)]
+
+
 def format_pose_json(summary: PoseSummary) -> str:
     """Format the summary as JSON."""
     record = {"schema": 1, "tool": "cageik pose", **asdict(summary)}
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
 
 
-def _handle_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
+def _handle_rows(
+    summary: PoseSummary, max_shown: int = MAX_SHOWN_HANDLES
+) -> Iterator[tuple[str, str]]:
     """Describe the motion of each handle; of many, those that end farthest from their targets."""
     anchors = summary.anchors
-    worst = sorted(anchors, key=lambda anchor: -anchor.residual)[:MAX_SHOWN_HANDLES]
-    for anchor in anchors if len(anchors) <= MAX_SHOWN_HANDLES else worst:
+    worst = sorted(anchors, key=lambda anchor: -anchor.residual)[:max_shown]
+    for anchor in anchors if len(anchors) <= max_shown else worst:
         motion = (
             "held"
             if _is_held(anchor, summary.diagonal)
@@ -74,8 +83,8 @@ def _handle_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
             f"{_format_frame_suffix(anchor.frame)}"
         )
         yield "handle", f"{_format_handle_name(anchor)}: {motion}"
-    if len(anchors) > MAX_SHOWN_HANDLES:
-        rest = len(anchors) - MAX_SHOWN_HANDLES
+    if len(anchors) > max_shown:
+        rest = len(anchors) - max_shown
         yield "handles", f"{rest} more, at least as close to their targets"
 
 

@@ -100,6 +100,23 @@ def test_lines_of_a_command_are_brief():
     rows = [("model", "18 vertices"), ("note", "one " * 40), ("seconds", "open 1"), ("note", "two")]
     lines = format_brief("b.h5", rows).splitlines()
     assert lines[:2] == ["b.h5", "  model          18 vertices"]
-    assert lines[2].startswith("  notes          2: one one")
-    assert (len(lines), max(map(len, lines)) <= MAX_FRONT_WIDTH + 5) == (4, True)
-    assert format_brief("b.h5", rows[:1]).splitlines() == lines[:2]
+    assert (len(lines), max(map(len, lines)) <= MAX_FRONT_WIDTH) == (5, True)
+    many = format_brief("b.h5", [("step", "a word " * 30)] * 9 + rows).splitlines()
+    assert (len(many), max(map(len, many)) <= MAX_FRONT_WIDTH) == (7, True)
+    assert many[-1].startswith("  notes          2: one one")
+    assert many[-1].endswith("(`verbose=True` shows all)")
+    assert many[-2] == "  more           8 step (`verbose=True` shows all)"
+    assert many[-3] == "  model          18 vertices"
+    facts = format_brief("b.h5", [(f"step {k}", "one") for k in range(9)]).splitlines()
+    more = "  more           step 6, step 7, step 8 (`verbose=True` shows all)"
+    assert (len(facts), facts[-1]) == (8, more)
+    assert format_brief("c.obj", [("to repair", "word " * 40)]).count("\n") == 1
+
+
+def test_notes_have_two_lines_at_most():
+    for length in range(60, 120):
+        rows = [("step", "one")] * 5 + [("note", f"{'x' * length} {'y' * 70} {'z' * 20}")] * 2
+        lines = format_brief("b.h5", [*rows, ("note", "two")]).splitlines()
+        assert [line.split()[0] for line in lines].count("notes") == 1
+        assert len(lines) <= 8
+        assert lines[-1].endswith(" shows all)")
