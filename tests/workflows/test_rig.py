@@ -177,8 +177,8 @@ def test_settings_that_are_no_numbers_are_refused(run, folder):
 def test_a_mesh_that_is_deformed_moves_as_the_skeleton_does(run, folder):
     assert run(*EXTRACT).code == 0
     words = ("--influences", 3)
-    exported = run("export", "cages.h5", "c.usdc", "--skeleton", *words)
-    outcome = run("deform", "cages.h5", "-o", "m.npz", *words)
+    exported = run("export", "cages.h5", "c.usdc", "--skeleton", *words, "-v")
+    outcome = run("deform", "cages.h5", "-o", "m.npz", *words, "-v")
     assert outcome.code == 0, outcome.err
     meshes, diagonal = frames_in("m.npz"), read_result(Path("cages.h5")).rest.diagonal
     assert np.abs(meshes - skinned("c.usdc")).max() < SINGLE * diagonal
