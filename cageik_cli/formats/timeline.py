@@ -195,7 +195,7 @@ def parse_frames(text: str) -> slice | FrameRange:
     """
     words = text.strip()
     by_index = re.fullmatch(r"(-?\d{1,9})?:(-?\d{1,9})?(?::(\d{1,9})?)?", words)
-    if by_index and by_index[3] != "0":
+    if by_index and int(by_index[3] or 1):
         return _check_slice(
             slice(*(None if part is None else int(part) for part in by_index.groups()))
         )

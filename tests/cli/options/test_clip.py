@@ -122,6 +122,7 @@ def test_a_result_is_a_clip_of_its_cages(run, clips):
         (["frames", "--frames", "three"], 2, "'three'"),
         (["frames", "--frames", "7-9"], 1, "--frames 7-9: the clip has 5 frames, 1 to 5"),
         (["frames", "--frames", "::0"], 2, "'::0'"),
+        (["frames", "--frames", "1:9:00"], 2, "'1:9:00'"),
         (["frames", "--frames", "::-1"], 2, "'::-1'"),
         (["clip.npy", "--layout", "xvf"], 2, "'xvf' is not one of 'fvx', 'vxf', 'fxv'"),
         (["clip.npy", "--layout", "fvx", *REST], 1, "(18, 3, 5), expected (frames, vertices, 3)"),
