@@ -22,7 +22,9 @@ from cageik_cli.formats.alembic_tree import (
     name_parts,
     place_meshes,
 )
+from cageik_cli.formats.base.files import ClaimedBytes
 from cageik_cli.formats.base.scene_graph import (
+    LibraryError,
     Polygons,
     SceneMesh,
     SceneReader,
@@ -48,6 +50,7 @@ class Reader(SceneReader):
     """Frames of the polygon meshes of an archive; times are seconds."""
 
     suffixes = (".abc",)
+    library = "alembic3d"
 
     def check_file(self, path: Path) -> None:
         """Refuse what the library would open as an empty archive, or not at all."""
@@ -63,14 +66,14 @@ class Reader(SceneReader):
                 yield []
         except (RuntimeError, IndexError, UnicodeDecodeError) as error:
             cause = find_cause(error)
-            raise FormatError(f"is not a sound Alembic file ({cause}); export it again") from error
+            raise LibraryError(f"is not a sound Alembic file ({cause}); export it again") from error
 
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Open the archive."""
         from alembic3d.Abc import IArchive
         from alembic3d.AbcGeom import IPolyMesh
 
-        self._archive = IArchive(str(path))
+        self._archive, self._claimed = IArchive(str(path)), ClaimedBytes(path.stat().st_size)
         self._stated_rates: list[str] = []
         objects = _iterate_descendants(self._archive.getTop())
         meshes = [thing for thing in objects if IPolyMesh.matches(thing.getHeader())]
@@ -87,7 +90,7 @@ class Reader(SceneReader):
     def open_mesh(self, found: Any) -> "AlembicMesh":
         """Open an object."""
         self._stated_rates.append(found.getMetaData().get(FPS_KEY))
-        return AlembicMesh(found)
+        return AlembicMesh(found, self._claimed)
 
     def list_times(self, meshes: Sequence[SceneMesh]) -> set[float]:
         """List when the meshes are sampled, each time once."""
@@ -123,12 +126,12 @@ class AlembicMesh(SceneMesh):
 
     is_clockwise = True  # in all files
 
-    def __init__(self, thing: Any) -> None:
+    def __init__(self, thing: Any, claimed: ClaimedBytes) -> None:
         from alembic3d.Abc import WrapExistingFlag
         from alembic3d.AbcGeom import IPolyMesh
 
         self._schema = IPolyMesh(thing, WrapExistingFlag.kWrapExisting).getSchema()
-        self._points = self._schema.getPositionsProperty()
+        self._claimed, self._points = claimed, self._schema.getPositionsProperty()
         self._transforms = find_transforms(thing)
 
     def list_times(self) -> set[float]:
@@ -153,7 +156,9 @@ class AlembicMesh(SceneMesh):
         """Read the points at a time, interpolated linearly between two samples."""
         start, stop, part = locate_samples(self._points, time)
         before, after = (
-            np.array(read_sample(self._points, index), np.float32).reshape(-1, 3)
+            np.array(read_sample(self._points, index, self._claimed.packed), np.float32).reshape(
+                -1, 3
+            )
             for index in (start, stop)
         )
         if len(after) != len(before):
@@ -170,17 +175,20 @@ class AlembicMesh(SceneMesh):
 
     def read_polygons(self, time: float) -> Polygons:
         """Read the faces of a sample."""
+        size = self._claimed.packed
         counts, corners = (
-            np.array(read_sample(p, min(int(time), p.getNumSamples() - 1)), np.int64)
+            np.array(read_sample(p, min(int(time), p.getNumSamples() - 1), size), np.int64)
             for p in self._polygon_properties
         )
+        self._claimed.claim(4 * (len(counts) + len(corners)))
         return counts, corners
 
     def list_surface_layers(
         self, vertex_count: int, time: float
     ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
         """Return what reads UVs, normals and face sets, in the first sample."""
-        return list_layers(self._schema)
+        self._claimed.claim(12 * vertex_count)
+        return list_layers(self._schema, self._claimed)
 
     @property
     def _polygon_properties(self) -> tuple[Any, Any]:
@@ -189,7 +197,7 @@ class AlembicMesh(SceneMesh):
 
 def require_alembic(purpose: str) -> None:
     """Raise MissingLibraryError without alembic3d, which is needed for a purpose."""
-    with require_optional("alembic3d", "abc", purpose):
+    with require_optional("alembic3d", purpose):
         import alembic3d  # noqa: F401
 
 

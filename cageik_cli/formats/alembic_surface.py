@@ -1,12 +1,14 @@
 """UVs, normals and materials of a polygon mesh in Alembic."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from cageik_cli.formats.base.files import ClaimedBytes
 from cageik_cli.formats.base.mesh_data import share_normals
 from cageik_cli.formats.base.writers import to_float32
 from cageik_cli.geometry.mesh import TriMesh
@@ -18,23 +20,24 @@ from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import single_line
 
 
-def list_layers(schema: Any) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+def list_layers(
+    schema: Any, claimed: ClaimedBytes
+) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
     """Return what reads the layers of a surface in its first sample, for `FileMesh.read_layers`."""
+    surface = _SurfaceReader(schema, claimed)
     return {
-        "its texture coordinates": partial(_read_safely, _read_uvs, schema),
-        "its normals": partial(_read_safely, _read_normals, schema),
-        "its face sets": partial(_read_safely, _read_face_sets, schema),
+        "its texture coordinates": partial(_read_safely, surface.read_uvs),
+        "its normals": partial(_read_safely, surface.read_normals),
+        "its face sets": partial(_read_safely, surface.read_face_sets),
     }
 
 
 def _read_safely(
-    read: Callable[[Any, SurfaceAttributes], SurfaceAttributes],
-    schema: Any,
-    attributes: SurfaceAttributes,
+    read: Callable[[SurfaceAttributes], SurfaceAttributes], attributes: SurfaceAttributes
 ) -> SurfaceAttributes:
     """Turn what the library raises while a part is read into a FormatError."""
     try:
-        return read(schema, attributes)
+        return read(attributes)
     except (FormatError, RuntimeError, IndexError, TypeError, ValueError) as error:
         raise FormatError(single_line(find_cause(error))) from error
 
@@ -44,68 +47,88 @@ def find_cause(error: Exception) -> str:
     return " ".join(str(error).rpartition("EXCEPTION:")[2].split())
 
 
-def read_sample(sampled: Any, index: int) -> Any:
-    """Read one array; a missing one, which has no digest, would crash the library."""
+def read_sample(sampled: Any, index: int, size: int) -> Any:
+    """Read one array of a file of some size.
+
+    A missing one, which has no digest, would crash the library.
+    """
+    name = f"sample {index} of `{sampled.getName()}`"
     if not sampled.getKey(index):
-        raise FormatError(f"sample {index} of `{sampled.getName()}` is missing; export it again")
+        raise FormatError(f"{name} is missing; export it again")
+    needed = sampled.getDimension(index).numPoints() * sampled.getDataType().getNumBytes()
+    if needed > size:
+        raise FormatError(f"{name} takes {needed} bytes of a file of {size}; export it again")
     return sampled.getValue(index)
 
 
-def _read_uvs(schema: Any, attributes: SurfaceAttributes) -> SurfaceAttributes:
-    parameter = schema.getUVsParam()
-    if not parameter.valid() or not parameter.getNumSamples():
-        return attributes
-    values = np.array(read_sample(parameter.getValueProperty(), 0), np.float64)
-    places = _locate(parameter, attributes, len(values))
-    return replace(attributes, uvs=UvMap(values.reshape(-1, 2), places))
+class _SurfaceReader:
+    """Reads the layers of the surface of one mesh, in its first sample."""
 
+    def __init__(self, schema: Any, claimed: ClaimedBytes) -> None:
+        self._schema, self._claimed = schema, claimed
 
-def _read_normals(schema: Any, attributes: SurfaceAttributes) -> SurfaceAttributes:
-    parameter = schema.getNormalsParam()
-    if not parameter.valid() or not parameter.getNumSamples():
-        return attributes
-    values = np.array(read_sample(parameter.getValueProperty(), 0), np.float64).reshape(-1, 3)
-    if not np.isfinite(values).all():
-        raise FormatError("they are not finite")
-    places = _locate(parameter, attributes, len(values))
-    return share_normals(attributes, values, places)
+    def read_uvs(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the texture coordinates."""
+        parameter = self._schema.getUVsParam()
+        if not parameter.valid() or not parameter.getNumSamples():
+            return attributes
+        values = self._read_first(parameter.getValueProperty(), np.float64)
+        places = self._locate(parameter, attributes, len(values))
+        return replace(attributes, uvs=UvMap(values.reshape(-1, 2), places))
 
+    def read_normals(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read which corners share a normal."""
+        parameter = self._schema.getNormalsParam()
+        if not parameter.valid() or not parameter.getNumSamples():
+            return attributes
+        values = self._read_first(parameter.getValueProperty(), np.float64).reshape(-1, 3)
+        if not np.isfinite(values).all():
+            raise FormatError("they are not finite")
+        places = self._locate(parameter, attributes, len(values))
+        return share_normals(attributes, values, places)
 
-def _read_face_sets(schema: Any, attributes: SurfaceAttributes) -> SurfaceAttributes:
-    """Read the face sets as materials, as other programs do."""
-    count = len(attributes.corner_counts)
-    texts = [""] * count
-    for name in schema.getFaceSetNames():
-        sampled = schema.getFaceSet(name).getSchema().getFacesProperty()
-        if not sampled.getNumSamples():
-            continue
-        faces = np.array(read_sample(sampled, 0), np.int64)
-        if len(faces) and not 0 <= faces.min() <= faces.max() < count:
-            raise FormatError(f"`{name}` names faces that are not there")
-        for face in faces.tolist():
-            texts[face] = single_line(name)
-    return replace(attributes, materials=FaceLabels.from_texts(texts))
+    def read_face_sets(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the face sets as materials, as other programs do."""
+        count = len(attributes.corner_counts)
+        materials = FaceLabels.from_members(count, self._list_face_sets(count))
+        return replace(attributes, materials=materials)
 
+    def _list_face_sets(self, count: int) -> Iterator[tuple[str, Integers]]:
+        """Yield the names of the face sets, with their faces, of `count`."""
+        for name in self._schema.getFaceSetNames():
+            sampled = self._schema.getFaceSet(name).getSchema().getFacesProperty()
+            if not sampled.getNumSamples():
+                continue
+            faces = self._read_first(sampled, np.int64)
+            if len(faces) and not 0 <= faces.min() <= faces.max() < count:
+                raise FormatError(f"`{name}` names faces that are not there")
+            yield single_line(name), faces
 
-def _locate(parameter: Any, attributes: SurfaceAttributes, count: int) -> Integers:
-    """Return the place of the value of each corner among `count` values."""
-    from alembic3d.AbcGeom import GeometryScope
+    def _read_first(self, sampled: Any, kind: type[np.float64 | np.int64]) -> NDArray[Any]:
+        values = read_sample(sampled, 0, self._claimed.packed)
+        self._claimed.claim(len(values) * sampled.getDataType().getNumBytes())
+        with np.errstate(invalid="ignore"):  # a signalling nan is refused with the others
+            return np.array(values, kind)
 
-    scope, places = parameter.getScope(), np.arange(count)
-    if parameter.isIndexed():
-        places = np.array(read_sample(parameter.getIndexProperty(), 0), np.int64)
-    if scope in (GeometryScope.kVertexScope, GeometryScope.kVaryingScope):
-        corners = attributes.corners
-    elif scope == GeometryScope.kFacevaryingScope:
-        corners = np.arange(len(attributes.corners))
-    else:
-        raise FormatError("they are not those of corners or vertices")
-    if corners.max(initial=-1) >= len(places):
-        raise FormatError(f"{len(places)} values, expected {corners.max() + 1}")
-    found = places[corners]
-    if len(found) and not 0 <= found.min() <= found.max() < count:
-        raise FormatError(f"they name value {found.max()} of {count}")
-    return np.asarray(found, np.int64)
+    def _locate(self, parameter: Any, attributes: SurfaceAttributes, count: int) -> Integers:
+        """Return the place of the value of each corner among `count` values."""
+        from alembic3d.AbcGeom import GeometryScope
+
+        scope, places = parameter.getScope(), np.arange(count)
+        if parameter.isIndexed():
+            places = self._read_first(parameter.getIndexProperty(), np.int64)
+        if scope in (GeometryScope.kVertexScope, GeometryScope.kVaryingScope):
+            corners = attributes.corners
+        elif scope == GeometryScope.kFacevaryingScope:
+            corners = np.arange(len(attributes.corners))
+        else:
+            raise FormatError("they are not those of corners or vertices")
+        if corners.max(initial=-1) >= len(places):
+            raise FormatError(f"{len(places)} values, expected {corners.max() + 1}")
+        found = places[corners]
+        if len(found) and not 0 <= found.min() <= found.max() < count:
+            raise FormatError(f"they name value {found.max()} of {count}")
+        return np.asarray(found, np.int64)
 
 
 class AlembicSurface:

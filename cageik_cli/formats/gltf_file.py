@@ -228,7 +228,7 @@ class GlbWriter(AnimationWriter):
     @classmethod
     def require_libraries(cls) -> None:
         """Raise MissingLibraryError without pygltflib."""
-        with require_optional("pygltflib", "gltf", "writing .glb"):
+        with require_optional("pygltflib", "writing .glb"):
             import pygltflib  # noqa: F401
 
     def __init__(self, target: Path, animation: Animation) -> None:

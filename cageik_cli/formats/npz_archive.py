@@ -63,6 +63,18 @@ class FileArray:
         )
         return array.T if self.is_fortran_order else array
 
+    def read_rows(self, start: int, stop: int) -> np.ndarray:
+        """Read rows `start` up to `stop`, exclusive, of an array of two dimensions."""
+        rows, columns = self.shape
+        stop, size = min(stop, rows), self.dtype.itemsize
+        if not self.is_fortran_order:
+            shape = (stop - start, columns)
+            return self.file.read_array(self.offset + start * columns * size, self.dtype, shape)
+        found = np.empty((columns, stop - start), self.dtype)
+        for number, column in enumerate(found):
+            self.file.read_into(column, self.offset + (number * rows + start) * size)
+        return found.T
+
 
 def open_npy(path: Path) -> FileArray:
     """Open the array of a `.npy`."""

@@ -130,6 +130,9 @@ def _find_face_runs(words: Tokens) -> list[bytes]:
 MIN_DIGITS = 9
 """Digits of coordinates, which distinguish all float32 values."""
 
+EXACT = 0
+"""In place of a number of digits: as many as each coordinate has."""
+
 
 class Writer(FrameFileWriter):
     """Writes vertices with nine digits, and with more where they are far from the origin.
@@ -143,14 +146,20 @@ class Writer(FrameFileWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        self._rest, self._digits, self._template = animation.rest, 0, b""
+        self._rest, self._digits, self._template = animation.rest, -1, b""
         attributes = animation.rest.attributes
         has_normals = attributes is not None and attributes.normal_fans is not None
         self._shaded = attributes if has_normals else None
 
     def encode_frame(self, positions: Floats) -> bytes:
         """Return the text of one frame."""
-        digits = count_digits(positions, self._rest.diagonal)
+        return self._encode(positions, count_digits(positions, self._rest.diagonal))
+
+    def encode_exact(self, positions: Floats) -> bytes:
+        """Return the text of one frame, whose positions are read back to the last bit."""
+        return self._encode(positions, EXACT)
+
+    def _encode(self, positions: Floats, digits: int) -> bytes:
         if digits != self._digits:
             # One format of the whole file is several times as fast as one per line.
             self._digits, self._template = digits, make_obj_template(self._rest, digits)
@@ -171,9 +180,9 @@ def count_digits(positions: Floats, diagonal: float) -> int:
 def make_obj_template(mesh: TriMesh, digits: int = MIN_DIGITS) -> bytes:
     """Return a format of the text of a mesh: it takes 3n positions, then 3u normals.
 
-    `digits` are the significant digits of positions.
+    `digits` are the significant digits of positions, or `EXACT`.
     """
-    vertex = "v " + " ".join([f"%.{digits}g"] * 3)
+    vertex = "v " + " ".join(["%r" if digits == EXACT else f"%.{digits}g"] * 3)
     attributes = mesh.attributes
     if attributes is None:
         faces = b"f %d %d %d\n" * len(mesh.faces) % tuple((mesh.faces + 1).ravel().tolist())

@@ -153,8 +153,10 @@ def _read_colours(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttri
 
 def _to_floats(tokens: Tokens, words: Integers) -> Floats:
     """Convert words by their numbers."""
-    bounds = tokens.bounds[words].tolist()
-    return np.array([tokens.text[begin:end] for begin, end in bounds], "S").astype(np.float64)
+    found = convert_words(tokens.text, tokens.bounds[words], np.float64)
+    if found is None:
+        raise ValueError("a word is no finite number")
+    return found
 
 
 def _join_words(tokens: Tokens, line: int) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.mesh_data import FileMesh, check_not_points
+from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.obj_numbers import convert_words
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, InputError
@@ -226,16 +226,15 @@ def _parse_word_by_word(tokens: Tokens, data: bytes) -> FileMesh:
             else:
                 polygons.append(_parse_polygon(words, len(vertices)))
         except InputError as error:
-            raise FormatError(
-                f"{_quote_line(tokens, line, data)} {error}; export it again"
-            ) from error
-    check_not_points(len(vertices), len(polygons))
-    if not vertices or not polygons:
+            is_cut = not tokens.line_kinds[line + 1 :].any()
+            remedy = "the file is cut off there, export it again" if is_cut else "export it again"
+            raise FormatError(f"{_quote_line(tokens, line, data)} {error}; {remedy}") from error
+    if not vertices:
         raise FormatError(
-            f"{len(vertices)} vertices and {len(polygons)} faces found, expected a mesh in OBJ "
-            "text; export it again"
+            f"0 vertices and {len(polygons)} faces found, expected a mesh in OBJ text; export it "
+            "again"
         )
-    last = max(map(max, polygons)) + 1
+    last = max(map(max, polygons), default=0) + 1
     if last > len(vertices):
         raise FormatError(
             f"a face names vertex {last}, the file has {len(vertices)} (counted from 1); "
@@ -263,7 +262,8 @@ def _parse_number(word: bytes) -> float:
 
 def _parse_polygon(words: list[bytes], count: int) -> list[int]:
     if len(words) < 3:
-        raise FormatError(f"has {len(words)} corners, expected 3 or more")
+        noun = "corner" if len(words) == 1 else "corners"
+        raise FormatError(f"has {len(words)} {noun}, expected 3 or more")
     return [_parse_corner(word, count) for word in words]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.formats.base.choose_parts import order_parts, select_parts
+from cageik_cli.formats.base.ear_clipping import describe_folded
 from cageik_cli.formats.base.files import decompress, describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.base.readers import ArrayClipFile, FrameFileReader, parse_mesh
@@ -197,6 +198,8 @@ def load_mesh(path: Path, exclude: Sequence[str] = ()) -> LoadedMesh:
     with error_context(file):
         if file.is_dir():
             raise FileAccessError("is a folder, expected a file; give a mesh in it")
+        if not file.exists():
+            raise FileAccessError("no such file; check the path")
         suffix = file_suffix(file)
         if suffix not in find_readers():
             raise FileAccessError(_explain_unsupported(file, "mesh"))
@@ -210,11 +213,12 @@ def load_mesh(path: Path, exclude: Sequence[str] = ()) -> LoadedMesh:
         content = decompress(data, suffix)
         read = reader.read_attributes(content, parse_mesh(reader, content))
         read = reader.read_library(file, read)
-        mesh, _, left_out = select_parts(read.make_mesh(), member, exclude)
+        whole = read.make_mesh()
+        mesh, _, left_out = select_parts(whole, member, exclude)
         source = describe_source(file, data)
         if member is not None:
             source["name"] += f"::{to_unicode(member)}"
-        return LoadedMesh(mesh, source, (*read.notes, *left_out), path)
+        return LoadedMesh(mesh, source, (*read.notes, *describe_folded(whole), *left_out), path)
 
 
 def _load_first_frame(path: Path, exclude: Sequence[str]) -> LoadedMesh:

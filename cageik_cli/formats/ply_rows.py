@@ -172,8 +172,9 @@ class PlyRows:
                     sizes.append(size)
                 place += size
         code = element.type_codes[wanted][1]
-        numbers = np.array(list(map(float if code in "efd" else int, items)))
-        return numbers.astype(self.order + code), np.array(sizes, np.int64)
+        with np.errstate(over="ignore"):  # what is too large for its type is refused as infinite
+            numbers = np.array(list(map(float if code in "efd" else int, items)), self.order + code)
+        return numbers, np.array(sizes, np.int64)
 
     def _read_even_rows(self, element: Element) -> NDArray[Any] | None:
         """Read the rows if the lists of all have the sizes of those in the first, else None."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any, Final, Literal
 
-from cageik_cli.formats.timeline import FrameRange, Timeline
+from cageik_cli.formats.timeline import FrameRange, Timeline, check_frames
 from cageik_cli.util.errors import InputError, SettingError
 from cageik_cli.util.units import UNIT_LENGTHS, type_unit
 
@@ -224,6 +224,7 @@ class ClipSettings:
     fps: float | None = None
 
     def __post_init__(self) -> None:
+        check_frames(self.selection)
         SceneHints(fps=self.fps)  # which checks it
 
 

@@ -7,12 +7,16 @@ People name frames by number, and both ends of a range count: `1020-1060`. A sli
 import math
 import re
 from dataclasses import dataclass
-from typing import Any
+from numbers import Integral
+from typing import Any, NoReturn
 
-from cageik_cli.util.errors import SettingError
+from cageik_cli.util.errors import SettingError, WrongUsageError
 
 FRAME_NUMBER_TOL = 1e-6
 """Of the step from frame to frame: a number this near is that of the frame."""
+
+MAX_TIMELINE_NUMBER = 10**9
+"""Numbers of frames are below it, as what people type has nine digits before its point."""
 
 _NUMBER = r"-?\d{1,9}(?:\.\d{1,9})?"
 
@@ -47,12 +51,12 @@ class Timeline:
             When there is none.
         """
         place = (number - self.start) / self.step
-        index = round(place)
-        if abs(place - index) > FRAME_NUMBER_TOL or not 0 <= index < self.count:
+        is_inside = -0.5 < place < self.count - 0.5  # which nothing is that is not finite
+        if not is_inside or abs(place - round(place)) > FRAME_NUMBER_TOL:
             raise SettingError(
                 f"there is no frame {format_frame_number(number)}; {self.describe()}"
             )
-        return index
+        return round(place)
 
     def describe(self) -> str:
         """Say which frames there are, by number and by index."""
@@ -76,20 +80,28 @@ class Timeline:
             return wanted.find_indices(self)
         chosen = range(self.count)[wanted]
         if not chosen:
-            raise SettingError(
-                f"`selection={format_slice(wanted)}` selects no frame, as a slice counts "
-                f"from 0; {self.describe()}{self._suggest_numbers(wanted)}"
-            )
+            error = WrongUsageError if _is_empty(wanted) else SettingError
+            raise error(f"{_describe_empty(wanted)}; {self.describe()}; {self._advise(wanted)}")
         return chosen
 
-    def _suggest_numbers(self, wanted: slice) -> str:
-        """Ask whether the bounds of a slice are meant as numbers, if there are such frames."""
-        low, high = wanted.start, wanted.stop
-        if low is None or high is None or not self.start <= low <= min(high, self.last):
-            return ""
-        step = None if wanted.step in (None, 1) else wanted.step
-        meant = FrameRange(low, high if high <= self.last else None, step)
-        return f"; did you mean `selection={meant.typed}`?"
+    def _advise(self, wanted: slice) -> str:
+        """Say which choices may be meant by a slice without frames: those that have some here."""
+        bounds = [bound for bound in (wanted.start, wanted.stop) if bound is not None]
+        low, high, step = min(bounds), max(bounds), wanted.step or 1
+        meant = slice(low, max(high, low + 1), wanted.step)
+        advice = []
+        if range(self.count)[meant]:
+            advice.append(f"`selection={format_slice(meant)}` for indices")
+        numbered = FrameRange(low, high, None if step == 1 else step * self.step).limit_to(self)
+        if len(bounds) == 2 and numbered.list_indices(self):
+            what = "the frame of that number" if low == high else "numbers"
+            advice.append(f"`selection={numbered.typed}` for {what}")
+        return f"give {', or '.join(advice)}" if advice else self.suggest_others()
+
+    def suggest_others(self) -> str:
+        """Advise to choose frames that the clip has: the first ten, for an example."""
+        few = FrameRange(self.start, self.numbers(min(self.count, 10) - 1))
+        return f"choose some of them, as in `selection={few.typed}`"
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,40 +130,58 @@ class FrameRange:
 
     def find_indices(self, timeline: Timeline) -> range:
         """Return the indices of the frames of a clip; see `Timeline.choose`."""
+        self._check_order(timeline)
         self._check_bounds(timeline)
-        first = timeline.start if self.first is None else self.first
-        last = timeline.last if self.last is None else self.last
+        found = self.list_indices(timeline)
+        if not found:
+            self._refuse("is no frame", timeline, timeline.suggest_others())
+        return found
+
+    def list_indices(self, timeline: Timeline) -> range:
+        """Return the indices of the frames of a clip that are in the range, perhaps none."""
+        inside = self.limit_to(timeline)
+        first = timeline.start if inside.first is None else inside.first
+        last = timeline.last if inside.last is None else inside.last
         start = math.ceil((first - timeline.start) / timeline.step - FRAME_NUMBER_TOL)
         stop = math.floor((last - timeline.start) / timeline.step + FRAME_NUMBER_TOL) + 1
-        if start >= stop:
-            raise SettingError(f"`selection={self.typed}`: is no frame; {timeline.describe()}")
-        return range(start, stop, self._count_steps(timeline))
+        return range(start, min(stop, timeline.count), self._count_steps(timeline))
+
+    def limit_to(self, timeline: Timeline) -> "FrameRange":
+        """Return the part of the range that is in a clip."""
+        tolerance = FRAME_NUMBER_TOL * timeline.step
+        is_below = self.first is not None and self.first < timeline.start - tolerance
+        is_above = self.last is not None and self.last > timeline.last + tolerance
+        return FrameRange(
+            timeline.start if is_below else self.first, None if is_above else self.last, self.step
+        )
+
+    def _check_order(self, timeline: Timeline) -> None:
+        """Refuse a range that ends before it begins."""
+        if not _is_empty(self):
+            return
+        turned = FrameRange(self.last, self.first, self.step).limit_to(timeline)
+        is_known = bool(turned.list_indices(timeline))
+        advice = f"give `selection={turned.typed}`" if is_known else timeline.suggest_others()
+        raise WrongUsageError(f"{_describe_empty(self)}; {timeline.describe()}; {advice}")
 
     def _check_bounds(self, timeline: Timeline) -> None:
         """Refuse bounds that are beyond the clip, and those that may be read in two ways."""
-        low, high, tolerance = timeline.start, timeline.last, FRAME_NUMBER_TOL * timeline.step
-        is_below = self.first is not None and self.first < low - tolerance
-        is_above = self.last is not None and self.last > high + tolerance
-        is_apart = self.first is not None and self.first > high + tolerance
-        is_apart = is_apart or (self.last is not None and self.last < low - tolerance)
-        if is_apart:
-            raise SettingError(
-                f"`selection={self.typed}`: {timeline.describe()}; choose some of them"
-            )
-        if is_below or is_above:
-            ends = None if is_below else self.first, None if is_above else self.last
-            inside = FrameRange(*ends, self.step).typed
-            advice = f"give `selection={inside}`" if inside != "-" else "leave out `selection=`"
-            raise SettingError(
-                f"`selection={self.typed}`: goes beyond the clip; {timeline.describe()}; "
-                f"{advice} to take those that there are"
-            )
-        if self.first is None and self.last is not None and low <= -self.last < 0:
+        inside = self.limit_to(timeline)
+        if inside != self:
+            advice = f"give `selection={inside.typed}` to take those that there are"
+            if not inside.list_indices(timeline):
+                advice = timeline.suggest_others()
+            self._refuse("goes beyond the clip", timeline, advice)
+        if self.first is None and self.last is not None and timeline.start <= -self.last < 0:
             typed = format_frame_number(self.last)
             raise SettingError(
                 f"`selection={self.typed}`: may be frame -{typed}, or all up to {typed}; give "
-                f"`selection=-{typed}--{typed}`, or `selection={timeline.number_frame(0)}-{typed}`"
+                f"`selection=-{typed}--{typed}` for the one, or "
+                f"`selection={timeline.number_frame(0)}-{typed}` for the other"
             )
+
+    def _refuse(self, why: str, timeline: Timeline, advice: str) -> NoReturn:
+        raise SettingError(f"`selection={self.typed}`: {why}; {timeline.describe()}; {advice}")
 
     def _count_steps(self, timeline: Timeline) -> int:
         """Return how many frames of the clip a step is."""
@@ -196,34 +226,67 @@ def parse_frames(text: str) -> slice | FrameRange:
     words = text.strip()
     by_index = re.fullmatch(r"(-?\d{1,9})?:(-?\d{1,9})?(?::(\d{1,9})?)?", words)
     if by_index and int(by_index[3] or 1):
-        return _check_slice(
-            slice(*(None if part is None else int(part) for part in by_index.groups()))
-        )
+        return slice(*(None if part is None else int(part) for part in by_index.groups()))
     if re.fullmatch(r"\d{1,9}(?:\.\d{1,9})?", words):
         return FrameRange(float(words), float(words))
     by_number = re.fullmatch(rf"({_NUMBER})?-({_NUMBER})?(?:x(\d{{1,9}}(?:\.\d{{1,9}})?))?", words)
     if not by_number or words == "-" or (by_number[3] and float(by_number[3]) == 0):
-        raise SettingError(
-            f"{text!r} is not a choice of frames; expected their numbers, such as 1020-1060, "
-            "1020-1060x2, 1020 or 1020-, or a slice 0:48:2, which counts from 0"
-        )
-    first, last, step = (None if part is None else float(part) for part in by_number.groups())
-    chosen = FrameRange(first, last, step)
-    if first is not None and last is not None and last < first:
-        raise SettingError(
-            f"{text!r} ends before it begins; did you mean {FrameRange(last, first, step).typed}?"
-        )
-    return chosen
+        raise _make_error(text)
+    return FrameRange(*(None if part is None else float(part) for part in by_number.groups()))
 
 
-def _check_slice(wanted: slice) -> slice:
-    """Refuse a slice that is empty in every clip."""
-    low, high = wanted.start or 0, wanted.stop
-    if high is not None and (low >= 0) == (high >= 0) and low >= high:
-        swapped = format_slice(slice(high, low, wanted.step))
-        meant = f"{swapped}, or {high}-{low} for numbers of frames" if low > high else f"{low}"
-        raise SettingError(
-            f"'{format_slice(wanted)}' selects no frame, as a slice ends before its second number; "
-            f"did you mean {meant}?"
+def check_frames(wanted: object) -> None:
+    """Refuse what is neither a range of numbers, nor a slice of whole numbers that goes forwards.
+
+    Raises
+    ------
+    SettingError
+        Naming what was given.
+    """
+    if isinstance(wanted, slice):
+        parts = (wanted.start, wanted.stop, wanted.step)
+        is_whole = all(part is None or isinstance(part, Integral) for part in parts)
+        if is_whole and (wanted.step is None or wanted.step > 0):
+            return
+    elif isinstance(wanted, FrameRange):
+        return
+    raise _make_error(wanted)
+
+
+def check_any_frame(wanted: slice | FrameRange) -> None:
+    """Refuse a choice that is empty in every clip; `Timeline.choose` does so, too, and advises.
+
+    Raises
+    ------
+    WrongUsageError
+        Naming the choice.
+    """
+    if _is_empty(wanted):
+        raise WrongUsageError(
+            f"{_describe_empty(wanted)}; give frames that go forwards, as in `selection=1020-1060`"
         )
-    return wanted
+
+
+def _describe_empty(wanted: slice | FrameRange) -> str:
+    """Say why a choice has no frame."""
+    if isinstance(wanted, FrameRange):
+        return f"`selection={wanted.typed}`: ends before it begins"
+    return (
+        f"`selection={format_slice(wanted)}` selects no frame, as a slice counts from 0 and ends "
+        "before its second number"
+    )
+
+
+def _is_empty(wanted: slice | FrameRange) -> bool:
+    """Return whether a choice has no frame in any clip; indices below 0 count from the end."""
+    if isinstance(wanted, FrameRange):
+        return wanted.first is not None and wanted.last is not None and wanted.first > wanted.last
+    start, stop = wanted.start or 0, wanted.stop
+    return stop is not None and (stop == 0 or (start >= stop and (start < 0) == (stop < 0)))
+
+
+def _make_error(wanted: object) -> SettingError:
+    return SettingError(
+        f"{wanted!r} is not a choice of frames; expected their numbers, such as 1020-1060, "
+        "1020-1060x2, 1020 or 1020-, or a slice 0:48:2, which counts from 0"
+    )

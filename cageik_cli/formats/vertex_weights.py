@@ -8,6 +8,7 @@ from tokenize import TokenError
 import numpy as np
 
 from cageik_cli.formats.base.files import describe_source
+from cageik_cli.formats.npz_archive import FileArray, open_npy
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 from cageik_cli.util.files import check_input, read_input
@@ -22,19 +23,26 @@ class FrameWeightsFile:
 
     Attributes
     ----------
-    largest, mean : float
-        Of all weights in the file; the mean is of those above 0, as the others are missing data.
+    shape : tuple of int
+        Frames and vertices.
+    largest : float
+        Of all weights in the file.
+    mean_share : float
+        The mean of those above 0, as the others are missing data, over the largest.
     """
 
     path: Path
+    shape: tuple[int, ...]
     largest: float
-    mean: float
+    mean_share: float
 
     def read(self, start: int, stop: int) -> Floats:
         """Read the weights of frames `start` up to `stop`, exclusive: (k, m), from 0 to 1."""
         with error_context(self.path):
-            rows = _map_rows(self.path)
-            return np.asarray(rows[start:stop], np.float64) / self.largest
+            array = open_npy(self.path)
+            if array.shape != self.shape:
+                raise FileAccessError("was written again after it was opened; run again")
+            return np.asarray(array.read_rows(start, stop), np.float64) / self.largest
 
 
 def open_frame_weights(path: Path, frames: int, vertices: int) -> FrameWeightsFile | None:
@@ -42,28 +50,31 @@ def open_frame_weights(path: Path, frames: int, vertices: int) -> FrameWeightsFi
     if path.suffix.lower() != ".npy":
         return None
     with error_context(path):
+        check_input(path)
         try:
-            rows = _map_rows(path)
+            array = open_npy(path)
         except FormatError:
             return None  # whoever reads one weight per vertex says what is wrong
-        if rows.ndim != 2:
+        if len(array.shape) != 2:
             return None
-        if rows.shape != (frames, vertices):
+        if array.shape != (frames, vertices):
             raise FormatError(
-                f"weights of frames have shape {rows.shape}, expected ({frames}, {vertices}): the "
+                f"weights of frames have shape {array.shape}, expected ({frames}, {vertices}): the "
                 "frames that are taken and the vertices of the model"
             )
-        if rows.dtype.kind not in "fiub":
-            raise FormatError(f"holds {rows.dtype} values, expected numbers")
-        return FrameWeightsFile(path, *_check_rows(rows))
+        if array.dtype.kind not in "fiub":
+            raise FormatError(f"holds {array.dtype} values, expected numbers")
+        return FrameWeightsFile(path, array.shape, *_check_rows(array))
 
 
-def _check_rows(rows: np.ndarray) -> tuple[float, float]:
-    """Return the largest weight, and the mean of those above 0; they are read in parts."""
-    size = max(1, MAX_ROWS_BYTES // (8 * rows.shape[1]))
+def _check_rows(array: FileArray) -> tuple[float, float]:
+    """Return the largest weight, and the mean of those above 0 over it; rows are read in parts."""
+    rows, columns = array.shape
+    size = max(1, MAX_ROWS_BYTES // (8 * columns))
     largest, total, count = 0.0, 0.0, 0
-    for start in range(0, len(rows), size):
-        part = np.asarray(rows[start : start + size], np.float64)
+    for start in range(0, rows, size):
+        with np.errstate(over="ignore", invalid="ignore"):  # what is infinite is refused
+            part = np.asarray(array.read_rows(start, start + size), np.float64)
         is_wrong = ~(np.isfinite(part) & (part >= 0))
         if is_wrong.any():
             frame, vertex = np.argwhere(is_wrong)[0]
@@ -71,23 +82,15 @@ def _check_rows(rows: np.ndarray) -> tuple[float, float]:
                 f"the weight of vertex {vertex} in row {start + frame} is {part[frame, vertex]}, "
                 "expected a finite number of 0 or above"
             )
-        largest = max(largest, float(part.max()))
-        total += float(part.sum())
+        most = float(part.max())
+        if most > largest:
+            total, largest = total * (largest / most), most
+        if largest:
+            total += float((part / largest).sum())  # a sum of large weights could overflow
         count += int(np.count_nonzero(part))
     if largest == 0:
         raise FormatError("all vertex weights are zero; expected at least one above 0")
     return largest, total / count
-
-
-def _map_rows(path: Path) -> np.ndarray:
-    """Open the array in a `.npy` file without reading it."""
-    check_input(path)
-    try:
-        return np.asanyarray(np.load(path, mmap_mode="r", allow_pickle=False))
-    except OSError as error:
-        raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
-    except (ValueError, TypeError, EOFError, SyntaxError, TokenError) as error:
-        raise FormatError(f"is not a .npy array ({error})") from error
 
 
 def read_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:

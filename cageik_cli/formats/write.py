@@ -327,20 +327,20 @@ def check_mesh_output(path: Path, overwrite: bool) -> None:
     check_writable(path, overwrite)
 
 
-def write_mesh(path: Path, mesh: TriMesh, positions: Floats, overwrite: bool) -> None:
-    """Write a mesh at other positions, (m, 3), as animations of one file per frame are written."""
+def write_mesh(
+    path: Path, mesh: TriMesh, positions: Floats, overwrite: bool, *, is_exact: bool = False
+) -> None:
+    """Write a mesh at other positions, (m, 3), as a frame; to their last bit if `is_exact`."""
     animation = Animation(mesh, 1, Scene(start=0), path.stem)
     writer = _choose_mesh_writer(path)(path.with_name(f"_####{path.suffix.lower()}"), animation)
-    write_bytes(path, writer.encode_frame(positions), overwrite)
+    data = writer.encode_exact(positions) if is_exact else writer.encode_frame(positions)
+    write_bytes(path, data, overwrite)
 
 
 def _choose_mesh_writer(path: Path) -> type[FrameFileWriter]:
     """Return the writer of files of one mesh for the path's suffix."""
-    writers = {
-        suffix: writer
-        for suffix, writer in _find_writers().items()
-        if issubclass(writer, FrameFileWriter)
-    }
+    known = _find_writers().items()
+    writers = {suffix: one for suffix, one in known if issubclass(one, FrameFileWriter)}
     if path.suffix.lower() not in writers:
         raise OutputError(
             f"{path}: `{path.suffix}` is not a mesh format that can be written, expected "

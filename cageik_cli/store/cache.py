@@ -4,32 +4,22 @@ An entry is a file that is named by its key. It is written beside its name and r
 digests are checked when it is read, so that neither a killed process nor a damaged disk can leave
 an entry that is used. Any number of processes may use the folder at once. When an entry cannot be
 read or written, a note says so and its content is computed.
-
-Entries are not HDF5 files: read through HDF5, a hit takes 1.3 to 1.4 times as long.
 """
 
-import hashlib
-import json
 import os
 import re
 import stat
-import struct
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import TypeVar
 
-import numpy as np
-
+from cageik_cli.store.cache_entry import WRONG_HEADER_ERRORS, CorruptEntry, Entry, EntryFormat
 from cageik_cli.util.files import open_locked, remove_locked
 from cageik_cli.util.leftovers import clear_leftovers, make_unfinished_path
 
 Value = TypeVar("Value")
-
-Entry = dict[str, Any]
-"""The arrays and plain values of an entry, by name."""
 
 LOCK_POLL_SECONDS = 0.05
 """Seconds between two checks whether another process has computed an entry."""
@@ -39,127 +29,6 @@ MAX_UNFINISHED_SECONDS = 3600.0
 
 _ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.(weights|cage|fit)")
 _PARTIAL_NAME = re.compile(r"[0-9a-f]{64}(\.\w+)+\.partial")
-
-
-class CorruptEntry(Exception):
-    """A file under the name of an entry is not that entry, or not all of it."""
-
-
-def compute_key(values: Mapping[str, Any], *arrays: np.ndarray) -> str:
-    """Return a digest of all that something depends on, as 64 hexadecimal digits.
-
-    Parameters
-    ----------
-    values : mapping
-        Plain values, by name.
-    arrays
-        Their types, shapes and numbers count, not how they lie in memory.
-    """
-    recorded = [values, *((array.dtype.str, array.shape) for array in arrays)]
-    parts = [memoryview(json.dumps(recorded, sort_keys=True).encode())]
-    return _compute_digest([*parts, *(_as_bytes(array, array.dtype) for array in arrays)]).hex()
-
-
-@dataclass(frozen=True, slots=True)
-class EntryFormat:
-    """The entries of one kind.
-
-    Attributes
-    ----------
-    name : str
-        The suffix of their files, one of those that `_ENTRY_NAME` knows.
-    subject : str
-        What notes say of them: "the weights are".
-    arrays : mapping of str
-        The names of its arrays, and their types in the file, in order.
-    values : tuple of str
-        The names of its plain values and tuples of them.
-    """
-
-    name: str
-    subject: str
-    arrays: Mapping[str, str]
-    values: tuple[str, ...]
-
-    @property
-    def magic(self) -> bytes:
-        """Return the first bytes of a file."""
-        return f"cageik {self.name} 2\n".encode()
-
-    @property
-    def file_start(self) -> struct.Struct:
-        """Return the layout of what precedes the header: magic, digest and length of it."""
-        return struct.Struct(f"<{len(self.magic)}s{hashlib.sha256().digest_size}sQ")
-
-    def pack(self, key: str, entry: Entry) -> list[memoryview]:
-        """Return the parts of an entry's file, in order; `seconds` is among its values."""
-        arrays = [_as_bytes(entry[name], dtype) for name, dtype in self.arrays.items()]
-        shapes = {name: entry[name].shape for name in self.arrays}
-        values = {name: entry[name] for name in ("seconds", *self.values)}
-        header = {"key": key, "digest": _compute_digest(arrays).hex(), **values, **shapes}
-        text = json.dumps(header).encode()
-        digest = _compute_digest([memoryview(text)])
-        return [memoryview(self.file_start.pack(self.magic, digest, len(text)) + text), *arrays]
-
-    def read(self, path: Path, key: str) -> Entry:
-        """Read an entry and check its digests.
-
-        Raises
-        ------
-        OSError
-            When there is none, or it cannot be read.
-        CorruptEntry
-            When there is something else, or not all of it.
-        """
-        # Before it is opened: opening a pipe would wait for its writer.
-        if not stat.S_ISREG(path.stat(follow_symlinks=False).st_mode):
-            raise CorruptEntry("is not a plain file")
-        with open(path, "rb") as file:
-            header = self._read_header(file)
-            if header.pop("key") != key:
-                raise CorruptEntry("is the entry of another key")
-            if set(header) != {"digest", "seconds", *self.arrays, *self.values}:
-                raise CorruptEntry("is the entry of another version of cageik")
-            expected = bytes.fromhex(header.pop("digest"))
-            arrays = {name: np.empty(header.pop(name), kind) for name, kind in self.arrays.items()}
-            parts = [_as_bytes(array, array.dtype) for array in arrays.values()]
-            whole = all(file.readinto(part) == len(part) for part in parts)
-            if not whole or file.read(1) or _compute_digest(parts) != expected:
-                raise CorruptEntry("is damaged")
-        native = {
-            name: array.astype(array.dtype.newbyteorder("="), copy=False)
-            for name, array in arrays.items()
-        }
-        plain = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in header.items()
-        }
-        return native | plain
-
-    def _read_header(self, file: BinaryIO) -> dict[str, Any]:
-        """Read the header and check its digest, before the sizes in it are used."""
-        start = file.read(self.file_start.size)
-        if len(start) == self.file_start.size:
-            magic, expected, length = self.file_start.unpack(start)
-            if magic == self.magic and length <= os.fstat(file.fileno()).st_size:
-                text = file.read(length)
-                if _compute_digest([memoryview(text)]) == expected:
-                    header: dict[str, Any] = json.loads(text)
-                    return header
-        raise CorruptEntry("is damaged")
-
-
-def _as_bytes(array: np.ndarray, dtype: "str | np.dtype[Any]") -> memoryview:
-    """Return the numbers of an array, row by row, as bytes."""
-    return np.ascontiguousarray(array, dtype).reshape(-1).view(np.uint8).data
-
-
-def _compute_digest(parts: list[memoryview]) -> bytes:
-    """Return the SHA-256, for which processors have instructions: twice as fast as others."""
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(part)
-    return digest.digest()
 
 
 class EntryCache:
@@ -196,27 +65,42 @@ class EntryCache:
 
         `to_entry` makes the entry of the value, and `from_entry` the value of the entry.
         """
-        entry = self._lookup(kind, key)
-        if entry is not None:
+        value = self._lookup(kind, key, from_entry)
+        if value is not None:
             self._remove_stale_lock(key)
-        else:
-            with self._entry_lock(key):
-                entry = self._lookup(kind, key)  # the process waited for has written it
-                if entry is None:
-                    start = time.perf_counter()
-                    value = compute()
-                    self.write(kind, key, to_entry(value), time.perf_counter() - start)
-                    return value
-        return from_entry(entry)
+            return value
+        with self._entry_lock(key):
+            value = self._lookup(kind, key, from_entry)  # the process waited for has written it
+            if value is None:
+                start = time.perf_counter()
+                value = compute()
+                self.write(kind, key, to_entry(value), time.perf_counter() - start)
+            return value
 
-    def _lookup(self, kind: EntryFormat, key: str) -> Entry | None:
-        """Return the entry of a key, if it is there; a note says what that saved."""
+    def _lookup(
+        self, kind: EntryFormat, key: str, from_entry: Callable[[Entry], Value]
+    ) -> Value | None:
+        """Return the value of a key, if it is there; a note says what that saved."""
         start = time.perf_counter()
         entry = self.read(kind, key)
-        if entry is not None:
-            saved = max(0.0, entry.pop("seconds") - (time.perf_counter() - start))
-            self._note(f"cache hit, saved {saved:.1f} s")
-        return entry
+        if entry is None:
+            return None
+        seconds = entry.pop("seconds")
+        try:
+            value = from_entry(entry)
+        except (CorruptEntry, *WRONG_HEADER_ERRORS):
+            self._discard(kind, key, CorruptEntry("is damaged"))
+            return None
+        saved = max(0.0, seconds - (time.perf_counter() - start))
+        self._note(f"cache hit, saved {saved:.1f} s")
+        return value
+
+    def _discard(self, kind: EntryFormat, key: str, fault: CorruptEntry) -> None:
+        """Delete an entry that cannot be used, with a note."""
+        path = self._entry_path(kind, key)
+        self._note(f"{path}: {fault}; it is deleted and {kind.subject} computed")
+        with suppress(OSError):  # a folder stays: then writing the entry notes it
+            path.unlink()
 
     @contextmanager
     def _entry_lock(self, key: str) -> Iterator[None]:
@@ -259,9 +143,7 @@ class EntryCache:
             # Not there, or not readable: then writing the entry notes why.
             return None
         except CorruptEntry as error:
-            self._note(f"{path}: {error}; it is deleted and {kind.subject} computed")
-            with suppress(OSError):  # a folder stays: then writing the entry notes it
-                path.unlink()
+            self._discard(kind, key, error)
             return None
         with suppress(OSError):  # a read-only cache can be used, too
             os.utime(path)

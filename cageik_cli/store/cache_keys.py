@@ -3,8 +3,10 @@
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli import __version__
 from cageik_cli.cages.settings import BUILDER_VERSION, BuildSettings
@@ -13,7 +15,8 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.record import FIT_VERSION, FitRecord, FitSettings, FittedClip
 from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.store.cache import Entry, EntryCache, EntryFormat, compute_key
+from cageik_cli.store.cache import EntryCache
+from cageik_cli.store.cache_entry import CorruptEntry, Entry, EntryFormat, compute_key
 from cageik_cli.store.hdf5_fields import parse_record
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats
@@ -22,19 +25,29 @@ WEIGHTS = EntryFormat(
     "weights",
     "the weights are",
     {"faces": "<i8", "weights": "<f8"},
-    ("panels", "estimated_error", "projected", "notes", "cage_warnings", "has_loose_cage"),
+    {
+        "panels": int,
+        "estimated_error": float,
+        "projected": int,
+        "notes": tuple,
+        "cage_warnings": tuple,
+        "has_loose_cage": bool | None,
+    },
 )
 """How a binding is kept: the faces of its cage, outward, its weights, and what is known of them."""
 
 FITS = EntryFormat(
-    "fit", "the weights are", {"weights": "<f8", "columns": "<f8", "basis": "<f8"}, ("record",)
+    "fit", "the weights are", {"weights": "<f8", "columns": "<f8", "basis": "<f8"}, {"record": str}
 )
 """How fitted weights are kept: with their change of low rank, empty for other forms, and the record
 of the fit without its clips, as JSON.
 """
 
 CAGES = EntryFormat(
-    "cage", "the cage is", {"vertices": "<f8", "faces": "<i8"}, ("description", "notes")
+    "cage",
+    "the cage is",
+    {"vertices": "<f8", "faces": "<i8"},
+    {"description": str, "notes": tuple},
 )
 """How a built cage is kept: vertices (n, 3) in file units and faces, what was built in a line, and
 what the user should know of it, a sentence each.
@@ -55,6 +68,7 @@ def find_binding(
         return {"faces": binding.cage.faces, "weights": binding.weights, **figures}
 
     def from_entry(entry: Entry) -> Binding:
+        _check_shape(entry["weights"], len(rest.vertices), len(cage.vertices))
         is_outward = np.array_equal(cage.faces, entry.pop("faces"))
         return Binding(rest, cage if is_outward else cage.flip(), settings=settings, **entry)
 
@@ -101,6 +115,11 @@ def find_fit(
     def from_entry(entry: Entry) -> Binding:
         record: FitRecord = parse_record(FitRecord, json.loads(entry["record"]), "fit")
         change = Correction(entry["columns"], entry["basis"])
+        rows, columns = binding.weights.shape
+        _check_shape(entry["weights"], rows, columns)
+        if record.settings.rank is not None:
+            _check_shape(change.columns, rows, change.basis.shape[1])
+            _check_shape(change.basis, columns, change.basis.shape[1])
         return replace(
             binding,
             weights=entry["weights"],
@@ -154,7 +173,17 @@ def find_cage(
     cache: EntryCache, model: TriMesh, settings: BuildSettings, build: Callable[[], Entry]
 ) -> Entry:
     """Return the entry of the cage that `build` gives, from the cache if it is there."""
-    return cache.find_or_compute(CAGES, compute_cage_key(model, settings), build, dict, dict)
+
+    def from_entry(entry: Entry) -> Entry:
+        TriMesh(entry["vertices"], entry["faces"])  # refuses arrays that are none
+        return entry
+
+    return cache.find_or_compute(CAGES, compute_cage_key(model, settings), build, dict, from_entry)
+
+
+def _check_shape(array: NDArray[Any], rows: int, columns: int) -> None:
+    if array.shape != (rows, columns):
+        raise CorruptEntry(f"has an array of shape {array.shape}, expected ({rows}, {columns})")
 
 
 def compute_cage_key(model: TriMesh, settings: BuildSettings) -> str:

@@ -38,7 +38,7 @@ from cageik_cli.store.result_fields import (
     read_skipped,
 )
 from cageik_cli.util.arrays import Floats, Integers, fill_gaps
-from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError
+from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError, SettingError
 
 RESULT_FORMAT, RESULT_SCHEMA = "cageik.result", 1
 """What a result file says that it is; raise the number when older versions cannot read it."""
@@ -187,10 +187,16 @@ def read_result(path: Path) -> Result:
         When it is not HDF5, not a result, of another schema, not complete, or damaged.
     """
     if not path.exists():
-        raise FileAccessError(f"{path}: no such result; {_suggest_instead(path)}")
+        raise FileAccessError(f"{path}: no such file; {_suggest_instead(path)}")
     if path.suffix == CHECKPOINT_SUFFIX:
         raise CheckpointError(
             f"{path}: is a checkpoint, not a result; rerun the command with `resume=True`"
+        )
+    if path.is_dir() or (path.is_file() and not h5py.is_hdf5(path)):
+        found = "a folder" if path.is_dir() else "not an HDF5 file"
+        raise FormatError(
+            f"{path}: is {found}, expected the result of cageik extract, such as cages.h5; extract "
+            "one from frames, or look at the file by cageik info"
         )
     with open_checked(path) as file:
         _check_result_format(file)
@@ -261,6 +267,28 @@ def read_binding(result: Result) -> Binding | None:
         has_offsets=result.has_offsets,
         fit=result.fit,
         low_rank=read_low_rank(result),
+    )
+
+
+def load_binding(result: Result, user: str) -> Binding:
+    """Read the binding of a result, which `user` needs.
+
+    Raises
+    ------
+    SettingError
+        When the result was written without weights.
+    """
+    binding = read_binding(result)
+    if binding is None:
+        raise make_weights_error(result.path, user)
+    return binding
+
+
+def make_weights_error(path: Path, user: str) -> SettingError:
+    """Make the error of a result that was written without weights; `user` is what needs them."""
+    return SettingError(
+        f"{path}: has no weights, which {user} needs; extract it again with them "
+        "(`keep_weights=True`)"
     )
 
 

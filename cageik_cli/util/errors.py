@@ -22,7 +22,7 @@ class CageikError(Exception):
     ...     load_mesh("nowhere.obj")
     ... except CageikError as error:
     ...     print(error)
-    nowhere.obj: cannot be read: No such file or directory
+    nowhere.obj: no such file; check the path
     """
 
     kind: ClassVar[str] = "error"
@@ -81,6 +81,10 @@ class SettingError(InputError):
     kind = "setting"
 
 
+class WrongUsageError(SettingError):
+    """A setting has a value that is wrong with any input."""
+
+
 class OutputError(InputError):
     """An output exists already, overlaps with an input, or cannot be written."""
 
@@ -109,6 +113,18 @@ class NumericalError(CageikError):
     """The numbers cannot be trusted, although the files are sound."""
 
     kind = "numerics"
+
+
+class BusyError(CageikError):
+    """What is asked for waits until something else is done."""
+
+    kind = "busy"
+
+
+class SlowError(CageikError):
+    """Something took so long that it was ended."""
+
+    kind = "slow"
 
 
 @contextmanager
@@ -161,11 +177,25 @@ def _is_foreign(module: str | None) -> bool:
 
 
 def make_write_error(path: object, error: OSError) -> OutputError:
-    """Make the error that an output cannot be written; a full disk says what to do."""
-    reason = error.strerror or str(error)
-    is_full = error.errno in (errno.ENOSPC, errno.EDQUOT) or os.strerror(errno.ENOSPC) in reason
-    remedy = "; free some space on its disk, or choose another place" if is_full else ""
-    return OutputError(f"{path}: cannot be written ({reason}){remedy}")
+    """Make the error that an output cannot be written; one that has no room says what to do.
+
+    Without room, an unfinished file is named as the file that is wanted.
+    """
+    reason, remedy = error.strerror or str(error), ""
+    if _has_code(error, errno.ENOSPC, errno.EDQUOT):
+        remedy = "; free some space on its disk, or choose another place"
+    elif _has_code(error, errno.EFBIG):
+        remedy = (
+            "; raise the limit of file sizes (ulimit -f unlimited), or choose a place that takes "
+            "larger files"
+        )
+    name = str(path).removesuffix(".partial") if remedy else path
+    return OutputError(f"{name}: cannot be written ({reason}){remedy}")
+
+
+def _has_code(error: OSError, *codes: int) -> bool:
+    """Return whether an error has one of some codes; libraries have only their words."""
+    return error.errno in codes or any(os.strerror(code) in str(error) for code in codes)
 
 
 def join_truncated(items: Iterable[object], limit: int = 10) -> str:
@@ -175,15 +205,15 @@ def join_truncated(items: Iterable[object], limit: int = 10) -> str:
 
 
 @contextmanager
-def require_optional(library: str, extra: str, purpose: str) -> Iterator[None]:
+def require_optional(library: str, purpose: str) -> Iterator[None]:
     """Turn the import of a library that is missing into an error that says what to install.
 
-    The library has its name in package indexes, `extra` is the extra of cageik that installs it,
-    and `purpose` what it is needed for: "reading .usdc".
+    The library has its name in package indexes, and `purpose` is what it is needed for: "reading
+    .usdc".
     """
     try:
         yield
     except ModuleNotFoundError as error:
         raise MissingLibraryError(
-            f"{purpose} needs {library}: pip install 'cageik[{extra}]'"
+            f"{purpose} needs {library}, which is not installed: pip install {library}"
         ) from error

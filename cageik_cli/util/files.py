@@ -62,6 +62,8 @@ def open_input(path: Path) -> io.FileIO:
             os.stat(path).st_mode
         )  # before it is opened, which can be a command to a device
         file = io.FileIO(os.open(path, flags), "rb")
+    except FileNotFoundError as error:
+        raise FileAccessError("no such file; check the path") from error
     except OSError as error:
         raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
     try:
@@ -70,6 +72,19 @@ def open_input(path: Path) -> io.FileIO:
         file.close()
         raise
     return file
+
+
+Mark = tuple[int, ...]
+"""What changes when a file is written or replaced."""
+
+
+def mark_file(path: Path) -> Mark | None:
+    """Return the mark of a file; None if there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def check_input(path: Path) -> None:

@@ -6,13 +6,15 @@ A run that fails or is killed leaves what was there before.
 import io
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from cageik_cli.util.errors import OutputError, make_write_error
-from cageik_cli.util.files import exchange, repeat_if_interrupted
+from cageik_cli.util.files import Mark, exchange, mark_file, repeat_if_interrupted
 from cageik_cli.util.leftovers import clear_leftovers, make_displaced_path, make_unfinished_path
 
 
@@ -224,9 +226,27 @@ def atomic_folder(
             shutil.rmtree(partial, ignore_errors=True)
 
 
+_MARKS: ContextVar[Mapping[Path, Mark | None]] = ContextVar("marks", default=MappingProxyType({}))
+
+
+@contextmanager
+def replace_only(marks: Mapping[Path, Mark | None]) -> Iterator[None]:
+    """Replace files, while the block runs, only if they are still as they were marked.
+
+    Files at other paths than those of `marks` are replaced as ever.
+    """
+    token = _MARKS.set(marks)
+    try:
+        yield
+    finally:
+        _MARKS.reset(token)
+
+
 def _rename_into_place(path: Path, new: Path, overwrite: bool) -> None:
     """Rename the file `new` to `path`."""
-    if path.exists() and not overwrite:
+    marks = _MARKS.get()
+    is_other = path in marks and mark_file(path) != marks[path]
+    if path.exists() and (is_other or not overwrite):
         raise OutputError(f"{path}: another run has written it meanwhile; choose another name")
     new.replace(path)
 

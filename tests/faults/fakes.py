@@ -13,7 +13,7 @@ from pathlib import Path
 
 from cageik_cli.util.outputs import write_text
 from tests.faults import process
-from tests.faults.bench import Bench, Case, Trial
+from tests.faults.bench import Bench, Case, Trial, find_unsynced
 from tests.faults.commands import Command
 from tests.faults.harness import choose_faults
 
@@ -39,6 +39,17 @@ def careless() -> None:
             file.write(sys.argv[1][:2].encode())
             file.write(sys.argv[1][2:].encode())
     except OSError as error:
+        _say_error(error)
+
+
+def hasty() -> None:
+    """Rename a file that the disk may not have."""
+    partial = OUTPUT.with_name(f"out.txt.{os.getpid()}.partial")
+    try:
+        partial.write_text(sys.argv[1])
+        partial.replace(OUTPUT)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
         _say_error(error)
 
 
@@ -139,8 +150,8 @@ def _leave_mark() -> Path | None:
 
 
 FAKES = (
-    sound, careless, raw, silent, mute, littering, spoiling, stuck, unsteady, hanging, impatient,
-    whispering,
+    sound, careless, hasty, raw, silent, mute, littering, spoiling, stuck, unsteady, hanging,
+    impatient, whispering,
 )  # fmt: skip
 
 
@@ -148,8 +159,10 @@ def try_fake(bench: Bench, name: str) -> list[str]:
     """Return what is violated by all faults of a fake."""
     words, other = ("new",), (("new", "older"),)
     command = Command(name, words, ("out.txt",), other, main=f"tests.faults.fakes:{name}")
-    case, found = Case(command, is_over_older=True), []
-    for point in bench.prepare(case).points:
+    case = Case(command, is_over_older=True)
+    points = bench.prepare(case).points
+    found = list(find_unsynced(points))
+    for point in points:
         for fault in choose_faults(point):
             found += bench.judge(Trial(case, point, fault)).violations
     return found

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from multiprocessing import connection, get_context
 from pathlib import Path
 
-from tests.faults.bench import Bench, Case, Trial, Verdict
+from tests.faults.bench import Bench, Case, Trial, Verdict, find_unsynced
 from tests.faults.commands import COMMANDS
 from tests.faults.interception import NAMES, OPENS
 from tests.faults.process import FULL, KILL, Point, Run
@@ -137,6 +137,7 @@ def choose_trials(bench: Bench, figures: Figures, order: random.Random) -> list[
     trials: list[Trial] = []
     for case in choose_cases():
         name, points = case.command.name, bench.prepare(case).points
+        figures.violations += [f"{name}: {violation}" for violation in find_unsynced(points)]
         made = [Trial(case, point, fault) for point in points for fault in choose_faults(point)]
         figures.calls[name] += len(points)
         figures.trials[name] += len(made)

@@ -15,6 +15,7 @@ pytestmark = [
 ]
 SAYS = {
     "careless": "the output out.txt is neither the older one nor the new one",
+    "hasty": "is renamed before the disk has it",
     "raw": "exit code 1: ",
     "silent": "exit code 0, and the output is not the expected one",
     "mute": "exit code 1, and no error",

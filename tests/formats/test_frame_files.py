@@ -75,10 +75,17 @@ def test_another_polygon_is_another_connectivity(tmp_path):
         frames_of(open_sequence([str(tmp_path)]))
 
 
+def test_a_frame_that_is_cut_off_within_its_vertices_is_no_point_cloud(folder):
+    path = folder / "frames/frame_4.obj"
+    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:5]))
+    with pytest.raises(InputError, match=r"vertices, the rest pose has 18; .*cut off, export"):
+        frames_of(open_sequence(["frames"]))
+
+
 def test_a_frame_that_went_away_is_refused(folder):
     sequence = open_sequence(["frames"])
     (folder / "frames/frame_5.obj").unlink()
-    with pytest.raises(FileAccessError, match=r"frame_5\.obj: cannot be read: No such file"):
+    with pytest.raises(FileAccessError, match=r"frame_5\.obj: no such file"):
         frames_of(sequence)
 
 

@@ -146,7 +146,7 @@ def test_texture_seams_of_a_ply_split_no_vertex(tmp_path):
 
 
 FAULTS = {
-    "missing.obj": (None, "No such file"),
+    "missing.obj": (None, "no such file"),
     "folder.obj": ("folder", "folder"),
     "mesh.stl": (b"solid", ".stl"),
     "mesh": (b"", "expected .abc, "),

@@ -1,5 +1,7 @@
 """Binary PLY: every layout gives its mesh, and whatever is damaged a sentence."""
 
+from contextlib import suppress
+
 import meshio
 import numpy as np
 import pytest
@@ -116,6 +118,7 @@ FAULTS = {
     "text with half a corner": (text().replace(b"1 2 -1", b"1 2.5 -1"), "PLY"),
     "element without a count": (text().replace(b"face 3", b"face"), "line `element face`"),
     "text of a negative list": (text().replace(b"3 0 1", b"-3 0 1"), "list of -3 items"),
+    "text of an index beyond its type": (text().replace(b"3 0 1", b"3 0 4294967297"), "4294967297"),
     "cut in the last flag": (ply()[:-1], "PLY"),
     "cut inside the vertices": (ply()[:250], "PLY"),
     "no end of the header": (b"ply\nformat binary_little_endian 1.0\n", "no PLY header"),
@@ -142,6 +145,18 @@ FAULTS = {
 def test_faults_have_a_sentence(data, says):
     with refused(FormatError, says):
         parse(data)
+
+
+def test_a_text_cut_in_any_row_has_a_sentence():
+    lines = text().splitlines()
+    for number, line in enumerate(lines):
+        words = line.split()
+        for count in range(len(words)):
+            cut = [*lines[:number], b" ".join(words[:count]), *lines[number + 1 :]]
+            data = b"\n".join(cut)
+            with suppress(FormatError):
+                Reader.read_attributes(data, Reader.parse(data))
+                PlyFrameParser(data)
 
 
 @given(st.integers(0, len(ply())), st.integers(0, 5), st.binary(max_size=5))

@@ -117,6 +117,10 @@ def test_a_text_that_says_nothing_more_has_no_attributes():
 
 LEFT_OUT = {
     "infinite UVs": (make_text("s t", "inf 0"), "texture coordinates left out"),
+    "UVs beyond their type": (
+        make_text(face=TEXCOORD, lists=["6 1e99 0 1 0 1 1"] * 2),
+        "texture coordinates left out",
+    ),
     "infinite colours": (make_text("red green blue", "1 nan 0"), "colours left out"),
 }
 

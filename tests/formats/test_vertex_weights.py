@@ -1,12 +1,13 @@
 """Vertex weights: a number a vertex, from text or a numpy array."""
 
 import hashlib
+import os
 
 import numpy as np
 import pytest
 
-from cageik_cli.formats.vertex_weights import read_vertex_weights
-from cageik_cli.util.errors import FileAccessError, FormatError
+from cageik_cli.formats.vertex_weights import open_frame_weights, read_vertex_weights
+from cageik_cli.util.errors import FileAccessError, FormatError, InputError
 from tests.refusals import refused
 
 WEIGHTS = [1.0, 0.0, 0.1, 1e-300, 2.5]
@@ -67,10 +68,55 @@ def test_what_is_no_list_of_numbers_is_refused(tmp_path, name, make):
         read_vertex_weights(tmp_path / name)
 
 
-@pytest.mark.parametrize(("name", "says"), [("none.txt", "cannot be read"), (".", "is a folder")])
+@pytest.mark.parametrize(("name", "says"), [("none.txt", "no such file"), (".", "is a folder")])
 def test_what_is_no_file_is_refused(tmp_path, name, says):
     with refused(FileAccessError, says, at=tmp_path / name):
         read_vertex_weights(tmp_path / name)
+
+
+ROWS = np.array([[1, 0, 0.5], [0.25, 2, 1]])
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("kind", ["<f4", ">f8", "i4"])
+def test_rows_of_frames_are_read_in_parts(tmp_path, order, kind):
+    path, rows = tmp_path / "weights.npy", np.asarray(4 * ROWS, kind, order=order)
+    np.save(path, rows)
+    weights = open_frame_weights(path, 2, 3)
+    assert (weights.largest, weights.mean_share) == (8, ROWS.sum() / 5 / 2)
+    np.testing.assert_array_equal(weights.read(0, 2), ROWS / 2)
+    np.testing.assert_array_equal(weights.read(1, 9), ROWS[1:] / 2)
+
+
+def test_the_mean_of_the_largest_weights_is_finite(tmp_path):
+    path = tmp_path / "weights.npy"
+    np.save(path, ROWS / 2 * 1.7e308)
+    weights = open_frame_weights(path, 2, 3)
+    assert weights.mean_share == pytest.approx(ROWS.sum() / 5 / 2)
+    np.testing.assert_allclose(weights.read(0, 2), ROWS / 2)
+
+
+def test_rows_that_are_cut_off_while_they_are_used_are_refused(tmp_path):
+    """A mapped file that is cut off would end the process with SIGBUS."""
+    path = tmp_path / "weights.npy"
+    np.save(path, np.ones((48, 1570)))
+    weights, data = open_frame_weights(path, 48, 1570), path.read_bytes()
+    for size in (len(data) - 1, 4096, 60, 0):
+        os.truncate(path, size)
+        with refused(InputError, "", at=path):
+            weights.read(40, 48)
+    np.save(path, np.ones((47, 1570)))
+    with refused(FileAccessError, "written again", at=path):
+        weights.read(40, 48)
+
+
+def test_a_shape_below_zero_is_no_array(tmp_path):
+    path = tmp_path / "weights.npy"
+    np.save(path, np.ones((48, 1570)))
+    path.write_bytes(path.read_bytes().replace(b"(48, 1570)", b"(48,-1570)"))
+    assert open_frame_weights(path, 48, 1570) is None
+    with refused(FormatError, "is not a list of numbers", at=path):
+        read_vertex_weights(path)
 
 
 def test_numbers_that_are_too_large_become_infinite_without_a_warning(tmp_path):

@@ -1,7 +1,9 @@
 """The cache of weights: what it gives is what would be computed, whatever happens to its folder."""
 
 import errno
+import hashlib
 import io
+import json
 import os
 import shutil
 import signal
@@ -232,6 +234,55 @@ def test_a_damaged_entry_is_not_used(kept, said, change):
     assert damaged(kept, said, change(whole(kept)))
 
 
+def forge(data, change):
+    """An entry with another header, whose digest is right."""
+    start, size = WEIGHTS.file_start, WEIGHTS.file_start.size
+    length = start.unpack(data[:size])[2]
+    header = change(json.loads(data[size : size + length]))
+    text = header if isinstance(header, bytes) else json.dumps(header).encode()
+    packed = start.pack(WEIGHTS.magic, hashlib.sha256(text).digest(), len(text))
+    return packed + text + data[size + length :]
+
+
+FORGED = {
+    "no JSON": lambda header: b"no JSON",
+    "no text": lambda header: b"\xff\xfe",
+    "nested": lambda header: b"[" * 100_000,
+    "a list": lambda header: [header],
+    "no key": lambda header: {k: v for k, v in header.items() if k != "key"},
+    "a digest that is none": lambda header: header | {"digest": "xyz"},
+    "a digest that is a number": lambda header: header | {"digest": 7},
+    "a shape below zero": lambda header: header | {"weights": [-5, -8]},
+    "a shape that is a text": lambda header: header | {"weights": "5, 8"},
+    "a huge shape": lambda header: header | {"weights": [1 << 40, 1 << 20]},
+    "the shape of another array": lambda header: header | {"faces": [1 << 36]},
+    "seconds that are a text": lambda header: header | {"seconds": "long"},
+    "panels that are a text": lambda header: header | {"panels": "many"},
+    "notes that are a number": lambda header: header | {"notes": 3},
+}
+
+
+@pytest.mark.parametrize("change", FORGED.values(), ids=FORGED)
+def test_a_wrong_header_with_a_right_digest_is_not_used(kept, said, change):
+    assert damaged(kept, said, forge(whole(kept), change))
+
+
+def test_a_wrong_shape_is_found_where_the_entry_is_used(kept, said):
+    settings = BindSettings("mean-value")
+    computed = bind(box(), box(2.0), settings)
+
+    def find():
+        return find_binding(kept, box(), box(2.0), settings, lambda: computed)
+
+    find()
+    (path,) = kept.folder.glob("*.weights")
+    path.write_bytes(forge(path.read_bytes(), lambda header: header | {"weights": [4, 16]}))
+    assert find().weights.shape == (8, 8)
+    assert said == [f"{path}: is damaged; it is deleted and the weights are computed"]
+    assert find().weights.shape == (8, 8)
+    assert "cache hit" in said[-1]
+
+
 def test_an_entry_under_another_name_is_not_used(kept, said):
     assert damaged(kept, said, whole(kept, OTHER))
 
@@ -421,12 +472,17 @@ remarks, hits = [], 0
 cache = EntryCache(folder, remarks.append, largest)
 generator = np.random.default_rng(seed)
 faces = np.zeros((12, 3), np.int64)
+values = {
+    "panels": 0, "estimated_error": 0.0, "projected": 0,
+    "notes": (), "cage_warnings": (), "has_loose_cage": None,
+}
 print("started", flush=True)
 for _ in range(turns):
     k = int(generator.integers(3))
     if generator.random() < 0.5:
         weights = np.full((500, 8 * (k + 1)), float(k))
-        entry = dict.fromkeys(WEIGHTS.values) | {"faces": faces, "weights": weights, "panels": k}
+        entry = {name: values[name] for name in WEIGHTS.values}
+        entry |= {"faces": faces, "weights": weights, "panels": k}
         cache.write(WEIGHTS, f"{k:064x}", entry, 1.0)
     else:
         found = cache.read(WEIGHTS, f"{k:064x}")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.store.cache import CorruptEntry
+from cageik_cli.store.cache_entry import CorruptEntry
 from cageik_cli.store.cache_keys import WEIGHTS
 from tests.store.entries import entry, same
 
@@ -48,7 +48,7 @@ def test_the_entry_of_another_key_is_refused(path):
 
 def test_an_entry_with_other_fields_is_refused(path):
     """As another version of the program may have written it, under the same key."""
-    other = replace(WEIGHTS, values=WEIGHTS.values[1:])
+    other = replace(WEIGHTS, values=dict(list(WEIGHTS.values.items())[1:]))
     path.write_bytes(b"".join(other.pack(KEY, entry())))
     with pytest.raises(CorruptEntry, match="is the entry of another version"):
         WEIGHTS.read(path, KEY)

@@ -64,7 +64,7 @@ def test_a_file_that_is_too_large_is_not_read(path):
 
 
 def test_a_missing_file_is_refused(path):
-    with pytest.raises(FileAccessError, match="No such file"):
+    with pytest.raises(FileAccessError, match="no such file"):
         read_json(path, SETTINGS)
 
 

@@ -57,8 +57,23 @@ def check_unpacked_size(size: int, packed: int) -> None:
     if size > limit:
         raise FormatError(
             f"takes at least {size} bytes, packed in {packed}, expected at most {limit}; it is "
-            "damaged, or store it without compression"
+            "damaged, or store it without compression and instances"
         )
+
+
+class ClaimedBytes:
+    """Counts the bytes of the arrays of a file, which may name one array a million times.
+
+    `packed` is the size of the file, or of all files that were read for it.
+    """
+
+    def __init__(self, packed: int) -> None:
+        self.packed, self._claimed = packed, 0
+
+    def claim(self, size: int) -> None:
+        """Count bytes that are taken; refuse too many, as `check_unpacked_size` does."""
+        self._claimed += size
+        check_unpacked_size(self._claimed, self.packed)
 
 
 def check_unpacked_array(shape: tuple[int, ...], kind: np.dtype[Any], packed: int) -> None:

@@ -43,7 +43,7 @@ def check_hdf5_suffix(
 def open_file(path: Path) -> h5py.File:
     """Open a file for reading, to be closed by the caller."""
     if not path.exists():
-        raise FileAccessError("no such file")
+        raise FileAccessError("no such file; check the path")
     check_input(path)
     try:
         return repeat_if_interrupted(lambda: h5py.File(path, "r"))

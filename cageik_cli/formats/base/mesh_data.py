@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.formats.base.ear_clipping import replace_folded_fans
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface_attributes import (
     SurfaceAttributes,
     check_corner_counts,
     fan_triangulate,
-    find_folded_triangles,
     number_normal_fans,
 )
 from cageik_cli.util.arrays import Floats, Integers
@@ -155,61 +155,6 @@ class LoadedMesh:
     scene: SceneHints = field(default_factory=SceneHints)
 
 
-def replace_folded_fans(mesh: TriMesh) -> TriMesh:
-    """Cut the polygons again whose fans fold over, by clipping ears.
-
-    Ears are found in the plane of the polygon's area vector (Newell); a polygon that crosses
-    itself and has none keeps its fan. A polygon's triangles stay where its fan was.
-    """
-    if mesh.attributes is None:
-        return mesh
-    counts = mesh.attributes.corner_counts - 2
-    starts = np.cumsum(counts) - counts
-    folded, whole = find_folded_triangles(mesh.vertices, mesh.faces, counts)
-    if not folded.any():
-        return mesh
-    faces = mesh.faces.copy()
-    for k in np.unique(mesh.attributes.triangle_polygons[folded]):
-        fan = slice(starts[k], starts[k] + counts[k])
-        ring = np.concatenate([faces[fan][0, :2], faces[fan][:, 2]])
-        ears = _clip_ears(_project_to_plane(mesh.vertices[ring], whole[k]))
-        if ears is not None:
-            faces[fan] = ring[ears]
-    return TriMesh(mesh.vertices, faces, mesh.attributes)
-
-
-def _project_to_plane(points: Floats, normal: Floats) -> Floats:
-    """Project points (k, 3) along `normal`, (k, 2); counter-clockwise seen against it."""
-    direction = normal / np.abs(normal).max()  # first, since tiny squares would be zeros
-    direction /= np.linalg.norm(direction)
-    across = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
-    across /= np.linalg.norm(across)
-    return np.asarray((points - points[0]) @ np.stack([across, np.cross(direction, across)]).T)
-
-
-def _clip_ears(points: Floats) -> list[list[int]] | None:
-    """Return the triangles of a polygon (k, 2), by clipping ears; None if it has no ear."""
-    ring, ears = list(range(len(points))), []
-    while len(ring) > 3:
-        triples = zip(ring[-1:] + ring[:-1], ring, ring[1:] + ring[:1], strict=True)
-        ear = next((list(t) for t in triples if _is_ear(points[list(t)], points[ring])), None)
-        if ear is None:
-            return None
-        ears.append(ear)
-        ring.remove(ear[1])
-    return [*ears, ring]
-
-
-def _is_ear(triangle: Floats, ring: Floats) -> bool:
-    """Return whether a triangle turns left and holds no corner of the ring but its own."""
-    sides = np.roll(triangle, -1, axis=0) - triangle
-    steps = ring[:, None] - triangle
-    lefts = sides[:, 0] * steps[..., 1] - sides[:, 1] * steps[..., 0]
-    own = (ring[:, None] == triangle).all(axis=2).any(axis=1)
-    turn = sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0]
-    return bool(turn > 0 and not ((lefts >= 0).all(axis=1) & ~own).any())
-
-
 def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_name: str) -> None:
     """Refuse a mesh whose counts or `faces` differ from the expected ones."""
     for noun, found, wanted in (
@@ -217,8 +162,10 @@ def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_
         ("triangles", len(faces), len(expected.faces)),
     ):
         if found != wanted:
+            cut = "; if it is cut off, export it again" * (found < wanted)
             raise ConnectivityError(
-                f"{found} {noun}, {expected_name} has {wanted}; all must share one connectivity"
+                f"{found} {noun}, {expected_name} has {wanted}; "
+                f"all must share one connectivity{cut}"
             )
     if faces is expected.faces:
         return

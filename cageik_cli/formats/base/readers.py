@@ -12,6 +12,7 @@ import numpy as np
 
 from cageik_cli.formats.base.binary_frames import ChunkedFrames
 from cageik_cli.formats.base.choose_parts import select_parts
+from cageik_cli.formats.base.ear_clipping import describe_folded
 from cageik_cli.formats.base.file_numbers import FileSeries
 from cageik_cli.formats.base.files import decompress, file_suffix, hash_file
 from cageik_cli.formats.base.mesh_data import FileMesh, check_connectivity, check_not_points
@@ -86,7 +87,8 @@ class FrameFileReader(MeshSequence):
             self.first, self._kept, left_out = select_parts(
                 self._whole, request.member, request.settings.exclude
             )
-        notes = (f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
+        told = (*mesh.notes, *describe_folded(self._whole))
+        notes = (f"{self.names[0]}: {note}, as in all frames" for note in told)
         self.notes = (*series.notes, *notes, *left_out)
         self._parse_alike = self.make_frame_parser(data, parsed)
 
@@ -96,7 +98,7 @@ class FrameFileReader(MeshSequence):
             data = self._read(index)
             vertices = self._parse_alike(data) if self._parse_alike is not None else None
             if vertices is None:
-                mesh = parse_mesh(type(self), data)
+                mesh = parse_mesh(type(self), data, is_first=False)
                 expected = self._whole.fan_triangulated
                 check_connectivity(len(mesh.vertices), mesh.fans, expected, "the rest pose")
                 vertices = mesh.vertices
@@ -143,12 +145,16 @@ class FrameFileReader(MeshSequence):
         return decompress(data, self._suffix)
 
 
-def parse_mesh(reader: type[FrameFileReader], data: bytes) -> FileMesh:
-    """Parse the content of a mesh file, unpacked."""
+def parse_mesh(reader: type[FrameFileReader], data: bytes, *, is_first: bool = True) -> FileMesh:
+    """Parse the content of a mesh file, unpacked.
+
+    Only the first of several may be refused as points: others that lack their faces are cut off.
+    """
     if not data:
         raise FormatError("the file is empty, expected a mesh; export it again")
     mesh = reader.parse(data)
-    check_not_points(len(mesh.vertices), len(mesh.corner_counts))
+    if is_first:
+        check_not_points(len(mesh.vertices), len(mesh.corner_counts))
     return mesh
 
 
@@ -195,6 +201,7 @@ class ClipFile(MeshSequence):
         positions = self.read_positions(0)
         with error_context(self.names[0]):
             self.first = rest.mesh.move(request.complete_first(positions))
+        self.needs_rest = True
 
     def digest(self, index: int) -> bytes:
         """Return the SHA-256 digest of the file."""

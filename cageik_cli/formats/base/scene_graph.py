@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.choose_parts import choose_parts
+from cageik_cli.formats.base.ear_clipping import describe_folded
 from cageik_cli.formats.base.mesh_data import FileMesh, describe_cut
 from cageik_cli.formats.base.readers import ClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.settings import SceneHints
+from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import join_meshes
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
@@ -26,12 +28,17 @@ from cageik_cli.util.errors import (
     error_context,
     join_truncated,
 )
+from cageik_cli.util.trial import trials
 
 Polygons = tuple[Integers, Integers]
 """How many corners each face has, (p,), and the vertices of the corners, face after face."""
 
 EVEN_STEP_TOL = 1e-4
 """Steps that differ by more than this fraction of their mean are uneven."""
+
+
+class LibraryError(FormatError):
+    """What the library that opens a scene says of it."""
 
 
 class SceneMesh(ABC):
@@ -110,6 +117,9 @@ class SceneReader(ClipFile):
 
     Attributes
     ----------
+    library : str
+        What opens the file, and may end the process on a damaged one; nothing where only cageik
+        reads it.
     winding_note : str
         What a user is told of clockwise faces; nothing where all files of the format have them.
     """
@@ -117,6 +127,7 @@ class SceneReader(ClipFile):
     has_members = True
     has_parts = True
     winding_note = ""
+    library = ""
 
     @abstractmethod
     def check_file(self, path: Path) -> None:
@@ -124,7 +135,7 @@ class SceneReader(ClipFile):
 
     @abstractmethod
     def guard(self) -> AbstractContextManager[list[str]]:
-        """Turn what the library raises inside into a FormatError; yield its warnings at the end."""
+        """Turn what the library raises inside into a LibraryError; yield warnings at the end."""
 
     @abstractmethod
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
@@ -166,9 +177,27 @@ class SceneReader(ClipFile):
         self.path = path = request.path
         with error_context(path):
             self.check_file(path)
+            self._try_first(path, request)
             with self.guard() as warnings:
                 notes = self._open_clip(path, request)
         self.notes = tuple(f"{path.name}: {note}" for note in (*notes, *warnings))
+
+    def _try_first(self, path: Path, request: ClipRequest) -> None:
+        """Refuse a file on which the library ends another process."""
+        if not self.library:
+            return
+        state = path.stat()
+        fault = trials.find_fault(
+            self.library,
+            open_scene,
+            type(self).__module__,
+            str(path),
+            request.member,
+            request.settings.exclude,
+            key=f"{path.resolve()} {state.st_size} {state.st_mtime_ns}",
+        )
+        if fault:
+            raise FormatError(fault)
 
     def read_positions(self, index: int) -> Floats:
         """Read the vertices of one frame."""
@@ -227,12 +256,26 @@ class SceneReader(ClipFile):
             turned = [self.winding_note] if mesh.is_clockwise and self.winding_note else []
             for change in (*turned, *mesh.describe_transform(time)):
                 moves.setdefault(change, []).append(name)
-            for fault in read.left_out:
+            for fault in (*read.left_out, *describe_folded(meshes[-1])):
                 faults.setdefault(fault, []).append(name)
         notes += describe_by_part(moves, len(meshes))
         notes += [describe_cut(polygons)] if polygons else []
         notes += describe_by_part(faults, len(meshes))
         return join_meshes(meshes, list(self._meshes), transforms)
+
+
+def open_scene(module: str, path: str, member: str | None, exclude: list[str]) -> str | None:
+    """Open the first frame of a file with the reader of a module; return what its library says.
+
+    It may say so for lack of memory, in a trial.
+    """
+    trials.allow(Path(path).stat().st_size)
+    settings = ClipSettings(exclude=tuple(exclude))
+    try:
+        import_module(module).Reader(ClipRequest((Path(path),), member, settings=settings))
+    except LibraryError as error:
+        return str(error).removeprefix(f"{path}: ")
+    return None
 
 
 def describe_by_part(found: dict[str, list[str]], count: int) -> list[str]:
@@ -277,10 +320,10 @@ def check_corner_counts(counts: Integers, corners: Integers) -> None:
 
 def transform_points(points: NDArray[np.floating], matrix: Floats) -> Floats:
     """Transform points (m, 3), as rows, by a matrix (4, 4)."""
-    exact = np.asarray(points, np.float64)
-    if np.array_equal(matrix, np.eye(4)):
-        return exact
     with np.errstate(over="ignore", invalid="ignore"):  # checked when the frame is read
+        exact = np.asarray(points, np.float64)
+        if np.array_equal(matrix, np.eye(4)):
+            return exact
         return np.asarray(exact @ matrix[:3, :3] + matrix[3, :3])
 
 

@@ -135,6 +135,8 @@ class MeshSequence(ABC):
         What was changed in the frames, one sentence each.
     takes_missing : bool
         Whether vertices that are not numbers are missing; otherwise their frames are refused.
+    needs_rest : bool
+        Whether the file holds no faces, which are those of the rest pose.
 
     Examples
     --------
@@ -156,6 +158,7 @@ class MeshSequence(ABC):
     missing: frozenset[int] = frozenset()
     notes: tuple[str, ...] = ()
     takes_missing: bool = False
+    needs_rest: bool = False
 
     @abstractmethod
     def __init__(self, request: ClipRequest) -> None:

@@ -193,6 +193,10 @@ class FrameFileWriter(AnimationWriter):
     def encode_frame(self, positions: Floats) -> bytes:
         """Return the content of the file of one frame, (m, 3)."""
 
+    def encode_exact(self, positions: Floats) -> bytes:
+        """Return the same, with all digits of the positions, as most formats have them."""
+        return self.encode_frame(positions)
+
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
         for positions in frames:

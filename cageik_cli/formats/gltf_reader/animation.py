@@ -12,6 +12,7 @@ from cageik_cli.formats.gltf_reader.document import Document
 from cageik_cli.formats.gltf_reader.items import Item
 from cageik_cli.formats.gltf_reader.nodes import TRS_WIDTHS, NodeTree
 from cageik_cli.formats.settings import GLTF_RATE_KEY, SceneHints
+from cageik_cli.formats.timeline import MAX_TIMELINE_NUMBER
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError
 
@@ -186,7 +187,7 @@ class Animation:
         first = min(float(each[0]) for each in keys)
         last = max(float(each[-1]) for each in keys)
         rate, step, stated_start = _find_stated_rate(self._item)
-        if fps is not None:
+        if fps is not None and fps != rate:
             rate, step, stated_start = fps, 1.0, None
         tolerance = find_tolerance(max(abs(first), abs(last)), step / rate) * rate
         start = first * rate
@@ -286,6 +287,7 @@ def _find_stated_rate(item: Item | None) -> tuple[float, float, float | None]:
         rate, step, *start = stated
         is_number = all(isinstance(x, int | float) for x in stated)
         if is_number and all(0 < x < MAX_SAMPLED_TIMES for x in (rate, step)):
-            first = float(start[0]) if start and abs(start[0]) < MAX_SAMPLED_TIMES else None
+            is_late = start and abs(start[0]) >= MAX_TIMELINE_NUMBER
+            first = float(start[0]) if start and not is_late else None
             return float(rate), float(step), first
     return DEFAULT_SAMPLING_RATE, 1.0, None

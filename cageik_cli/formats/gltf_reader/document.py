@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from urllib.parse import unquote
 
-from cageik_cli.formats.base.files import check_unpacked_size
+from cageik_cli.formats.base.files import ClaimedBytes
 from cageik_cli.formats.gltf_reader.items import Item
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 from cageik_cli.util.files import read_input
@@ -46,7 +46,7 @@ class Document:
     def __init__(self, path: Path) -> None:
         self.files = [path]
         data = read_input(path, MAX_GLTF_BYTES, "a smaller file")
-        self._size, self._claimed = len(data), 0
+        self._claimed = ClaimedBytes(len(data))
         text, self._binary = _split_chunks(data)
         self.root = Item(parse_json(text, GLTF_JSON), "")
         asset = self.root.find_item("asset")
@@ -68,8 +68,7 @@ class Document:
 
         A file of a few bytes can say that it holds the same numbers, or zeros, a million times.
         """
-        self._claimed += size
-        check_unpacked_size(self._claimed, self._size)
+        self._claimed.claim(size)
 
     def read_view(self, number: int) -> tuple[memoryview, int | None]:
         """Return the bytes of a buffer view, and the bytes from one element to the next.
@@ -151,9 +150,9 @@ class Document:
         if not path.resolve().is_relative_to(folder.resolve()):
             raise FileAccessError("is in another folder, expected a file beside the .gltf")
         with error_context(name):
-            data = read_input(path, MAX_GLTF_BYTES - self._size, "a smaller file")
+            data = read_input(path, MAX_GLTF_BYTES - self._claimed.packed, "a smaller file")
         self.files.append(path)
-        self._size += len(data)
+        self._claimed.packed += len(data)
         return memoryview(data)
 
 

@@ -1,6 +1,7 @@
 """A clip in glTF: meshes that joints, morph targets or nodes move, at an even rate."""
 
 import hashlib
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property, lru_cache
@@ -98,7 +99,7 @@ class Reader(SceneReader):
     def _list_copies(self, nodes: Iterable[int]) -> Iterator[tuple[str, int, Floats | None]]:
         """Yield the path of each copy of the meshes of nodes, the node, and the place in it."""
         paths = {k: self._rig.tree.make_path(k) for k in nodes}
-        taken = set(paths.values())
+        taken = sorted(paths.values())
         for k, path in paths.items():
             node = self._document.nodes[k]
             is_skinned = node.has("skin")
@@ -109,7 +110,7 @@ class Reader(SceneReader):
                 yield path, k, None
                 continue
             prefix = f"{path}/instance_"
-            while any(each.startswith(prefix) for each in taken):
+            while _has_prefix(taken, prefix):
                 prefix += "_"
             for number, instance in enumerate(instances):
                 yield f"{prefix}{number}", k, instance
@@ -265,6 +266,12 @@ class GltfMesh(SceneMesh):
     def describe_transform(self, time: float) -> list[str]:
         """Return notes on what was changed, too."""
         return [*super().describe_transform(time), *self._geometry.notes]
+
+
+def _has_prefix(paths: list[str], prefix: str) -> bool:
+    """Return whether one of sorted paths begins with a prefix: the first that is not before it."""
+    place = bisect_left(paths, prefix)
+    return place < len(paths) and paths[place].startswith(prefix)
 
 
 def name_animations(document: Document) -> list[str]:

@@ -9,13 +9,14 @@ from typing import Any
 
 from cageik_cli.util.errors import FormatError, error_context, require_optional
 from cageik_cli.util.files import check_input, open_input
+from cageik_cli.util.trial import trials
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 def require_usd(purpose: str) -> None:
     """Raise MissingLibraryError without usd-core, which is needed for a purpose."""
-    with require_optional("usd-core", "usd", purpose):
+    with require_optional("usd-core", purpose):
         import pxr  # noqa: F401
 
 
@@ -100,8 +101,10 @@ def check_layers(path: Path) -> list[Any]:
         named = set(_list_named_files(layer)) - seen
         for file in sorted(named):
             with error_context(Path(_split_package(file)).name):
-                check_input(Path(_split_package(file)))
-                _check_nesting(Path(_split_package(file)))
+                named_file = Path(_split_package(file))
+                check_input(named_file)
+                trials.allow(named_file.stat().st_size)
+                _check_nesting(named_file)
         seen |= named
         waiting += sorted(named & set(_list_composed_files(layer)))
     try:

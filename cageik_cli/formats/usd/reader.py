@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.files import check_unpacked_size, hash_file
+from cageik_cli.formats.base.files import ClaimedBytes, hash_file
 from cageik_cli.formats.base.scene_graph import (
     EVEN_STEP_TOL,
+    LibraryError,
     Polygons,
     SceneMesh,
     SceneReader,
@@ -41,6 +42,7 @@ class Reader(SceneReader):
     """Frames of the meshes of a stage; times are time codes."""
 
     suffixes = USD_SUFFIXES
+    library = "usd-core"
     winding_note = "left-handed faces turned"
 
     def check_file(self, path: Path) -> None:
@@ -50,7 +52,7 @@ class Reader(SceneReader):
     def guard(self) -> AbstractContextManager[list[str]]:
         """Convert errors, and collect warnings."""
         return capture_diagnostics(
-            lambda cause: FormatError(f"is not a sound USD file ({cause}); export it again")
+            lambda cause: LibraryError(f"is not a sound USD file ({cause}); export it again")
         )
 
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
@@ -60,7 +62,8 @@ class Reader(SceneReader):
         _ = check_layers(path)  # held, so that they are not read twice
         self._stage = Usd.Stage.Open(str(path))
         prims = list(Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies()))
-        self._rigs = Rigs()
+        self._claimed = ClaimedBytes(sum(file.stat().st_size for file in self._composed_files))
+        self._rigs = Rigs(self._claimed)
         meshes = {str(prim.GetPath()): prim for prim in prims if prim.IsA(UsdGeom.Mesh)}
         scattered = _list_scattered(prims)
         reasons = {
@@ -71,8 +74,7 @@ class Reader(SceneReader):
 
     def open_mesh(self, found: Any) -> "UsdSceneMesh":
         """Open a prim, and find the rig that poses it."""
-        file_size = sum(file.stat().st_size for file in self._composed_files)
-        return UsdSceneMesh(found, file_size, self._rigs)
+        return UsdSceneMesh(found, self._claimed, self._rigs)
 
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the whole time codes in place of uneven samples."""
@@ -141,10 +143,10 @@ class Reader(SceneReader):
 class UsdSceneMesh(SceneMesh):
     """A mesh prim; times are time codes."""
 
-    def __init__(self, prim: Any, file_size: int, rigs: Rigs) -> None:
+    def __init__(self, prim: Any, claimed: ClaimedBytes, rigs: Rigs) -> None:
         from pxr import UsdGeom
 
-        self._mesh, self._file_size = UsdGeom.Mesh(prim), file_size
+        self._mesh, self._claimed = UsdGeom.Mesh(prim), claimed
         self._pose = rigs.find_pose(self._mesh)
         self._transform_times = _find_transform_times(self._pose.placed_by if self._pose else prim)
         self.is_clockwise = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
@@ -204,12 +206,12 @@ class UsdSceneMesh(SceneMesh):
         return sorted({time for attribute in attributes for time in attribute.GetTimeSamples()})
 
     def read_polygons(self, time: float) -> Polygons:
-        """Read the faces, whose numbers the files may hold compressed."""
+        """Read the faces, whose numbers the files may hold compressed, or once for many meshes."""
         found = []
         for attribute in self._polygon_attributes:
             found.append(_read_array(attribute, time, "i", ()))
             with error_context(f"`{attribute.GetName()}`"):
-                check_unpacked_size(found[-1].nbytes, self._file_size)
+                self._claimed.claim(found[-1].nbytes)
         counts, corners = found
         return counts, corners
 
@@ -217,7 +219,8 @@ class UsdSceneMesh(SceneMesh):
         self, vertex_count: int, time: float
     ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
         """Return what reads UVs, normals, colours, materials, groups and subdivision."""
-        return SurfaceReader(self._mesh, vertex_count, time).list_layers()
+        self._claimed.claim(12 * vertex_count)
+        return SurfaceReader(self._mesh, vertex_count, time, claimed=self._claimed).list_layers()
 
     @property
     def _polygon_attributes(self) -> tuple[Any, Any]:

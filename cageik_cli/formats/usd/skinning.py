@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.formats.base.files import ClaimedBytes
 from cageik_cli.formats.base.scene_graph import transform_points
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import ConnectivityError, FormatError, error_context
@@ -20,7 +21,8 @@ MAX_JOINT_DEPTH = 500
 class Rigs:
     """Finds what poses the meshes of a stage; each skeleton root is looked through once."""
 
-    def __init__(self) -> None:
+    def __init__(self, claimed: ClaimedBytes) -> None:
+        self._claimed = claimed
         self._caches: list[Any] = []  # held, for queries refer to them
         self._poses: dict[str, dict[str, tuple[Any, Any, Any]]] = {}
 
@@ -41,7 +43,7 @@ class Rigs:
         if path not in self._poses:
             self._poses[path] = self._list_bound(root)
         bound = self._poses[path].get(str(mesh.GetPath()))
-        return None if bound is None else MeshPose(mesh, *bound)
+        return None if bound is None else MeshPose(mesh, *bound, claimed=self._claimed)
 
     def _list_bound(self, root: Any) -> dict[str, tuple[Any, Any, Any]]:
         """Return the skeleton, its query and the query of the skin of each bound mesh."""
@@ -67,7 +69,9 @@ class Rigs:
 class MeshPose:
     """What moves the points of a mesh: blend shapes first, then joints."""
 
-    def __init__(self, mesh: Any, skeleton: Any, query: Any, skin: Any) -> None:
+    def __init__(
+        self, mesh: Any, skeleton: Any, query: Any, skin: Any, *, claimed: ClaimedBytes
+    ) -> None:
         self._mesh, self._skeleton, self._query, self._skin = mesh, skeleton, query, skin
         if not query:
             raise FormatError(
@@ -85,7 +89,7 @@ class MeshPose:
                 self._check_skeleton()
         self._shapes = None
         if skin.HasBlendShapes():
-            self._shapes = BlendShapes(skin, self._motion, self._count)
+            self._shapes = BlendShapes(skin, self._motion, self._count, claimed=claimed)
 
     @property
     def placed_by(self) -> Any:
@@ -235,13 +239,13 @@ class MeshPose:
 class BlendShapes:
     """Blend shapes of a mesh, whose offsets are read once."""
 
-    def __init__(self, skin: Any, motion: Any, point_count: int) -> None:
+    def __init__(self, skin: Any, motion: Any, point_count: int, *, claimed: ClaimedBytes) -> None:
         from pxr import UsdSkel
 
         self._motion, self._path = motion, skin.GetPrim().GetPath()
         self._names = list(motion.GetBlendShapeOrder() or ()) if motion else []
         self._order = list(skin.GetBlendShapeOrder() or ())
-        self._check_shapes(skin, point_count)
+        self._check_shapes(skin, point_count, claimed)
         self._query = UsdSkel.BlendShapeQuery(UsdSkel.BindingAPI(skin.GetPrim()))
         self._places = self._query.ComputeBlendShapePointIndices()
         self._offsets = self._query.ComputeSubShapePointOffsets()
@@ -265,7 +269,7 @@ class BlendShapes:
         if not self._query.ComputeDeformedPoints(*shares, self._places, self._offsets, points):
             raise FormatError(f"USD cannot shape it at time {time:g}; bake the mesh to points")
 
-    def _check_shapes(self, skin: Any, point_count: int) -> None:
+    def _check_shapes(self, skin: Any, point_count: int, claimed: ClaimedBytes) -> None:
         """Refuse shapes that are missing, or whose offsets are not of points of the mesh."""
         from pxr import UsdSkel
 
@@ -281,7 +285,7 @@ class BlendShapes:
             if not shape:
                 raise FormatError(f"there is no blend shape {path}; export it again")
             with error_context(str(path)):
-                _check_offsets(shape, point_count)
+                _check_offsets(shape, point_count, claimed)
 
 
 def describe_unposed(prim: Any) -> list[str]:
@@ -295,9 +299,11 @@ def describe_unposed(prim: Any) -> list[str]:
     return ["bound to a rig, but below no SkelRoot: it is not posed, as USD has it"]
 
 
-def _check_offsets(shape: Any, point_count: int) -> None:
+def _check_offsets(shape: Any, point_count: int, claimed: ClaimedBytes) -> None:
     """Refuse offsets of a blend shape that are not one per point that it names."""
-    places = np.asarray(shape.GetPointIndicesAttr().Get() or (), np.int64)
+    held = shape.GetPointIndicesAttr().Get() or ()
+    claimed.claim(8 * len(held))
+    places = np.asarray(held, np.int64)
     if len(places) and not 0 <= places.min() <= places.max() < point_count:
         raise FormatError(
             f"it moves point {places.max() if places.min() >= 0 else places.min()}, but there are "
@@ -307,6 +313,7 @@ def _check_offsets(shape: Any, point_count: int) -> None:
     for each in (shape, *shape.GetInbetweens()):
         attribute = each.GetOffsetsAttr() if each is shape else each.GetAttr()
         count = len(attribute.Get() or ())
+        claimed.claim(12 * count)
         if count not in (0, expected):  # a shape that moves nothing
             raise FormatError(
                 f"`{attribute.GetName()}` has {format_count(count, 'offset')} for {expected} "

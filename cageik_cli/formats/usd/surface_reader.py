@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.formats.base.files import ClaimedBytes
 from cageik_cli.formats.base.mesh_data import share_normals
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import NONE, PLAIN_COLOUR, FaceLabels, Subdivision, UvMap
@@ -25,11 +26,11 @@ _PER_VERTEX, _PER_CORNER, _PER_FACE = ("vertex", "varying"), ("faceVarying",), (
 class SurfaceReader:
     """Reads the layers of the surface of one mesh, at a time."""
 
-    def __init__(self, mesh: Any, vertex_count: int, time: float) -> None:
+    def __init__(self, mesh: Any, vertex_count: int, time: float, *, claimed: ClaimedBytes) -> None:
         from pxr import UsdGeom
 
         self._mesh, self._vertex_count, self._time = mesh, vertex_count, time
-        self._primvars = UsdGeom.PrimvarsAPI(mesh)
+        self._primvars, self._claimed = UsdGeom.PrimvarsAPI(mesh), claimed
 
     def list_layers(self) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
         """Return what reads each layer, for `FileMesh.read_layers`."""
@@ -46,7 +47,7 @@ class SurfaceReader:
         primvar = self._find_uvs()
         if primvar is None:
             return attributes
-        values = _to_array(primvar.Get(self._time), 2)
+        values = self._to_array(primvar.Get(self._time), 2)
         numbers = self._read_indices(primvar, len(values))
         indices = numbers[_locate(primvar.GetInterpolation(), attributes, len(numbers))]
         absent = primvar.GetUnauthoredValuesIndex()
@@ -59,14 +60,14 @@ class SurfaceReader:
         """Read which corners share a normal."""
         primvar = self._primvars.GetPrimvar("normals")
         if primvar and primvar.HasAuthoredValue():
-            values = _to_array(primvar.Get(self._time), 3)
+            values = self._to_array(primvar.Get(self._time), 3)
             numbers = self._read_indices(primvar, len(values))
             interpolation = primvar.GetInterpolation()
         else:
             found = self._mesh.GetNormalsAttr().Get(self._time)
             if not found:
                 return attributes
-            values = _to_array(found, 3)
+            values = self._to_array(found, 3)
             numbers, interpolation = np.arange(len(values)), self._mesh.GetNormalsInterpolation()
         places = _locate(interpolation, attributes, len(numbers))
         return share_normals(attributes, values, numbers[places])
@@ -82,7 +83,7 @@ class SurfaceReader:
                 if width == 1:
                     break
                 raise FormatError(f"they are {primvar.GetInterpolation()}, expected vertex")
-            values = _to_array(primvar.Get(self._time), width)
+            values = self._to_array(primvar.Get(self._time), width)
             indices = self._read_indices(primvar, len(values))
             _check_places(np.arange(self._vertex_count), len(indices))
             columns.append(values[indices[: self._vertex_count]])
@@ -94,28 +95,31 @@ class SurfaceReader:
 
         count = len(attributes.corner_counts)
         everywhere = UsdShade.MaterialBindingAPI(self._mesh).ComputeBoundMaterial()[0]
-        texts = [[_name(everywhere.GetPrim()) if everywhere else ""] * count, [""] * count]
         bound = {_name(everywhere.GetPrim()): everywhere} if everywhere else {}
+        materials: list[tuple[str, Integers | slice]] = [(name, slice(None)) for name in bound]
+        groups: list[tuple[str, Integers | slice]] = []
         for subset in UsdGeom.Subset.GetAllGeomSubsets(self._mesh):
             if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
                 continue
-            faces = _to_list(subset.GetIndicesAttr().Get(self._time), "iu")
-            if len(faces) and not 0 <= faces.min() <= faces.max() < count:
-                raise FormatError(f"`{subset.GetPrim().GetName()}` names faces that are not there")
+            faces = self._to_list(subset.GetIndicesAttr().Get(self._time), "iu")
+            is_of_mesh = not len(faces) or 0 <= faces.min() <= faces.max() < count
+            if not is_of_mesh or len(faces) > count:
+                raise FormatError(
+                    f"`{subset.GetPrim().GetName()}` names faces that are not there, or twice"
+                )
             binds = subset.GetFamilyNameAttr().Get() == UsdShade.Tokens.materialBind
             name = _name_material(subset) if binds else _name(subset.GetPrim())
             material = UsdShade.MaterialBindingAPI(subset).GetDirectBinding().GetMaterial()
             if binds and material:
                 bound[name] = material
-            for face in faces.tolist():
-                texts[0 if binds else 1][face] = name
+            (materials if binds else groups).append((name, faces))
         library = self._mesh.GetPrim().GetCustomDataByKey(LIBRARY_KEY)
-        materials = FaceLabels.from_texts(texts[0])
+        labels = FaceLabels.from_members(count, materials)
         return replace(
             attributes,
-            materials=materials,
-            material_colours=None if materials is None else _list_colours(materials.names, bound),
-            groups=FaceLabels.from_texts(texts[1]),
+            materials=labels,
+            material_colours=None if labels is None else _list_colours(labels.names, bound),
+            groups=FaceLabels.from_members(count, groups),
             material_library=single_line(library) if isinstance(library, str) else "",
         )
 
@@ -123,7 +127,7 @@ class SurfaceReader:
         """Read the scheme, the creases and the sharp vertices."""
         mesh = self._mesh
         creases, lengths, sharpness, corners, sharp = (
-            _to_list(attribute.Get(self._time), kinds)
+            self._to_list(attribute.Get(self._time), kinds)
             for attribute, kinds in (
                 (mesh.GetCreaseIndicesAttr(), "iu"),
                 (mesh.GetCreaseLengthsAttr(), "iu"),
@@ -152,9 +156,28 @@ class SurfaceReader:
         """Return the indices into `count` values; one after the other if there are none."""
         if not primvar.IsIndexed():
             return np.arange(count)
-        indices = _to_list(primvar.GetIndices(self._time), "iu")
+        indices = self._to_list(primvar.GetIndices(self._time), "iu")
         _check_places(indices, count)
         return indices
+
+    def _to_list(self, value: Any, kinds: str) -> NDArray[Any]:
+        """Return a list of numbers of some kinds, (k,); empty without a value."""
+        array = np.zeros(0, np.int64) if value is None else np.asarray(value)
+        if array.ndim != 1 or (array.size and array.dtype.kind not in kinds):
+            raise FormatError(f"they are {array.dtype} of shape {array.shape}, expected a list")
+        self._claimed.claim(array.nbytes)
+        return array.astype(np.float64 if kinds == "f" else np.int64)
+
+    def _to_array(self, value: Any, width: int) -> Floats:
+        """Return lists of `width` numbers each, (k, width)."""
+        array = np.zeros(0) if value is None else np.asarray(value)
+        if array.size == 0:
+            raise FormatError("they have no values")
+        if array.dtype.kind != "f" or array.ndim not in (1, 2) or array.size != len(array) * width:
+            raise FormatError(f"they are {array.dtype} of shape {array.shape}")
+        self._claimed.claim(array.nbytes)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return array.reshape(-1, width).astype(np.float64)
 
 
 def _locate(interpolation: str, attributes: SurfaceAttributes, count: int) -> Integers:
@@ -174,25 +197,6 @@ def _locate(interpolation: str, attributes: SurfaceAttributes, count: int) -> In
 def _check_places(places: Integers, count: int) -> None:
     if len(places) and not 0 <= places.min() <= places.max() < count:
         raise FormatError(f"they need value {places.max()} of {count}")
-
-
-def _to_list(value: Any, kinds: str) -> NDArray[Any]:
-    """Return a list of numbers of some kinds, (k,); empty without a value."""
-    array = np.zeros(0, np.int64) if value is None else np.asarray(value)
-    if array.ndim != 1 or (array.size and array.dtype.kind not in kinds):
-        raise FormatError(f"they are {array.dtype} of shape {array.shape}, expected a list")
-    return array.astype(np.float64 if kinds == "f" else np.int64)
-
-
-def _to_array(value: Any, width: int) -> Floats:
-    """Return lists of `width` numbers each, (k, width)."""
-    array = np.zeros(0) if value is None else np.asarray(value)
-    if array.size == 0:
-        raise FormatError("they have no values")
-    if array.dtype.kind != "f" or array.ndim not in (1, 2) or array.size != len(array) * width:
-        raise FormatError(f"they are {array.dtype} of shape {array.shape}")
-    with np.errstate(over="ignore", invalid="ignore"):
-        return array.reshape(-1, width).astype(np.float64)
 
 
 def _list_colours(names: tuple[str, ...], materials: dict[str, Any]) -> Floats | None:

@@ -61,7 +61,7 @@ def test_more_than_memory_holds_is_refused(path):
 def test_what_cannot_be_opened_or_read_is_refused(tmp_path):
     with pytest.raises(FileAccessError, match="folder"):
         BinaryFile.open(tmp_path)
-    with pytest.raises(FileAccessError, match="No such file"):
+    with pytest.raises(FileAccessError, match="no such file"):
         BinaryFile.open(tmp_path / "none")
 
     class Torn(io.BytesIO):

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base.mesh_data import FileMesh, _project_to_plane
+from cageik_cli.formats.base import ear_clipping
+from cageik_cli.formats.base.ear_clipping import _project_to_plane, describe_folded
+from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FormatError
 from tests.shapes import rotation
@@ -96,6 +98,37 @@ def test_degenerate_polygons_give_as_many_triangles_of_their_corners(points):
         mesh, _ = cut(points, start)
         assert len(mesh.faces) == len(points) - 2
         assert set(mesh.faces.ravel()) <= set(range(len(points)))
+
+
+def make_star(count, inner=0.01):
+    """A polygon of long rays."""
+    angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    radii = np.where(np.arange(count) % 2, 1, inner)
+    return np.column_stack([np.cos(angles), np.sin(angles)]) * radii[:, None]
+
+
+def make_coil(count):
+    """A band of four turns."""
+    angles = np.linspace(0, 8 * np.pi, count // 2)
+    band = np.column_stack([np.cos(angles), np.sin(angles)])
+    return np.concatenate([band * (4 + angles)[:, None], (band * (2 + angles)[:, None])[::-1]])
+
+
+@pytest.mark.parametrize("make", [make_star, make_coil])
+def test_polygons_of_many_corners_are_covered_once(make):
+    assert_covered(make(2000), start=1, seed=0)
+    mesh, _ = cut(make(2000), start=1)
+    assert describe_folded(mesh) == []
+
+
+def test_a_fan_that_folds_over_is_noted(monkeypatch):
+    crossing, _ = cut([[0, 0], [4, 0], [0, 3], [4, 3], [2, 5]])
+    monkeypatch.setattr(ear_clipping, "MAX_STEPS", 1)
+    monkeypatch.setattr(ear_clipping, "MAX_CORNER_STEPS", 1)
+    winding, _ = cut(SPIRAL, start=5)
+    for mesh in (crossing, winding):
+        (note,) = describe_folded(mesh)
+        assert note.startswith("of 1 polygon, some triangles lie over others")
 
 
 def test_a_bent_quad_stays_a_fan():

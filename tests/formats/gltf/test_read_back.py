@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.open import load_mesh, open_sequence
-from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.settings import ClipSettings, Scene
 from cageik_cli.geometry.parts import split_parts
 from tests.character import NAMES, make_character
 from tests.clips import frames_of
@@ -68,6 +68,14 @@ def test_a_character_comes_back_with_its_parts(tmp_path, character, scene, axes)
         )
         corners = list_corners(mine.mesh)
         np.testing.assert_allclose(corners, list_corners(placed), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("fps", [None, 30.0, 15.0])
+def test_a_late_start_comes_back_at_the_rate_that_is_stated(tmp_path, character, fps):
+    scene = Scene(30.0, 123_456.0)
+    path = write(tmp_path / "a.glb", *character, scene=scene)
+    found = open_sequence([str(path)], ClipSettings(fps=fps)).scene
+    assert found.start == (0 if fps == 15 else 123_456)
 
 
 @pytest.mark.parametrize(

@@ -92,6 +92,7 @@ LEFT_OUT = {
     "an index beyond 64 bits": (f"vt 0 0\nf 1/{9**40} 2/1 3/1\n", "texture coordinates"),
     "no number": ("vt\nf 1/1 2/1 3/1\n", "texture coordinates"),
     "infinite": ("vt inf 0\nf 1/1 2/1 3/1\n", "texture coordinates"),
+    "beyond the largest number": ("vt 1e400 0\nf 1/1 2/1 3/1\n", "texture coordinates"),
     "a normal that is not there": ("vn 0 0 1\nf 1//1 2//1 3//7\n", "normals"),
     "a long name": (f"usemtl {'m' * 2000}\nf 1 2 3\n", "names of faces"),
     "a long library": (f"mtllib {'m' * 2000}\nf 1 2 3\n", "material library"),

@@ -1,0 +1,141 @@
+"""Small files that ask for much: each is read, or refused, in bounded time and memory."""
+
+import gzip
+import os
+import resource
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from alembic3d.Abc import OArchive
+from alembic3d.AbcCoreAbstract import TimeSampling
+from alembic3d.AbcGeom import OFaceSetSchemaSample
+from pxr import Usd, UsdGeom, Vt
+
+from tests.formats.kinds import FRAMES, add_abc_mesh, imath
+
+MOST_SECONDS = 10
+MOST_BYTES = 1 << 30
+"""What one command may take of a processor and of memory; the starts of Python and USD included."""
+
+TRIANGLES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1/1 3/1 2/1\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def write_wide_number(path):
+    text = TRIANGLES + "vt 0 0\n" * 9000 + "vt " + "0" * 400_000 + " 0\n"
+    path.write_bytes(gzip.compress(text.encode(), mtime=0))
+
+
+def write_wide_colour(path):
+    colours = "v 0 0 0 1 1 1\n" * 50_000 + "v 1 1 1 1 1 " + "1" * 400_000 + "\n"
+    path.write_text(colours + "f 1 2 3\n")
+
+
+def write_polygon(path, points):
+    """One polygon of many corners, whose fan folds over."""
+    rows = "".join(f"v {x:.6g} {y:.6g} 0\n" for x, y in points)
+    path.write_text(f"{rows}f {' '.join(str(k + 1) for k in range(len(points)))}\n")
+
+
+def write_star(path):
+    angles = np.linspace(0, 2 * np.pi, 20_000, endpoint=False)
+    points = np.column_stack([np.cos(angles), np.sin(angles)])
+    write_polygon(path, points * np.where(np.arange(20_000) % 2, 1, 0.5)[:, None])
+
+
+def write_scribble(path):
+    write_polygon(path, np.cumsum(np.random.default_rng(0).normal(size=(20_000, 2)), axis=0))
+
+
+def define_usd_mesh(path, count):
+    """A mesh of faces that are alike: crates pack whole numbers, and store equal arrays once."""
+    stage = Usd.Stage.CreateNew(str(path))
+    mesh = UsdGeom.Mesh.Define(stage, "/mesh")
+    mesh.CreatePointsAttr(np.eye(4, 3, dtype=np.float32))
+    mesh.CreateFaceVertexCountsAttr(np.full(count, 3, np.int32))
+    mesh.CreateFaceVertexIndicesAttr(np.tile(np.arange(3, dtype=np.int32), count))
+    return stage, mesh
+
+
+def write_subsets(path):
+    stage, mesh = define_usd_mesh(path, 60_000)
+    faces = Vt.IntArray.FromNumpy(np.arange(60_000, dtype=np.int32))
+    for number in range(4000):
+        UsdGeom.Subset.CreateGeomSubset(mesh, f"s{number}", "face", faces)
+    stage.Save()
+
+
+def write_opacity(path):
+    stage, mesh = define_usd_mesh(path, 4)
+    mesh.CreateDisplayColorPrimvar("vertex").Set(np.ones((4, 3), np.float32))
+    opacity = mesh.CreateDisplayOpacityPrimvar("vertex")
+    opacity.Set(Vt.FloatArray.FromNumpy(np.ones(70_000_000, np.float32)))
+    stage.Save()
+
+
+def write_shared_meshes(path):
+    stage, _ = define_usd_mesh(path, 40_000)
+    for number in range(2000):
+        other = UsdGeom.Mesh.Define(stage, f"/other{number}")
+        other.GetPrim().GetReferences().AddInternalReference("/mesh")
+    stage.Save()
+
+
+def write_face_sets(path):
+    archive = OArchive(str(path))
+    faces = np.tile(np.arange(3), (60_000, 1))
+    schema = add_abc_mesh(archive, archive.getTop(), "mesh", TimeSampling(1, 0), FRAMES[:1], faces)
+    numbers = imath.IntArrayFromBuffer(np.arange(60_000, dtype=np.int32))
+    for number in range(1000):
+        schema.createFaceSet(f"s{number}").getSchema().set(OFaceSetSchemaSample(numbers))
+
+
+FILES = {
+    "wide_number.obj.gz": write_wide_number,
+    "wide_colour.obj": write_wide_colour,
+    "star.obj": write_star,
+    "scribble.obj": write_scribble,
+    "subsets.usdc": write_subsets,
+    "opacity.usdc": write_opacity,
+    "shared_meshes.usdc": write_shared_meshes,
+    "face_sets.abc": write_face_sets,
+}
+
+
+def limit_memory():
+    """Keep a reader that is not bounded from taking the machine; libraries map much unused."""
+    resource.setrlimit(resource.RLIMIT_AS, (6 * MOST_BYTES,) * 2)
+    resource.setrlimit(resource.RLIMIT_CPU, (2 * MOST_SECONDS,) * 2)
+
+
+def measure(words):
+    """Run the command; its exit code, its text, its seconds of a processor and its bytes."""
+    command = [sys.executable, "-m", "cageik_cli", *map(str, words)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, preexec_fn=limit_memory
+    ) as process:
+        text = process.stdout.read().decode()
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    return process.returncode, text, usage.ru_utime + usage.ru_stime, usage.ru_maxrss << 10
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="measures as Linux does")
+@pytest.mark.parametrize("name", FILES)
+def test_small_files_take_little(tmp_path, name):
+    path = tmp_path / name
+    FILES[name](path)
+    code, text, seconds, size = measure(["info", path])
+    assert code in (0, 1), text
+    assert "internal error" not in text
+    assert "out of memory" not in text
+    assert "/numpy/" not in text
+    assert size < MOST_BYTES
+    assert seconds < MOST_SECONDS
+
+
+if __name__ == "__main__":
+    for path in sys.argv[1:]:
+        code, text, seconds, size = measure(["info", path])
+        print(f"{path}: exit {code}, {seconds:.1f} s, {size / 2**30:.2f} GiB, {text[:300]!r}")

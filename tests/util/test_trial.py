@@ -1,0 +1,86 @@
+"""Calls that are tried in another process: how it ends becomes a sentence."""
+
+import os
+import sys
+
+import pytest
+
+from cageik_cli.util.trial import Trials
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+
+
+def succeed(text):
+    print("what a library prints")
+
+
+def find(text):
+    print("what a library prints")
+    return f"is {text}"
+
+
+def fail(text):
+    raise ValueError(text)
+
+
+def abort(text):
+    os.abort()
+
+
+def fill(text):
+    bytearray(8 << 30)
+
+
+def fill_like_a_library(text):
+    raise RuntimeError("std::bad_alloc")
+
+
+@pytest.fixture
+def trials():
+    made = Trials()
+    made.are_wanted = True
+    return made
+
+
+@pytest.mark.parametrize(
+    ("call", "expected"),
+    [
+        (succeed, ""),
+        (fail, ""),
+        (find, "is wróng"),
+        (abort, "is damaged: abc ends with SIGABRT on it; export it again"),
+        (fill_like_a_library, "is damaged: abc takes too much memory on it; export it again"),
+        pytest.param(
+            fill,
+            "is damaged: abc takes too much memory on it; export it again",
+            marks=pytest.mark.skipif(sys.platform != "linux", reason="limits are others there"),
+        ),
+    ],
+)
+def test_the_end_of_a_trial_is_a_sentence(trials, call, expected):
+    assert trials.find_fault("abc", call, "wróng", key="a") == expected
+
+
+def test_what_has_passed_is_not_tried_again(trials, tmp_path):
+    def find(path):
+        return trials.find_fault("abc", count, str(path), key=path.name)
+
+    for name in ("a", "b", "a"):
+        assert find(tmp_path / name) == ""
+    assert [(tmp_path / name).stat().st_size for name in "ab"] == [1, 1]
+
+
+def count(path):
+    with open(path, "a") as file:
+        file.write(".")
+
+
+def test_nothing_is_tried_that_is_not_wanted():
+    assert Trials().find_fault("abc", abort, "", key="a") == ""
+
+
+def test_a_process_that_cannot_be_started_is_no_fault(trials, monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    assert trials.find_fault("abc", abort, "", key="a") == ""
+    monkeypatch.setattr(sys, "executable", "")
+    assert trials.find_fault("abc", abort, "", key="a") == ""
