@@ -7,8 +7,10 @@ import numpy as np
 
 from cageik_cli.cages.faults import Finding, format_elements, validate_cage
 from cageik_cli.cages.misfit import (
+    MAX_DENTED_SHARE,
     MAX_OUTSIDE_SHARE,
     MAX_SIZE_RATIO,
+    OTHER_POSE_REMEDY,
     Misfit,
     explain_misfit,
     find_transform,
@@ -165,6 +167,10 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Pl
         placement = _check_vertices(outward, rest, outside)
     except CageError as error:
         if len(cage.vertices) <= len(rest.vertices) or isinstance(rest, PointCloud):
+            if not isinstance(error, MisfitError) and _is_of_other_pose(cage, rest):
+                posed = CageError(f"{error}; {OTHER_POSE_REMEDY}")
+                posed.is_repairable = False
+                raise posed from error
             raise
         if are_swapped(cage, rest):
             raise CageError(make_swap_finding(cage, rest).sentence) from error
@@ -176,6 +182,15 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Pl
             swapped.placement, swapped.misfit = error.placement, error.misfit
         raise swapped from error
     return replace(placement, notes=notes + placement.notes)
+
+
+def _is_of_other_pose(cage: TriMesh, rest: TriMesh) -> bool:
+    """Return whether a cage with faults is closed, and leaves much of the model far outside."""
+    if isinstance(rest, PointCloud) or rest.diagonal <= 0 or not cage.is_closed:
+        return False
+    if (placement := locate_vertices(cage, rest)).outside_share <= MAX_DENTED_SHARE:
+        return False
+    return placement.worst_percent > 1.0  # such a cage is not merely a little too small
 
 
 def are_swapped(cage: TriMesh, rest: TriMesh) -> bool:

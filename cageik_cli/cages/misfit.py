@@ -19,6 +19,15 @@ from cageik_cli.util.arrays import Floats
 MAX_OUTSIDE_SHARE = 0.5
 """With a larger share of vertices outside, none are projected: it is another model's cage."""
 
+MAX_DENTED_SHARE = 0.1
+"""With a larger share of vertices far outside, a cage is of another pose."""
+
+OTHER_POSE_REMEDY = (
+    "it looks like the cage of another pose, or of another model: give the cage at rest, or the "
+    "frame that it was made for as `rest=`; without `cage=`, cageik extract builds one"
+)
+"""What to do about a cage that is not of the rest pose."""
+
 MAX_NEAR_PERCENT = 5.0
 """A cage whose model is outside by less, percent of its diagonal, is at most too small."""
 
@@ -81,8 +90,11 @@ def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> 
     project = "take the nearest points of the cage with `outside=project`"
     if worst < MAX_NEAR_PERCENT:
         return _explain_small_cage(cage, rest, f", or {project}" * (share <= MAX_OUTSIDE_SHARE))
-    if share <= MAX_OUTSIDE_SHARE:
+    is_dented = share <= MAX_DENTED_SHARE or worst < 2 * MAX_NEAR_PERCENT
+    if is_dented and share <= MAX_OUTSIDE_SHARE:
         return Misfit(f"enlarge the cage there, give the rest pose it was made for, or {project}")
+    if share <= MAX_OUTSIDE_SHARE:
+        return Misfit(OTHER_POSE_REMEDY, is_repairable=False)
     return Misfit(_describe_misplaced(cage, rest), is_repairable=False)
 
 
@@ -121,8 +133,9 @@ def _describe_misplaced(cage: TriMesh, rest: TriMesh) -> str:
     else:
         what = "most of the model is outside"
     return (
-        f"{what}, and no unit, axes or place makes it fit: give the rest pose it was made for, "
-        "which may be another frame, as `rest=`"
+        f"{what}, and no unit, axes or place makes it fit: it looks like the cage of "
+        "another model, or of another frame; without `cage=`, cageik extract builds one; or give "
+        "the frame that it was made for as `rest=`"
     )
 
 

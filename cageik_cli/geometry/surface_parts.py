@@ -1,6 +1,6 @@
 """The parts of what a file says of a surface: UVs, names of faces, subdivision."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -79,12 +79,26 @@ class FaceLabels:
         object.__setattr__(self, "indices", indices)
 
     @staticmethod
-    def from_texts(texts: list[str]) -> "FaceLabels | None":
-        """Label faces by a text each, empty for none; None if no face has one."""
-        names = dict.fromkeys(text for text in texts if text)
-        numbers = {name: k for k, name in enumerate(names)} | {"": NONE}
-        indices = np.array([numbers[text] for text in texts], np.int64)
-        return FaceLabels(tuple(names), indices) if names else None
+    def from_members(
+        count: int, members: Iterable[tuple[str, Integers | slice]]
+    ) -> "FaceLabels | None":
+        """Label `count` faces by the last name that has them among its own; None if none has.
+
+        Names are in the order in which the faces use them.
+        """
+        numbers: dict[str, int] = {}
+        labels = np.full(count, NONE)
+        for name, faces in members:
+            labels[faces] = numbers.setdefault(name, len(numbers))
+        used, first = np.unique(labels, return_index=True)
+        used = used[np.argsort(first)]
+        used = used[used != NONE]
+        if not len(used):
+            return None
+        places = np.full(len(numbers) + 1, NONE)  # `NONE` is the last
+        places[used] = np.arange(len(used))
+        names = list(numbers)
+        return FaceLabels(tuple(names[k] for k in used.tolist()), places[labels])
 
     def list_members(self) -> Iterator[tuple[str, Integers]]:
         """Yield each name that is used, with the numbers of its polygons."""

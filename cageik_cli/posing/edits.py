@@ -1,18 +1,17 @@
 """Layers of edits on a cage animation: each layer starts from the result of those before it."""
 
-from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding, measure_offsets, reconstruct
-from cageik_cli.formats.settings import Scene
-from cageik_cli.formats.timeline import Timeline
-from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
+from cageik_cli.coordinates.binding import Binding, reconstruct
+from cageik_cli.posing.anchors import Anchor
+from cageik_cli.posing.cage_edits import CageEditLayer, EditFiles
 from cageik_cli.posing.constraints import CageConstraints, find_reach
-from cageik_cli.posing.handles.model import Handles, PosedSurface
+from cageik_cli.posing.edit_target import EditTarget
+from cageik_cli.posing.handles.model import PosedSurface
 from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.schedule import HandleSchedule
 from cageik_cli.posing.poser import DEFAULT_POSE_ALPHA, Poser, validate_weights
@@ -44,89 +43,6 @@ class PosingSettings:
         validate_weights(self.alpha, self.beta)
         if self.snap is not None and not (np.isfinite(self.snap) and self.snap >= 0):
             raise SettingError(f"snap is {self.snap}, expected a finite number, zero or above")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EditTarget:
-    """The pose or the animation that layers are applied to, and the meshes of its cages.
-
-    A cage gives the mesh `base_mesh + weights @ (cage - base_cage)`. Of a binding that has offsets,
-    the base mesh turns with each frame of an animation.
-
-    Attributes
-    ----------
-    cage_at : callable
-        The cage of a frame, (n, 3), by its index.
-    base_cage : (n, 3) float64
-    base_mesh : (m, 3) float64
-        The mesh that `base_cage` gives exactly, whatever `weights @ base_cage` is. If both are
-        zeros, meshes are `weights @ cages`.
-    rotations : (F, 3, 3) float64, optional
-        Of the base mesh to each frame: `points @ R`. It does not turn by default.
-    frame_names : sequence of str, optional
-        None for a single pose, whose only frame is 0.
-    up_axis : str
-        "Y" or "Z", for drawings.
-    timeline : Timeline, optional
-        The numbers of the frames, which are counted from 0 here; None for a single pose.
-    """
-
-    binding: Binding
-    cage_at: Callable[[int], Floats]
-    base_cage: Floats
-    base_mesh: Floats
-    rotations: Floats | None = None
-    frame_names: Sequence[str] | None = None
-    up_axis: str = "Y"
-    timeline: Timeline | None = None
-
-    @classmethod
-    def of_model(cls, binding: Binding) -> "EditTarget":
-        """Return the rest pose of a model, which the rest cage gives bit for bit."""
-        cage = binding.cage.vertices
-        return cls(binding, lambda _: cage, cage, binding.rest.vertices)
-
-    @classmethod
-    def of_animation(
-        cls,
-        binding: Binding,
-        cage_at: Callable[[int], Floats],
-        frame_names: Sequence[str],
-        rotations: Floats | None = None,
-        scene: Scene | None = None,
-    ) -> "EditTarget":
-        """Return an animation whose meshes are the reconstructions of a result, `weights @ cages`.
-
-        With the rotations of its frames, (F, 3, 3), they have the offsets of the binding, too.
-        """
-        m, n = binding.weights.shape
-        base = measure_offsets(binding) if binding.has_offsets else np.zeros((m, 3))
-        scene = scene or Scene()
-        timeline = scene.make_timeline(len(frame_names))
-        still = np.zeros((n, 3))
-        return cls(binding, cage_at, still, base, rotations, frame_names, scene.up_axis, timeline)
-
-    def name_frame(self, frame: int) -> str:
-        """Return the name of a frame; "" for a single pose."""
-        return self.frame_names[frame] if self.frame_names else ""
-
-    def deform(self, frames: Integers, cages: Floats) -> Floats:
-        """Return the meshes (k, m, 3) of the cages (k, n, 3) of frames (k,)."""
-        meshes = reconstruct(self.binding.weights, cages - self.base_cage)
-        meshes += self._turn(self.base_mesh, frames)
-        return meshes
-
-    def anchor_positions(
-        self, anchors: Sequence[Anchor], frames: Integers, cages: Floats
-    ) -> Floats:
-        """Return the positions of anchors on the meshes of the cages of frames, as (k, l, 3)."""
-        rows = anchor_matrix(anchors, self.binding.weights)
-        base = self._turn(anchor_positions(anchors, self.base_mesh), frames)
-        return np.asarray(base + rows @ (cages - self.base_cage))
-
-    def _turn(self, points: Floats, frames: Integers) -> Floats:
-        """Return points of the base mesh, (p, 3), in each frame: (k, p, 3), or as they are."""
-        return points if self.rotations is None else np.asarray(points @ self.rotations[frames])
 
 
 class Layer:
@@ -218,33 +134,45 @@ class EditedFrames:
 
 
 class LayeredEdit:
-    """The layers of a handles file, and the pose or the animation that they are applied to.
+    """The layers of an edit, and the pose or the animation that they are applied to.
 
     Parameters
     ----------
-    handles : Handles
-        Points are picked on the result of the layers before theirs.
+    files : EditFiles
+        Cage edits come first, and add up. Then come the sets of handles; points are picked on the
+        result of the layers before theirs.
 
     Attributes
     ----------
+    cage_layers : list of CageEditLayer
+    layers : list of Layer
+        Those of handles.
     rigidity : int
         Rounds of rigid rotations.
 
     Raises
     ------
     HandlesError
-        When a handle cannot be placed; the message names it.
+        When a handle or a cage edit cannot be placed; the message names its file and it.
     NumericalError
         When hard handles conflict.
     """
 
-    def __init__(self, handles: Handles, target: EditTarget, settings: PosingSettings) -> None:
-        self.target, self.rigidity = target, settings.rigidity
+    def __init__(self, files: EditFiles, target: EditTarget, settings: PosingSettings) -> None:
+        self.target, self.rigidity, self._files = target, settings.rigidity, files
         self.layers: list[Layer] = []
-        binding = target.binding
-        for k, handle_set in enumerate(handles.sets):
-            surface = PosedSurface(binding.rest, self._pose_at, target.timeline)
-            name = f"sets[{k}]" if len(handles.sets) > 1 else ""
+        count, timeline = len(target.binding.cage.vertices), target.timeline
+        with self._name_cage_edits():
+            edits = files.cage_edits.edits if files.cage_edits else ()
+            self.cage_layers = [CageEditLayer(one, count, timeline) for one in edits]
+        with self._name_handles():
+            self._place_handles(settings)
+
+    def _place_handles(self, settings: PosingSettings) -> None:
+        handles, binding = self._files.handles, self.target.binding
+        for k, handle_set in enumerate(handles.sets if handles else ()):
+            surface = PosedSurface(binding.rest, self._pose_at, self.target.timeline)
+            name = f"sets[{k}]" if handles and len(handles.sets) > 1 else ""
             with _set_context(name):
                 schedule = place_handles(
                     handle_set,
@@ -253,8 +181,19 @@ class LayeredEdit:
                     allow_conflicts=settings.allow_conflicts,
                     hard=settings.hard,
                 )
+                assert handles is not None
                 layer = Layer(name, schedule, binding, handles.constraints, settings)
             self.layers.append(layer)
+
+    def _name_cage_edits(self) -> AbstractContextManager[None]:
+        """Put the file of the cage edits in front of error messages."""
+        found = self._files.cage_edits
+        return _set_context("" if found is None else str(found.path))
+
+    def _name_handles(self) -> AbstractContextManager[None]:
+        """Put the file of the handles in front of error messages."""
+        found = self._files.handles
+        return _set_context("" if found is None else str(found.path))
 
     @property
     def anchors(self) -> list[Anchor]:
@@ -268,7 +207,9 @@ class LayeredEdit:
 
     @property
     def is_beyond(self) -> NDArray[np.bool_]:
-        """Which vertices, (m,), are beyond the reach of all layers."""
+        """Which vertices, (m,), are beyond the reach of all layers; none if cage edits are."""
+        if not self.layers or self.cage_layers:
+            return np.zeros(len(self.target.binding.rest.vertices), bool)
         return np.asarray(np.all([layer.is_beyond for layer in self.layers], axis=0))
 
     def find_active(self, frames: Integers) -> NDArray[np.bool_]:
@@ -276,7 +217,8 @@ class LayeredEdit:
         strengths = [
             layer.schedule.blend(frames) for layer in self.layers for _ in layer.schedule.anchors
         ]
-        return np.stack(strengths, axis=1) > 0
+        none = np.zeros((len(frames), 0))
+        return np.stack(strengths, axis=1) > 0 if strengths else none > 0
 
     def find_deciding(self, frame: int) -> list[int]:
         """Return the numbers of the anchors that decide a frame, ascending.
@@ -303,11 +245,14 @@ class LayeredEdit:
         targets : (k, l, 3) float64
             Their targets, at the strength that their layer has in each frame.
         """
-        starts, targets = [], []
-        for layer in self.layers:
-            cages, start, target = layer.apply(self.target, frames, cages)
-            starts.append(start)
-            targets.append(target)
+        starts = targets = [np.zeros((len(frames), 0, 3))]
+        with self._name_cage_edits():
+            for cage_layer in self.cage_layers:
+                cages = cage_layer.apply(frames, cages)
+        with self._name_handles():
+            for layer in self.layers:
+                cages, start, target = layer.apply(self.target, frames, cages)
+                starts, targets = [*starts, start], [*targets, target]
         return cages, np.concatenate(starts, axis=1), np.concatenate(targets, axis=1)
 
     def edit_frames(self, frames: Integers, cages: Floats) -> EditedFrames:
@@ -337,6 +282,5 @@ class LayeredEdit:
     def _pose_at(self, frame: int) -> Floats:
         """Return the mesh of a frame, (m, 3), after the layers so far."""
         frames, cages = np.array([frame]), self.target.cage_at(frame)[None]
-        if self.layers:
-            cages, _, _ = self.apply(frames, cages)
+        cages, _, _ = self.apply(frames, cages)
         return np.asarray(self.target.deform(frames, cages)[0])

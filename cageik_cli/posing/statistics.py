@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.posing.edits import EditedFrames, LayeredEdit
 from cageik_cli.posing.handles.placement import describe_place
-from cageik_cli.posing.summary import AnchorSummary, PoseSummary
+from cageik_cli.posing.summary import AnchorSummary, CageEditSummary, PoseSummary
 from cageik_cli.util.arrays import Floats, Integers
 
 
@@ -28,6 +28,8 @@ class PoseStatistics:
         self._beyond_moved = 0.0
         self._volume_change: float | None = None
         self._changed: list[int] = []
+        # By cage edit: how far, which vertex, in which frame.
+        self._cage_edits = [(0.0, int(layer.vertices[0]), 0) for layer in edit.cage_layers]
         # Of positions before and after the edit.
         self._anchor_trackers = _AccelerationTracker(), _AccelerationTracker()
         self._mesh_trackers = _AccelerationTracker(), _AccelerationTracker()
@@ -52,6 +54,7 @@ class PoseStatistics:
             trackers[0].update(block.frames, before, is_changed)
             trackers[1].update(block.frames, after, is_changed)
         self._update_meshes(block)
+        self._update_cage_edits(block.frames)
         if is_changed.any():
             numbers = block.frames[is_changed]
             self._changed = [*self._changed[:1], int(numbers[0]), int(numbers[-1])]
@@ -79,10 +82,20 @@ class PoseStatistics:
             largest = float(known[np.abs(known).argmax()])
             self._volume_change = max(self._volume_change or 0.0, largest, key=abs)
 
+    def _update_cage_edits(self, frames: Integers) -> None:
+        for k, layer in enumerate(self._edit.cage_layers):
+            distances = np.linalg.norm(layer.displacements(frames), axis=2)
+            frame, place = np.unravel_index(distances.argmax(), distances.shape)
+            moved = float(distances[frame, place])
+            if moved > self._cage_edits[k][0]:
+                self._cage_edits[k] = moved, int(layer.vertices[place]), int(frames[frame])
+
     def summarize(self) -> PoseSummary:
         """Return the summary of the frames so far."""
         name = self._edit.target.name_frame
         rms = float(np.sqrt(self._squares / max(1, self._frame_count)))
+        conditions = [layer.poser.condition_number for layer in self._edit.layers]
+        edits = zip(self._edit.cage_layers, self._cage_edits, strict=True)
         beyond = self._beyond_moved if self._is_beyond.any() else None
         return PoseSummary(
             diagonal=self._rest.diagonal,
@@ -96,13 +109,17 @@ class PoseStatistics:
             cage_moved=self._cage_farthest,
             cage_vertex=self._cage_vertex,
             volume_change_percent=self._volume_change,
-            condition_number=max(layer.poser.condition_number for layer in self._edit.layers),
+            condition_number=max(conditions, default=None),
             rigidity=self._edit.rigidity,
             changed=(name(self._changed[0]), name(self._changed[-1])) if self._changed else None,
             beyond_moved=beyond,
             beyond_moved_percent=None if beyond is None else 100 * beyond / self._rest.diagonal,
             **self._summarize_acceleration(),
             has_surface=len(self._rest.faces) > 0,
+            cage_edits=tuple(
+                CageEditSummary(layer.name, len(layer.vertices), moved, vertex, name(frame))
+                for layer, (moved, vertex, frame) in edits
+            ),
         )
 
     def _summarize_acceleration(self) -> dict[str, Any]:

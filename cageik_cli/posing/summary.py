@@ -48,6 +48,29 @@ class AnchorSummary:
 
 
 @dataclass(frozen=True, slots=True)
+class CageEditSummary:
+    """What a cage edit does by itself.
+
+    Attributes
+    ----------
+    vertices : int
+        Cage vertices that it names.
+    moved : float
+        Largest distance that it moves one of them, file units.
+    vertex : int
+        The cage vertex that it moves so far.
+    frame : str
+        The frame in which it does; "" for a single pose.
+    """
+
+    name: str
+    vertices: int
+    moved: float
+    vertex: int
+    frame: str
+
+
+@dataclass(frozen=True, slots=True)
 class PoseSummary:
     """Summary of a pose or an edited animation; lengths in file units.
 
@@ -70,8 +93,8 @@ class PoseSummary:
     volume_change_percent : float, optional
         Change of largest size against the frame before the edit; None for an open model, and for
         points.
-    condition_number : float
-        Largest condition number of the layers' systems.
+    condition_number : float, optional
+        Largest condition number of the layers' systems; None without handles.
     rigidity : int
         Rounds of rigid rotations.
     changed : tuple of str, optional
@@ -85,6 +108,8 @@ class PoseSummary:
         Its largest second difference, as of an anchor.
     has_surface : bool
         Whether the model has faces; points have none.
+    cage_edits : tuple of CageEditSummary
+        Those that came before the handles.
     """
 
     diagonal: float
@@ -98,7 +123,7 @@ class PoseSummary:
     cage_moved: float
     cage_vertex: int
     volume_change_percent: float | None
-    condition_number: float
+    condition_number: float | None
     rigidity: int
     changed: tuple[str, str] | None
     beyond_moved: float | None = None
@@ -107,6 +132,7 @@ class PoseSummary:
     acceleration: float | None = None
     acceleration_before: float | None = None
     has_surface: bool = True
+    cage_edits: tuple[CageEditSummary, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,10 +12,10 @@ Uᵀ b is a pentadiagonal system over time. Where vertices are missing, this sol
 preconditioner of conjugate gradients. Long clips are solved in windows that overlap.
 
 It takes two steps. Frames are filled with a fixed strength, and missing vertices are put where
-that has them, without the pull of the Laplacian to the rest pose; then all frames are smoothed
-alike. The strength of the second step is stated as a period, or found by generalised
-cross-validation over all residuals (Craven and Wahba 1979; Garcia 2010). γ_t falls where the
-acceleration is far above its median, so that a hit is not smoothed away.
+that has them; then all frames are smoothed alike. What is hidden for long stays where each frame's
+own solve has it: acceleration alone would let it fly. The strength of the second step is stated as
+a period, or found by generalised cross-validation over all residuals (Craven and Wahba 1979; Garcia
+2010). γ_t falls where the acceleration is far above its median, so that a hit is not smoothed away.
 """
 
 from dataclasses import dataclass
@@ -27,6 +27,9 @@ from cageik_cli.util.arrays import Floats, Mask
 
 MAX_CONJUGATE_STEPS = 200
 """Steps of conjugate gradients, at most."""
+
+MAX_BRIDGED_FRAMES = 10
+"""Frames in a row for which the motion around them tells where hidden vertices are, at most."""
 
 MIN_WINDOW, MAX_WINDOW = 96, 512
 """Frames per window: as many as have matrices of 64 MiB, within these limits."""
@@ -43,15 +46,14 @@ class FrameTerms:
     ----------
     cages : (F, n, 3) float64
         Solved frame by frame, in the frame of the world; anything where there are no data.
-    rotations : (F, 3, 3) float64
     is_known : (F,) bool
         Whether a frame has data.
     lost : dict
-        By frame, E_t, (n, n), of frames in which vertices are missing or weigh less.
+        By frame, E_t, (n, n), of frames in which vertices weigh less, or are missing, if in no more
+        than `MAX_BRIDGED_FRAMES` in a row.
     """
 
     cages: Floats
-    rotations: Floats
     is_known: Mask
     lost: dict[int, Floats]
 
@@ -63,8 +65,6 @@ class TimeSmoother:
     ----------
     fill_frames : float
         Length in frames, of a motion of the whole mesh, over which missing parts are filled.
-    fill_pull : float
-        Share of the Laplacian that is left in frames with missing vertices while they are filled.
     fill_tolerance : float
         Conjugate gradients end at this share of the norm of the noise.
     hit_ratio : float
@@ -83,17 +83,14 @@ class TimeSmoother:
         solver: DualLaplacianSolver,
         *,
         fill_frames: float = 0.4,
-        fill_pull: float = 1e-3,
         fill_tolerance: float = 1e-3,
         hit_ratio: float = 4.0,
     ) -> None:
         from scipy.linalg import eigh
 
-        self._fill_frames, self._fill_pull = fill_frames, fill_pull
-        self._fill_tolerance, self._hit_ratio = fill_tolerance, hit_ratio
-
-        self._normal, self._smoothness = solver.normal, solver.smoothness
-        self._pull = solver.smoothness @ solver.rest_cage
+        self._fill_frames, self._fill_tolerance = fill_frames, fill_tolerance
+        self._hit_ratio = hit_ratio
+        self._normal = solver.normal
         self._weights, self._modes = eigh(solver.normal)
         self._vertex_count = len(solver.rest)
         self._data_scale = solver.data_scale
@@ -121,17 +118,15 @@ class TimeSmoother:
             length = 0.01  # in frames: between cages that stay as they are
             solved = self._solve_modes(self._normal @ cages, known, self._repeat(length, known))
             return np.where(known[:, None, None], cages, solved)
-        left_out = 1 - self._fill_pull
-        lost = {t: E + left_out * self._smoothness for t, E in terms.lost.items()}
         right = known[:, None, None] * (self._normal @ cages)
         for t, matrix in terms.lost.items():
-            right[t] -= matrix @ cages[t] + left_out * (self._pull @ terms.rotations[t])
+            right[t] -= matrix @ cages[t]
         tolerance = self._fill_tolerance**2 * self._data_scale
         end = tolerance * self._vertex_count * noise * len(known)
         gammas = self._repeat(self._fill_frames, known)
-        found = self._solve_conjugate(right, known, gammas, lost, end)
+        found = self._solve_conjugate(right, known, gammas, terms.lost, end)
         filled = np.where(known[:, None, None], cages, found)
-        for t, matrix in lost.items():
+        for t, matrix in terms.lost.items():
             mended = self._modes.T @ (right[t] + matrix @ found[t])
             filled[t] = self._modes @ (mended / self._weights[:, None])
         return filled

@@ -18,6 +18,7 @@ from cageik_cli.util.arrays import Floats, Integers, spread_evenly
 
 if TYPE_CHECKING:
     from cageik_cli.solver.blocks import SolvedBlock
+    from cageik_cli.solver.captured import KeptBlock
 
 MIN_BOUND_VERTICES, MAX_BOUND_VERTICES = 512, 1024
 """Vertices on which the best possible error is found; within these limits, 8 per cage vertex."""
@@ -139,6 +140,28 @@ class VertexBoundAccumulator:
         self._columns = []
 
 
+class Absences:
+    """How many frames in a row each vertex had no weight, counted block by block.
+
+    Attributes
+    ----------
+    longest : (m,) int64
+    """
+
+    def __init__(self, vertex_count: int) -> None:
+        self.longest = np.zeros(vertex_count, np.int64)
+        self._present = np.zeros(vertex_count, np.int64)
+
+    def update(self, kept: "KeptBlock") -> None:
+        """Count the frames of the next block; a vertex of a frame without data is seen in it."""
+        for place in range(len(kept.starts) - 1):
+            vertices, weights = kept.get_weights(place)
+            gone = vertices[weights == 0]
+            before, self._present = self._present, np.zeros_like(self._present)
+            self._present[gone] = before[gone] + 1
+            np.maximum(self.longest, self._present, out=self.longest)
+
+
 class ClipSummary:
     """Summary of a clip, updated block by block, in order.
 
@@ -150,6 +173,8 @@ class ClipSummary:
         SHA-256 of the file of each frame.
     peaks : DeviationPeaks
         The largest |v̂ − v| of each vertex; of no vertices before the first block.
+    absences : Absences, optional
+        How long vertices had no data; None if all have data in all frames.
     """
 
     def __init__(self) -> None:
@@ -157,6 +182,7 @@ class ClipSummary:
         self.digests: list[bytes] = []
         self.peaks = DeviationPeaks.none(0)
         self._squared_errors = np.zeros(())
+        self.absences: Absences | None = None
         self._kept_counts: Integers | None = None
         self._rms: list[Floats] = []
         self._bound = VertexBoundAccumulator()
@@ -170,6 +196,8 @@ class ClipSummary:
         if block.kept is not None:
             before = 0 if self._kept_counts is None else self._kept_counts
             self._kept_counts = before + block.kept.counts
+            self.absences = self.absences or Absences(len(block.kept.counts))
+            self.absences.update(block.kept)
         self._rms.append(block.metrics.rms)
         self._bound.update(block.sampled)
 

@@ -64,7 +64,7 @@ def test_a_transform_that_is_found_is_named(matrix, name):
 def test_no_transform_is_suspected_of_another_model():
     rod = finer(box(0.3), 2)
     error = refuse(TriMesh(rod.vertices * [9, 0.1, 0.1] + np.array([0.5, 0.5, 0]), rod.faces))
-    assert "the rest pose it was made for" in str(error)
+    assert "cage of another model" in str(error)
     assert "`rest=`" in str(error)
     assert not error.is_repairable
 
@@ -77,6 +77,17 @@ def test_a_cage_that_only_grows_where_it_need_not_is_not_told_a_percentage():
     assert misfit.inflation is None
     assert "enlarge the cage there" in misfit.remedy
     assert misfit.is_repairable
+
+
+def test_a_third_of_the_model_far_outside_is_of_another_pose():
+    """To enlarge such a cage, or to repair it, would help nothing."""
+    vertices = MODEL.vertices.copy()
+    vertices[vertices[:, 1] > 0.3] += [0, 3, 0]
+    far = TriMesh(vertices, MODEL.faces)
+    misfit = explain_misfit(CAGE, far, 30.0, 0.3)
+    assert "the cage of another pose" in misfit.remedy
+    assert not misfit.is_repairable
+    assert explain_misfit(CAGE, far, 8.0, 0.3).is_repairable
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,12 @@ def test_a_face_of_one_point_is_flat():
     assert degenerate_face_mask(TriMesh(np.zeros((3, 3)), [[0, 1, 2]])).tolist() == [True]
 
 
+@pytest.mark.parametrize(("degrees", "flat"), [(0.99e-5, True), (1.01e-5, False)])
+def test_needles_are_degenerate_below_an_angle(degrees, flat):
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, np.radians(degrees), 0]])
+    assert degenerate_face_mask(TriMesh(corners, [[0, 1, 2]])).tolist() == [flat]
+
+
 def test_what_bounds_a_volume():
     cage = box()
     assert bounds_volume(cage)

@@ -73,9 +73,10 @@ def test_names_with_their_polygons():
     labels = FaceLabels(("a", "unused", "b"), np.array([2, 0, -1, 2]))
     found = [(name, polygons.tolist()) for name, polygons in labels.list_members()]
     assert found == [("a", [1]), ("b", [0, 3])]
-    assert FaceLabels.from_texts(["", ""]) is None
-    made = FaceLabels.from_texts(["b", "", "a", "b"])
-    assert (made.names, made.indices.tolist()) == (("b", "a"), [0, -1, 1, 0])
+    assert FaceLabels.from_members(2, [("a", np.array([], int))]) is None
+    members = [("hidden", slice(None)), ("a", np.array([3, 2])), ("b", slice(2)), ("a", [0, 1])]
+    made = FaceLabels.from_members(5, [*members, ("b", np.array([0, 3]))])
+    assert (made.names, made.indices.tolist()) == (("b", "a", "hidden"), [0, 1, 1, 0, 2])
 
 
 def test_what_is_plain():

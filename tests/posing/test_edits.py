@@ -8,7 +8,9 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.settings import Scene
-from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
+from cageik_cli.posing.cage_edits import EditFiles
+from cageik_cli.posing.edit_target import EditTarget
+from cageik_cli.posing.edits import LayeredEdit, PosingSettings
 from cageik_cli.util.errors import HandlesError, SettingError
 from tests.posing.handles.files import CAMERA, read
 from tests.shapes import ball, box, rotation
@@ -39,7 +41,7 @@ def make_edit(tmp_path, clip):
     """The edit of a document."""
 
     def make(document, **settings):
-        return LayeredEdit(read(tmp_path, document), clip, PosingSettings(**settings))
+        return LayeredEdit(EditFiles(read(tmp_path, document)), clip, PosingSettings(**settings))
 
     return make
 
@@ -120,7 +122,7 @@ def test_pixels_are_picked_on_the_result_of_earlier_layers(make_edit):
         "camera": AHEAD,
     }
     assert len(make_edit(seen).layers) == 1
-    with pytest.raises(HandlesError, match=r"^sets\[1\]: handle 'eye'.*misses the mesh"):
+    with pytest.raises(HandlesError, match=r"drag\.json: sets\[1\]: handle 'eye'.*misses the mesh"):
         make_edit({"sets": [moving([100, 0, 0]), seen]})
 
 

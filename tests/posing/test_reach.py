@@ -8,8 +8,10 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.posing import constraints
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
+from cageik_cli.posing.cage_edits import EditFiles
 from cageik_cli.posing.constraints import MAX_LEAK, Mirror, find_reach, mirror_pairs
-from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
+from cageik_cli.posing.edit_target import EditTarget
+from cageik_cli.posing.edits import LayeredEdit, PosingSettings
 from cageik_cli.posing.statistics import PoseStatistics
 from cageik_cli.util.errors import HandlesError
 from tests.posing.handles.files import read
@@ -33,7 +35,7 @@ def pose(tmp_path, binding):
 
     def edit(document, **settings):
         handles, target = read(tmp_path, document), EditTarget.of_model(binding)
-        layered = LayeredEdit(handles, target, PosingSettings(**settings))
+        layered = LayeredEdit(EditFiles(handles), target, PosingSettings(**settings))
         block = layered.edit_frames(np.zeros(1, np.int64), binding.cage.vertices[None])
         statistics = PoseStatistics(layered)
         statistics.update(block)

@@ -6,7 +6,9 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.settings import Scene
-from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
+from cageik_cli.posing.cage_edits import EditFiles
+from cageik_cli.posing.edit_target import EditTarget
+from cageik_cli.posing.edits import LayeredEdit, PosingSettings
 from cageik_cli.posing.statistics import PoseStatistics
 from tests.posing.handles.files import read
 from tests.shapes import ball, box, changed
@@ -43,7 +45,7 @@ def closed():
 @pytest.fixture
 def make_edit(tmp_path):
     def make(clip, document=DOCUMENT, **settings):
-        return LayeredEdit(read(tmp_path, document), clip, PosingSettings(**settings))
+        return LayeredEdit(EditFiles(read(tmp_path, document)), clip, PosingSettings(**settings))
 
     return make
 

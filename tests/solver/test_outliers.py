@@ -20,11 +20,12 @@ def throw(share, count=10):
     ("frames", "expected"),
     [
         (throw(0.15), True),
-        (throw(0.05), False),
+        (throw(0.1), True),
+        (throw(0.045), False),
         (throw(0.0) * [1, 1, 3], False),
         (throw(0.0)[:0], False),
     ],
-    ids=["thrown", "pulled", "stretched", "no frame"],
+    ids=["thrown", "thrown less", "pulled", "stretched", "no frame"],
 )
 def test_thrown_vertices_are_told_from_motion(frames, expected):
     assert has_thrown_vertices(BALL, frames) is expected

@@ -1,6 +1,5 @@
 """The records of a handles file: handles, their places and motions, and the surface."""
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -168,11 +167,6 @@ class Handles:
     data: bytes
     sets: tuple[HandleSet, ...]
     constraints: CageConstraints
-
-    @property
-    def sha256(self) -> str:
-        """The digest of the file, in hexadecimal digits."""
-        return hashlib.sha256(self.data).hexdigest()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,7 @@ from cageik_cli.posing.anchors import (
     point_at_vertex,
     point_on_face,
 )
-from cageik_cli.posing.handles.model import Handle, HandleSet, Place, PosedSurface
+from cageik_cli.posing.handles.model import Handle, HandleSet, Motion, Place, PosedSurface
 from cageik_cli.posing.handles.schedule import HandleSchedule, merge_coincident
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, SettingError, error_context
@@ -50,7 +50,7 @@ def place_handles(
         message names them.
     """
     timeline = surface.timeline
-    full_strength = _full_strength_frames(handle_set, timeline)
+    full_strength = find_full_strength(handle_set.frames, timeline)
     falloff = handle_set.falloff / (timeline.step if timeline else 1)
     beyond = max(math.ceil(falloff) - 1, 0)  # frames on each side with a strength above zero
     affected_frames = range(
@@ -62,7 +62,7 @@ def place_handles(
     placed, notes = [], []
     for handle in handle_set.handles:
         with error_context(f"handle {handle.name!r}"):
-            _check_keyframes(handle, timeline)
+            check_keyframes(handle.motion, timeline)
             point = finder.find_point(handle.place)
         if handle.place.kind == "position":
             notes.append(finder.describe_snap(handle, point))
@@ -165,16 +165,15 @@ def _round_up(percent: float) -> str:
     return f"{math.ceil(percent / step) * step:g}"
 
 
-def _full_strength_frames(handle_set: HandleSet, timeline: Timeline | None) -> range:
-    """Return the indices of the frames of full strength."""
+def find_full_strength(frames: tuple[float, float] | None, timeline: Timeline | None) -> range:
+    """Return the indices of the frames of full strength, of the first and last of these numbers."""
     if timeline is None:
-        for field in ("frames", "pick_frame"):
-            if getattr(handle_set, field) is not None:
-                raise HandlesError(f"{field}: {_explain_one_pose()}")
+        if frames is not None:
+            raise HandlesError(f"frames: {_explain_one_pose()}")
         return range(1)
-    if handle_set.frames is None:
+    if frames is None:
         return range(timeline.count)
-    first, last = (_find_frame(number, timeline, "frames") for number in handle_set.frames)
+    first, last = (_find_frame(number, timeline, "frames") for number in frames)
     if last < first:
         numbers = timeline.number_frame(last), timeline.number_frame(first)
         raise HandlesError(
@@ -186,19 +185,21 @@ def _full_strength_frames(handle_set: HandleSet, timeline: Timeline | None) -> r
 def _choose_pick_frame(
     handle_set: HandleSet, full_strength: range, timeline: Timeline | None
 ) -> int:
-    if handle_set.pick_frame is None or timeline is None:
+    if handle_set.pick_frame is None:
         return full_strength.start
+    if timeline is None:
+        raise HandlesError(f"pick_frame: {_explain_one_pose()}")
     return _find_frame(handle_set.pick_frame, timeline, "pick_frame")
 
 
-def _check_keyframes(handle: Handle, timeline: Timeline | None) -> None:
+def check_keyframes(motion: Motion, timeline: Timeline | None) -> None:
     """Check that the clip has the frames of all keyframes."""
-    if handle.motion.frames is None:
+    if motion.frames is None:
         return
     if timeline is None:
-        raise HandlesError(f"{handle.motion.kind}: keyframes: {_explain_one_pose()}")
-    for number in handle.motion.frames.tolist():
-        _find_frame(number, timeline, handle.motion.kind)
+        raise HandlesError(f"{motion.kind}: keyframes: {_explain_one_pose()}")
+    for number in motion.frames.tolist():
+        _find_frame(number, timeline, motion.kind)
 
 
 def _find_frame(number: float, timeline: Timeline, field: str) -> int:

@@ -1,6 +1,7 @@
 """Reading of a handles file: from checked JSON to records."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -35,11 +36,11 @@ def _parse_motion(raw: dict[str, Any], camera: Camera | None) -> Motion:
         return Motion("pin")
     if "screen" not in raw:
         kind = "target" if "target" in raw else "offset"
-        return Motion(kind, *_parse_values(raw, kind))
+        return parse_motion(kind, raw[kind])
     with error_context("screen"):
         kind = "target" if "target" in raw["screen"] else "offset"
-        values = _parse_values(raw["screen"], kind)
-        return Motion(f"screen.{kind}", *values, _require_camera(camera))
+        moving = parse_motion(kind, raw["screen"][kind])
+        return replace(moving, kind=f"screen.{kind}", camera=_require_camera(camera))
 
 
 def _require_camera(camera: Camera | None) -> Camera:
@@ -48,13 +49,12 @@ def _require_camera(camera: Camera | None) -> Camera:
     return camera
 
 
-def _parse_values(raw: dict[str, Any], field: str) -> tuple[Floats, Floats | None]:
-    """Return the values of a field, (q, d), and their keyframes, (q,), if it has any."""
-    value = raw[field]
+def parse_motion(kind: str, value: Any) -> Motion:
+    """Return the motion of a target or an offset, which is a value or has keyframes."""
     if isinstance(value, list):
-        return _to_array([value]), None
+        return Motion(kind, _to_array([value]))
     frames, values = value["frames"], value["values"]
-    with error_context(field):
+    with error_context(kind):
         if len(frames) != len(values):
             raise HandlesError(
                 f"has {len(frames)} frames and {len(values)} values; give one value per frame"
@@ -64,7 +64,7 @@ def _parse_values(raw: dict[str, Any], field: str) -> tuple[Floats, Floats | Non
                 raise HandlesError(
                     f"has frame {after} after frame {before}, expected increasing frames"
                 )
-    return _to_array(values), _to_array(frames)
+    return Motion(kind, _to_array(values), _to_array(frames))
 
 
 def read_handles(path: Path) -> Handles:
@@ -97,28 +97,35 @@ def parse_handles(path: Path, data: bytes) -> Handles:
 
 
 def _parse_set(raw: dict[str, Any], camera: Camera | None) -> HandleSet:
-    frames = raw.get("frames")
-    if frames is not None and frames[1] < frames[0]:
-        raise HandlesError(
-            f"frames: the last, {frames[1]}, is before the first, {frames[0]}; exchange them"
-        )
+    frames = parse_frames(raw)
     handles = tuple(_parse_handle(one, camera) for one in raw["handles"])
-    _check_unique_names(handle.name for handle in handles)
+    check_unique_names("handles", (handle.name for handle in handles))
     _check_radii(handles)
     pick_frame = raw.get("pick_frame")
     return HandleSet(
         handles,
-        None if frames is None else (float(frames[0]), float(frames[1])),
+        frames,
         int(raw.get("falloff", 0)),
         None if pick_frame is None else float(pick_frame),
     )
 
 
-def _check_unique_names(names: Iterable[str]) -> None:
+def parse_frames(raw: dict[str, Any]) -> tuple[float, float] | None:
+    """Return the numbers of the first and the last frame of full strength, if they are given."""
+    if "frames" not in raw:
+        return None
+    first, last = raw["frames"]
+    if last < first:
+        raise HandlesError(f"frames: the last, {last}, is before the first, {first}; exchange them")
+    return float(first), float(last)
+
+
+def check_unique_names(things: str, names: Iterable[str]) -> None:
+    """Refuse a name that two handles, or two other `things`, have."""
     known: set[str] = set()
     for name in names:
         if name in known:
-            raise HandlesError(f"two handles are named {name!r}; give them different names")
+            raise HandlesError(f"two {things} are named {name!r}; give them different names")
         known.add(name)
 
 
@@ -139,11 +146,16 @@ def _check_radii(handles: Iterable[Handle]) -> None:
             )
 
 
+def check_printable(name: str) -> None:
+    """Refuse a name that messages cannot show."""
+    if not name.isprintable():
+        raise HandlesError("name has characters that cannot be displayed; remove them")
+
+
 def _parse_handle(raw: dict[str, Any], camera: Camera | None) -> Handle:
     name = raw["name"]
     with error_context(f"handle {name!r}"):
-        if not name.isprintable():
-            raise HandlesError("name has characters that cannot be displayed; remove them")
+        check_printable(name)
         place, motion = _parse_place(raw, camera), _parse_motion(raw, camera)
     radius = float(raw["radius"]) if "radius" in raw else None
     return Handle(name, place, motion, float(raw.get("weight", 1)), raw.get("hard", False), radius)

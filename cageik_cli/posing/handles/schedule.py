@@ -94,17 +94,8 @@ class HandleSchedule:
         return np.array([one.radius for one in self.scheduled])
 
     def blend(self, frames: Integers) -> Floats:
-        """Return the strength of the edit in frames (k,), as (k,): from 0 to 1.
-
-        It is 6x⁵ − 15x⁴ + 10x³, where x goes from 0 to 1 over the falloff, so that its first and
-        second derivatives are continuous. Without a falloff it is a step.
-        """
-        frames = np.asarray(frames)
-        off = np.maximum(
-            np.maximum(self.full_strength.start - frames, frames - self.full_strength[-1]), 0
-        )
-        x = np.clip(1 - off / self.falloff, 0, 1) if self.falloff else (off == 0) * 1.0
-        return np.asarray(x**3 * (x * (6 * x - 15) + 10))
+        """Return the strength of the edit in frames (k,), as `blend_frames` does."""
+        return blend_frames(frames, self.full_strength, self.falloff)
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
         """Return the targets of the anchors at full strength, (k, l, 3).
@@ -122,6 +113,18 @@ class HandleSchedule:
         full = self.targets(frames[is_moved], positions[is_moved]) - positions[is_moved]
         displacements[is_moved] = strength[is_moved, None, None] * full
         return displacements
+
+
+def blend_frames(frames: Integers, full_strength: range, falloff: float) -> Floats:
+    """Return the strength of an edit in frames (k,), as (k,): from 0 to 1.
+
+    It is 6x⁵ − 15x⁴ + 10x³, where x goes from 0 to 1 over the falloff, a number of frames, so that
+    its first and second derivatives are continuous. Without a falloff it is a step.
+    """
+    frames = np.asarray(frames)
+    off = np.maximum(np.maximum(full_strength.start - frames, frames - full_strength[-1]), 0)
+    x = np.clip(1 - off / falloff, 0, 1) if falloff else (off == 0) * 1.0
+    return np.asarray(x**3 * (x * (6 * x - 15) + 10))
 
 
 def _compute_targets(name: str, motion: Motion, numbers: Floats, positions: Floats) -> Floats:

@@ -1,9 +1,10 @@
-"""The JSON of a handles file: its schema, and messages for violations, with places in words.
+"""The JSON of a file of handles or cage edits: schemas, and messages for violations, with places.
 
 The schema's titles are the words for what is expected.
 """
 
 import json
+import re
 from collections.abc import Iterator
 from difflib import get_close_matches
 from importlib.resources import files
@@ -27,14 +28,17 @@ MAX_HANDLES_BYTES = 2_000_000
 
 
 def describe_location(document: Any, steps: Steps) -> str:
-    """Return the place of a value in words: its set, its handle by name, the field within it."""
+    """Return the place of a value in words: its set, its handle by name, the field within it.
+
+    In a file of cage edits: its edit by name, its move, the field within it.
+    """
     words: list[str] = []
     field, value = "", document
     before: str | int = ""
     for step in steps:
         value = value[step]
-        if before in ("sets", "handles") and isinstance(step, int):
-            name = _describe_handle(value) if before == "handles" else ""
+        if before in ("sets", "handles", "edits", "moves") and isinstance(step, int):
+            name = _describe_named(str(before), value)
             words.append(name or f"{field}[{step}]")
             field = ""
         else:
@@ -43,23 +47,38 @@ def describe_location(document: Any, steps: Steps) -> str:
     return ": ".join([*words, field] if field else words)
 
 
-def _describe_handle(value: Any) -> str:
-    """Return what messages call a handle; nothing if it has no name."""
-    name = value.get("name") if isinstance(value, dict) else None
-    return f"handle {name[:MAX_VALUE_LENGTH]!r}" if isinstance(name, str) and name else ""
+def _describe_named(field: str, value: Any) -> str:
+    """Return what messages call a handle or an edit; nothing if it has no name."""
+    kind = {"handles": "handle", "edits": "edit"}.get(field)
+    name = value.get("name") if isinstance(value, dict) and kind else None
+    return f"{kind} {name[:MAX_VALUE_LENGTH]!r}" if isinstance(name, str) and name else ""
 
 
 HANDLES_FORMAT = JsonFormat("a handles file", MAX_HANDLES_BYTES, describe_location)
 """What the JSON of a handles file should be."""
 
 
-def read_schema() -> str:
-    """Return the JSON schema, draft 2020-12, as text."""
-    return files("cageik_cli.posing.handles").joinpath("schema.json").read_text(encoding="utf-8")
+def read_schema(name: str = "handles") -> str:
+    """Return the JSON schema, draft 2020-12, of "handles" or "cage_edits" as text.
+
+    That of cage edits refers to definitions of that of handles, and is returned with them.
+    """
+    folder = files("cageik_cli.posing.handles")
+    text = folder.joinpath("schema.json").read_text(encoding="utf-8")
+    if name == "handles":
+        return text
+    schema = json.loads(folder.joinpath(f"{name}.json").read_text(encoding="utf-8"))
+    shared, waiting = json.loads(text)["$defs"], [schema]
+    while waiting:
+        for named in re.findall(r'"#/\$defs/(\w+)"', json.dumps(waiting.pop())):
+            if named not in schema["$defs"]:
+                schema["$defs"][named] = shared[named]
+                waiting.append(shared[named])
+    return json.dumps(schema, indent=2) + "\n"
 
 
-def check_schema(document: Any) -> None:
-    """Check a document against the schema.
+def check_schema(document: Any, name: str = "handles") -> None:
+    """Check a document against the schema of "handles" or "cage_edits".
 
     Raises
     ------
@@ -69,7 +88,7 @@ def check_schema(document: Any) -> None:
     """
     from jsonschema import Draft202012Validator
 
-    validator = Draft202012Validator(json.loads(read_schema()))
+    validator = Draft202012Validator(json.loads(read_schema(name)))
     faults = islice(validator.iter_errors(document), 1000)
     first = min(faults, key=lambda fault: _file_order(document, fault), default=None)
     if first is not None:

@@ -66,22 +66,24 @@ class CageSolve:
     def measure(self, weights: Floats, target: Displacements) -> Distances:
         """Measure the error of `weights`, (m, n), on frames whose cages are solved for them."""
         solver = self.prepare(weights)
-        distances, squares = [], 0.0
-        scales = iter(np.sqrt(target.shares[target.frames]))
+        distances, counts, squares = [], [], 0.0
+        shares = iter(target.shares[target.frames].tolist())
         for columns in target.blocks():
             error = weights @ solver.solve_displacements(columns)
             error -= columns
             error = error[solver.data_vertices]
             squares += float(np.vdot(error, error))
             lengths = np.sqrt(np.square(error).reshape(len(error), -1, 3).sum(axis=2))
-            lengths /= [next(scales) for _ in range(lengths.shape[1])]
+            stands_for = np.array([next(shares) for _ in range(lengths.shape[1])])
+            lengths /= np.sqrt(stands_for)
             distances.append(lengths.astype(np.float32).ravel())
+            counts.append(np.tile(stands_for, len(lengths)))
         every = np.concatenate(distances)
         percent = 100 / self.binding.rest.diagonal
         mean = squares / (target.weight * len(every) / len(target))
         return Distances(
             rms=float(percent * np.sqrt(mean)),
-            percentile=float(percent * np.percentile(every, 99)),
+            percentile=float(percent * find_weighted_percentile(every, np.concatenate(counts), 99)),
             largest=float(percent * every.max()),
         )
 
@@ -92,6 +94,11 @@ class CageSolve:
             unfitted=self.measure(self.binding.weights, target),
             frames=len(target),
         )
+
+
+def find_weighted_percentile(values: Floats, counts: Floats, percent: float) -> float:
+    """Return the smallest of `values` that this percentage of them, each counted, is up to."""
+    return float(np.percentile(values, percent, weights=counts, method="inverted_cdf"))
 
 
 class Extrapolation:

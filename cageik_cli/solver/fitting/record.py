@@ -138,7 +138,7 @@ class Distances:
         Root mean square over vertices and frames; a frame of the sample counts as many times as
         there are frames it stands for.
     percentile : float
-        99th percentile over the vertices of the sample's frames.
+        99th percentile over the vertices of the frames that those of the sample stand for.
     largest : float
         Largest over the vertices of the sample's frames.
     """

@@ -182,7 +182,7 @@ def test_refused(tmp_path, document, said):
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with refused(InputError, "cannot be read", at=tmp_path / "none.json"):
+    with refused(InputError, "no such file", at=tmp_path / "none.json"):
         read_handles(tmp_path / "none.json")
 
 
