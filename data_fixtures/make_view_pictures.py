@@ -2,15 +2,17 @@
 
 python data_fixtures/make_view_pictures.py CHROMIUM
 
-Needs playwright. The pictures depend on the browser, so no test compares their bytes.
+Needs playwright and Pillow. The pictures depend on the browser, so no test compares their bytes.
 """
 
+import io
 import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 FIXTURES = Path(__file__).resolve().parent
@@ -32,7 +34,7 @@ def main(chromium: str) -> None:
         command = [sys.executable, "-m", "cageik_cli", *words]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
             browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
-            page = browser.new_page(viewport={"width": 1100, "height": 1160})
+            page = browser.new_page(viewport={"width": 1100, "height": 780})
             page.goto(server.stdout.readline().strip())
             page.wait_for_selector("#player.ready", timeout=60_000)
             walk_through(page)
@@ -48,10 +50,10 @@ def run(*words: object) -> None:
 def walk_through(page: Page) -> None:
     """Follow the steps of the walkthrough."""
     page.evaluate("window.cageikPlayer.then((player) => Boolean(window.P = player))")
-    go(page, SHOWN)
-    shoot(page, "view_open.png")
-    if page.locator("[data-posing]").get_attribute("open") is None:
-        page.get_by_text("Pose by hand").click()
+    go(page, SHOWN - 1)  # the first frame is number 1
+    page.locator("#player canvas").press("r")
+    shoot(page, "view_open.webp")
+    page.get_by_role("button", name="Pose", exact=True).click()
     for vertex in BODY:
         add(page, vertex, "pin")
     add(page, HAND, "handle")
@@ -62,10 +64,10 @@ def walk_through(page: Page) -> None:
     x, y = place_of(page, HAND)
     page.mouse.move(x, y)
     page.mouse.down()
-    page.mouse.move(x + 70, y - 190, steps=12)
+    page.mouse.move(x + 50, y - 150, steps=12)
     page.mouse.up()
     settle(page)
-    shoot(page, "view_posed.png")
+    shoot(page, "view_posed.webp")
     page.locator("[data-apply]").click()
     said = page.locator("[data-said]")
     page.wait_for_function(
@@ -107,7 +109,8 @@ def shoot(page: Page, name: str) -> None:
     """Write a picture of the player."""
     page.evaluate("window.scrollTo(0, 0)")
     settle(page)
-    page.locator("#player").screenshot(path=PICTURES / name)
+    picture = Image.open(io.BytesIO(page.locator("#player").screenshot()))
+    picture.save(PICTURES / name, quality=80, method=6)
 
 
 if __name__ == "__main__":

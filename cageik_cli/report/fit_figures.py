@@ -30,14 +30,19 @@ def is_fitted_to_clip(result: Result) -> bool:
 def measure_gap_closed(result: Result) -> float | None:
     """Return how much of the gap to the best possible error the fit closes, in percent.
 
-    None if the weights are not fitted to this clip, or there is no gap, or a fit made it wider.
+    None if the weights are not fitted to this clip, or there is no gap, or a fit made it wider; and
+    if that error is zero by counting, since there are fewer displacements than singular values.
     """
-    if result.fit is None or result.bound is None or not is_fitted_to_clip(result):
+    bound = result.bound
+    if result.fit is None or bound is None or not is_fitted_to_clip(result):
+        return None
+    frames = len(result.frames) - len(result.gaps)
+    if min(3 * frames, bound.vertices) <= bound.points:
         return None
     before, after = (
         error.rms for error in (result.fit.report.fitted.unfitted, result.fit.report.fitted.fitted)
     )
-    gap = before - result.bound.rms_percent
+    gap = before - bound.rms_percent
     is_closer = gap > MIN_STATED_PERCENT and after <= before
     return 100 * (before - after) / gap if is_closer else None
 
@@ -115,7 +120,7 @@ def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[tuple[s
         (
             "fitted weights",
             f"negative ones sum to {report.negative_per_row:.3f} per vertex, smallest "
-            f"{report.min_weight:.3f}, roughness {report.roughness:.2f} of the unfitted",
+            f"{report.min_weight:.3f}, {report.roughness:.2f} times as rough as the unfitted",
         ),
     ]
 
@@ -152,8 +157,8 @@ def _describe_settings(record: FitRecord) -> str:
 def _format_comparison(comparison: Comparison) -> str:
     fitted, unfitted = comparison.fitted, comparison.unfitted
     return (
-        f"{format_percent(fitted.rms)} % (99 % below {fitted.percentile:.2f}, largest "
-        f"{fitted.largest:.2f}); unfitted {format_percent(unfitted.rms)} % "
+        f"{format_percent(fitted.rms)} % (99 % of deviations below {fitted.percentile:.2f}, "
+        f"largest {fitted.largest:.2f}); unfitted {format_percent(unfitted.rms)} % "
         f"({unfitted.percentile:.2f}, {unfitted.largest:.2f})"
     )
 

@@ -115,9 +115,16 @@ class ClipEntry:
 
 @dataclass(frozen=True, slots=True)
 class Overview:
-    """All clips of a run, in order of their names; it owns the exit code."""
+    """All clips of a run, in order of their names; it owns the exit code.
+
+    Attributes
+    ----------
+    notes : sequence of str
+        On the run as a whole, such as on files that are no clips.
+    """
 
     clips: Sequence[ClipEntry]
+    notes: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         labels = shorten_names([clip.name for clip in self.clips])

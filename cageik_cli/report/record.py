@@ -117,7 +117,8 @@ def build_report(
         worst_part=next((part.name for part in sort_parts(parts)), None),
     )
     kept = _build_kept(result)
-    errors = _choose_errors(summary, kept)
+    counted = summary if kept is None else kept
+    errors = counted.rms_percent, counted.max_deviation_percent
     better = suggest_step(result, *errors)
     return Report(
         schema=REPORT_SCHEMA,
@@ -155,12 +156,6 @@ def build_report(
         quality=None if result.edited_from else judge_quality(*errors),
         better=None if better is None else word(better),
     )
-
-
-def _choose_errors(summary: ReportSummary, kept: KeptSummary | None) -> tuple[float, float]:
-    """Return the rms and the largest deviation, in percent, of what counts: what was kept."""
-    chosen = summary if kept is None else kept
-    return chosen.rms_percent, chosen.max_deviation_percent
 
 
 def _build_frames(result: Result) -> tuple[FrameRecord, ...]:

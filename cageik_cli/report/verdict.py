@@ -2,7 +2,7 @@
 
 from cageik_cli.report.notes import MIN_DATA_PER_CAGE_VERTEX, has_outliers
 from cageik_cli.solver.regions import Cause
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import Result, has_weights
 
 MAX_GOOD_RMS = 0.3
 """Percent of the diagonal; above this rms, a result is fair at best.
@@ -38,23 +38,39 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
     """Return the one step that would lower the error most and is not taken yet.
 
     None if there is none, or the error is far below what can be seen. Parameters are keywords in
-    backticks, as in messages. Frames are rejected or smoothed only where vertices are thrown: quick
-    motion is no fault.
+    backticks, as in messages, and all that is to be given. Frames are rejected or smoothed only
+    where vertices are thrown: quick motion is no fault.
     """
     if result.edited_from is not None:
         return None
-    if has_outliers(result):
-        return "`robust=True`"
+    if has_outliers(result) and not result.settings.get("robust"):
+        return _repeat("`robust=True`")
     if 2 * rms_percent <= MAX_GOOD_RMS and 2 * max_deviation_percent <= MAX_GOOD_DEVIATION:
         return None
-    cause = _find_worst_cause(result)
-    if cause == Cause.LOOSE_CAGE and not _has_built_cage(result):
-        return "a tighter cage: leave out `cage=`, and one is built"
-    if result.fit is None:
-        return "`fit=True`"
-    if cause == Cause.SHARED_LOOP and isinstance(result.settings.get("rest_frame"), int):
-        return "`rest_frame=auto`, if limbs touch in the rest pose"
+    cause, is_built = _find_worst_cause(result), _has_built_cage(result)
+    if cause == Cause.LOOSE_CAGE and not is_built:
+        return _repeat("", f", without {_name_cage_source(result)}: a tighter cage is built")
+    if result.fit is None and _allows_fit(result):
+        if "binding" in result.sources:
+            return "bind again with `fit=FRAMES`, then extract with that `binding=`"
+        return _repeat("`fit=True`")
+    if cause == Cause.SHARED_LOOP and is_built and isinstance(result.settings["rest_frame"], int):
+        return _repeat("`rest_frame=auto`", ", if limbs touch in the rest pose")
     return _suggest_vertices(result)
+
+
+def _repeat(step: str, condition: str = "") -> str:
+    """Say how the run that made the result is repeated with a step; the result is replaced."""
+    return f"extract again with {f'{step} ' * bool(step)}`overwrite=True`{condition}"
+
+
+def _allows_fit(result: Result) -> bool:
+    """Return whether the same run takes a fit, and has frames enough for it.
+
+    It refuses one to data that are missing, and one that is not stored.
+    """
+    is_long = len(result.frames) - len(result.skipped) > 2
+    return is_long and result.kept is None and has_weights(result)
 
 
 def _find_worst_cause(result: Result) -> Cause | None:
@@ -66,11 +82,16 @@ def _has_built_cage(result: Result) -> bool:
     return "cage_vertices" in result.settings
 
 
+def _name_cage_source(result: Result) -> str:
+    """Return the parameter by which the cage was given."""
+    return "`binding=`" if "binding" in result.sources else "`cage=`"
+
+
 def _suggest_vertices(result: Result) -> str | None:
     """Return the advice of twice as many cage vertices, if the model has data for them."""
     data = len(result.rest.vertices) // MIN_DATA_PER_CAGE_VERTEX
     count = min(2 * len(result.cage.vertices), MAX_ADVISED_VERTICES)
     if count <= len(result.cage.vertices) or count > data:
         return None
-    step = f"`vertices={count}`"
-    return step if _has_built_cage(result) else f"{step} in place of `cage=`"
+    place = "" if _has_built_cage(result) else f", without {_name_cage_source(result)}"
+    return _repeat(f"`vertices={count}`", place)

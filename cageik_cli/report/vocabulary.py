@@ -20,7 +20,7 @@ SETTING_MEANINGS = {
     "outside": "treatment of vertices outside the cage",
     "pose_alpha": "weight of the cage's Laplacian in the edit",
     "pose_beta": "weight of the handles",
-    "rest_frame": "frame used as the rest pose; none if the rest pose is a file",
+    "rest_frame": "frame used as the rest pose; none if it is a file, or a frame that is not taken",
     "rigidity": "rounds that rotate parts of the cage with the edit",
     "robust": "reject vertices that are thrown away in some frames",
     "smooth": "period in seconds of motions that are smoothed away by half",
@@ -88,7 +88,8 @@ MEANINGS = (
     (
         "Best possible error",
         "√( Σ σ² / s F ), σ beyond the n largest",
-        "No weights and cages of n vertices can be below it. The singular values σ are those of "
+        "No weights that reproduce the rest pose, and cages of n vertices, can be below it; it is "
+        "0 for at most n / 3 frames. The singular values σ are those of "
         "the aligned displacements of s vertices in all F frames. Fitted weights come near to it.",
     ),
     (

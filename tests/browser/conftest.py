@@ -1,6 +1,8 @@
 """A browser, and pages that it opens from disk."""
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -104,3 +106,33 @@ def play(opened, walk_page):
         return page
 
     return start
+
+
+@pytest.fixture
+def serve(tmp_path, monkeypatch, browser):
+    """Start `cageik view` with some words, and open its page."""
+    monkeypatch.chdir(tmp_path)
+    processes, contexts = [], []
+
+    def start(*words) -> Opened:
+        command = [sys.executable, "-m", "cageik_cli", "view", *map(str, words), "--no-browser"]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        processes.append(process)
+        context = browser.new_context()
+        contexts.append(context)
+        page = context.new_page()
+        opened = Opened(page)
+        page.on(
+            "console", lambda told: opened.errors.append(told.text) if told.type == "error" else 0
+        )
+        page.on("pageerror", lambda error: opened.errors.append(str(error)))
+        page.goto(process.stdout.readline().strip())
+        page.wait_for_selector("#player.ready", timeout=60_000)
+        return opened
+
+    yield start
+    for context in contexts:
+        context.close()
+    for process in processes:
+        process.kill()
+        process.communicate()

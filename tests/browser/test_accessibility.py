@@ -30,8 +30,10 @@ def find_violations(page):
 
 
 def show_everything(page):
-    """Open the part for posing, with handles, and a handle that is chosen."""
-    page.get_by_text("Pose by hand").click()
+    """Open the panel, and in it the mode for posing, with handles, and a handle that is chosen."""
+    if page.locator("#player.folded").count():
+        page.locator("[data-fold]").click()
+    page.get_by_role("button", name="Pose", exact=True).click()
     upload = {"name": "handles.json", "mimeType": "application/json"}
     page.set_input_files("[data-load]", [upload | {"buffer": json.dumps(HANDLES).encode()}])
     page.locator("[data-handles] button").first.click()
@@ -53,9 +55,34 @@ def test_nothing_is_in_the_way_of_anybody(play, walk, walk_page, kind, width, sc
     )
     show_everything(page)
     assert find_violations(page) == []
+    page.get_by_role("button", name="Influence", exact=True).click()
+    page.get_by_label("Vertex of the model").fill("389")
+    page.keyboard.press("Enter")
+    assert page.locator("[data-weights] button").count() > 1
+    assert find_violations(page) == []
 
 
 def test_what_is_in_the_way_is_found(play):
     page = play(bypass_csp=True)
     page.evaluate("() => document.querySelector('[data-play]').replaceChildren()")
     assert [name for name, _ in find_violations(page)] == ["button-name"]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", WIDTHS)
+def test_every_mode_and_the_list_of_keys_are_open_to_anybody(play, character_result, width, scheme):
+    page = play(
+        render_view_page(load_player_clip(character_result)),
+        viewport={"width": width, "height": 900},
+        color_scheme=scheme,
+        bypass_csp=True,
+    )
+    if page.locator("#player.folded").count():
+        assert find_violations(page) == []
+        page.locator("[data-fold]").click()
+    for button in page.locator("[data-modes] button").all():
+        button.click()
+        page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+        assert find_violations(page) == []
+    page.get_by_role("button", name="Keys", exact=True).click()
+    assert find_violations(page) == []

@@ -24,9 +24,7 @@ def pose(play):
 
     def start(*arguments, **options):
         page = play(*arguments, **options)
-        panel = page.locator("[data-posing]")
-        if panel.get_attribute("open") is None:
-            page.get_by_text("Pose by hand").click()
+        page.get_by_role("button", name="Pose", exact=True).click()
         page.locator("#player canvas").scroll_into_view_if_needed()
         return page
 

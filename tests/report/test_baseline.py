@@ -133,7 +133,7 @@ def test_a_file_that_is_too_large_is_not_read(old, monkeypatch):
 
 
 def test_a_missing_file_and_a_folder_are_refused(old):
-    with pytest.raises(FileAccessError, match=r"old\.json: .*No such file"):
+    with pytest.raises(FileAccessError, match=r"old\.json: .*no such file"):
         read_baseline(old, TEN)
     old.mkdir()
     with pytest.raises(FileAccessError, match=r"old\.json: "):

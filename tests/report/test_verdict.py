@@ -17,6 +17,8 @@ from cageik_cli.report.verdict import (
 from cageik_cli.solver.regions import Cause
 from tests.shapes import ball
 
+FIT = "extract again with `fit=True` `overwrite=True`"
+
 
 @pytest.mark.parametrize(
     ("rms", "deviation", "word"),
@@ -40,15 +42,15 @@ def test_an_edit_has_no_quality_and_no_advice(edited):
 
 
 def test_a_fit_is_advised_where_there_is_none(closed):
-    assert suggest_step(closed.result, 1.0, 5.0) == "`fit=True`"
+    assert suggest_step(closed.result, 1.0, 5.0) == FIT
 
 
 def test_a_built_cage_is_advised_where_the_given_one_is_far_too_loose(closed):
     (region, *_) = closed.result.regions
     loose = replace(closed.result, regions=(replace(region, cause=Cause.LOOSE_CAGE),))
-    assert "leave out `cage=`" in suggest_step(loose, 1.0, 5.0)
+    assert "without `cage=`" in suggest_step(loose, 1.0, 5.0)
     built = replace(loose, settings={**loose.settings, "cage_vertices": 8})
-    assert suggest_step(built, 1.0, 5.0) == "`fit=True`"
+    assert suggest_step(built, 1.0, 5.0) == FIT
 
 
 def test_nothing_is_advised_for_an_error_that_is_not_seen(closed):
@@ -60,15 +62,43 @@ def test_after_a_fit_more_vertices_are_advised_if_the_model_has_data_for_them(fi
     count = len(fitted.cage.vertices)
     dense = ball(3, 1.0)
     small = replace(fitted, rest=dense, vertex_rms=np.ones(len(dense.vertices)))
-    assert suggest_step(small, 1.0, 5.0) == f"`vertices={2 * count}` in place of `cage=`"
+    assert suggest_step(small, 1.0, 5.0) == (
+        f"extract again with `vertices={2 * count}` `overwrite=True`, without `cage=`"
+    )
+    bound = replace(small, sources={**small.sources, "binding": {}})
+    assert suggest_step(bound, 1.0, 5.0).endswith("`overwrite=True`, without `binding=`")
     built = replace(small, settings={**small.settings, "cage_vertices": count})
-    assert suggest_step(built, 1.0, 5.0) == f"`vertices={2 * count}`"
+    assert suggest_step(built, 1.0, 5.0) == (
+        f"extract again with `vertices={2 * count}` `overwrite=True`"
+    )
 
 
 def test_another_rest_pose_is_advised_where_limbs_share_a_loop(fitted, closed):
     (region, *_) = closed.result.regions
     shared = replace(fitted, regions=(replace(region, cause=Cause.SHARED_LOOP),))
-    first = replace(shared, settings={**shared.settings, "rest_frame": 0})
-    assert suggest_step(first, 1.0, 5.0).startswith("`rest_frame=auto`")
-    chosen = replace(shared, settings={**shared.settings, "rest_frame": None})
+    built = {**shared.settings, "rest_frame": 0, "cage_vertices": 36}
+    first = replace(shared, settings=built)
+    assert "`rest_frame=auto`" in suggest_step(first, 1.0, 5.0)
+    given = replace(shared, settings={**shared.settings, "rest_frame": 0})
+    assert suggest_step(given, 1.0, 5.0) is None  # another rest pose is not in that cage
+    chosen = replace(shared, settings={**built, "rest_frame": None})
     assert suggest_step(chosen, 1.0, 5.0) is None
+
+
+def test_a_fit_is_advised_only_where_extraction_takes_one(closed, monkeypatch):
+    bound = replace(closed.result, sources={**closed.result.sources, "binding": {}})
+    assert suggest_step(bound, 1.0, 5.0) == (
+        "bind again with `fit=FRAMES`, then extract with that `binding=`"
+    )
+    short = replace(closed.result, frames=closed.result.frames[:2], skipped={})
+    for result in (short, replace(closed.result, kept=object())):
+        assert "fit" not in (suggest_step(result, 1.0, 5.0) or "")
+    monkeypatch.setattr("cageik_cli.report.verdict.has_weights", lambda _: False)
+    assert "fit" not in (suggest_step(closed.result, 1.0, 5.0) or "")
+
+
+def test_outliers_are_not_rejected_twice(closed, monkeypatch):
+    monkeypatch.setattr("cageik_cli.report.verdict.has_outliers", lambda _: True)
+    assert "`robust=True`" in suggest_step(closed.result, 1.0, 5.0)
+    robust = replace(closed.result, settings={**closed.result.settings, "robust": True})
+    assert "`robust=True`" not in suggest_step(robust, 1.0, 5.0)

@@ -38,6 +38,7 @@ def render_index(overview: Overview) -> str:
         total=len(overview.clips),
         verdict=_make_batch_verdict(len(failed), over, poor, len(overview.clips)),
         steps=describe_poor(done),
+        notes=overview.notes,
         scale_end=f"{MAX_FAIR_DEVIATION:g}",
         counts=counts,
         words=overview.vocabulary,

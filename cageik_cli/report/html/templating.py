@@ -30,16 +30,24 @@ PLAYER_SCRIPTS = (
     "camera",
     "renderer",
     "pointers",
+    "selection",
     "transport",
     "stage",
     "controls",
+    "panel",
+    "modes",
+    "timeline",
+    "axes",
     "parts",
     "response",
     "poser",
     "tracks",
     "document",
+    "cage_edits",
     "editor",
     "handles",
+    "cage_mode",
+    "influence",
     "start",
 )
 """Scripts of the player, in the order in which they use each other."""
@@ -103,42 +111,61 @@ def format_ticks(top: float, bottom: float = 0.0) -> list[str]:
 def shorten_script(script: str) -> str:
     """Return a script without comments and without spaces that have no meaning.
 
-    Only for our own scripts, which keep to what is known here: a comment has a line of its own, a
-    statement ends with a semicolon or a brace and is not empty, and a text in backquotes has none
-    within it. Texts are not changed, except that the code of a shader, which is a text that begins
-    with its version, is shortened, too.
+    Only for our own scripts, which keep to what is known here: a comment, also one of types in
+    `/** */`, has a line of its own, a statement ends with a semicolon or a brace and is not empty,
+    and a text in backquotes has none within it. Texts are not changed, except that the code of a
+    shader, which is a text that begins with its version, is shortened, too.
     """
-    code = re.sub(r"^\s*//.*\n", "", script, flags=re.MULTILINE)
-    # Lines that each define constants, and do nothing else, become one definition.
-    code = re.sub(
-        r"(?:^ *const [^;\n]*;\n){2,}",
-        lambda lines: re.sub(r";\n *const ", ",\n", lines[0]),
-        code,
-        flags=re.MULTILINE,
-    )
+    code = re.sub(r"^\s*(?://|/\*\*).*\n", "", script, flags=re.MULTILINE)
     texts = r"""("(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'|`(?:\\.|[^`\\])*`)"""
     parts = re.split(texts, code)
     for k in range(0, len(parts), 2):
         parts[k] = _shorten_code(parts[k])
+    parts = _join_definitions(parts)
     for k in range(1, len(parts), 2):
         if parts[k].startswith("`#version"):
             version, _, body = parts[k].partition("\n")
+            body = re.sub(r"\b0(?=\.[1-9])|(?<=\d\.)0\b", "", body)
             parts[k] = f"{version}\n{_drop_spaces(body)}"
+        else:
+            parts[k] = re.sub(r"\$\{[^{}\"'`]*\}", lambda code: _shorten_code(code[0]), parts[k])
     return "".join(parts) + "\n"
+
+
+def _join_definitions(parts: list[str]) -> list[str]:
+    """Make one definition of those that follow each other; every second part is a text."""
+    defines = [False]  # whether the statement does so, in each of the brackets around it
+
+    def shorten(found: re.Match[str]) -> str:
+        sign = found[0]
+        if sign in "([{":
+            defines.append(False)
+        elif sign in ")]}":
+            defines.pop()
+        else:
+            is_joined = sign.startswith(";let") and defines[-1]
+            defines[-1] = "let" in sign
+            return "," if is_joined else sign
+        return sign
+
+    joined = [re.sub(r"[][(){}]|;let\b ?|;|\blet\b", shorten, code) for code in parts[::2]]
+    return [part for pair in zip(joined, [*parts[1::2], ""], strict=True) for part in pair][:-1]
 
 
 def _shorten_code(code: str) -> str:
     """Drop spaces, and write what is often in code in fewer letters."""
+    words = {"true": "!0", "false": "!1", "undefined": "void 0", "Infinity": "1/0"}
+    for word, short in words.items():
+        # Not a factor: what is short for Infinity is a fraction.
+        code = re.sub(rf"(?<![*/%.] )\b{word}\b(?! \*)", short, code)
+    code = _drop_spaces(code)
     shorter = {
         r"[;,]\}": "}",
         # What cannot be assigned to is not assigned to either if it can be.
         r"\bconst\b": "let",
         r"(?<!async)\((\w+)\)=>": r"\1=>",
-        r"\btrue\b": "!0",
-        r"\bfalse\b": "!1",
         r"\b0\.(?=\d)": ".",
     }
-    code = _drop_spaces(code)
     for wordy, short in shorter.items():
         code = re.sub(wordy, short, code)
     return code

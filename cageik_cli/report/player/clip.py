@@ -6,9 +6,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.timeline import Timeline
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.posing.constraints import Mirror, mirror_pairs
+from cageik_cli.report.player.compression import MAX_LEVEL
 from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose_turn
 from cageik_cli.store.result import (
     KeyFrames,
@@ -18,14 +22,21 @@ from cageik_cli.store.result import (
     read_key_frames,
     read_rotations,
 )
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, spread_evenly
+from cageik_cli.util.errors import HandlesError
 from cageik_cli.util.text import single_line, to_unicode
 
 UNNAMED_CAGE = "CAGE.obj"
 """Stands for a cage that is in no file."""
 
+UNCOLOURED = 0.7
+"""Linear grey of faces that have no material."""
+
 MAX_CAGE_NUMBERS = 1 << 24
 """Coordinates of cages that a page holds at most; the last frames of longer clips are left out."""
+
+MAX_GROUND_FRAMES = 64
+"""The ground of a clip is below the model in so many of its frames."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +61,8 @@ class PlayerClip:
         "Y" or "Z".
     skipped : tuple of int
         Frames without data, whose cages are interpolated.
+    frame_rms : (F,) float64, optional
+        Error of each frame, percent of the diagonal; nan where it was skipped.
     vertex_rms : (m,) float64, optional
         Error of each vertex over the clip, percent of the diagonal; nan for missing data.
     held : dict of int to (str, (m, 3) float64)
@@ -64,6 +77,8 @@ class PlayerClip:
         What `cageik pose` is told to pose, as it is typed: the name of a file, and options.
     left_out : int
         Number of frames at the end of the clip that are not shown.
+    max_level : int
+        Largest integer that a weight is rounded to.
     """
 
     binding: Binding
@@ -75,12 +90,14 @@ class PlayerClip:
     fps: float = 24.0
     up_axis: str = "Y"
     skipped: tuple[int, ...] = ()
+    frame_rms: Floats | None = None
     vertex_rms: Floats | None = None
     held: dict[int, tuple[str, Floats]] = field(default_factory=dict)
     focus: dict[str, Any] | None = None
     title: str = ""
     target: str = ""
     left_out: int = 0
+    max_level: int = MAX_LEVEL
 
 
 def make_single_pose(
@@ -128,6 +145,7 @@ def load_player_clip(result: Result) -> PlayerClip | None:
         fps=result.scene.fps,
         up_axis=result.scene.up_axis,
         skipped=tuple(frame for frame in result.skipped if frame < count),
+        frame_rms=100 * result.metrics.rms[:count] / (result.rest.diagonal or 1.0),
         vertex_rms=100 * result.vertex_rms / (result.rest.diagonal or 1.0),
         held=_collect_held_frames(key_frames, count),
         focus=focus if focus["frame"] < count else None,
@@ -178,3 +196,58 @@ def _find_focus(result: Result, key_frames: KeyFrames) -> dict[str, Any]:
         is_near = np.linalg.norm(rest - rest[vertex], axis=1) <= extent * diagonal / 3
         turn = choose_turn(pose, result.rest.faces, is_near, result.scene.up_axis)
     return {"frame": frame, "vertex": vertex, "extent": extent, "turn": turn}
+
+
+def find_ground(clip: PlayerClip) -> float:
+    """Find how low the model goes along the axis that is up, in the units of the file.
+
+    Long clips are looked at in `MAX_GROUND_FRAMES` frames.
+    """
+    axis, cage = "XYZ".index(clip.up_axis), clip.binding.cage.vertices
+    frames = spread_evenly(len(clip.cages), MAX_GROUND_FRAMES)
+    turns = clip.rotations[frames, :, axis].T
+    moves = clip.cages[frames, :, axis].T - cage @ turns
+    heights = clip.base @ turns + clip.binding.weights @ moves
+    return float(heights.min())
+
+
+def find_base_colours(mesh: TriMesh) -> NDArray[np.uint8] | None:
+    """Find the colours of the vertices, (m, 3), 0 to 255; None if the file has none.
+
+    They are those of the vertices, else the mean of those of the materials around each.
+    """
+    attributes = mesh.attributes
+    if attributes is None:
+        return None
+    if attributes.colours is not None:
+        return _to_levels(attributes.colours[:, :3])
+    if attributes.materials is None or attributes.material_colours is None:
+        return None
+    # The last is that of faces without a material, whose number is -1.
+    known = np.vstack([attributes.material_colours[:, :3], np.full(3, UNCOLOURED)])
+    ours = known[attributes.materials.indices[attributes.triangle_polygons]]
+    corners, sums = mesh.faces.ravel(), np.repeat(ours, 3, axis=0)
+    totals = [np.bincount(corners, axis, len(mesh.vertices)) for axis in sums.T]
+    counts = np.bincount(corners, minlength=len(mesh.vertices))
+    linear = np.clip(np.stack(totals, axis=1) / np.maximum(counts, 1)[:, None], 0, 1)
+    # As IEC 61966-2-1 encodes linear light.
+    curve = 1.055 * linear ** (1 / 2.4) - 0.055
+    return _to_levels(np.where(linear > 0.0031308, curve, 12.92 * linear))
+
+
+def _to_levels(colours: Floats) -> NDArray[np.uint8]:
+    return np.rint(255 * np.clip(np.nan_to_num(colours), 0, 1)).astype(np.uint8)
+
+
+def find_mirror(binding: Binding) -> Mirror | None:
+    """Find an axis across which the cage is its own mirror image; None if there is none."""
+    vertices = binding.cage.vertices
+    for point in (vertices.mean(axis=0), 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))):
+        for normal in np.eye(3):
+            mirror = Mirror(normal, point)
+            try:
+                mirror_pairs(binding.cage, mirror)
+            except HandlesError:
+                continue
+            return mirror
+    return None

@@ -33,7 +33,13 @@ from cageik_cli.util.arrays import Floats, Integers
 MAX_LEVEL = 20_000
 """Largest integer a weight is rounded to. Clips of a dance are drawn to 7e-6 diagonals (rms)."""
 
-PACKED_TYPES = {"f4": "<f4", "i1": "|i1", "i2": "<i2", "u2": "<u2", "u4": "<u4"}
+SMALL_MAX_LEVEL = 2_000
+"""Largest integer a weight of a small page is rounded to; see `MAX_LEVEL`.
+
+Clips of a dance are then drawn to 7e-5 diagonals (rms), which is less than a tenth of a pixel.
+"""
+
+PACKED_TYPES = {"f4": "<f4", "i1": "|i1", "i2": "<i2", "u1": "|u1", "u2": "<u2", "u4": "<u4"}
 """Types of numbers in packed arrays, by their names in the header."""
 
 MAX_SMOOTH_MOTIONS = 12
@@ -130,7 +136,9 @@ def find_smooth_motions(cage: TriMesh) -> Floats:
     return np.asarray((vectors * signs)[:, 1:])
 
 
-def round_weights(weights: Floats, motions: Floats, rows_per_block: int = 4096) -> RoundedWeights:
+def round_weights(
+    weights: Floats, motions: Floats, max_level: int = MAX_LEVEL, rows_per_block: int = 4096
+) -> RoundedWeights:
     """Round weights (m, n), finite, of any sign, so that their rows keep their sums.
 
     The integers of a row whose sum is one have the sum `levels`, which is then a whole number: a
@@ -140,7 +148,7 @@ def round_weights(weights: Floats, motions: Floats, rows_per_block: int = 4096) 
     """
     max_rest = 127
     top = float(np.abs(weights).max(initial=0.0)) or 1.0
-    levels = MAX_LEVEL / top
+    levels = max_level / top
     levels = float(np.floor(levels)) if levels >= 1 else levels
     integers = np.empty(weights.shape, np.int16)
     for start in range(0, len(weights), rows_per_block):

@@ -3,6 +3,7 @@
 Large models are drawn coarser.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,18 @@ from numpy.typing import NDArray
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.part_names import get_parts
-from cageik_cli.posing.constraints import Mirror, mirror_pairs
 from cageik_cli.posing.poser import DEFAULT_POSE_ALPHA
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS, render_template
 from cageik_cli.report.parts import measure_rms
-from cageik_cli.report.player.clip import PlayerClip
+from cageik_cli.report.player.clip import (
+    PlayerClip,
+    find_base_colours,
+    find_ground,
+    find_mirror,
+    load_player_clip,
+)
 from cageik_cli.report.player.compression import (
+    SMALL_MAX_LEVEL,
     Predictor,
     RoundedWeights,
     decimate,
@@ -24,10 +31,16 @@ from cageik_cli.report.player.compression import (
     pack_arrays,
     round_weights,
 )
-from cageik_cli.report.render.shading import COLOUR_SCALE, MESH_COLOURS, choose_scale_end
+from cageik_cli.report.player.timeline import build_timeline, list_frame_errors
+from cageik_cli.report.render.shading import (
+    COLOUR_SCALE,
+    MESH_COLOURS,
+    SIGNED_SCALE,
+    choose_scale_end,
+)
 from cageik_cli.report.vocabulary import choose_vocabulary
+from cageik_cli.store.result import Result, make_weights_error
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import HandlesError
 from cageik_cli.util.text import format_count
 
 MAX_DRAWN_VERTICES = 50_000
@@ -41,6 +54,12 @@ MAX_INT16 = 32_767
 
 MIN_ERROR_STEP = 1e-5
 """Smallest step of stored errors, in diagonals: smaller errors are not seen."""
+
+MODES = {"look": "Look", "pose": "Pose", "cage": "Cage", "influence": "Influence"}
+"""What pointers on the picture can do: names of modes, and of their buttons."""
+
+PANELS = ("pose", "cage", "influence", "look", "parts")
+"""Groups of the side panel, from top to bottom: names of templates."""
 
 
 def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]:
@@ -60,23 +79,47 @@ def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]
     return {
         "title": "Player" if clip.frames else "Pose",
         "payload": build_payload(clip, apply_url),
-        "is_open": not clip.frames,
+        "panels": PANELS,
+        "modes": MODES,
+        "mode": "look" if clip.frames else "pose",
+        "is_app": False,
+        "timeline": build_timeline(clip),
+        "has": list_features(clip),
+        "parts": _list_parts(clip),
         "notes": notes,
     }
 
 
+def list_features(clip: PlayerClip) -> set[str]:
+    """List what the clip has of what some controls need; those without it are hidden."""
+    has = {
+        "frames": clip.frames,
+        "inputs": clip.held,
+        "errors": clip.vertex_rms is not None,
+        "colours": find_base_colours(clip.binding.rest) is not None,
+        "region": clip.focus,
+        "mirror": find_mirror(clip.binding),
+    }
+    return {name for name, value in has.items() if value}
+
+
 def render_view_page(
-    clip: PlayerClip, apply_url: str = "", handles: str = "", edited_from: str | None = None
+    clip: PlayerClip,
+    apply_url: str = "",
+    *,
+    handles: str = "",
+    cage_edits: str = "",
+    edited_from: str | None = None,
 ) -> str:
     """Render a page that plays a clip and poses its model; the same text for the same arguments.
 
     Parameters
     ----------
     apply_url : str
-        Where the page sends handles when they are applied, relative to its own address; "" if they
+        Where the page sends edits when they are applied, relative to its own address; "" if they
         are only saved, and the page sends nothing at all.
-    handles : str
-        The text of a handles file that the page begins with, which has to be JSON; "" for none.
+    handles, cage_edits : str
+        The texts of such files that the page begins with, which have to be JSON; "" for none.
     edited_from : str, optional
         The result that the clip was edited from, if it was.
     """
@@ -85,11 +128,31 @@ def render_view_page(
         "view.html.j2",
         player_scripts=(*scripts, "apply", start),
         words=choose_vocabulary(edited_from),
-        player=build_player_values(clip, apply_url),
+        player=build_player_values(clip, apply_url)
+        | {"is_app": True, "title": clip.title or "Model in its cage"},
         title=clip.title,
         is_applied=bool(apply_url),
         # In JSON, "<" is only in strings; so written, it cannot end the element that holds it.
         handles=handles.replace("<", "\\u003c"),
+        cage_edits=cage_edits.replace("<", "\\u003c"),
+    )
+
+
+def render_player_page(result: Result) -> str:
+    """Render a small page that plays a result and poses it: a file to send.
+
+    It has no input of any frame, and its weights are rounded to `SMALL_MAX_LEVEL`.
+
+    Raises
+    ------
+    SettingError
+        When the result was written without weights.
+    """
+    clip = load_player_clip(result)
+    if clip is None:
+        raise make_weights_error(result.path, "a player")
+    return render_view_page(
+        replace(clip, held={}, max_level=SMALL_MAX_LEVEL), edited_from=result.edited_from
     )
 
 
@@ -104,16 +167,10 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     diagonal, origin = rest.diagonal or 1.0, cage.vertices.mean(axis=0)
     chosen, faces = choose_vertices(clip.binding)
     mirror = find_mirror(clip.binding)
-    rounded = round_weights(clip.binding.weights[chosen], find_smooth_motions(cage))
-    arrays: dict[str, NDArray[Any]] = {
-        "faces": faces.astype("<u4"),
+    skin, arrays = pack_skin(clip, chosen, faces, origin)
+    arrays |= {
         "cageFaces": cage.faces.astype("<u4"),
-        # By column: neighbouring numbers are then alike, and pack better.
-        "weights": np.ascontiguousarray(rounded.integers.T).astype("<i2"),
-        "smooth": np.ascontiguousarray(rounded.motions.T).astype("<f4"),
-        "rests": np.ascontiguousarray(rounded.rests.T),
-        "cage": _scale((cage.vertices - origin) / diagonal),
-        # By coordinate, for the same reason.
+        # By coordinate: neighbouring numbers are then alike, and pack better.
         "cages": _scale(_round_cages((clip.cages - origin) / diagonal)).T,
         # Positions are relative to the origin, and turning about it moves nothing else.
         "rotations": clip.rotations.astype("<f4"),
@@ -122,20 +179,22 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "schema": 1,
         "origin": origin.tolist(),
         "diagonal": diagonal,
-        "levels": rounded.levels,
-        "restStep": rounded.rest_step,
+        **skin,
         "vertexCount": len(rest.vertices),
         "isClip": bool(clip.frames),
         "frames": list(clip.frames),
         "start": clip.timeline.start if clip.timeline else 0.0,
         "step": clip.timeline.step if clip.timeline else 1.0,
         "skipped": list(clip.skipped),
+        "frameRms": list_frame_errors(clip),
         "fps": clip.fps,
         "up": clip.up_axis,
+        "ground": (find_ground(clip) - origin["XYZ".index(clip.up_axis)]) / diagonal,
         "parts": _list_parts(clip),
         "focus": _list_focus(clip, chosen),
         "mirror": mirror and {"normal": mirror.normal.tolist(), "point": mirror.point.tolist()},
         "colours": list(COLOUR_SCALE),
+        "signedColours": list(SIGNED_SCALE),
         "missing": MESH_COLOURS["missing"],
         "alpha": DEFAULT_POSE_ALPHA,
         "rigidity": 10,  # rounds that the page offers first
@@ -145,8 +204,8 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     arrays |= _mark_polygons("joinedCageFaces", cage)
     if len(chosen) == len(rest.vertices):
         arrays |= _mark_polygons("joinedFaces", rest)
-    base = (clip.base[chosen] - origin) / diagonal
-    header |= _add_base(base, rounded, (cage.vertices - origin) / diagonal, arrays)
+    if (tints := find_base_colours(rest)) is not None:
+        arrays["tints"] = tints[chosen]
     if len(chosen) < len(rest.vertices):
         arrays["vertices"] = chosen.astype("<u4")
     header |= _add_errors(clip, chosen, arrays)
@@ -156,6 +215,30 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     for name in header["predicted"]:
         arrays[name] = predictor.encode(arrays[name])
     return pack_arrays(header, arrays)
+
+
+def pack_skin(
+    clip: PlayerClip, chosen: Integers, faces: Integers, origin: Floats
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Return what the script makes a `Skin` of: values of the header, and arrays.
+
+    `chosen` and `faces` are as of `choose_vertices`.
+    """
+    binding = clip.binding
+    diagonal = binding.rest.diagonal or 1.0
+    cage = (binding.cage.vertices - origin) / diagonal
+    smooth = find_smooth_motions(binding.cage)
+    rounded = round_weights(binding.weights[chosen], smooth, clip.max_level)
+    arrays: dict[str, NDArray[Any]] = {
+        "faces": faces.astype("<u4"),
+        # By column, so that neighbouring numbers are alike.
+        "weights": np.ascontiguousarray(rounded.integers.T).astype("<i2"),
+        "smooth": np.ascontiguousarray(rounded.motions.T).astype("<f4"),
+        "rests": np.ascontiguousarray(rounded.rests.T),
+        "cage": _scale(cage),
+    }
+    header = _add_base((clip.base[chosen] - origin) / diagonal, rounded, cage, arrays)
+    return {"levels": rounded.levels, "restStep": rounded.rest_step, **header}, arrays
 
 
 def choose_vertices(binding: Binding) -> tuple[Integers, Integers]:
@@ -257,17 +340,3 @@ def _list_focus(clip: PlayerClip, chosen: Integers) -> dict[str, Any] | None:
     rest = clip.binding.rest.vertices
     nearest = np.linalg.norm(rest[chosen] - rest[clip.focus["vertex"]], axis=1).argmin()
     return clip.focus | {"vertex": int(nearest)}
-
-
-def find_mirror(binding: Binding) -> Mirror | None:
-    """Find an axis across which the cage is its own mirror image; None if there is none."""
-    vertices = binding.cage.vertices
-    for point in (vertices.mean(axis=0), 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))):
-        for normal in np.eye(3):
-            mirror = Mirror(normal, point)
-            try:
-                mirror_pairs(binding.cage, mirror)
-            except HandlesError:
-                continue
-            return mirror
-    return None

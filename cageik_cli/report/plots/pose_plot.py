@@ -83,10 +83,9 @@ def render_pose_png(view: PoseSnapshot, pixels: int = 720) -> bytes:
 def build_panels(view: PoseSnapshot) -> tuple[Panel, Panel]:
     """Build the panels before and after, with their captions."""
     title_before = f"{view.frame}, before" if view.frame else "before"
-    title_after = (
-        f"after: mesh moved {format_percent(view.rms_percent)} %, "
-        f"largest miss of a target {format_miss(view.max_residual_percent)} %"
-    )
+    title_after = f"after: mesh moved {format_percent(view.rms_percent)} %"
+    if view.names:
+        title_after += f", largest miss of a target {format_miss(view.max_residual_percent)} %"
     return (
         Panel(view.before, view.cage_before, view.starts, True, title_before),
         Panel(view.after, view.cage_after, view.ends, False, title_after),

@@ -9,6 +9,7 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts
+from cageik_cli.cages.quality import MIN_CLEARANCE, MIN_INFLUENCE
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
@@ -323,10 +324,15 @@ def _rest_rows(rest: LoadedMesh, facts: RestFacts) -> list[tuple[str, str]]:
         rows.append(("clearance", f"none ({facts.outside} vertices are outside)"))
     elif facts.clearance_vertex is not None:
         vertex = name_vertex(rest.mesh, facts.clearance_vertex)
-        percent = f"{facts.clearance:.3g} % of the diagonal"
-        rows.append(("clearance", f"{percent}, vertex {vertex} from face {facts.clearance_face}"))
+        distance = f"{facts.clearance:.3g} % of the diagonal, vertex {vertex} from face"
+        is_enough = facts.clearance is not None and facts.clearance >= 100 * MIN_CLEARANCE
+        judged = f"{facts.clearance_face}: {'enough' if is_enough else 'too little'}"
+        rows.append(("clearance", f"{distance} {judged}"))
     if facts.weakest_vertices:
         pairs = zip(facts.weakest_vertices, facts.weakest_weights, strict=True)
-        weakest = ", ".join(f"{vertex} (largest weight {weight:.3g})" for vertex, weight in pairs)
-        rows.append(("influence", f"least influential cage vertices: {weakest}"))
+        weakest = ", ".join(f"{vertex}: {weight:.3g}" for vertex, weight in pairs)
+        is_enough = min(facts.weakest_weights) >= MIN_INFLUENCE
+        judged = "all are used" if is_enough else "the weakest move hardly anything"
+        text = f"largest weight of the weakest cage vertices (of 1): {weakest}; {judged}"
+        rows.append(("influence", text))
     return rows

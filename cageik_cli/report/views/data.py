@@ -44,6 +44,7 @@ def format_overview_json(overview: Overview) -> str:
     record = {
         "schema": REPORT_SCHEMA,
         "tool": {"name": "cageik", "version": __version__},
+        "notes": overview.notes,
         "clips": [_collect_entry(entry) for entry in overview.clips],
     }
     return json.dumps(record, indent=1, allow_nan=False) + "\n"

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from textwrap import shorten, wrap
 
 from cageik_cli.formats.timeline import format_frame_number
@@ -18,7 +19,7 @@ from cageik_cli.report.regions import name_cause
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.solver.regions import Cause
 from cageik_cli.util.progress import label_note, mark_warning
-from cageik_cli.util.text import format_block, format_count, single_line
+from cageik_cli.util.text import format_count, format_row, single_line
 
 MAX_FRONT_WIDTH = 110
 """Characters of a line of notes, at most."""
@@ -28,6 +29,9 @@ MAX_FRONT_LINES = 9
 
 MAX_BRIEF_WIDTH = MAX_FRONT_WIDTH - 17
 """Characters beside the label of a line that a command prints, at most."""
+
+EXACT_ERROR_TOL = 1e-5
+"""Percent of the diagonal; errors below it are rounding, in single precision at least."""
 
 NOTE_LABELS = ("note", "warning")
 """Labels of what is counted among the notes."""
@@ -59,7 +63,7 @@ def format_front(
     """
     notes = [*_list_gap_notes(report), *map(label_note, report.notes), *run_notes]
     rows = [
-        *list_verdict_rows(report),
+        *_wrap_rows(list_verdict_rows(report), MAX_FRONT_WIDTH - 12),
         *_list_limit_rows(report),
         *_list_note_rows(notes, source=source),
     ]
@@ -72,21 +76,29 @@ def format_front_row(labelled_text: tuple[str, str]) -> str:
     return single_line(f"  {label:<9} {text}")
 
 
-def format_brief(headline: str, rows: Sequence[tuple[str, str]]) -> str:
+def format_brief(headline: str, rows: Sequence[tuple[str, str]], after: int = 1) -> str:
     """Return a headline with labelled lines under it, wrapped, and no seconds.
 
     If there are too many lines, notes are counted, and shown in one or two. Facts for which there
     is still no room are named in a last line; the first is always shown.
+
+    Parameters
+    ----------
+    after : int
+        Lines that the command prints after these, such as what it wrote.
     """
     read = [row for row in rows if row[0] not in UNREAD_LABELS]
     notes = [row for row in read if row[0] in NOTE_LABELS]
     facts = [row for row in read if row[0] not in NOTE_LABELS]
-    room = MAX_FRONT_LINES - 2  # the headline, and what was written
+    first, *others = _wrap_text(headline, MAX_FRONT_WIDTH - 2)
+    head = [single_line(first), *(single_line(f"  {line}") for line in others)]
+    room = MAX_FRONT_LINES - len(head) - after
     if len(_wrap_rows(read)) <= room:
-        return format_block(headline, _wrap_rows(read))
+        return "\n".join([*head, *map(format_row, _wrap_rows(read))])
     is_tight = len(_wrap_rows(facts)) + 2 > room
     noted = _list_note_rows(notes, MAX_BRIEF_WIDTH, count=2 - is_tight) if notes else []
-    return format_block(headline, [*_pick_facts(facts, room - len(noted)), *noted])
+    rows = [*_pick_facts(facts, room - len(noted)), *noted]
+    return "\n".join([*head, *map(format_row, rows)])
 
 
 def _pick_facts(facts: Sequence[tuple[str, str]], room: int) -> list[tuple[str, str]]:
@@ -107,7 +119,9 @@ def _pick_facts(facts: Sequence[tuple[str, str]], room: int) -> list[tuple[str, 
     return [*shown, ("more", shorten(text + end, MAX_BRIEF_WIDTH, placeholder=f", ...{end}"))]
 
 
-def _wrap_rows(rows: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
+def _wrap_rows(
+    rows: Sequence[tuple[str, str]], width: int = MAX_BRIEF_WIDTH
+) -> list[tuple[str, str]]:
     """Return rows of which none is too wide, unless a word is; the label stands in the first.
 
     A command stays whole, so that it can be copied.
@@ -115,12 +129,12 @@ def _wrap_rows(rows: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
     return [
         ("" if k else label, line)
         for label, text in rows
-        for k, line in enumerate([text] if label == "to repair" else _wrap_text(text))
+        for k, line in enumerate([text] if label == "to repair" else _wrap_text(text, width))
     ]
 
 
-def _wrap_text(text: str) -> list[str]:
-    return wrap(text, MAX_BRIEF_WIDTH, break_long_words=False, break_on_hyphens=False) or [""]
+def _wrap_text(text: str, width: int) -> list[str]:
+    return wrap(text, width, break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def _describe_clip(report: Report, seconds: float | None) -> str:
@@ -146,18 +160,27 @@ def list_verdict_rows(report: Report) -> list[tuple[str, str]]:
     worst, error = find_worst_frame(report, "rms")
     length, size = format_scene_length(report.clip, rms), format_scene_length(report.clip, 100.0, 3)
     average = (
-        f"{format_briefly(rms)} % of the size on average ({length} of {size}), "
+        f"{_format_error(rms)} of the size on average ({length} of {size}), "
         f"{report.vocabulary.worst} frame {format_frame_number(worst.number)}: "
-        f"{format_briefly(error)} %"
+        f"{_format_error(error)}"
     )
     for part in sort_parts(report.parts)[:1]:
         if part.rms_percent is not None:
             error = part.rms_percent
-            average += f", {report.vocabulary.worst} part {part.name}: {format_briefly(error)} %"
+            average += f", {report.vocabulary.worst} part {part.name}: {_format_error(error)}"
+    if report.quality is not None and report.counted.max_deviation_percent < EXACT_ERROR_TOL:
+        average = "exact"
     label, words = ("moved", "") if report.quality is None else ("quality", f"{report.quality}: ")
-    kept = [] if report.kept is None else [("data", _describe_data(report.kept))]
+    kept = [] if report.kept is None else [("data", text) for text in _describe_data(report.kept)]
     better = [] if report.better is None else [("better", report.better)]
-    return [(label, words + average), *kept, ("look at", _describe_worst_place(report)), *better]
+    deviation = report.counted.max_deviation_percent
+    place = [] if deviation < EXACT_ERROR_TOL else [("look at", _describe_worst_place(report))]
+    return [(label, words + average), *kept, *place, *better]
+
+
+def _format_error(percent: float) -> str:
+    """Format an error in percent; what is rounding only is 0."""
+    return "0 %" if percent < EXACT_ERROR_TOL else f"{format_briefly(percent)} %"
 
 
 def find_worst_frame(report: Report, metric: str) -> tuple[FrameRecord, float]:
@@ -169,12 +192,21 @@ def find_worst_frame(report: Report, metric: str) -> tuple[FrameRecord, float]:
     return worst, known[worst]
 
 
-def _describe_data(kept: KeptSummary) -> str:
-    """Say how much of the data does not count in the figures."""
-    return (
-        f"{format_briefly(kept.missing_percent)} % of the vertices are missing, and "
-        f"{format_briefly(kept.rejected_percent)} % of the others rejected; neither counts here"
+def _describe_data(kept: KeptSummary) -> list[str]:
+    """Say in a row how much of the data does not count in the figures; in none if all does."""
+    missing, rejected = (
+        f"{format_briefly(percent)} % of the"
+        for percent in (kept.missing_percent, kept.rejected_percent)
     )
+    if kept.missing_percent and kept.rejected_percent:
+        return [
+            f"{missing} vertices are missing, and {rejected} others rejected; neither counts here"
+        ]
+    if kept.missing_percent:
+        return [f"{missing} vertices are missing; they do not count here"]
+    if kept.rejected_percent:
+        return [f"{rejected} vertices are rejected; they do not count here"]
+    return []
 
 
 def _describe_worst_place(report: Report) -> str:
@@ -226,14 +258,12 @@ def _list_note_rows(
     texts = [text if label == "note" else mark_warning(text) for label, text in order]
     end = f" ({source} shows all)"
     room = count * width - 30  # the count, the pointer to all notes, and ragged ends
-    lines = wrap(
-        f"{len(texts)}: {_join_notes(texts, room)}{end}",
-        width,
-        break_long_words=False,
-        break_on_hyphens=False,
-        max_lines=count,
-        placeholder=f" ...{end}",
-    )
+    shown = f"{len(texts)}: {_join_notes(texts, room)}"
+    break_lines = partial(wrap, width=width, break_long_words=False, break_on_hyphens=False)
+    lines = break_lines(shown + end, max_lines=count, placeholder=f" ...{end}")
+    # Where no note is left out, the pointer to all of them is not worth a line.
+    if shown.endswith(": " + "; ".join(texts)) and len(plain := break_lines(shown)) < len(lines):
+        lines = plain
     return [("notes", lines[0]), *(("", line) for line in lines[1:])]
 
 

@@ -31,7 +31,7 @@ def format_markdown(overview: Overview) -> str:
         "Poor": (3_000, _list_poor(clips)),
         "Worst regions": (5_000, _list_worst_regions(clips)),
         "Fitted weights": (5_000, _list_fits(clips)),
-        "Notes": (5_000, _list_notes(clips)),
+        "Notes": (5_000, _list_notes(overview)),
     }
     blocks = [f"## cageik: {_format_run_verdict(overview)}", "\n".join(table)]
     for heading, (max_bytes, lines) in parts.items():
@@ -122,10 +122,10 @@ def _name_clip_verdict(entry: ClipEntry) -> str:
     return entry.vocabulary.done
 
 
-def _list_notes(clips: Iterable[ClipEntry]) -> list[str]:
-    """List each note once, with the number of clips that have it."""
-    counts = Counter(note for entry in clips for note in entry.notes)
-    return [
+def _list_notes(overview: Overview) -> list[str]:
+    """List the notes on the run, then those on clips: each once, with how many clips have it."""
+    counts = Counter(note for entry in overview.worst_first for note in entry.notes)
+    return [f"- {_escape_markdown(note)}" for note in overview.notes] + [
         f"- {_escape_markdown(note)}" + (f" ({count} clips)" if count > 1 else "")
         for note, count in counts.most_common()
     ]

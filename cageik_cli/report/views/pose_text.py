@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 from cageik_cli.posing.summary import AnchorSummary, PoseSummary
 from cageik_cli.report.figures import format_change, format_length, format_metric, format_percent
-from cageik_cli.util.text import single_line
+from cageik_cli.util.text import format_count, single_line
 
 MAX_SHOWN_HANDLES = 12
 """Handles that have a line each; of more, the farthest from their targets are shown."""
@@ -31,8 +31,9 @@ MAX_VOLUME_PERCENT = 10.0
 
 
 def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
-    """Return labelled lines: each handle, then the mesh, the cage and the system."""
+    """Return labelled lines: cage edits, each handle, then the mesh, the cage and the system."""
     return [
+        *_cage_edit_rows(summary),
         *_handle_rows(summary),
         (
             "moved most",
@@ -50,22 +51,47 @@ def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
         *_changed_rows(summary),
         *_acceleration_rows(summary),
         *_mesh_acceleration_rows(summary),
-        ("system", f"condition number {summary.condition_number:.4g}"),
+        *_system_rows(summary),
         *(("note", advice) for advice in _advise(summary)),
     ]
 
 
 def list_brief_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
-    """Return the worst handle, then what says whether a pose is as intended, then the rest."""
-    rows = [row for row in format_pose_rows(summary) if row[0] not in ("handle", "handles")]
+    """Return the largest cage edit, the worst handle, what says whether a pose is as intended."""
+    kinds = ("cage edit", "cage edits", "handle", "handles")
+    rows = [row for row in format_pose_rows(summary) if row[0] not in kinds]
     read = [row for row in rows if row[0] in ("moved most", "beyond radius", "changed", "note")]
-    return [*_handle_rows(summary, max_shown=1), *read, *(row for row in rows if row not in read)]
+    listed = [*_cage_edit_rows(summary, max_shown=1), *_handle_rows(summary, max_shown=1)]
+    return [*listed[:1], *read, *listed[1:], *(row for row in rows if row not in read)]
 
 
 def format_pose_json(summary: PoseSummary) -> str:
     """Format the summary as JSON."""
     record = {"schema": 1, "tool": "cageik pose", **asdict(summary)}
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
+
+
+def _cage_edit_rows(
+    summary: PoseSummary, max_shown: int = MAX_SHOWN_HANDLES
+) -> Iterator[tuple[str, str]]:
+    """Say how far each cage edit moves the cage; of many, those that move it farthest."""
+    edits = summary.cage_edits
+    largest = sorted(edits, key=lambda edit: -edit.moved)[:max_shown]
+    for edit in edits if len(edits) <= max_shown else largest:
+        count = format_count(edit.vertices, "vertex of the cage")
+        moved = f"at most {format_length(edit.moved)}{_format_frame_suffix(edit.frame)}"
+        by = f"{count} by {moved} (vertex {edit.vertex})" if edit.moved else "no motion"
+        yield "cage edit", f"{single_line(edit.name)}: {by}"
+    if len(edits) > max_shown:
+        yield "cage edits", f"{len(edits) - max_shown} more, which move the cage less"
+
+
+def _system_rows(summary: PoseSummary) -> list[tuple[str, str]]:
+    """Return a row on the solve; none without handles, which alone are solved for."""
+    if summary.condition_number is None:
+        return []
+    condition = f"condition number {summary.condition_number:.4g}"
+    return [("system", f"{condition} (how much it amplifies noise)")]
 
 
 def _handle_rows(
@@ -142,6 +168,9 @@ def _acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
 
 def _advise(summary: PoseSummary) -> Iterator[str]:
     """Advise when the pose is probably not the intended one."""
+    if summary.cage_edits:
+        yield from _advise_on_cage_edits(summary)
+        return
     is_held = all(_is_held(anchor, summary.diagonal) for anchor in summary.anchors)
     far = max(summary.anchors, key=lambda anchor: anchor.moved)
     if is_held:
@@ -152,6 +181,19 @@ def _advise(summary: PoseSummary) -> Iterator[str]:
     yield from _advise_on_far_targets(summary, far)
     yield from _advise_on_cage_motion(summary, far)
     yield from _advise_on_volume(summary)
+
+
+def _advise_on_cage_edits(summary: PoseSummary) -> Iterator[str]:
+    """Say so if a cage edit moves nothing, or so far that it is probably in other units."""
+    for edit in summary.cage_edits:
+        if edit.moved > MAX_HANDLE_DISTANCE * summary.diagonal:
+            yield (
+                f"cage edit {single_line(edit.name)} moves {edit.moved / summary.diagonal:.3g} "
+                f"times the model's diagonal (expected at most {MAX_HANDLE_DISTANCE:g}); give "
+                "offsets in the units and axes of the model's file"
+            )
+    if not any(edit.moved for edit in summary.cage_edits):
+        yield "no motion: all offsets of the cage edits are zero in the frames that they act in"
 
 
 def _advise_on_whole_motion(summary: PoseSummary) -> Iterator[str]:

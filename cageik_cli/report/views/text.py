@@ -95,7 +95,7 @@ def _make_kept_row(text: str) -> tuple[str, str]:
 
 
 def _bound_rows(report: Report) -> list[tuple[str, str]]:
-    """Say which error no weights can be below, and how much of the way to it a fit takes."""
+    """Say which error weights cannot be below, and how much of the way to it a fit takes."""
     bound, closed = report.bound, report.summary.gap_closed_percent
     if bound is None:
         return []
@@ -111,7 +111,7 @@ def format_weights_row(quality: WeightQuality, has_offsets: bool = False) -> tup
     """Return the row on how exact the weights are; offsets make the rest pose exact."""
     rest = "offsets of the rest pose up to" if has_offsets else "rest pose error"
     return "weights", (
-        f"partition of unity error {quality.partition_of_unity:.1e}, {rest} "
+        f"sums differ from 1 by up to {quality.partition_of_unity:.1e}, {rest} "
         f"{quality.linear_precision:.1e}, smallest weight {quality.min_weight:.1e}"
     )
 
@@ -121,8 +121,8 @@ def format_accuracy_row(quality: WeightQuality, accuracy: object) -> tuple[str, 
     if not quality.panels:
         return "accuracy", "exact (closed form)"
     return "accuracy", (
-        f"{accuracy}: estimated weight error {quality.estimated_error:.1e} (mean L1 per vertex), "
-        f"{format_count(quality.panels, 'panel')}"
+        f"{accuracy}: estimated weight error {quality.estimated_error:.1e} (mean sum per vertex), "
+        f"{format_count(quality.panels, 'panel')} (pieces of faces)"
     )
 
 
@@ -168,13 +168,13 @@ def _region_rows(report: Report) -> list[tuple[str, str]]:
 def _published_metrics_rows(summary: ReportSummary) -> list[tuple[str, str]]:
     e_rms, kg_error = format_metric(summary.e_rms), _format_number(summary.kg_error)
     published = f"E_RMS {e_rms} (Kavan et al. 2010), KG error {kg_error} (Karni and Gotsman 2004)"
-    return [("metrics", f"published: {published}")]
+    return [("metrics", f"to compare with papers: {published}")]
 
 
 def _quality_rows(report: Report, words: Vocabulary) -> list[tuple[str, str]]:
     quality = report.binding
     system = (
-        f"condition number {quality.condition_number:.4g}, "
+        f"condition number {quality.condition_number:.4g} (how much it amplifies noise), "
         f"alpha {_format_number(report.settings.get('alpha'))}, "
         f"beta {_format_number(report.settings.get('beta'))}"
     )

@@ -91,6 +91,14 @@ def test_five_figures_are_seen_and_published_metrics_are_folded(page):
     assert list(message.all("dt")) == []
 
 
+def test_an_exact_result_has_no_advice(report):
+    """A list without entries would be a fault of the page."""
+    exact = replace(report.summary, rms_percent=2e-14, max_deviation_percent=3e-13)
+    page = render_page(replace(report, summary=exact, better=None))
+    assert find_faults(page) == []
+    assert "advice" not in [one.attributes.get("class") for one in parse_page(page).all("dl")]
+
+
 def test_the_text_for_a_message_is_that_of_the_command_line(page, report):
     (text,) = parse_page(page).all("pre")
     front = format_front(report).replace("`verbose=True`", "the page")

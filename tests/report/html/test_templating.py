@@ -83,11 +83,19 @@ SCRIPTS = [*(files("cageik_cli.report.html") / "templates" / "player").iterdir()
     ("script", "short"),
     [
         ("  // a word\nconst  far = 1;\n", "let far=1;"),
+        ("a;\n  /** @param {string} text */\nb(text);\n", "a;b(text);"),
         ("a = b + +c - -d ;", "a=b+ +c- -d;"),
         ('return  "a  b" + \'c  //d\';', 'return"a  b"+\'c  //d\';'),
         ("if (a) {\n  b = `x  ${c}`;\n}\nelse d();", "if(a){b=`x  ${c}`}else d();"),
         ("const a = 1;\nconst b = a;\nf();", "let a=1,b=a;f();"),
-        ("const a = () => { b; };\nconst c = 1;", "let a=()=>{b};let c=1;"),
+        ("const a = () => { b; };\nconst c = 1;", "let a=()=>{b},c=1;"),
+        ("let a = 1; f(); let b;\nif (a) { let c; }\nlet d;",
+         "let a=1;f();let b;if(a){let c}let d;"),
+        ("s = `${a  + 0.5} 0.5 ${b ? 'c  d' : 0}`;", "s=`${a+.5} 0.5 ${b ? 'c  d' : 0}`;"),
+        ('let a = "x"; let b; for (let c of d) { e; } let g;',
+         'let a="x",b;for(let c of d){e}let g;'),
+        ("f(Infinity, Infinities, 2 * Infinity);", "f(1/0,Infinities,2*Infinity);"),
+        ("return false;", "return!1;"),
         ("f((x) => x, async (y) => y, true, [0.5,],);", "f(x=>x,async(y)=>y,!0,[.5,],);"),
         ("s = `#version 300 es\nconst int a = 1 ;\nvoid f() { a; }`;",
          "s=`#version 300 es\nconst int a=1;void f(){a;}`;"),
@@ -100,7 +108,7 @@ def test_what_is_left_means_the_same(script, short):
 
 def find_faults(script):
     """Return the lines of a script that do not keep to what is known."""
-    code = re.sub(r"^\s*//.*\n", "", script, flags=re.MULTILINE)
+    code = re.sub(r"^\s*(?://|/\*\*).*\n", "", script, flags=re.MULTILINE)
     code = re.sub(r"`#version[^`]*`", "0", code)
     lines = [line.strip() for line in code.splitlines() if line.strip()]
     faults = [line for line in lines if re.search(r"//|/\*", re.sub(r'"[^"]*"', "", line))]

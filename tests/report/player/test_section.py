@@ -1,6 +1,8 @@
 """The data of a player gives the frames of `cageik deform`."""
 
+import re
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -10,8 +12,13 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.player import clip as clip_module
 from cageik_cli.report.player import section
 from cageik_cli.report.player.clip import load_player_clip, make_single_pose
-from cageik_cli.report.player.compression import decimate
-from cageik_cli.report.player.section import build_payload, find_mirror
+from cageik_cli.report.player.compression import SMALL_MAX_LEVEL, decimate
+from cageik_cli.report.player.section import (
+    build_payload,
+    find_mirror,
+    render_player_page,
+    render_view_page,
+)
 from cageik_cli.store.result import read_binding, read_cages, read_rotations
 from tests.report.player.rebuild import rebuild_frame, unpack_payload
 from tests.shapes import ball, box, quad_box, rotation
@@ -47,6 +54,22 @@ def test_frames_are_those_of_deform(closed, clip):
         _check_frames(closed.result, lambda frame: rebuild_frame(text, 0))
 
 
+def test_a_small_page_is_rounded_and_holds_no_input(closed):
+    result = closed.result
+    page = render_player_page(result)
+    text = page.split('id="player-data">')[1].split("<")[0]
+    header, arrays = unpack_payload(text)
+    assert (header["held"], "held" in arrays) == ([], False)
+    assert np.abs(arrays["weights"]).max() <= SMALL_MAX_LEVEL
+    assert len(page) < len(render_view_page(load_player_clip(result)))
+    binding, cages = read_binding(result), np.concatenate(list(read_cages(result, 100)))
+    wanted = reconstruct_frames(binding, cages, read_rotations(result))
+    found = [rebuild_frame(text, frame) for frame in range(len(wanted))]
+    distances = np.linalg.norm(found - wanted, axis=2) / result.rest.diagonal
+    assert np.sqrt((distances**2).mean()) < 2e-4
+    assert render_player_page(result) == page
+
+
 def test_a_model_far_from_the_origin_is_as_precise(clip):
     binding = clip.binding
     away, turn = np.array([1e7, -2e7, 3e7]), rotation(2)
@@ -61,6 +84,18 @@ def test_a_model_far_from_the_origin_is_as_precise(clip):
     found = rebuild_frame(build_payload(moved), 0)
     wanted = far.weights @ (cages - away) + away
     assert np.abs(found - wanted).max() / far.rest.diagonal < 3e-5
+
+
+@pytest.mark.parametrize("record", ["Header", "Arrays"])
+def test_the_types_of_the_script_name_what_a_page_holds(clip, record):
+    types = (files("cageik_cli.report.html") / "templates" / "player.d.ts").read_text()
+    body = types.split(f"interface {record} {{")[1].split("\n}")[0]
+    fields = dict(re.findall(r"^  (\w+)(\??):", body, re.MULTILINE))
+    header, arrays = unpack_payload(build_payload(clip))
+    found = {"Header": header, "Arrays": arrays}[record]
+    assert set(found) <= set(fields)
+    required = {name for name, mark in fields.items() if not mark} - {"arrays"}
+    assert required <= set(found)
 
 
 def test_the_same_clip_gives_the_same_bytes(closed, clip):
@@ -200,3 +235,25 @@ def test_triangles_that_go_on_with_a_polygon_are_marked(monkeypatch):
     monkeypatch.setattr(section, "MAX_DRAWN_VERTICES", 6)
     _, arrays = unpack_payload(build_payload(make_single_pose(Binding(quad_box(), cage, weights))))
     assert "joinedFaces" not in arrays
+
+
+def test_the_error_of_each_frame_is_held_unless_it_was_skipped(closed, clip):
+    rms = 100 * closed.result.metrics.rms / closed.result.rest.diagonal
+    header, _ = unpack_payload(build_payload(clip))
+    np.testing.assert_allclose(header["frameRms"], rms, atol=1e-6)
+    errors = clip.frame_rms.copy()
+    errors[2] = np.nan
+    header, _ = unpack_payload(build_payload(replace(clip, frame_rms=errors)))
+    assert [k for k, one in enumerate(header["frameRms"]) if one is None] == [2]
+
+
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+def test_the_ground_is_at_the_lowest_point_of_the_clip(clip, up_axis):
+    clip, axis = replace(clip, up_axis=up_axis), "XYZ".index(up_axis)
+    text = build_payload(clip)
+    lowest = min(rebuild_frame(text, k)[:, axis].min() for k in range(len(clip.cages)))
+    assert clip_module.find_ground(clip) == pytest.approx(lowest, abs=1e-4)
+    header, _ = unpack_payload(text)
+    shift = clip.binding.cage.vertices.mean(axis=0)[axis]
+    found = header["ground"] * header["diagonal"] + shift
+    assert found == pytest.approx(lowest, abs=1e-4)

@@ -58,6 +58,21 @@ def test_what_was_rejected_does_not_count(report):
     assert find_row(text, "look at").startswith(f"frame {frames[-1].number:g}: 4.0 % (")
 
 
+@pytest.mark.parametrize(
+    ("missing", "rejected", "words"),
+    [(2.0, 0.0, "2.0 % of the vertices are missing; they do not count here"),
+     (0.0, 0.5, "0.50 % of the vertices are rejected; they do not count here"), (0.0, 0.0, None)],
+)  # fmt: skip
+def test_of_the_data_only_what_was_left_out_is_told(report, missing, rejected, words):
+    kept = KeptSummary(0.2, 1.0, missing, 3, "a", rejected, 2, "b")
+    frames = tuple(
+        replace(frame, rms_kept_percent=0.2, max_deviation_kept_percent=1.0)
+        for frame in report.frames
+    )
+    text = format_front(replace(report, kept=kept, frames=frames))
+    assert find_row(text, "data") == words if words else "data" not in text
+
+
 def test_a_probable_cause_is_told_and_an_unknown_one_is_not(report):
     assert find_row(format_front(report), "look at").endswith("the cage is far away")
     unknown = tuple(replace(region, cause="unknown") for region in report.regions)
@@ -83,6 +98,8 @@ def test_notes_are_counted_and_cut_and_warnings_come_first(report):
     assert show(
         "short", mark_warning("one is off"), told=[("cage", "built"), ("note", "short")]
     ) == ["2: warning: one is off; short (`verbose=True` shows all)"]
+    fitting = "a note that just fits in one line of the front " * 2 + "3"
+    assert show(fitting) == [f"1: {fitting}"]
     assert show("short", middle, long)[0].startswith("3: short; one half one half")
     assert len(show("short", middle, long)) == 2
     assert " ... (`verbose=True` shows all)" in show(long)[-1]
@@ -113,6 +130,16 @@ def test_lines_of_a_command_are_brief():
     assert format_brief("c.obj", [("to repair", "word " * 40)]).count("\n") == 1
 
 
+def test_a_headline_is_wrapped_and_leaves_room_for_what_follows():
+    rows = [(f"step {k}", "one") for k in range(9)]
+    lines = format_brief("wrote a.usdc: " + "a fact, " * 20, rows, 3).splitlines()
+    assert max(map(len, lines)) <= MAX_FRONT_WIDTH
+    assert lines[1].startswith("  a fact,") or lines[1].startswith("  fact,")
+    assert len(lines) <= 6
+    path = "x" * 200
+    assert format_brief(f"wrote {path}", []).split() == ["wrote", path]
+
+
 def test_notes_have_two_lines_at_most():
     for length in range(60, 120):
         rows = [("step", "one")] * 5 + [("note", f"{'x' * length} {'y' * 70} {'z' * 20}")] * 2
@@ -120,3 +147,13 @@ def test_notes_have_two_lines_at_most():
         assert [line.split()[0] for line in lines].count("notes") == 1
         assert len(lines) <= 8
         assert lines[-1].endswith(" shows all)")
+
+
+def test_rounding_is_called_exact_and_lines_are_short(report):
+    summary = replace(report.summary, rms_percent=2e-14, max_deviation_percent=3e-13)
+    text = format_front(replace(report, summary=summary))
+    assert f"{report.quality}: exact\n" in text
+    assert "look at" not in text
+    frames = tuple(replace(one, worst_vertex=10**90) for one in report.frames)
+    long = format_front(replace(report, frames=frames, parts=None))
+    assert max(map(len, long.splitlines()[2:])) <= MAX_FRONT_WIDTH

@@ -41,7 +41,7 @@ def test_an_edit_names_its_frames():
     assert rows["mesh moved"] == "1.5000 % of the diagonal (rms 0.03)"
     assert rows["volume change"] == "largest +1.2500 %"
     assert rows["changed"] == "f_3 to f_9; all other frames are unchanged"
-    assert rows["system"] == "condition number 152"
+    assert rows["system"] == "condition number 152 (how much it amplifies noise)"
     assert {"note", "beyond radius"}.isdisjoint(rows)
 
 

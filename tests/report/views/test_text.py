@@ -25,8 +25,8 @@ def test_the_text_shows_the_numbers_of_the_record(report):
     assert rows["size"] == "24 floats per frame instead of 54, plus one 18 x 8 weight matrix"
     quality = report.binding
     assert rows["accuracy"] == (
-        f"standard: estimated weight error {quality.estimated_error:.1e} (mean L1 per vertex), "
-        f"{quality.panels} panels"
+        f"standard: estimated weight error {quality.estimated_error:.1e} (mean sum per vertex), "
+        f"{quality.panels} panels (pieces of faces)"
     )
     assert "alpha 0.001, beta 1" in rows["system"]
     assert "nan" not in format_text(report)

@@ -1,16 +1,17 @@
 // Small linear algebra in double precision. Matrices are lists of rows, or flat 3 x 3 and 4 x 4.
-const { abs, hypot, max, min, sqrt } = Math;
+const { abs, cos, floor, hypot, max, min, round, sin, sqrt } = Math;
 
 const zeros = (count) => new Float64Array(count);
 const dot = (a, b) => { let sum = 0; for (let k = 0; k < a.length; k++) sum += a[k] * b[k]; return sum; };
 const add = (a, b) => a.map((x, k) => x + b[k]);
-const subtract = (a, b) => a.map((x, k) => x - b[k]);
+const minus = (a, b) => a.map((x, k) => x - b[k]);
 const scale = (a, factor) => a.map((x) => x * factor);
 const norm = (a) => sqrt(dot(a, a));
 const normalize = (a) => scale(a, 1 / (norm(a) || 1));
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const clamp = (x, low, high) => min(high, max(low, x));
 const pointOf = (points, k) => [...points.subarray(3 * k, 3 * k + 3)];
+const listPoints = (points) => listOf(points.length / 3, (k) => pointOf(points, k));
 const sumOf = (values) => values.reduce((a, b) => a + b, 0);
 const listOf = (count, make) => Array.from({ length: count }, (_, k) => make(k));
 const makeRows = (count, width) => listOf(count, () => zeros(width));
@@ -22,7 +23,7 @@ function makeIdentity(count) {
 }
 
 // Adds a multiple of a list to another.
-function accumulate(sum, share, values) { for (let k = 0; k < sum.length; k++) sum[k] += share * values[k]; }
+function addTo(sum, share, values) { for (let k = 0; k < sum.length; k++) sum[k] += share * values[k]; }
 
 // A row vector times a flat 3 x 3 matrix: rotations of results act so.
 const turn = (p, r) => [0, 1, 2].map((k) => p[0] * r[k] + p[1] * r[3 + k] + p[2] * r[6 + k]);
@@ -88,8 +89,8 @@ function decompose(source) {
       const t = findTangent(pp, qq, pq), c = 1 / hypot(1, t), s = c * t;
       for (const lists of [columns, right]) {
         const a = scale(lists[p], c), b = scale(lists[q], c);
-        accumulate(a, -s, lists[q]);
-        accumulate(b, s, lists[p]);
+        addTo(a, -s, lists[q]);
+        addTo(b, s, lists[p]);
         lists[p] = a;
         lists[q] = b;
       }

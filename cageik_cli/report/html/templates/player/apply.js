@@ -1,17 +1,21 @@
-// What only the page of `cageik view` does: it begins with handles that are given, sends handles to
-// the program (workflows/view/requests.py), and follows the edit until its end.
+// What only the page of `cageik view` does: it begins with an edit that is given, sends an edit to
+// the program (workflows/view/page_edits.py), and follows it until its end.
 const STATUS_MILLISECONDS = 250;
 
 async function ask(url, options) {
   const answer = await fetch(url, options), value = await answer.json();
-  if (!answer.ok) throw new Error(value.error);
+  if (!answer.ok) throw Object.assign(new Error(value.error), { status: answer.status });
   return value;
 }
 
-// Applies a handles file by some rounds; `tell` gets a line of progress, and the last line is returned.
-async function applyHandles(url, file, rounds, tell) {
-  const options = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(file, null, 2) };
-  const { job } = await ask(`${url}?rigidity=${rounds}`, options);
+// Applies an edit, { handles, cageEdits }, by some rounds, as `followJob`.
+async function applyEdit(url, sent, rounds, tell) {
+  const options = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(sent) };
+  return followJob(await ask(`${url}?rigidity=${rounds}`, options), tell);
+}
+
+// Waits for the end of a job; `tell` gets a line of progress, and the last line is returned.
+async function followJob({ job }, tell) {
   for (;;) {
     const { job: last, state, stage, done, total, rows, written, error } = await ask("status");
     if (last !== job) throw new Error("another edit has run since; look at its output, and apply again if it is not yours");
@@ -22,15 +26,23 @@ async function applyHandles(url, file, rounds, tell) {
   }
 }
 
-extensions.push((section, stage) => {
-  const { clip, editor } = stage, { applyUrl } = clip.header, button = section.querySelector("[data-apply]");
-  const given = document.getElementById("player-handles");
-  button.hidden = !applyUrl;
-  listenTo(button, "click", async () => {
-    const tell = (text) => { editor.complaint = text; stage.request(); };
-    await applyHandles(applyUrl, editor.file, editor.rounds, tell).then(tell, (error) => tell(error.message));
-  });
-  if (given) {
-    try { editor.open(readFile(given.textContent, clip)); } catch (error) { editor.complaint = `handles: ${error.message}`; }
+extensions.push((stage) => {
+  const { clip, editor } = stage, { applyUrl } = clip;
+  if (!editor) return;
+  for (const button of stage.section.querySelectorAll("[data-apply], [data-cage-apply]")) {
+    button.hidden = !applyUrl;
+    on(button, "click", async () => {
+      const tell = (text) => { editor.complaint = text; stage.request(); };
+      const sent = { handles: listSets(editor.file)[0].handles.length ? editor.file : null, cageEdits: editor.actingCageFile };
+      await applyEdit(applyUrl, sent, editor.rounds, tell).then(tell, (error) => tell(error.message));
+    });
   }
+  const begin = (name, mode, open) => {
+    const given = document.getElementById(`player-${name}`);
+    if (!given) return;
+    stage.section.dataset.mode = mode;
+    try { open(given.textContent); } catch (error) { editor.complaint = `${name}: ${error.message}`; }
+  };
+  begin("cage-edits", "cage", (text) => editor.open(editor.file, readCageEdits(text, clip)));
+  begin("handles", "pose", (text) => editor.open(readFile(text, clip)));
 });

@@ -1,18 +1,18 @@
 // A camera that looks at a point from a distance, `turn` degrees right of the front and `tilt` above it.
-const DEGREE = Math.PI / 180, HALF_VIEW = 15 * DEGREE, MAX_TILT = 89;
+const DEGREE = Math.PI / 180, HALF_VIEW = 15 * DEGREE, MAX_TILT = 90;
 const UPRIGHT = { Y: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], Z: [[1, 0, 0], [0, 0, 1], [0, -1, 0]] };
 
 class Camera {
   constructor(up) {
-    Object.assign(this, { upright: UPRIGHT[up], target: [0, 0, 0], shift: [0, 0, 0], turn: 32, tilt: 14, distance: 3, width: 1, height: 1 });
+    Object.assign(this, { upright: UPRIGHT[up], shift: [0, 0, 0] });
   }
 
   // Right, up and backward of the picture, as rows.
   axes() {
     const t = this.turn * DEGREE, u = this.tilt * DEGREE;
-    const c = Math.cos(t), s = Math.sin(t), d = Math.cos(u), e = Math.sin(u);
+    const c = cos(t), s = sin(t), d = cos(u), e = sin(u);
     const rows = [[c, 0, -s], [-e * s, d, -e * c], [d * s, e, d * c]];
-    return rows.map((row) => [0, 1, 2].map((k) => row.reduce((sum, x, i) => sum + x * this.upright[i][k], 0)));
+    return rows.map((row) => turn(row, this.upright.flat()));
   }
 
   centre() { return add(this.target, this.shift); }
@@ -40,12 +40,19 @@ class Camera {
   ray(x, y) {
     const [right, up, back] = this.axes(), [wide, high] = this.spans();
     const across = (2 * x / this.width - 1) * wide, over = (1 - 2 * y / this.height) * high;
-    return { origin: this.eye(), direction: normalize(subtract(add(scale(right, across), scale(up, over)), back)) };
+    return { origin: this.eye(), direction: normalize(minus(add(scale(right, across), scale(up, over)), back)) };
+  }
+
+  // A point in front of the camera that is seen at a pixel.
+  /** @param {number[]} pixel */
+  unproject([x, y]) {
+    const { origin, direction } = this.ray(x, y);
+    return add(origin, scale(direction, this.distance));
   }
 
   // The pixel of a point, and its depth.
   project(point) {
-    const [right, up, back] = this.axes(), [wide, high] = this.spans(), from = subtract(point, this.eye()), depth = -dot(from, back);
+    const [right, up, back] = this.axes(), [wide, high] = this.spans(), from = minus(point, this.eye()), depth = -dot(from, back);
     return [(1 + dot(from, right) / depth / wide) * this.width / 2, (1 - dot(from, up) / depth / high) * this.height / 2, depth];
   }
 
@@ -61,10 +68,36 @@ class Camera {
 
   zoom(factor) { this.distance = clamp(this.distance * factor, 0.02, 50); }
 
+  // Looks along a direction of the world.
+  face(direction) {
+    const [x, y, z] = this.upright.map((row) => dot(row, direction));
+    this.tilt = Math.asin(clamp(y, -1, 1)) / DEGREE;
+    // From above and below, the front stays at the foot of the picture.
+    this.turn = hypot(x, z) > 1e-6 ? Math.atan2(x, z) / DEGREE : 0;
+  }
+
+  // Goes to where points fill the picture, all but margins in pixels.
+  fit(points, { top, bottom, side }) {
+    const [right, up, back] = this.axes(), [wide, high] = this.spans();
+    const across = wide * (1 - 2 * side / this.width), above = high * (1 - 2 * top / this.height), below = high * (1 - 2 * bottom / this.height);
+    const most = [-Infinity, -Infinity, -Infinity, -Infinity], depths = [Infinity, -Infinity];
+    for (let k = 0; k < points.length; k += 3) {
+      const p = [points[k], points[k + 1], points[k + 2]], [x, y, z] = [dot(right, p), dot(up, p), dot(back, p)];
+      [x + across * z, across * z - x, y + above * z, below * z - y].forEach((value, i) => { if (value > most[i]) most[i] = value; });
+      depths[0] = min(depths[0], z); depths[1] = max(depths[1], z);
+    }
+    // A point at x, z is in the picture from an eye at c, d if |x - c| is at most the span times d - z.
+    const eye = max((most[0] + most[1]) / (2 * across), (most[2] + most[3]) / (above + below), depths[1] + 0.02);
+    const middle = (depths[0] + depths[1]) / 2, over = (most[2] - above * eye + below * eye - most[3]) / 2;
+    const place = add(add(scale(right, (most[0] - most[1]) / 2), scale(up, over)), scale(back, middle));
+    this.target = minus(place, this.shift);
+    this.distance = clamp(eye - middle, 0.02, 50);
+  }
+
   // Shows a ball.
   frame(centre, radius, turnTo = this.turn) {
-    this.target = subtract(centre, this.shift);
+    this.target = minus(centre, this.shift);
     this.turn = turnTo;
-    this.distance = clamp(1.05 * radius / Math.sin(HALF_VIEW), 0.02, 50);
+    this.distance = clamp(1.05 * radius / sin(HALF_VIEW), 0.02, 50);
   }
 }

@@ -1,9 +1,8 @@
-// The frames of the page's clip, in diagonals of the model from the middle of its rest cage.
+// The frames of the page's clip, in diagonals of the model from the middle of its rest cage; it has all that the header says.
 class Clip {
+  /** @param {Payload} payload */
   constructor({ header, arrays }) {
-    this.header = header;
-    this.arrays = arrays;
-    this.count = arrays.rotations.length / 9;
+    Object.assign(this, header, { arrays, count: arrays.rotations.length / 9 });
     // They are packed by coordinate.
     const n = arrays.cage.length / 3, place = (k) => (k % 3 * n + (k - k % 3) / 3) * this.count;
     this.cages = listOf(this.count, (frame) => Float32Array.from(arrays.cage, (_, k) => arrays.cages[place(k) + frame]));
@@ -22,7 +21,7 @@ class Clip {
 
   // The input of a held frame, from its reconstruction.
   input(frame, positions, out) {
-    const errors = this.errors(frame), m = out.length / 3, step = this.header.heldStep;
+    const errors = this.errors(frame), m = out.length / 3, step = this.heldStep;
     for (let j = 0; j < m; j++) for (let a = 0; a < 3; a++) out[3 * j + a] = positions[3 * j + a] + step * errors[a * m + j];
   }
 
@@ -34,23 +33,23 @@ class Clip {
     return this.arrays.vertices.indexOf(number);
   }
 
-  toFile(point) { return point.map((x, k) => x * this.header.diagonal + this.header.origin[k]); }
+  toFile(point) { return point.map((x, k) => x * this.diagonal + this.origin[k]); }
 
-  fromFile(point) { return point.map((x, k) => (x - this.header.origin[k]) / this.header.diagonal); }
+  fromFile(point) { return point.map((x, k) => (x - this.origin[k]) / this.diagonal); }
 
   // The number of a frame, as handles files and people name it, and the frame whose number is nearest.
-  numberOf(frame) { return Number((this.header.start + frame * this.header.step).toPrecision(10)); }
+  numberOf(frame) { return Number((this.start + frame * this.step).toPrecision(10)); }
 
-  frameOf(number) { return clamp(Math.round((number - this.header.start) / this.header.step), 0, this.count - 1); }
+  frameOf(number) { return clamp(round((number - this.start) / this.step), 0, this.count - 1); }
 
-  hasNumber(number) { return typeof number === "number" && abs(number - this.numberOf(this.frameOf(number))) <= 1e-6 * this.header.step; }
+  hasNumber(number) { return typeof number === "number" && abs(number - this.numberOf(this.frameOf(number))) <= 1e-6 * this.step; }
 
   get ends() { return [this.numberOf(0), this.numberOf(this.count - 1)]; }
 
-  nameOf(frame) { return this.header.frames[frame] ?? "rest pose"; }
+  nameOf(frame) { return this.frames[frame] ?? "rest pose"; }
 }
 
 // A value between two lists of numbers.
-function interpolate(a, b, share) {
+function blend(a, b, share) {
   return share ? Float64Array.from(a, (x, k) => x + share * (b[k] - x)) : a;
 }

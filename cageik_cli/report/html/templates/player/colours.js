@@ -11,28 +11,30 @@ const makeRamp = (colours) => Float32Array.from(colours.flatMap(parseColour));
 const PLAIN = { clay: makeRamp(Array(9).fill(CLAY)), input: makeRamp(Array(9).fill(INPUT)), parts: makeRamp(PALETTE) };
 
 class Colours {
+  /** @param {Clip} clip */
   constructor(clip) {
     this.clip = clip;
-    this.ramp = makeRamp(clip.header.colours);
+    this.ramp = makeRamp(clip.colours);
     this.movedRamp = makeRamp([...Array(8).fill(CLAY), MOVED]);
-    this.missing = parseColour(clip.header.missing);
+    this.missing = parseColour(clip.missing);
     this.values = new Float32Array(clip.arrays.lack.length / 3);
-    this.parts = clip.header.parts.length ? listOwners(clip).map((part) => part % PALETTE.length) : null;
+    this.parts = clip.parts.length ? listOwners(clip).map((part) => part % PALETTE.length) : null;
   }
 
   // Fills `values` for a mode and a frame; returns the ramp, and what its scale says, if any.
   choose(mode, frame, moved) {
-    const { header, arrays } = this.clip, values = this.values;
+    const { clip, values } = this, { arrays } = clip;
     values.fill(0);
-    if (mode === "rms" && header.rms) {
-      const factor = header.rms.top / 65534 / header.rms.end;
+    if (mode === "base" && arrays.tints) return { ramp: PLAIN.clay, isTinted: true };
+    if (mode === "rms" && clip.rms) {
+      const factor = clip.rms.top / 65534 / clip.rms.end;
       for (let j = 0; j < values.length; j++) values[j] = arrays.rms[j] * factor;
-      return this.markMissing(header.rms.end);
+      return this.markMissing(clip.rms.end);
     }
-    if (mode === "frame" && this.clip.held.has(frame)) {
-      const errors = this.clip.errors(frame), m = values.length, factor = 100 * header.heldStep / header.deviationEnd;
+    if (mode === "frame" && clip.held.has(frame)) {
+      const errors = clip.errors(frame), m = values.length, factor = 100 * clip.heldStep / clip.deviationEnd;
       for (let j = 0; j < m; j++) values[j] = factor * hypot(errors[j], errors[m + j], errors[2 * m + j]);
-      return this.markMissing(header.deviationEnd);
+      return this.markMissing(clip.deviationEnd);
     }
     if (moved) {
       values.set(moved);

@@ -3,17 +3,23 @@ const MAX_FILE_BYTES = 2e6, BARYCENTRIC_TOLERANCE = 1e-6;
 
 const listSets = (file) => file.sets ?? [file];
 
-const isIndex = (k, count) => Number.isInteger(k) && k >= 0 && k < count;
-
 const motionOf = (handle) => ["offset", "target", "pin"].find((name) => name in handle);
 
-function refuse(where, what) { throw new Error(`${where}: ${what}`); }
+// Reads the text of a file of JSON.
+function parseFile(text, kind) {
+  if (text.length > MAX_FILE_BYTES) refuse("file", `is too large for a ${kind} file`);
+  return JSON.parse(text);
+}
 
-// Reads the text of a file; refuses what the page cannot show, and says why.
+// Refuses what is no number of a thing, of which there are so many.
+function checkNumber(k, count, where, thing, owner) {
+  if (!isIndex(k, count)) refuse(where, `there is no ${thing} ${k}; the ${owner} has ${count}, numbered from 0 to ${count - 1}`);
+}
+
+// Reads a handles file; refuses what the page cannot show, and says why.
 function readFile(text, clip) {
-  if (text.length > MAX_FILE_BYTES) refuse("file", "is too large for a handles file");
-  const file = JSON.parse(text), isObject = (one) => typeof one === "object" && one !== null && !Array.isArray(one);
-  if (!isObject(file)) refuse("file", "is not a handles file; expected an object with handles");
+  const file = parseFile(text, "handles");
+  if (Object(file) !== file || Array.isArray(file)) refuse("file", "is not a handles file; expected an object with handles");
   if (file.mirror && ![file.mirror.normal, file.mirror.point].every(isPoint)) refuse("mirror", "expected a normal and a point");
   if (file.locked && !(Array.isArray(file.locked) && file.locked.every((k) => isIndex(k, clip.arrays.cage.length / 3)))) refuse("locked", "expected cage vertices");
   const sets = listSets(file);
@@ -26,15 +32,11 @@ const isPoint = (value) => Array.isArray(value) && value.length === 3 && value.e
 
 function checkSet(set, clip, where) {
   if (!Array.isArray(set?.handles) || !set.handles.length) refuse(`${where}handles`, "expected a list of handles");
-  const { frames, falloff = 0 } = set, isFrame = (number) => clip.hasNumber(number);
-  if ((frames || set.pick_frame !== undefined) && !clip.header.isClip) refuse(`${where}frames`, "not possible for a single pose; remove it");
-  if (frames && !(frames.length === 2 && frames.every(isFrame) && frames[0] <= frames[1])) refuse(`${where}frames`, `expected two frames from ${clip.ends.join(" to ")}`);
-  if (!isIndex(falloff, Infinity)) refuse(`${where}falloff`, "expected a number of frames");
-  const names = new Set(), places = new Set();
-  for (const handle of set.handles) {
+  checkSpan(set, clip, where);
+  const places = new Set();
+  set.handles.forEach((handle, k) => {
     const at = `${where}handle ${JSON.stringify(handle?.name)}`, motion = handle && motionOf(handle);
-    if (typeof handle?.name !== "string" || !handle.name || names.has(handle.name)) refuse(at, "expected a name of its own");
-    names.add(handle.name);
+    checkName(handle?.name, set.handles.slice(0, k), at);
     if ("screen" in handle || "position" in handle) refuse(at, "its place is on the screen or in space; the page needs a vertex or a face");
     const place = resolvePlace(handle, clip, at), key = place.corners.map((corner, k) => place.shares[k] ? corner : "").join();
     if (place.shares.includes(1) && places.has(key)) refuse(at, "another handle is at the same vertex");
@@ -42,24 +44,36 @@ function checkSet(set, clip, where) {
     if ("radius" in handle) refuse(`${at}: radius`, "the page does not show it; use cageik pose");
     if (!(handle.weight === undefined || (handle.weight >= 1e-12 && handle.weight <= 1e12))) refuse(`${at}: weight`, "expected a number from 1e-12 to 1e12");
     if (!motion) refuse(at, "expected a target, an offset or a pin");
-    const track = handle[motion];
-    if (motion === "pin" || isPoint(track)) continue;
-    const keys = track?.frames, isKeyed = Array.isArray(keys) && keys.length && keys.length === track.values?.length && track.values.every(isPoint);
-    if (!isKeyed || !clip.header.isClip || !keys.every((k, i) => isFrame(k) && (!i || k > keys[i - 1]))) refuse(`${at}: ${motion}`, "expected three numbers, or keyframes of the clip");
-  }
+    if (motion !== "pin") checkTrack(handle[motion], clip, `${at}: ${motion}`);
+  });
+}
+
+// Refuses frames that the clip does not have.
+function checkSpan({ frames, falloff = 0, pick_frame }, clip, where) {
+  if ((frames || pick_frame !== undefined) && !clip.isClip) refuse(`${where}frames`, "not possible for a single pose; remove it");
+  if (frames && !(frames.length === 2 && frames.every((one) => clip.hasNumber(one)) && frames[0] <= frames[1])) refuse(`${where}frames`, `expected two frames from ${clip.ends.join(" to ")}`);
+  if (!isIndex(falloff, Infinity)) refuse(`${where}falloff`, "expected a number of frames");
+}
+
+// Refuses what is neither three numbers nor keyframes of the clip.
+function checkTrack(track, clip, where) {
+  if (isPoint(track)) return;
+  const keys = track?.frames, isKeyed = Array.isArray(keys) && keys.length && keys.length === track.values?.length && track.values.every(isPoint);
+  if (!isKeyed || !clip.isClip || !keys.every((k, i) => clip.hasNumber(k) && (!i || k > keys[i - 1]))) refuse(where, "expected three numbers, or keyframes of the clip");
 }
 
 // The drawn vertices and shares of a handle's place.
+/** @param {{ vertex?: number, face?: number, barycentric?: number[] }} place @param {Clip} clip @param {string} where */
 function resolvePlace({ vertex, face, barycentric }, clip, where) {
   if (vertex !== undefined) {
-    const drawn = clip.drawnVertex(vertex), count = clip.header.vertexCount;
-    if (!isIndex(vertex, count)) refuse(`${where}: vertex`, `there is no vertex ${vertex}; the mesh has ${count}, numbered from 0 to ${count - 1}`);
+    const drawn = clip.drawnVertex(vertex);
+    checkNumber(vertex, clip.vertexCount, `${where}: vertex`, "vertex", "mesh");
     if (drawn < 0) refuse(`${where}: vertex`, `vertex ${vertex} is not among those that the page draws`);
     return { corners: [drawn, drawn, drawn], shares: [1, 0, 0] };
   }
-  const faces = clip.arrays.faces, count = faces.length / 3;
+  const { faces } = clip.arrays;
   if (clip.arrays.vertices) refuse(`${where}: face`, "the page draws fewer faces than the model has; give a vertex");
-  if (!isIndex(face, count)) refuse(`${where}: face`, `there is no face ${face}; the mesh has ${count} triangles`);
+  checkNumber(face, faces.length / 3, `${where}: face`, "face", "mesh");
   if (!isPoint(barycentric)) refuse(`${where}: barycentric`, "expected three numbers");
   const sum = sumOf(barycentric);
   if (abs(sum - 1) > BARYCENTRIC_TOLERANCE || min(...barycentric) < -BARYCENTRIC_TOLERANCE) refuse(`${where}: barycentric`, "expected numbers of 0 or above with the sum 1");

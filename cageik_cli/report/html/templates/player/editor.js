@@ -1,10 +1,12 @@
-// The edit: the handles file, the cages that follow from it, and what was undone.
+// The edit: the files of cage edits and of handles, the cages that follow from them, and what was undone.
 const LIVE_MILLISECONDS = 12;
 
-class Editor {
+class Editor extends Past {
+  /** @param {Stage} stage */
   constructor(stage) {
+    super();
     const { clip, skin } = stage;
-    Object.assign(this, { stage, clip, skin, active: 0, selected: -1, rounds: clip.header.rigidity, past: [], future: [], isDragging: false, cost: 0, message: "" });
+    Object.assign(this, { stage, clip, skin, active: 0, selected: -1, rounds: clip.rigidity, isDragging: false, cost: 0, message: "", cageFile: { edits: [] } });
     this.open({ handles: [] });
   }
 
@@ -12,31 +14,50 @@ class Editor {
 
   get handle() { return this.set.handles[this.selected]; }
 
-  open(file) {
-    this.file = file;
+  // What the selected handle has: an offset, a target or a pin.
+  get motion() { return this.handle && motionOf(this.handle); }
+
+  // The cage edits that are saved and applied, if any moves something.
+  get actingCageFile() {
+    const edits = listActing(this.cageFile);
+    return edits.length ? { ...this.cageFile, edits } : null;
+  }
+
+  get hasEdits() { return Boolean(listSets(this.file)[0].handles.length || this.actingCageFile); }
+
+  open(file, cageFile = this.cageFile) {
+    Object.assign(this, { file, cageFile });
     this.active = min(this.active, listSets(file).length - 1);
     this.selected = min(this.selected, this.set.handles.length - 1);
     this.refresh();
   }
 
-  // Changes the file by a function, so that it can be undone.
+  // Both files, as text: all modes have one history.
+  snapshot() { return JSON.stringify([this.file, this.cageFile]); }
+
+  restore(state) { this.open(...JSON.parse(state)); }
+
+  // Changes the files by a function, so that it can be undone.
   change(action) {
-    const before = JSON.stringify(this.file);
+    const before = this.snapshot();
     action();
-    this.past.push(before);
-    this.future = [];
+    this.remember(before);
     this.refresh();
   }
 
-  travel(from, to) {
-    if (!from.length) return;
-    to.push(JSON.stringify(this.file));
-    this.open(JSON.parse(from.pop()));
+  // A step of a drag: all of them are undone together.
+  drag(action) {
+    this.before ??= this.snapshot();
+    this.isDragging = true;
+    this.complaint = "";
+    try { action(); } catch (error) { this.complaint = error.message; }
   }
 
-  undo() { this.travel(this.past, this.future); }
-
-  redo() { this.travel(this.future, this.past); }
+  drop() {
+    if (this.isDragging && this.before !== this.snapshot()) this.remember(this.before);
+    Object.assign(this, { isDragging: false, before: null });
+    this.refresh();
+  }
 
   // Computes again what depends on the file.
   refresh() {
@@ -56,7 +77,7 @@ class Editor {
     try {
       const shared = JSON.stringify([mirror, locked]);
       if (this.shared?.key !== shared) this.shared = { key: shared, ...this.makeSolvers(mirror, locked) };
-      layer.poser = new Poser(this.shared, layer.anchors, this.clip.header.alpha);
+      layer.poser = new Poser(this.shared, layer.anchors, this.clip.alpha);
       if (!layer.poser.isMet) throw new Error("two handles conflict: they cannot be met independently; move or delete one");
     } catch (error) {
       layer.poser = null;
@@ -75,10 +96,13 @@ class Editor {
     return { corners, shares, weight: handle.weight ?? 1, hard: Boolean(handle.hard), ...this.skin.anchor(corners, shares) };
   }
 
-  isEdited(frame) { return this.cageAt(frame) !== this.clip.cage(frame) && this.set.handles.length > 0; }
+  isEdited(frame) { return this.cageAt(frame) !== this.clip.cage(frame); }
+
+  // The cage of a frame after the cage edits, which handles begin from.
+  movedCage(frame) { return moveCage(this.cageFile, this.clip, frame); }
 
   cageAt(frame) {
-    if (!this.layers.some(({ poser }) => poser)) return this.clip.cage(frame);
+    if (!this.layers.some(({ poser }) => poser) && !this.cageFile.edits.length) return this.clip.cage(frame);
     let cage = this.cages.get(frame);
     if (!cage) {
       const start = performance.now();
@@ -92,9 +116,9 @@ class Editor {
   // Rounds of rotations wait for the end of a drag, unless they are fast.
   get roundsNow() { return this.isDragging && this.cost > LIVE_MILLISECONDS ? 0 : this.rounds; }
 
-  // The cage of a frame after the first layers.
+  // The cage of a frame after the cage edits and the first layers.
   apply(frame, count) {
-    let cage = this.clip.cage(frame);
+    let cage = this.movedCage(frame);
     for (const layer of this.layers.slice(0, count)) {
       if (!layer.poser) continue;
       const moves = this.displace(layer, frame, cage);
@@ -104,14 +128,14 @@ class Editor {
   }
 
   displace({ set, anchors }, frame, cage) {
-    const moves = zeros(3 * anchors.length), number = this.clip.numberOf(frame), strength = blendSet(set, number), diagonal = this.clip.header.diagonal;
+    const moves = zeros(3 * anchors.length), number = this.clip.numberOf(frame), strength = blendSet(set, number), diagonal = this.clip.diagonal;
     if (!strength) return moves;
     anchors.forEach((anchor, k) => {
       const handle = set.handles[k], motion = motionOf(handle);
       if (motion === "pin") return;
       const value = evaluateTrack(handle[motion], number);
       const move = motion === "offset" ? scale(value, 1 / diagonal)
-        : subtract(this.clip.fromFile(value), this.skin.place(anchor, cage, this.clip.rotation(frame)));
+        : minus(this.clip.fromFile(value), this.skin.place(anchor, cage, this.clip.rotation(frame)));
       moves.set(scale(move, strength), 3 * k);
     });
     return moves;
@@ -119,22 +143,23 @@ class Editor {
 
   get layer() { return this.layers[this.active]; }
 
-  // Where a cage of a frame has the anchors of the active set.
-  anchorsIn(cage, frame) { return this.layer.anchors.map((anchor) => this.skin.place(anchor, cage, this.clip.rotation(frame))); }
+  // Where a cage of this frame has the anchors of the active set.
+  anchorsIn(cage) { return this.layer.anchors.map((anchor) => this.skin.place(anchor, cage, this.clip.rotation(this.stage.frame))); }
+
+  get anchors() { return this.anchorsIn(this.stage.cage); }
 
   // Where anchors of the active set are before it, and where its targets are.
-  places(frame) {
-    const cage = this.apply(frame, this.active), moves = this.displace(this.layer, frame, cage);
-    return this.anchorsIn(cage, frame).map((start, k) => ({ start, target: add(start, pointOf(moves, k)) }));
+  get places() {
+    const { frame } = this.stage, cage = this.apply(frame, this.active), moves = this.displace(this.layer, frame, cage);
+    return this.anchorsIn(cage).map((start, k) => ({ start, target: add(start, pointOf(moves, k)) }));
   }
 
-  // Moves the target of the selected handle in a frame; `target` is in diagonals.
-  aim(frame, target) {
-    const number = this.clip.numberOf(frame), strength = blendSet(this.set, number), handle = this.handle, motion = motionOf(handle), { header } = this.clip;
-    if (strength < 0.05) { this.message = "the edit has no strength in this frame; go to one between its first and last"; return; }
-    const { start } = this.places(frame)[this.selected], move = scale(subtract(target, start), 1 / strength);
-    const value = motion === "target" ? this.clip.toFile(add(start, move)) : scale(move, header.diagonal);
-    handle[motion] = setValue(handle[motion], number, [...value].map((x) => Number(x.toPrecision(9))));
+  // Moves the target of the selected handle in this frame; `target` is in diagonals.
+  aim(target) {
+    const { handle, motion, clip, stage: { number } } = this, strength = needStrength(this.set, number);
+    const { start } = this.places[this.selected], move = scale(minus(target, start), 1 / strength);
+    const value = motion === "target" ? clip.toFile(add(start, move)) : scale(move, clip.diagonal);
+    handle[motion] = setValue(handle[motion], number, shortenPoint(value));
     this.refresh();
   }
 
@@ -142,10 +167,8 @@ class Editor {
   add(place, kind) {
     const here = JSON.stringify(place), at = this.set.handles.findIndex(({ vertex, face, barycentric }) => JSON.stringify({ vertex, face, barycentric }) === here);
     if (at >= 0) { this.selected = at; return; }
-    let number = this.set.handles.length + 1;
-    while (this.set.handles.some(({ name }) => name === `${kind} ${number}`)) number++;
     this.change(() => {
-      this.set.handles.push({ name: `${kind} ${number}`, ...place, ...(kind === "pin" ? { pin: true } : { offset: [0, 0, 0] }) });
+      this.set.handles.push({ name: findName(kind, this.set.handles), ...place, ...(kind === "pin" ? { pin: true } : { offset: [0, 0, 0] }) });
       this.selected = this.set.handles.length - 1;
     });
   }
@@ -160,13 +183,13 @@ class Editor {
     this.change(() => { this.set.handles.splice(this.selected, 1); this.selected = -1; });
   }
 
-  // What moved more than the handles did, in the frame that is drawn.
+  // What moved more than the handles did, in the frame that is drawn; nothing where cage edits move the model.
   measure(stage) {
     const { frame, share, isPlaying } = stage.transport;
-    if (share || isPlaying || !this.layer.poser || !this.isEdited(frame)) return null;
+    if (share || isPlaying || !this.layer.poser || !this.isEdited(frame) || this.movedCage(frame) !== this.clip.cage(frame)) return null;
     const before = stage.originalPositions(frame), after = stage.positions, marks = new Float32Array(after.length / 3);
-    const starts = this.anchorsIn(this.clip.cage(frame), frame);
-    const largest = max(...this.anchorsIn(stage.cage, frame).map((place, k) => norm(subtract(place, starts[k])))), most = { vertex: 0, distance: 0 };
+    const starts = this.anchorsIn(this.clip.cage(frame));
+    const largest = max(...this.anchors.map((place, k) => norm(minus(place, starts[k])))), most = { vertex: 0, distance: 0 };
     for (let j = 0; j < marks.length; j++) {
       const k = 3 * j, distance = hypot(after[k] - before[k], after[k + 1] - before[k + 1], after[k + 2] - before[k + 2]);
       if (distance > most.distance) Object.assign(most, { vertex: j, distance });
@@ -176,15 +199,15 @@ class Editor {
   }
 
   // Handles are discs, pins squares, and lines lead to targets that are not met.
-  drawMarks(renderer, toClip, ratio) {
-    const { frame, share, isPlaying } = this.stage.transport, lines = [], red = [0.85, 0.25, 0.1, 1];
+  draw(renderer) {
+    const { share, isPlaying } = this.stage.transport, { anchors } = this;
     if (share) return;
-    const places = this.anchorsIn(this.stage.cage, frame);
-    if (!isPlaying) this.places(frame).forEach(({ target }, k) => { if (norm(subtract(target, places[k])) > 0.002) lines.push(...places[k], ...target); });
-    renderer.drawMarks(lines, toClip, { paint: red });
-    this.set.handles.forEach((handle, k) => {
-      const isSelected = k === this.selected, paint = handle.pin ? [0.1, 0.45, 0.3, 1] : red;
-      renderer.drawMarks(places[k], toClip, { paint, rim: isSelected ? [0, 0, 0, 1] : [1, 1, 1, 1], shape: handle.pin ? 2 : 1, size: (isSelected ? 15 : 12) * ratio });
+    const lines = isPlaying ? [] : this.places.flatMap(({ target }, k) => norm(minus(target, anchors[k])) > 0.002 ? [...anchors[k], ...target] : []);
+    renderer.drawLines(lines, RED);
+    this.set.handles.forEach(({ pin }, k) => {
+      const [size, rim] = k === this.selected ? [15, BLACK] : [12, WHITE];
+      if (pin) renderer.drawSquares(anchors[k], [0.1, 0.45, 0.3, 1], size, rim);
+      else renderer.drawDots(anchors[k], RED, size, rim);
     });
   }
 }

@@ -1,6 +1,7 @@
 // The packed data of the page: a header, and typed arrays by name (see report/player/packing.py).
-const ARRAY_TYPES = { f4: Float32Array, i1: Int8Array, i2: Int16Array, u2: Uint16Array, u4: Uint32Array };
+const ARRAY_TYPES = { f4: Float32Array, i1: Int8Array, i2: Int16Array, u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
 
+/** @param {string} text @returns {Promise<Payload>} */
 async function unpackPayload(text) {
   const letters = atob(text.trim());
   const packed = new Uint8Array(letters.length);
@@ -10,6 +11,7 @@ async function unpackPayload(text) {
   const length = new DataView(content.buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(content.subarray(4, 4 + length)));
   let start = 4 + length;
+  /** @type {any} */
   const arrays = {};
   for (const { name, type, shape } of header.arrays) {
     const count = shape.reduce((a, b) => a * b, 1), numbers = new ARRAY_TYPES[type](count);
@@ -39,7 +41,7 @@ function addPredictions(values, faces, count) {
     let sum = 0, lacks = 0;
     for (let k = from; k < to; k++) { sum += values[row + before[k]]; lacks += lack[before[k]]; }
     if (from === to && j) { sum = values[row + j - 1]; lacks = lack[j - 1]; }
-    lack[j] = (Math.floor(lacks / near) >> 1) + (code >> 1 ^ -(code & 1));
-    values[row + j] = Math.floor(sum / near) + lack[j];
+    lack[j] = (floor(lacks / near) >> 1) + (code >> 1 ^ -(code & 1));
+    values[row + j] = floor(sum / near) + lack[j];
   }
 }

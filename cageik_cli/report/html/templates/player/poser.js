@@ -5,7 +5,7 @@ class Poser {
   // `cageSolvers` is of `makeSolvers`; `anchors` have a row in cage space, a weight and `hard`.
   constructor(cageSolvers, anchors, alpha) {
     Object.assign(this, cageSolvers, { rows: anchors.map((one) => one.row) });
-    const unit = alpha * anchors.length / this.neighbours.length;
+    const unit = alpha * anchors.length / this.rings.length;
     const compliance = anchors.map(({ hard, weight }) => hard ? 0 : unit / weight);
     this.responses = this.solvers.map((solver) => solver.respond(this.rows, compliance));
     this.isMet = this.responses.every(Boolean);
@@ -13,7 +13,7 @@ class Poser {
 
   // Applies a map of one coordinate to points; across a mirror it is another one.
   map(points, apply) {
-    const count = points.length / 3, out = zeros(3 * this.neighbours.length);
+    const count = points.length / 3, out = zeros(3 * this.rings.length);
     const take = (axis) => Float64Array.from({ length: count }, (_, k) => dot(axis, pointOf(points, k)));
     const give = (values, axis, sign = 1) => values.forEach((x, k) => { for (let a = 0; a < 3; a++) out[3 * k + a] += sign * x * axis[a]; });
     for (const axis of [[1, 0, 0], [0, 1, 0], [0, 0, 1]]) give(apply(0, take(axis)), axis);
@@ -26,21 +26,21 @@ class Poser {
   }
 
   // The cage whose anchors are displaced.
-  edit(cage, displacements, rounds) {
-    const unrotated = this.map(displacements, (k, t) => combine(this.responses[k], t, this.neighbours.length));
+  edit(cage, moves, rounds) {
+    const straight = this.map(moves, (k, t) => combine(this.responses[k], t, this.rings.length));
     // The anchors go to their targets in steps, one per round, all but the last.
-    const steps = max(1, rounds - max(SETTLING_ROUNDS, Math.floor(rounds / 10)));
-    let moved = scale(unrotated, 1 / steps);
+    const steps = max(1, rounds - max(SETTLING_ROUNDS, floor(rounds / 10)));
+    let moved = scale(straight, 1 / steps);
     for (let step = 2; step < rounds + 2; step++) {
       const turned = this.map(this.turnCells(cage, moved), (k, b) => this.solvers[k].change(b, this.rows, this.responses[k]));
-      moved = add(scale(unrotated, min(1, step / steps)), turned);
+      moved = add(scale(straight, min(1, step / steps)), turned);
     }
     return add(Float64Array.from(cage), moved);
   }
 
   // The change of δ when each cell of the cage turns with its motion.
   turnCells(cage, moved) {
-    const near = this.neighbours, n = near.length, turns = zeros(9 * n), s = zeros(9), out = zeros(3 * n);
+    const near = this.rings, n = near.length, turns = zeros(9 * n), s = zeros(9), out = zeros(3 * n);
     for (let i = 0; i < n; i++) {
       s.fill(0);
       for (const j of near[i]) for (let c = 0; c < 3; c++) {
@@ -53,7 +53,7 @@ class Poser {
     }
     for (let i = 0; i < n; i++) for (const j of near[i]) for (let c = 0; c < 3; c++) {
       const edge = (cage[3 * i + c] - cage[3 * j + c]) / near[i].length;
-      for (let r = 0; r < 3; r++) out[3 * i + r] += ((turns[9 * i + 3 * r + c] + turns[9 * j + 3 * r + c]) / 2 - (r === c)) * edge;
+      for (let r = 0; r < 3; r++) out[3 * i + r] += ((turns[9 * i + 3 * r + c] + turns[9 * j + 3 * r + c]) / 2 - Number(r === c)) * edge;
     }
     return out;
   }
@@ -61,8 +61,8 @@ class Poser {
 
 // What all posers of a cage share. `mirror` is null, or a normal and a point in the cage's units.
 function makeSolvers(cage, faces, locked, mirror) {
-  const neighbours = listNeighbours(faces, cage.length / 3), partners = mirror && findPartners(cage, mirror);
+  const rings = listNeighbours(listEdges(faces), cage.length / 3), partners = mirror && findPartners(cage, mirror);
   if (mirror && !partners) throw new Error("mirror: the cage is not symmetric; move the plane, or remove the mirror");
-  const solvers = (mirror ? [1, -1] : [1]).map((sign) => new CoordinateSolver(neighbours, new Set(locked), partners, sign));
-  return { neighbours, solvers, normal: mirror?.normal };
+  const solvers = (mirror ? [1, -1] : [1]).map((sign) => new CoordinateSolver(rings, new Set(locked), partners, sign));
+  return { rings, solvers, normal: mirror?.normal };
 }

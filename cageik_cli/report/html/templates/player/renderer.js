@@ -1,77 +1,95 @@
 // Draws with WebGL2: a shaded mesh, lines and points.
 const MESH_VERTEX = `#version 300 es
 uniform mat4 toClip;
-in vec3 position, normal;
+in vec3 position, normal, tint;
 in float value;
-out vec3 facing;
+out vec3 facing, hue;
 out float level;
-void main() { gl_Position = toClip * vec4(position, 1.0); facing = normal; level = value; }`;
+void main() { gl_Position = toClip * vec4(position, 1.0); facing = normal; level = value; hue = tint; }`;
 
 const MESH_FRAGMENT = `#version 300 es
 precision highp float;
 uniform vec3 ramp[9], missing, light, eye;
-in vec3 facing;
+uniform float tinted;
+in vec3 facing, hue;
 in float level;
 out vec4 colour;
 void main() {
   float place = clamp(level, 0.0, 1.0) * 8.0;
   int k = min(int(place), 7);
   vec3 paint = level < -0.5 ? missing : mix(ramp[k], ramp[k + 1], place - float(k));
+  paint = mix(paint, hue, tinted);
   vec3 n = normalize(facing) * (gl_FrontFacing ? 1.0 : -1.0);
   float shade = 0.38 + 0.50 * max(dot(n, light), 0.0) + 0.18 * max(dot(n, eye), 0.0);
   colour = vec4(paint * shade, 1.0);
 }`;
 
+// Of marks, and of the ground, which is moved by `offset`; what is not set is zero.
 const MARK_VERTEX = `#version 300 es
 uniform mat4 toClip;
+uniform vec3 offset;
 uniform float size;
 in vec3 position;
-void main() { gl_Position = toClip * vec4(position, 1.0); gl_PointSize = size; }`;
+out vec3 place;
+void main() { place = position + offset; gl_Position = toClip * vec4(place, 1.0); gl_PointSize = size; }`;
+
+const GRID_FRAGMENT = `#version 300 es
+precision highp float;
+uniform vec4 paint;
+uniform vec3 foot;
+uniform float reach;
+in vec3 place;
+out vec4 colour;
+void main() {
+  float left = max(0.0, 1.0 - distance(place, foot) / reach);
+  colour = vec4(paint.rgb, paint.a * left * left);
+}`;
 
 const MARK_FRAGMENT = `#version 300 es
 precision highp float;
 uniform vec4 paint, rim;
-uniform int shape;
+uniform float shape;
 out vec4 colour;
 void main() {
   vec2 off = abs(2.0 * gl_PointCoord - 1.0);
-  float away = shape == 1 ? length(off) : max(off.x, off.y);
-  if (shape > 0 && away > 1.0) discard;
-  colour = shape > 0 && away > 0.68 ? rim : paint;
+  float away = shape == 1.0 ? length(off) : max(off.x, off.y);
+  if (shape > 0.0 && away > 1.0) discard;
+  colour = shape > 0.0 && away > 0.68 ? rim : paint;
 }`;
 
-// Whether pictures are drawn without a graphics card, where smooth edges cost too much.
-const isSoftware = () => !document.createElement("canvas").getContext("webgl2", { failIfMajorPerformanceCaveat: true });
+const WHITE = [1, 1, 1, 1], BLACK = [0, 0, 0, 1], RED = [0.85, 0.25, 0.1, 1];
+
+// Whether pictures are drawn without a graphics card, where smooth edges take most of the time. Not all browsers say so
+// by refusing `failIfMajorPerformanceCaveat`; the name of what draws does.
+const isSoftware = (gl) => /swiftshader|llvmpipe|software|basic render/i.test(gl?.getParameter(gl.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER));
 
 class Renderer {
   constructor(canvas, faces, cageEdges) {
-    const gl = this.gl = canvas.getContext("webgl2", { antialias: !isSoftware(), alpha: false });
+    const gl = this.gl = canvas.getContext("webgl2", { antialias: !isSoftware(document.createElement("canvas").getContext("webgl2")), alpha: false });
     if (!gl) throw new Error("no WebGL2");
-    this.mesh = this.build(MESH_VERTEX, MESH_FRAGMENT, ["position", "normal", "value"]);
+    this.mesh = this.build(MESH_VERTEX, MESH_FRAGMENT, ["position", "normal", "value", "tint"]);
     this.mark = this.build(MARK_VERTEX, MARK_FRAGMENT, ["position"]);
-    this.cageEdgeCount = cageEdges.length;
-    this.buffers = {};
-    this.setFaces(faces);
+    this.grid = this.build(MARK_VERTEX, GRID_FRAGMENT, ["position"]);
+    Object.assign(this, { buffers: {}, counts: {} });
+    this.sendIndices("faces", faces);
     this.sendIndices("cageEdges", cageEdges);
     gl.enable(gl.DEPTH_TEST);
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
   }
 
-  setFaces(faces) {
-    this.faceCount = faces.length;
-    this.sendIndices("faces", faces);
-  }
-
-  setEdges(edges) {
-    this.edgeCount = edges.length;
-    this.sendIndices("edges", edges);
-  }
-
+  // Sends triangles or lines, as indices, to the buffer of this name.
   sendIndices(name, indices) {
     const gl = this.gl;
     this.buffers[name] ??= gl.createBuffer();
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers[name]);
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, indices, gl.STATIC_DRAW);
+    this.counts[name] = indices.length;
+  }
+
+  drawIndices(kind, name) {
+    const gl = this.gl;
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers[name]);
+    gl.drawElements(kind, this.counts[name], gl.UNSIGNED_INT, 0);
   }
 
   build(vertex, fragment, attributes) {
@@ -88,12 +106,17 @@ class Renderer {
     return program;
   }
 
-  // Uses a program; returns a function from the names of its uniforms to their places.
-  use(program, toClip) {
-    const gl = this.gl, placeOf = (name) => gl.getUniformLocation(program, name);
+  // Uses a program with uniforms by their names: numbers, vectors, or a 4 x 4 matrix.
+  use(program, uniforms) {
+    const gl = this.gl;
     gl.useProgram(program);
-    gl.uniformMatrix4fv(placeOf("toClip"), false, toClip);
-    return placeOf;
+    for (const [name, value] of Object.entries({ toClip: this.toClip, ...uniforms })) {
+      const place = gl.getUniformLocation(program, name), size = value.length;
+      if (!size) gl.uniform1f(place, value);
+      else if (size === 16) gl.uniformMatrix4fv(place, false, value);
+      else if (size === 4) gl.uniform4fv(place, value);
+      else gl.uniform3fv(place, value);
+    }
   }
 
   // Sends an array to the buffer of this name.
@@ -111,8 +134,10 @@ class Renderer {
     gl.vertexAttribPointer(place, size, gl.FLOAT, false, 0, 0);
   }
 
-  begin(left, width, height, ground) {
+  // Begins a part of the picture, which a matrix projects to; sizes of marks are in `pixels`.
+  begin({ left, width, height, ground, toClip, pixels }) {
     const gl = this.gl;
+    Object.assign(this, { toClip, pixels });
     gl.viewport(left, 0, width, height);
     gl.scissor(left, 0, width, height);
     gl.enable(gl.SCISSOR_TEST);
@@ -120,49 +145,56 @@ class Renderer {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   }
 
-  // `names` of positions, normals and values; `vectors` by the names of uniforms.
-  drawMesh(names, toClip, vectors) {
-    const gl = this.gl, placeOf = this.use(this.mesh, toClip);
+  // `names` of positions, normals, values and perhaps colours of the file.
+  drawMesh(names, uniforms) {
+    const gl = this.gl;
+    this.use(this.mesh, uniforms);
     gl.disable(gl.BLEND);
     gl.depthFunc(gl.LESS);
     gl.enable(gl.POLYGON_OFFSET_FILL);
     gl.polygonOffset(1, 1);
-    for (const name in vectors) gl.uniform3fv(placeOf(name), vectors[name]);
-    names.forEach((name, place) => this.attach(place, name, place < 2 ? 3 : 1));
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.faces);
-    gl.drawElements(gl.TRIANGLES, this.faceCount, gl.UNSIGNED_INT, 0);
+    names.forEach((name, place) => this.attach(place, name, place === 2 ? 1 : 3));
+    this.drawIndices(gl.TRIANGLES, "faces");
     gl.disable(gl.POLYGON_OFFSET_FILL);
   }
 
-  useMarks(name, toClip, { paint, rim = paint, shape = 0, size = 1 }) {
-    const gl = this.gl, placeOf = this.use(this.mark, toClip);
+  // Lines of the ground, which fade away from `foot` until `reach`; they hide nothing.
+  drawGrid(name, lines, uniforms) {
+    const gl = this.gl;
+    if (!this.buffers[name]) this.upload(name, lines);
+    this.use(this.grid, uniforms);
     gl.enable(gl.BLEND);
-    gl.uniform4fv(placeOf("paint"), paint);
-    gl.uniform4fv(placeOf("rim"), rim);
-    gl.uniform1i(placeOf("shape"), shape);
-    gl.uniform1f(placeOf("size"), size);
+    gl.depthFunc(gl.LESS);
+    gl.depthMask(false);
+    this.attach(0, name, 3);
+    gl.drawArrays(gl.LINES, 0, lines.length / 3);
+    gl.depthMask(true);
+  }
+
+  useMarks(name, { paint, rim = paint, shape = 0, size = 1 }) {
+    this.use(this.mark, { paint, rim, shape, size: size * this.pixels });
+    this.gl.enable(this.gl.BLEND);
     this.attach(0, name, 3);
   }
 
   // The edges of a mesh that was just drawn, where its surface does not hide them.
-  drawEdges(name, toClip) {
+  drawEdges(name) {
     const gl = this.gl;
     gl.depthFunc(gl.LEQUAL);
-    this.useMarks(name, toClip, { paint: [0.1, 0.12, 0.15, 0.45] });
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.edges);
-    gl.drawElements(gl.LINES, this.edgeCount, gl.UNSIGNED_INT, 0);
+    this.useMarks(name, { paint: [0.1, 0.12, 0.15, 0.45] });
+    this.drawIndices(gl.LINES, "edges");
   }
 
   // The cage: clear before surfaces, faint behind them.
-  drawCage(toClip, colour, pixels) {
+  drawCage(colour) {
     const gl = this.gl;
     for (const [order, opacity] of [[gl.GREATER, 0.22], [gl.LEQUAL, 0.95]]) {
+      const paint = [...colour, opacity];
       gl.depthFunc(order);
       gl.depthMask(order === gl.LEQUAL);
-      this.useMarks("cage", toClip, { paint: [...colour, opacity] });
-      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.cageEdges);
-      gl.drawElements(gl.LINES, this.cageEdgeCount, gl.UNSIGNED_INT, 0);
-      this.useMarks("cage", toClip, { paint: [...colour, opacity], shape: 1, size: 5 * pixels });
+      this.useMarks("cage", { paint });
+      this.drawIndices(gl.LINES, "cageEdges");
+      this.useMarks("cage", { paint, shape: 1, size: 5 });
       gl.drawArrays(gl.POINTS, 0, this.cagePoints);
     }
     gl.depthMask(true);
@@ -173,14 +205,23 @@ class Renderer {
     this.upload("cage", Float32Array.from(cage));
   }
 
-  // Marks on top of everything: points of a shape, or lines between pairs.
-  drawMarks(points, toClip, style) {
+  // Marks on top of everything, which are given as a list of coordinates.
+  drawMarks(kind, points, style) {
     if (!points.length) return;
     const gl = this.gl;
     this.upload("marks", Float32Array.from(points));
     gl.disable(gl.DEPTH_TEST);
-    this.useMarks("marks", toClip, style);
-    gl.drawArrays(style.shape ? gl.POINTS : gl.LINES, 0, points.length / 3);
+    this.useMarks("marks", style);
+    gl.drawArrays(kind, 0, points.length / 3);
     gl.enable(gl.DEPTH_TEST);
   }
+
+  drawDots(points, paint, size, rim = WHITE) { this.drawMarks(this.gl.POINTS, points, { paint, rim, size, shape: 1 }); }
+
+  drawSquares(points, paint, size, rim = WHITE) { this.drawMarks(this.gl.POINTS, points, { paint, rim, size, shape: 2 }); }
+
+  // Lines between pairs of points.
+  drawLines(points, paint) { this.drawMarks(this.gl.LINES, points, { paint }); }
+
+  drawTriangles(points, paint) { this.drawMarks(this.gl.TRIANGLES, points, { paint }); }
 }

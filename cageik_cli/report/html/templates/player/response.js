@@ -2,25 +2,19 @@
 // posing/cage_response.py, with the constraints of posing/constraints.py.
 const FREE_TOLERANCE = 1e-9, MAX_ASYMMETRY = 1e-3;
 
-function listNeighbours(faces, count) {
-  const sets = listOf(count, () => new Set()), edges = listEdges(faces);
-  for (let k = 0; k < edges.length; k += 2) { sets[edges[k]].add(edges[k + 1]); sets[edges[k + 1]].add(edges[k]); }
-  return sets.map((set) => [...set]);
-}
-
-// Components of the cage, each of length one.
-function listComponents(neighbours) {
-  const number = new Int32Array(neighbours.length).fill(-1), components = [];
-  neighbours.forEach((_, start) => {
+// Components of the cage, each of length one; `rings` are the neighbours of its vertices.
+function listComponents(rings) {
+  const number = new Int32Array(rings.length).fill(-1), components = [];
+  rings.forEach((_, start) => {
     if (number[start] >= 0) return;
     const stack = [start], members = [];
     number[start] = components.length;
     while (stack.length) {
       const at = stack.pop();
       members.push(at);
-      for (const next of neighbours[at]) if (number[next] < 0) { number[next] = number[start]; stack.push(next); }
+      for (const next of rings[at]) if (number[next] < 0) { number[next] = number[start]; stack.push(next); }
     }
-    const one = zeros(neighbours.length);
+    const one = zeros(rings.length);
     for (const member of members) one[member] = members.length ** -0.5;
     components.push(one);
   });
@@ -31,10 +25,10 @@ function listComponents(neighbours) {
 function findPartners(cage, { normal, point }) {
   const count = cage.length / 3, [, radius] = enclose(cage), partners = new Int32Array(count);
   for (let i = 0; i < count; i++) {
-    const p = pointOf(cage, i), image = subtract(p, scale(normal, 2 * dot(subtract(p, point), normal)));
+    const p = pointOf(cage, i), image = minus(p, scale(normal, 2 * dot(minus(p, point), normal)));
     let best = Infinity;
     for (let k = 0; k < count; k++) {
-      const away = norm(subtract(image, pointOf(cage, k)));
+      const away = norm(minus(image, pointOf(cage, k)));
       if (away < best) { best = away; partners[i] = k; }
     }
     if (best > MAX_ASYMMETRY * 2 * radius) return null;
@@ -44,9 +38,9 @@ function findPartners(cage, { normal, point }) {
 
 // One coordinate of all cage vertices; `sign` is -1 for that across a mirror.
 class CoordinateSolver {
-  constructor(neighbours, locked, partners, sign) {
-    const n = neighbours.length;
-    Object.assign(this, { neighbours, count: n, column: new Int32Array(n).fill(-1), share: zeros(n) });
+  constructor(rings, locked, partners, sign) {
+    const n = rings.length;
+    Object.assign(this, { rings, count: n, column: new Int32Array(n).fill(-1), share: zeros(n) });
     let width = 0;
     for (let k = 0; k < n; k++) {
       const partner = partners ? partners[k] : k;
@@ -61,7 +55,7 @@ class CoordinateSolver {
       for (const [i, x] of entries) for (const [j, y] of entries) matrix[i][j] += x * y;
     };
     const entry = (k, value) => [this.column[k], value * this.share[k]];
-    neighbours.forEach((near, i) => {
+    rings.forEach((near, i) => {
       if (near.length) add([entry(i, 1), ...near.map((j) => entry(j, -1 / near.length))].filter(([k]) => k >= 0));
     });
     for (const mode of this.modes) add([...this.restrict(mode)].map((x, k) => [k, x]));
@@ -78,16 +72,16 @@ class CoordinateSolver {
 
   // Motions of whole components that are free; that of the whole cage is the first, if it is.
   findFreeModes() {
-    const components = listComponents(this.neighbours);
-    const { values, right } = decompose(components.map((one) => subtract(one, this.extend(this.restrict(one)))));
+    const components = listComponents(this.rings);
+    const { values, right } = decompose(components.map((one) => minus(one, this.extend(this.restrict(one)))));
     const free = right.filter((_, k) => values[k] < FREE_TOLERANCE).map((shares) => combine(components, shares));
     const whole = zeros(this.count).fill(this.count ** -0.5), shares = free.map((mode) => dot(mode, whole));
-    if (!free.length || norm(subtract(combine(free, shares), whole)) > FREE_TOLERANCE) return free;
+    if (!free.length || norm(minus(combine(free, shares), whole)) > FREE_TOLERANCE) return free;
     this.canMoveAsOne = true;
     const kept = [whole];
     for (const mode of free) {
       let rest = mode;
-      for (const one of kept) rest = subtract(rest, scale(one, dot(one, rest)));
+      for (const one of kept) rest = minus(rest, scale(one, dot(one, rest)));
       if (kept.length < free.length && norm(rest) > 1e-6) kept.push(normalize(rest));
     }
     return kept;
@@ -96,30 +90,30 @@ class CoordinateSolver {
   // Displacements by forces on cage vertices, without free modes.
   push(forces) {
     const moved = this.extend(solveFactored(this.factor, this.restrict(forces)));
-    for (const mode of this.modes) accumulate(moved, -dot(mode, forces), mode);
+    for (const mode of this.modes) addTo(moved, -dot(mode, forces), mode);
     return moved;
   }
 
   // The response to anchors with these rows; null if they cannot be met independently.
   respond(rows, compliance) {
-    const count = rows.length, influence = rows.map((row) => this.push(row));
-    const system = rows.map((row, i) => Float64Array.from(influence, (one, k) => dot(row, one) + (i === k ? compliance[i] : 0)));
+    const count = rows.length, pushed = rows.map((row) => this.push(row));
+    const system = rows.map((row, i) => Float64Array.from(pushed, (one, k) => dot(row, one) + (i === k ? compliance[i] : 0)));
     const coupling = this.modes.map((mode) => Float64Array.from(rows, (row) => dot(row, mode)));
     const { values, columns } = decompose(coupling);
     const rigid = columns.filter((_, k) => values[k] > FREE_TOLERANCE).map(normalize);
-    const clean = (v) => rigid.reduce((rest, one) => subtract(rest, scale(one, dot(one, rest))), v);
+    const clean = (v) => rigid.reduce((rest, one) => minus(rest, scale(one, dot(one, rest))), v);
     // The system outside the rigid motions; on those, any number that keeps it regular.
     const half = system.map(clean), size = max(...system.map((row, i) => row[i])) || 1;
     const inner = listOf(count, (i) => clean(Float64Array.from(half, (row) => row[i])));
-    for (const one of rigid) inner.forEach((row, i) => accumulate(row, size * one[i], one));
+    for (const one of rigid) inner.forEach((row, i) => addTo(row, size * one[i], one));
     const factor = factorize(inner);
     if (!factor) return null;
     const units = makeIdentity(count), forces = units.map((unit) => clean(solveFactored(factor, clean(unit))));
-    const left = forces.map((force, i) => subtract(units[i], Float64Array.from(system, (row) => dot(row, force))));
+    const left = forces.map((force, i) => minus(units[i], Float64Array.from(system, (row) => dot(row, force))));
     const resolve = this.resolveModes(coupling, count);
     return forces.map((force, i) => {
-      const moved = combine(influence, force, this.count);
-      resolve.forEach((row, mode) => accumulate(moved, dot(row, left[i]), this.modes[mode]));
+      const moved = combine(pushed, force, this.count);
+      resolve.forEach((row, mode) => addTo(moved, dot(row, left[i]), this.modes[mode]));
       return moved;
     });
   }
@@ -132,7 +126,7 @@ class CoordinateSolver {
     const together = zeros(count).fill(1 / count);
     apart.forEach((row, mode) => {
       const mean = sumOf(coupling[mode + 1]) / count;
-      accumulate(together, -mean, row);
+      addTo(together, -mean, row);
     });
     return [scale(together, 1 / this.modes[0][0]), ...apart];
   }
@@ -140,20 +134,20 @@ class CoordinateSolver {
   // Displacements by a change of δ, with the anchors where they are.
   change(differences, rows, response) {
     const forces = Float64Array.from(differences);
-    this.neighbours.forEach((near, i) => {
+    this.rings.forEach((near, i) => {
       if (!near.length) forces[i] = 0;
       for (const j of near) forces[j] -= differences[i] / near.length;
     });
     const moved = this.push(forces);
     const shares = rows.map((row) => dot(row, moved));
-    response.forEach((one, i) => accumulate(moved, -shares[i], one));
+    response.forEach((one, i) => addTo(moved, -shares[i], one));
     return moved;
   }
 }
 
 function combine(vectors, shares, length = vectors[0]?.length ?? 0) {
   const sum = zeros(length);
-  vectors.forEach((vector, k) => accumulate(sum, shares[k], vector));
+  vectors.forEach((vector, k) => addTo(sum, shares[k], vector));
   return sum;
 }
 
@@ -162,7 +156,7 @@ function invert(columns, count) {
   const { values, columns: left, right } = decompose(columns), rows = makeRows(columns.length, count);
   values.forEach((value, k) => {
     if (value <= FREE_TOLERANCE) return;
-    rows.forEach((row, p) => accumulate(row, right[k][p] / (value * value), left[k]));
+    rows.forEach((row, p) => addTo(row, right[k][p] / (value * value), left[k]));
   });
   return rows;
 }

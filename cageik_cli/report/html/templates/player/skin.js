@@ -1,5 +1,6 @@
 // The model: positions from cages, v = base R + W (c − cage R), and normals.
 class Skin {
+  /** @param {Payload} payload */
   constructor({ header, arrays }) {
     this.cage = Float64Array.from(arrays.cage);
     this.count = arrays.lack.length / 3;
@@ -59,7 +60,7 @@ class Skin {
     const n = this.cageCount, row = zeros(n), base = [0, 0, 0];
     corners.forEach((vertex, corner) => {
       const share = shares[corner];
-      accumulate(row, share, this.weights.subarray(vertex * n));
+      addTo(row, share, this.weights.subarray(vertex * n));
       for (let a = 0; a < 3; a++) base[a] += share * this.base[3 * vertex + a];
     });
     return { row, base };
@@ -105,7 +106,7 @@ class Skin {
       const depth = (vx * qx + vy * qy + vz * qz) / size;
       if (depth > 0 && depth < best) {
         best = depth;
-        found = { face: k / 3, corners: [f[k], f[k + 1], f[k + 2]], barycentric: [1 - s - t, s, t], depth };
+        found = { face: k / 3, corners: [f[k], f[k + 1], f[k + 2]], barycentric: [1 - s - t, s, t] };
       }
     }
     return found;
@@ -125,5 +126,12 @@ function listEdges(faces, isJoined) {
     else if (isJoined && other === polygon) polygonOf.set(key, -1);
   }
   const keys = [...polygonOf.keys()].filter((key) => polygonOf.get(key) > 0);
-  return Uint32Array.from(keys.flatMap((key) => [Math.floor(key / 67108864), key % 67108864]));
+  return Uint32Array.from(keys.flatMap((key) => [floor(key / 67108864), key % 67108864]));
+}
+
+// The other ends of the edges at each vertex; each edge is there once.
+function listNeighbours(edges, count) {
+  const near = listOf(count, () => []);
+  for (let k = 0; k < edges.length; k += 2) { near[edges[k]].push(edges[k + 1]); near[edges[k + 1]].push(edges[k]); }
+  return near;
 }

@@ -1,24 +1,33 @@
 // The picture: what is drawn of a clip at a moment, from where, and how long it took.
-const TIMED_FRAMES = 120, TELL_EVERY = 200;
+const TIMED_FRAMES = 120, TELL_EVERY = 200, FIRST_TURN = 32, FIRST_TILT = 14;
 
-// What other pages add to the player: functions of its section and stage.
+// Half the size of what F shows of a single point, in diagonals; cells of the ground on each side.
+const CLOSE_RADIUS = 0.08, GRID_CELLS = 60;
+
+// What other pages add to the player: functions of its stage.
 const extensions = [];
 
 class Stage {
-  constructor(canvas, payload) {
-    this.canvas = canvas;
+  constructor(section, payload) {
+    const canvas = section.querySelector("canvas");
+    Object.assign(this, { section, canvas });
     this.clip = new Clip(payload);
     this.skin = new Skin(payload);
     this.renderer = new Renderer(canvas, payload.arrays.faces, listEdges(payload.arrays.cageFaces, payload.arrays.joinedCageFaces));
     this.colours = new Colours(this.clip);
-    this.camera = new Camera(this.clip.header.up);
-    this.transport = new Transport(this.clip.count, this.clip.header.fps);
+    if (payload.arrays.tints) this.renderer.upload("tints", Float32Array.from(payload.arrays.tints, (x) => x / 255));
+    this.camera = new Camera(this.clip.up);
+    this.transport = new Transport(this.clip.count, this.clip.fps);
     for (const name of ["positions", "input", "normals"]) this[name] = new Float32Array(payload.arrays.lack.length);
-    this.view = { show: "model", colours: "clay", cage: true, edges: false, follow: travels(this.clip) };
+    this.view = { show: "model", colours: "clay", cage: true, edges: false, grid: true, follow: travels(this.clip) };
     Object.assign(this, { editor: null, listeners: [], timings: { solve: [], skin: [], normals: [], draw: [], frames: [] }, isStale: true, toldAt: 0 });
     this.reset();
-    new ResizeObserver(() => this.request()).observe(canvas);
+    new ResizeObserver(() => this.resize()).observe(canvas);
   }
+
+  // An element of the player that is marked by `data-` and a name.
+  /** @returns {any} */
+  find(name) { return this.section.querySelector(`[data-${name}]`); }
 
   // Draws soon; `isStale` says that the mesh changed, too.
   request(isStale = false) {
@@ -30,17 +39,22 @@ class Stage {
     this.pending = null;
     if (this.transport.isPlaying) { this.transport.advance(now); this.isStale = true; }
     if (this.isStale) this.compute();
-    const start = performance.now();
-    this.draw();
-    this.note("draw", performance.now() - start);
+    this.measure("draw", () => this.draw());
     this.note("frames", now);
     // To paint texts costs as much as the model, so that they wait while it moves.
-    const isMoving = this.transport.isPlaying || this.editor?.isDragging;
+    const isMoving = this.transport.isPlaying || this.modes?.isDragging;
     if (!isMoving || now - this.toldAt > TELL_EVERY) {
       this.toldAt = now;
       for (const listener of this.listeners) listener();
     }
     if (this.transport.isPlaying) this.request();
+  }
+
+  // Does something, and notes how many milliseconds it takes.
+  measure(what, action) {
+    const start = performance.now();
+    action();
+    this.note(what, performance.now() - start);
   }
 
   note(what, value) {
@@ -49,28 +63,28 @@ class Stage {
     if (list.length > TIMED_FRAMES) list.shift();
   }
 
+  get frame() { return this.transport.frame; }
+
+  // The number of the frame that is shown.
+  get number() { return this.clip.numberOf(this.frame); }
+
   cageAt(frame) { return this.editor ? this.editor.cageAt(frame) : this.clip.cage(frame); }
 
   compute() {
     this.isStale = false;
-    const { frame, share } = this.transport, clip = this.clip, start = performance.now();
-    const isBetween = share > 0, after = isBetween ? frame + 1 : frame;
-    this.cage = interpolate(this.cageAt(frame), this.cageAt(after), share);
-    const rotation = interpolate(clip.rotation(frame), clip.rotation(after), share), solved = performance.now();
-    this.skin.deform(this.cage, rotation, this.positions);
-    const placed = performance.now();
-    this.skin.normals(this.positions, this.normals);
-    this.renderer.upload("positions", this.positions);
-    this.renderer.upload("normals", this.normals);
-    this.renderer.uploadCage(this.cage);
-    this.note("solve", solved - start);
-    this.note("skin", placed - solved);
-    this.note("normals", performance.now() - placed);
+    const { clip, skin, renderer, positions, normals, transport: { frame, share } } = this;
+    const after = share > 0 ? frame + 1 : frame, rotation = blend(clip.rotation(frame), clip.rotation(after), share);
+    this.measure("solve", () => { this.cage = blend(this.cageAt(frame), this.cageAt(after), share); });
+    this.measure("skin", () => { if (!this.mold?.(positions)) skin.deform(this.cage, rotation, positions); });
+    this.measure("normals", () => skin.normals(positions, normals));
+    renderer.upload("positions", positions);
+    renderer.upload("normals", normals);
+    renderer.uploadCage(this.drawnCage?.() ?? this.cage);
     this.moved = this.editor?.measure(this) ?? null;
     this.computeInput();
-    this.scale = this.colours.choose(this.view.colours, share ? -1 : frame, this.moved?.marks);
-    this.renderer.upload("values", this.colours.values);
-    if (this.view.follow) this.camera.shift = subtract(meanOf(this.cage), meanOf(this.skin.cage));
+    this.scale = this.modes?.active.paint?.(this.colours.values) ?? this.colours.choose(this.view.colours, share ? -1 : frame, this.moved?.marks);
+    renderer.upload("values", this.colours.values);
+    if (this.view.follow) this.camera.shift = minus(meanOf(this.cage), meanOf(skin.cage));
   }
 
   // Sends the edges of the model to be drawn, if they are wanted: those of the parts that are shown.
@@ -78,7 +92,7 @@ class Stage {
     if (!this.view.edges) return;
     const { faces, joinedFaces } = this.clip.arrays;
     this.edges ??= listEdges(faces, joinedFaces);
-    this.renderer.setEdges(this.selectShown?.(this.edges, 2) ?? this.edges);
+    this.renderer.sendIndices("edges", this.selectShown?.(this.edges, 2) ?? this.edges);
   }
 
   // The input of this frame, if the page holds it and it is wanted.
@@ -105,33 +119,49 @@ class Stage {
   }
 
   draw() {
-    this.ground = getComputedStyle(this.canvas).backgroundColor.match(/\d+/g).slice(0, 3).map((x) => x / 255);
-    const canvas = this.canvas, ratio = min(devicePixelRatio, 2);
-    const width = max(1, Math.round(canvas.clientWidth * ratio)), height = max(1, Math.round(canvas.clientHeight * ratio));
+    this.ground = getComputedStyle(this.canvas).backgroundColor.match(/\d+/g).slice(0, 3).map((x) => Number(x) / 255);
+    const canvas = this.canvas, ratio = this.ratio = min(devicePixelRatio, 2);
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((size) => max(1, round(size * ratio)));
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    const isSplit = this.view.show === "both" && this.hasInput, part = isSplit ? width >> 1 : width;
-    Object.assign(this.camera, { width: part / ratio, height: height / ratio });
-    if (isSplit) this.drawPart(0, part, height, true, ratio);
-    this.drawPart(isSplit ? part : 0, part, height, this.view.show === "input" && this.hasInput, ratio);
+    const isSplit = this.sizeCamera(), part = isSplit ? width >> 1 : width;
+    if (isSplit) this.drawPart(0, part, height, true);
+    this.drawPart(width - part, part, height, this.view.show === "input" && this.hasInput);
   }
 
-  drawPart(left, width, height, isInput, ratio) {
-    const { renderer, camera, colours } = this, toClip = camera.matrix(), [right, up, back] = camera.axes();
-    renderer.begin(left, width, height, this.ground);
+  // Tells the camera the size of its part of the picture; returns whether there are two.
+  sizeCamera() {
+    const isSplit = this.view.show === "both" && this.hasInput, { clientWidth, clientHeight } = this.canvas;
+    Object.assign(this.camera, { width: max(1, clientWidth / (isSplit ? 2 : 1)), height: max(1, clientHeight) });
+    return isSplit;
+  }
+
+  drawPart(left, width, height, isInput) {
+    const { renderer, camera, colours, view } = this, [right, up, back] = camera.axes();
+    renderer.begin({ left, width, height, ground: this.ground, toClip: camera.matrix(), pixels: this.ratio });
+    if (view.grid) this.drawGrid();
     const light = normalize(add(add(back, scale(up, 0.8)), scale(right, -0.5)));
     const drawMesh = (names, ramp) => {
-      renderer.drawMesh(names, toClip, { missing: colours.missing, light, eye: back, ramp });
-      if (this.view.edges) renderer.drawEdges(names[0], toClip);
+      renderer.drawMesh(names, { missing: colours.missing, light, eye: back, ramp, tinted: Number(names.length > 3) });
+      if (view.edges) renderer.drawEdges(names[0]);
     };
     if (isInput) { drawMesh(["inputPositions", "inputNormals", "zeros"], PLAIN.input); return; }
-    if (this.view.show !== "cage") drawMesh(["positions", "normals", "values"], this.scale.ramp);
-    if (this.view.cage || this.view.show === "cage") renderer.drawCage(toClip, this.cageColour(), ratio);
-    this.editor?.drawMarks(renderer, toClip, ratio);
+    if (view.show !== "cage") drawMesh(["positions", "normals", "values", ...this.scale.isTinted ? ["tints"] : []], this.scale.ramp);
+    if (view.cage || view.show === "cage") renderer.drawCage(this.cageColour());
+    this.modes?.active.draw?.(renderer);
   }
 
-  cageColour() {
-    return matchMedia("(prefers-color-scheme: dark)").matches ? [0.44, 0.66, 1] : [0.12, 0.44, 0.82];
+  // The ground, at the lowest point of the clip.
+  drawGrid() {
+    const { upright, distance } = this.camera, up = upright[1], { ground } = this.clip, here = this.camera.centre();
+    const [cell, lines] = this.grid ??= makeGrid(this.clip, upright);
+    // It goes with the camera, by whole cells.
+    const middle = [0, 2].map((k) => round(dot(upright[k], here) / cell) * cell);
+    const offset = add(add(scale(upright[0], middle[0]), scale(upright[2], middle[1])), scale(up, ground));
+    const foot = add(here, scale(up, ground - dot(up, here))), paint = isDark() ? [0.75, 0.8, 0.85] : [0.3, 0.34, 0.38];
+    lines.forEach((list, k) => this.renderer.drawGrid(`grid ${k}`, list, { paint: [...paint, k ? 0.5 : 0.22], offset, foot, reach: min(GRID_CELLS * cell, (k ? 2.2 : 1.2) * max(distance, 1)) }));
   }
+
+  cageColour() { return isDark() ? [0.44, 0.66, 1] : [0.12, 0.44, 0.82]; }
 
   // Where a pixel of the picture is in the part of it that shows the model.
   partOf(x) {
@@ -139,23 +169,60 @@ class Stage {
   }
 
   reset() {
-    const [centre, radius] = enclose(this.clip.cage(this.transport.frame));
-    this.camera.tilt = 14;
-    if (this.view.follow) this.camera.shift = subtract(meanOf(this.clip.cage(this.transport.frame)), meanOf(this.skin.cage));
-    this.camera.frame(centre, radius, 32);
+    Object.assign(this.camera, { turn: FIRST_TURN, tilt: FIRST_TILT });
+    this.frameModel();
+  }
+
+  // Shows all of the model as it is now, or of its cage if that is drawn alone.
+  frameModel() {
+    const { camera } = this;
+    if (this.isStale) this.compute();
+    this.sizeCamera();
+    const { height } = camera, share = min(1, height / 500);
+    camera.fit(this.view.show === "cage" ? this.cage : this.positions, { top: 54 * share, bottom: 26 * share, side: 14 });
+    this.fitted = [camera.target, camera.distance];
+    this.request();
+  }
+
+  // All of the model stays in a picture of another size, if it was and nobody has moved it since.
+  resize() {
+    const [target, distance] = this.fitted ?? [];
+    if (target === this.camera.target && distance === this.camera.distance) this.frameModel();
+    else this.request();
+  }
+
+  // Shows what is chosen in the mode that is on, else the model.
+  frameChosen() {
+    const points = this.modes.active.chosen?.() ?? [];
+    if (!points.length) { this.frameModel(); return; }
+    const [centre, radius] = enclose(points.flat());
+    this.camera.frame(centre, max(1.3 * radius, CLOSE_RADIUS));
     this.request();
   }
 
   // Goes to the worst region, in its frame.
   frameWorst() {
-    const { frame, vertex, extent, turn } = this.clip.header.focus;
+    const { frame, vertex, extent, turn } = this.clip.focus;
     this.transport.play(false);
     this.transport.go(frame);
     this.compute();
-    this.camera.tilt = 14;
+    this.camera.tilt = FIRST_TILT;
     this.camera.frame(pointOf(this.positions, vertex), extent, turn);
     this.request(true);
   }
+}
+
+const isDark = () => matchMedia("(prefers-color-scheme: dark)").matches;
+
+// Lines of the ground around the origin, in the units of the picture: fine ones, and every tenth.
+// The distance between fine lines is a power of ten in the units of the file.
+function makeGrid(clip, upright) {
+  const fine = 10 ** floor(Math.log10(clip.diagonal / 4)) / clip.diagonal, size = GRID_CELLS * fine, lists = [[], []];
+  for (let k = -GRID_CELLS; k <= GRID_CELLS; k++) for (const [along, across] of [[0, 2], [2, 0]]) {
+    const side = scale(upright[across], k * fine);
+    for (const end of [-size, size]) lists[k % 10 ? 0 : 1].push(...add(side, scale(upright[along], end)));
+  }
+  return [10 * fine, lists.map((list) => Float32Array.from(list))];
 }
 
 function meanOf(points) {
@@ -171,7 +238,7 @@ function enclose(points) {
     low[k % 3] = min(low[k % 3], points[k]);
     high[k % 3] = max(high[k % 3], points[k]);
   }
-  return [scale(add(low, high), 0.5), norm(subtract(high, low)) / 2 || 1];
+  return [scale(add(low, high), 0.5), norm(minus(high, low)) / 2];
 }
 
 // Whether the model goes so far that the camera has to go with it.

@@ -1,37 +1,43 @@
 // Unpacks the page's data and starts the player; without WebGL2 the still pictures are shown.
+/** @param {any} section */
 async function startPlayer(section) {
-  const canvas = section.querySelector("canvas");
   let stage;
   try {
-    const payload = await unpackPayload(document.getElementById("player-data").textContent);
-    stage = new Stage(canvas, payload);
+    stage = new Stage(section, await unpackPayload(document.getElementById("player-data").textContent));
   } catch (error) {
     showStill(section, error);
     return null;
   }
-  listenToPointers(canvas, {
-    orbit: (dx, dy) => { stage.camera.orbit(dx, dy); stage.request(); },
-    pan: (dx, dy) => { stage.camera.pan(dx, dy); stage.request(); },
-    zoom: (factor) => { stage.camera.zoom(factor); stage.request(); },
-    ...makeHandles(section, stage),
-  });
-  makeControls(section, stage);
-  makeParts(section, stage);
-  for (const extend of extensions) extend(section, stage);
-  listenTo(canvas, "webglcontextlost", () => showStill(section, new Error("the graphics card was lost; load the page again")));
-  listenTo(matchMedia("(prefers-color-scheme: dark)"), "change", () => stage.request());
+  const { canvas } = stage, modes = stage.modes = new Modes(stage);
+  stage.timeline = new Timeline(stage);
+  makeLook(stage);
+  if (stage.find('panel="pose"')) {
+    makeHandles(stage);
+    makeCageMode(stage);
+    makeInfluence(stage);
+  }
+  listenToPointers(stage);
+  makeControls(stage);
+  makeAxes(stage);
+  makeParts(stage);
+  for (const extend of extensions) extend(stage);
+  modes.choose(section.dataset.mode);
+  stage.reset();
+  on(canvas, "webglcontextlost", () => showStill(section, new Error("the graphics card was lost; load the page again")));
+  on(matchMedia("(prefers-color-scheme: dark)"), "change", () => stage.request());
   section.classList.add("ready");
   await new Promise((done) => { stage.listeners.push(done); stage.request(true); });
   return stage;
 }
 
-function showStill(section, error) {
+function showStill(section, { message }) {
   section.classList.add("still");
-  const figure = section.querySelector("[data-still]");
-  const picture = document.querySelector("#poses .pose:nth-of-type(2) img:last-of-type, #poses img");
-  if (picture) figure.prepend(picture.cloneNode());
-  const advice = picture ? "The pictures on this page show the same model." : "Open the page in another browser.";
-  figure.querySelector("figcaption").textContent = `The player needs WebGL2, which this browser does not offer (${error.message}). ${advice}`;
+  const figure = section.querySelector("[data-still]"), picture = document.querySelector("#poses .pose:nth-of-type(2) img:last-of-type, #poses img");
+  figure.querySelector("[data-why]").textContent = message;
+  if (picture) {
+    figure.prepend(picture.cloneNode());
+    figure.querySelector("[data-advice]").textContent = "The pictures on this page show the same model.";
+  }
   figure.hidden = false;
 }
 
@@ -40,8 +46,7 @@ function makeHook(stage) {
   return {
     stage,
     get frame() { return stage.transport.frame; },
-    positions: () => listOf(stage.positions.length / 3, (j) => stage.clip.toFile(pointOf(stage.positions, j))),
-    timings: stage.timings,
+    positions: () => listPoints(stage.positions).map((point) => stage.clip.toFile(point)),
   };
 }
 

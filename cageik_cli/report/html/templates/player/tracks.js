@@ -35,6 +35,18 @@ function blendSet({ frames, falloff = 0 }, frame) {
   return x ** 3 * (x * (6 * x - 15) + 10);
 }
 
+// The strength of a set or an edit, which has to have one in a frame.
+const MIN_STRENGTH = 0.05;
+
+function needStrength(set, frame) {
+  const strength = blendSet(set, frame);
+  if (strength < MIN_STRENGTH) refuse(set.name ?? "the edit", "has no strength in this frame; go to one between its first and last");
+  return strength;
+}
+
+// A point with as many digits as files of edits have.
+const shortenPoint = (point) => Array.from(point, (x) => Number(x.toPrecision(9)));
+
 // Sets the value of a track in a frame: of its key there, which is added, or of all frames.
 function setValue(track, frame, value) {
   if (Array.isArray(track)) return value;
@@ -42,5 +54,20 @@ function setValue(track, frame, value) {
   const isThere = track.frames[place] === frame;
   track.frames.splice(place, Number(isThere), frame);
   track.values.splice(place, Number(isThere), value);
+  return track;
+}
+
+// A track with a key of its value in a frame.
+function setKey(track, frame) {
+  const now = [...evaluateTrack(track, frame)];
+  return setValue(Array.isArray(track) ? { frames: [], values: [] } : track, frame, now);
+}
+
+// A track without its key in a frame; without the last, it is the same in all frames.
+function removeKey(track, frame) {
+  const at = track.frames?.indexOf(frame) ?? -1;
+  if (at < 0) return track;
+  if (track.frames.length === 1) return track.values[0];
+  for (const list of [track.frames, track.values]) list.splice(at, 1);
   return track;
 }

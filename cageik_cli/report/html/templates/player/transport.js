@@ -22,9 +22,9 @@ class Transport {
     if (!this.isPlaying) this.time = this.frame;
   }
 
-  go(frame) { this.time = clamp(Math.round(frame), 0, this.count - 1); }
+  go(frame) { this.time = clamp(round(frame), 0, this.count - 1); }
 
-  get frame() { return min(Math.floor(this.time), this.count - 1); }
+  get frame() { return min(floor(this.time), this.count - 1); }
 
   // The share of the next frame; the last frame of a loop is not blended with the first.
   get share() { return this.isPlaying && this.smooth && this.frame < this.count - 1 ? this.time - this.frame : 0; }

@@ -1,0 +1,93 @@
+// Cage edits (posing/cage_edits.py): offsets of cage vertices, in a file of their own, and which vertices are chosen.
+function readCageEdits(text, clip) {
+  const file = parseFile(text, "cage edits");
+  if (!Array.isArray(file?.edits) || !file.edits.length) refuse("file", "is not a cage edits file; expected an object with edits");
+  file.edits.forEach((edit, k) => {
+    const at = `edit ${JSON.stringify(edit?.name)}`, vertices = new Set();
+    checkName(edit?.name, file.edits.slice(0, k), at);
+    checkSpan(edit, clip, `${at}: `);
+    if (!Array.isArray(edit.moves) || !edit.moves.length) refuse(`${at}: moves`, "expected a list of moves");
+    for (const move of edit.moves) {
+      checkCageVertex(move?.vertex, clip, at);
+      if (vertices.has(move.vertex)) refuse(`${at}: vertex ${move.vertex}`, "is moved twice");
+      vertices.add(move.vertex);
+      checkTrack(move.offset, clip, `${at}: vertex ${move.vertex}: offset`);
+    }
+  });
+  return file;
+}
+
+function checkCageVertex(vertex, clip, where) { checkNumber(vertex, clip.arrays.cage.length / 3, where, "cage vertex", "cage"); }
+
+// The cage of a frame after all edits; the clip's own if none moves it.
+function moveCage({ edits }, clip, frame) {
+  const number = clip.numberOf(frame), own = clip.cage(frame);
+  let cage = own;
+  for (const edit of edits) {
+    const strength = blendSet(edit, number) / clip.diagonal;
+    if (strength) for (const { vertex, offset } of edit.moves) {
+      const move = evaluateTrack(offset, number);
+      if (!move.some(Boolean)) continue;
+      if (cage === own) cage = Float64Array.from(own);
+      for (let a = 0; a < 3; a++) cage[3 * vertex + a] += strength * move[a];
+    }
+  }
+  return cage;
+}
+
+// What a file holds: edits that move something.
+function listActing({ edits }) {
+  const isStill = (offset) => Array.isArray(offset) && !offset.some(Boolean);
+  return edits.map((edit) => ({ ...edit, moves: edit.moves.filter(({ offset }) => !isStill(offset)) })).filter(({ moves }) => moves.length);
+}
+
+// The cage vertices that are chosen, and those around them that move along by a share.
+class CageSelection {
+  constructor(clip) {
+    const { cage, cageFaces, joinedCageFaces } = clip.arrays;
+    this.near = listNeighbours(listEdges(cageFaces, joinedCageFaces), cage.length / 3);
+    this.steps = 0;
+    this.choose([]);
+  }
+
+  choose(vertices) {
+    this.chosen = new Set(vertices);
+    this.spread();
+  }
+
+  toggle(vertex) {
+    if (!this.chosen.delete(vertex)) this.chosen.add(vertex);
+    this.spread();
+  }
+
+  // The one that is chosen last: panels show its offset.
+  get last() { return [...this.chosen].at(-1); }
+
+  grow() { this.choose([...this.chosen, ...[...this.chosen].flatMap((vertex) => this.near[vertex])]); }
+
+  // Leaves out what is beside a vertex that is not chosen, unless nothing were left.
+  shrink() {
+    const inner = [...this.chosen].filter((vertex) => this.near[vertex].every((one) => this.chosen.has(one)));
+    if (inner.length) this.choose(inner);
+  }
+
+  // Shares by the number of edges from the chosen ones: 1 there, and 0 beyond the steps.
+  spread() {
+    this.shares = new Map([...this.chosen].map((vertex) => [vertex, 1]));
+    let rim = [...this.chosen];
+    for (let step = 1; step <= this.steps; step++) {
+      const x = 1 - step / (this.steps + 1);
+      rim = [...new Set(rim.flatMap((vertex) => this.near[vertex]))].filter((vertex) => !this.shares.has(vertex));
+      for (const vertex of rim) this.shares.set(vertex, x * x * (3 - 2 * x));
+    }
+  }
+}
+
+// Cage vertices of a list such as "3, 8-12".
+function parseVertices(text, clip) {
+  return text.split(/[,;\s]+/).filter(Boolean).flatMap((word) => {
+    const [, from, to = from] = word.match(/^(\d+)(?:-(\d+))?$/) ?? refuse("Cage vertices", `${word} is not a number; expected numbers such as 3, 8-12`);
+    for (const vertex of [from, to]) checkCageVertex(Number(vertex), clip, "Cage vertices");
+    return listOf(max(0, to - from + 1), (k) => Number(from) + k);
+  });
+}
