@@ -17,6 +17,9 @@ def main() -> None:
     try:
         try:
             from cageik_cli.cli import main as run_command_line
+            from cageik_cli.util.trial import trials
+
+            trials.are_wanted = True
         except (OSError, ImportError, MemoryError) as error:
             what = str(error) or type(error).__name__
             sys.exit(f"Error: cageik cannot be loaded: {what}; {_ADVICE}")

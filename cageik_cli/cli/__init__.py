@@ -24,7 +24,7 @@ from cageik_cli.util.compiled import describe_core
             "export": "Convert a cage animation to other formats.",
             "extract": "Extract the cage of every frame.",
             "info": "Describe files.",
-            "pose": "Move a model or animation by a few points.",
+            "pose": "Move a model or clip by points or its cage.",
             "report": "Show how well results fit; check limits.",
             "view": "Play a clip or pose a model in the browser.",
         }

@@ -22,7 +22,7 @@ from cageik_cli.cli.output import (
     exit_with_code,
     show_progress,
 )
-from cageik_cli.util.text import format_count
+from cageik_cli.util.text import format_count, single_line
 
 if TYPE_CHECKING:
     from cageik_cli.report.overview import Overview
@@ -116,7 +116,7 @@ def batch_command(
     if dry_run:
         _show_dry_run(describe_batch(batch))
         return
-    chosen = _choose_scheduler(scheduler, jobs)
+    chosen = _choose_scheduler(scheduler, jobs, quiet)
     with show_progress(not quiet, None, False, LineLogger) as progress:
         overview = run_batch(batch, chosen, progress, word_options)
     append_step_summary(format_markdown(overview))
@@ -126,9 +126,9 @@ def batch_command(
     exit_with_code(overview)
 
 
-def _choose_scheduler(address: str | None, jobs: int) -> "Scheduler":
+def _choose_scheduler(given: str | None, jobs: int, quiet: bool) -> "Scheduler":
     """Return what runs the jobs: a Dask scheduler if there is an address, else processes."""
-    address = address or os.environ.get("DASK_SCHEDULER_ADDRESS")
+    address = given or os.environ.get("DASK_SCHEDULER_ADDRESS")
     if address:
         if is_on_command_line("jobs"):
             raise click.UsageError(
@@ -136,6 +136,9 @@ def _choose_scheduler(address: str | None, jobs: int) -> "Scheduler":
             )
         from cageik_cli.workflows.batch.dask_cluster import DaskScheduler
 
+        if not quiet:
+            source = "" if given else ", of DASK_SCHEDULER_ADDRESS"
+            click.echo(f"note: jobs go to the scheduler {single_line(address)}{source}", err=True)
         return DaskScheduler(address)
     from cageik_cli.workflows.batch.processes import ProcessScheduler
 

@@ -15,7 +15,7 @@ from cageik_cli.cli.group import spell_param, word_options
 from cageik_cli.cli.options import Decorator, OptionGroup
 from cageik_cli.cli.options.clip import make_exclude_option
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS
-from cageik_cli.util.errors import CageikError, SettingError
+from cageik_cli.util.errors import CageikError, SettingError, WrongUsageError
 
 if TYPE_CHECKING:
     from cageik_cli.cli.options.limits import LoadBaseline
@@ -148,10 +148,10 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
             collected = tables.collect_options(clip.folder, clip.path)
             given = replace(shared, config_file=shared.config_file | collected)
             settings, limits = _make_clip_settings(clip, given, load_baseline)
-            jobs.append(_make_job(clip.name, settings, limits, options))
+            jobs.append(_make_job(clip, settings, limits, options))
         except (click.UsageError, CageikError) as error:
             rejected.append(ClipEntry(clip.name, fault=to_unicode(_describe_fault(error))))
-            is_wrong_usage = isinstance(error, click.UsageError)
+            is_wrong_usage = isinstance(error, click.UsageError | WrongUsageError)
     if not jobs and len({entry.fault for entry in rejected}) == 1:
         message = f"none of {len(found)} clips can be started: {rejected[0].fault}"
         raise click.UsageError(message) if is_wrong_usage else SettingError(message)
@@ -187,14 +187,13 @@ def _find_clips(
 
 
 def _make_job(
-    name: str, settings: "ExtractSettings", limits: "Limits", options: BatchOptions
+    clip: "DiscoveredClip", settings: "ExtractSettings", limits: "Limits", options: BatchOptions
 ) -> "ClipJob":
     """Make the job of a clip, whose result goes to the folder of the batch."""
-    from cageik_cli.workflows.batch.discover import make_result_name
     from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob
     from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER, check_is_result
 
-    place = options.output / CLIPS_FOLDER / make_result_name(name)
+    place = options.output / CLIPS_FOLDER / clip.result
     if not options.overwrite:
         check_is_result(place)
     settings = replace(
@@ -205,7 +204,7 @@ def _make_job(
         overwrite=options.resume or options.overwrite,
         jobs=1,
     )
-    return ClipJob(name, settings, limits, options.pages, options.player)
+    return ClipJob(clip.name, settings, limits, options.pages, options.player)
 
 
 def _check_not_results(folder: Path, output: Path) -> None:
@@ -230,6 +229,8 @@ def _make_clip_settings(
     load_baseline: "LoadBaseline",
 ) -> tuple["ExtractSettings", "Limits"]:
     """Make the settings and limits that `cageik extract` would make of the same options."""
+    from cageik_cli.formats.timeline import check_any_frame
+
     given = options.config_file | options.command_line
     parent = click.get_current_context().parent
     with extract_command.make_context(
@@ -238,7 +239,9 @@ def _make_clip_settings(
         for name in options.command_line:
             context.set_parameter_source(name, ParameterSource.COMMANDLINE)
         limits = LIMIT_OPTIONS.make_record(context.params).load(load_baseline)
-        return EXTRACT_OPTIONS.make_record(context.params), limits.match_by_name()
+        settings = EXTRACT_OPTIONS.make_record(context.params)
+        check_any_frame(settings.clip.selection)
+        return settings, limits.match_by_name()
 
 
 def _describe_fault(error: click.UsageError | CageikError) -> str:

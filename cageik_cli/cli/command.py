@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
+from difflib import get_close_matches
 from enum import StrEnum
 from textwrap import wrap
 from typing import Any
@@ -71,8 +72,14 @@ class GroupedCommand(click.Command):
         self.params.append(help_all)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the words; repeated options are wrong usage."""
-        _, _, typed = self.make_parser(ctx).parse_args(args=list(args))
+        """Parse the words; repeated options are wrong usage, unless a help is asked for."""
+        try:
+            _, _, typed = self.make_parser(ctx).parse_args(args=list(args))
+        except click.NoSuchOption as error:
+            nearest = get_close_matches(error.option_name, error.possibilities or (), n=1)
+            raise click.NoSuchOption(error.option_name, None, nearest, ctx) from error
+        if any(param.is_eager and getattr(param, "is_flag", False) for param in typed):
+            return super().parse_args(ctx, args)
         counts = Counter(param for param in typed if _takes_one_value(param))
         for param, count in counts.items():
             if count > 1:

@@ -45,6 +45,7 @@ from cageik_cli.formats.settings import ClipSettings
 if TYPE_CHECKING:
     from cageik_cli.cli.output import ProgressBar
     from cageik_cli.report.record import Report
+    from cageik_cli.store.result import Result
     from cageik_cli.util.progress import ProgressListener
     from cageik_cli.workflows.export import ExportSettings
     from cageik_cli.workflows.settings import ExtractSettings
@@ -239,7 +240,7 @@ def extract_command(
         echo_exceeded_limits(overview)
     else:
         click.echo(_format_run(report, progress), err=True)
-        for text in [*messages, *_list_written(settings)]:
+        for text in [*messages, *_list_written(settings, result)]:
             click.echo(text, err=True)
     if get_verbosity():
         click.echo(f"cache: {settings.cache}", err=True)
@@ -265,12 +266,12 @@ def _format_run(report: "Report", progress: "ProgressBar") -> str:
     return "\n".join([text, *map(format_row, progress.make_rows())])
 
 
-def _list_written(settings: "ExtractSettings") -> list[str]:
+def _list_written(settings: "ExtractSettings", result: "Result") -> list[str]:
     """Return lines on the files that were written, and what to do with the result."""
     from cageik_cli.cli.output import list_next_steps
 
     cage = [] if settings.cage_output is None else [f"wrote {settings.cage_output}"]
-    return [*cage, f"wrote {settings.output}", *list_next_steps(str(settings.output))]
+    return [*cage, f"wrote {settings.output}", *list_next_steps(result)]
 
 
 def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> list[str]:

@@ -21,7 +21,7 @@ from typing import Any
 
 import click
 
-from cageik_cli.util.errors import format_error
+from cageik_cli.util.errors import WrongUsageError, format_error
 from cageik_cli.util.leftovers import listen_to_leftovers
 from cageik_cli.util.text import make_printable, single_line
 
@@ -81,7 +81,9 @@ class CageikGroup(click.Group):
             if get_verbosity() > 1:
                 click.echo(traceback.format_exc(), err=True)
             message = self._word(ctx, format_error(error))
-            raise click.ClickException(message) from error  # its exit code is 1
+            is_wrong_usage = isinstance(error, WrongUsageError)
+            # The exit codes are 2 and 1.
+            raise (click.UsageError if is_wrong_usage else click.ClickException)(message) from error
 
     def _word(self, ctx: click.Context, message: str) -> str:
         """Return a message with the options of the command that runs."""

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from cageik_cli.report.overview import Overview
+    from cageik_cli.store.result import Result
 
 MAX_SUMMARY_BYTES = 1 << 20
 """Largest size of the page of a step; GitHub shows no larger one."""
@@ -33,6 +34,8 @@ class ProgressBar(ProgressListener):
 
     Attributes
     ----------
+    is_drawn : bool
+        Whether there are bars: they are asked for, and stderr is a terminal.
     seconds : dict
         Time in each stage so far, of all threads; `read` is the time spent waiting for frames
         that threads read ahead.
@@ -47,7 +50,7 @@ class ProgressBar(ProgressListener):
         self._lock = Lock()
         self._bar: tqdm[NoReturn] | None = None
         self._label = ""
-        self._is_drawn = is_drawn and sys.stderr is not None and sys.stderr.isatty()
+        self.is_drawn = is_drawn and sys.stderr is not None and sys.stderr.isatty()
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -59,9 +62,10 @@ class ProgressBar(ProgressListener):
             "edit": "frames",
             "export": "frames",
             "batch": "clips",
+            "film": "pictures",
         }
         label = "frames" if name == "read" else name
-        if self._is_drawn and name in units and label != self._label:
+        if self.is_drawn and name in units and label != self._label:
             self._open_bar(label, units[name])
         start = time.perf_counter()
         try:
@@ -117,6 +121,7 @@ class LineLogger(ProgressBar):
         if self._is_shown:
             from tqdm import tqdm
 
+            tqdm.get_lock()  # else an interruption within `write` finds no lock to release
             tqdm.write(format_row((topic, self._word(text))), file=sys.stderr)
 
 
@@ -185,25 +190,33 @@ def echo_exceeded_limits(overview: "Overview") -> None:
 
 
 def format_told(
-    headline: str, rows: Iterable[tuple[str, str]], command: click.Command | None = None
+    headline: str,
+    rows: Iterable[tuple[str, str]],
+    command: click.Command | None = None,
+    after: int = 1,
 ) -> str:
-    """Return what a command tells: few lines, or with -v all of them."""
+    """Return what a command tells: with -v all of it, else few lines, with those `after` it."""
     from cageik_cli.report.views.front import format_brief
 
     worded = [(label, word_options(text, command)) for label, text in rows]
-    write = format_block if get_verbosity() else format_brief
-    return word_options(write(headline, worded), command)
+    if get_verbosity():
+        return word_options(format_block(headline, worded), command)
+    return word_options(format_brief(headline, worded, after), command)
 
 
-def list_next_steps(result: str) -> list[str]:
+def list_next_steps(result: "Result") -> list[str]:
     """Return lines with the commands that show a result, and take it to another program."""
     from cageik_cli.report.views.front import format_front_row
+    from cageik_cli.store.result import has_weights
 
-    name = shlex.quote(result)
-    export = shlex.quote(result.removesuffix(".h5") + ".usdc")
+    path = str(result.path)
+    name, export = shlex.quote(path), shlex.quote(path.removesuffix(".h5") + ".usdc")
+    page = shlex.quote(path.removesuffix(".h5") + ".html")
+    # Nothing moves the model without weights.
+    is_whole = has_weights(result)
     steps = (
-        ("see it", f"cageik view {name}"),
-        ("use it", f"cageik export {name} {export} --with-model"),
+        ("see it", f"cageik view {name}" if is_whole else f"cageik report {name} --html {page}"),
+        ("use it", f"cageik export {name} {export}{' --with-model' * is_whole}"),
     )
     return list(map(format_front_row, steps))
 

@@ -82,7 +82,9 @@ def make_pose_settings(
     from cageik_cli.workflows.pose import PoseSettings
 
     handles = others["handles"]
-    if target.suffix.lower() == ".json" and handles.suffix.lower() != ".json":
+    if handles is None and others["cage_edits"] is None:
+        raise click.UsageError("Missing argument 'HANDLES', or option '--cage-edits'.")
+    if handles and target.suffix.lower() == ".json" and handles.suffix.lower() != ".json":
         raise click.UsageError(f"TARGET comes before HANDLES; swap {target} and {handles}")
     weight_names = sorted(WEIGHT_OPTIONS.option_names)
     is_hdf5 = target.suffix.lower() in HDF5_SUFFIXES
@@ -111,7 +113,8 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     if value:
         from cageik_cli.posing.handles.schema import read_schema
 
-        click.echo(read_schema(), nl=False)
+        is_of_cage = param.name == "cage_edits_schema"
+        click.echo(read_schema("cage_edits" if is_of_cage else "handles"), nl=False)
         ctx.exit()
 
 
@@ -120,7 +123,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     "settings",
     make_pose_settings,
     click.argument("target", type=PATH_TYPE),
-    click.argument("handles", type=PATH_TYPE),
+    click.argument("handles", type=PATH_TYPE, required=False),
     option(
         "-o",
         "--output",
@@ -136,6 +139,11 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     ),
     make_given_option("--cage", "TARGET"),
     exclude_option,
+    option(
+        "--cage-edits",
+        type=PATH_TYPE,
+        help="A JSON file that says which cage vertices move where, before the handles act.",
+    ),
     posed_cage_option,
     POSING_OPTIONS,
     WEIGHT_OPTIONS,
@@ -160,6 +168,14 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     callback=_print_schema,
     help="Print the JSON schema of the handles file and exit.",
 )
+@option(
+    "--cage-edits-schema",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_schema,
+    help="Print the JSON schema of the cage edits file and exit.",
+)
 @timings_option
 @common_options
 def pose_command(
@@ -170,22 +186,23 @@ def pose_command(
     timings: Path | None,
     quiet: bool,
 ) -> None:
-    """Move a model or animation by a few points.
+    """Move a model or clip by points or its cage.
 
     TARGET is a model with --cage, a binding of cageik bind, or a result. Each frame of a result
     keeps its own motion and the edit is added. HANDLES is a JSON file that says which points move
-    where.
+    where; with --cage-edits, cage vertices move, and HANDLES may be left out.
 
     \b
     cageik pose rest.obj --cage cage.obj handles.json -o posed.obj
     cageik pose cages.h5 handles.json -o edited.h5 --plot edited.png
     """  # noqa: D301
-    from cageik_cli.cli.output import format_told, show_progress
+    from cageik_cli.cli.output import format_told, list_next_steps, show_progress
     from cageik_cli.report.views.pose_text import (
         format_pose_json,
         format_pose_rows,
         list_brief_pose_rows,
     )
+    from cageik_cli.store.result import read_result
     from cageik_cli.workflows.edit import EditSettings, edit
     from cageik_cli.workflows.pose import pose
 
@@ -209,8 +226,9 @@ def pose_command(
     if not quiet:
         list_rows = format_pose_rows if get_verbosity() else list_brief_pose_rows
         rows = [*list_rows(result.summary), *progress.make_rows()]
-        click.echo(format_told(str(settings.output), rows, pose_command), err=True)
         written = list_files([*settings.outputs(), plot, json_path])
         is_edit = isinstance(settings, EditSettings)
-        next_step = f"; next: cageik report {settings.output}" if is_edit else ""
-        click.echo(f"wrote {', '.join(written)}{next_step}", err=True)
+        steps = list_next_steps(read_result(settings.output)) if is_edit else []
+        after = [f"wrote {', '.join(written)}", *steps]
+        told = format_told(str(settings.output), rows, pose_command, len(after))
+        click.echo("\n".join([told, *after]), err=True)

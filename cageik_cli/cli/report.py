@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, option
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,
@@ -18,20 +18,26 @@ from cageik_cli.cli.options import (
     overwrite_option,
 )
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
-from cageik_cli.cli.options.types import SuffixedPath
+from cageik_cli.cli.options.types import PictureSize, SuffixedPath
 from cageik_cli.cli.output import (
     append_step_summary,
     check_views,
     echo_exceeded_limits,
     exit_with_code,
     list_next_steps,
+    show_progress,
     write_or_print,
 )
 
 if TYPE_CHECKING:
+    from cageik_cli.report.film.settings import FilmSettings
     from cageik_cli.report.overview import Overview
     from cageik_cli.report.record import Report
     from cageik_cli.store.result import Result
+
+
+SINGLE_VIEWS = ("html", "plot", "player", "picture", "film")
+"""The views that show one result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +50,10 @@ class ReportTargets:
     csv: Path | None
     junit: Path | None
     markdown: Path | None
-    player: bool
+    player: Path | None
+    picture: Path | None
+    film: Path | None
+    no_player: bool
 
     def __post_init__(self) -> None:
         on_stdout = [f"--{name}" for name, path in self.named.items() if str(path) == "-"]
@@ -66,7 +75,7 @@ class ReportTargets:
 
     def check_single(self, count: int) -> None:
         """Refuse views of one result when there are several."""
-        for name in ("html", "plot"):
+        for name in SINGLE_VIEWS:
             if name in self.named and count > 1:
                 raise click.UsageError(
                     f"--{name} shows one result, {count} were named; name one, or use cageik batch"
@@ -95,11 +104,44 @@ class ReportTargets:
         "--markdown", type=PATH_TYPE, help="Write a Markdown table of the results; - is stdout."
     ),
     option(
-        "--player/--no-player",
-        default=True,
-        show_default=True,
-        help="Play the clip and pose its model on the page of --html.",
+        "--player",
+        type=SuffixedPath(".html"),
+        help="Write a small page of one result that plays and poses it (.html).",
     ),
+    option(
+        "--picture",
+        type=SuffixedPath(".png"),
+        help="Draw the cage of one result, and four of its poses in it (.png).",
+    ),
+    option(
+        "--film",
+        type=SuffixedPath(".webp", ".gif"),
+        help="Draw a film of one result (.webp, .gif).",
+    ),
+    option("--no-player", is_flag=True, help="Leave the player out of the page of --html."),
+)
+@OptionGroup(
+    "film",
+    "report.film.settings.FilmSettings",
+    option(
+        "--film-size",
+        type=PictureSize(),
+        default="640x480",
+        show_default=True,
+        help="Width and height of the film, pixels.",
+    ),
+    option(
+        "--film-seconds",
+        type=float,
+        help="Length of the film: from the start of the clip, or of a turn.  [default: all, or 6]",
+    ),
+    option(
+        "--film-turntable",
+        is_flag=True,
+        help="Go around the rest pose, in place of playing the clip.",
+    ),
+    option("--film-follow", is_flag=True, help="Let the camera go with the model."),
+    group=HelpGroup.WRITTEN,
 )
 @click.option("--all", "has_all", is_flag=True, help="Print all figures, notes and regions.")
 @LIMIT_OPTIONS
@@ -108,6 +150,7 @@ class ReportTargets:
 def report_command(
     results: tuple[Path, ...],
     targets: ReportTargets,
+    film: "FilmSettings",
     has_all: bool,
     limits: LimitOptions,
     overwrite: bool,
@@ -121,6 +164,7 @@ def report_command(
     """
     results = results or (Path("cages.h5"),)
     targets.check_single(len(results))
+    _check_film(targets, film)
 
     from cageik_cli.report.overview import Overview, build_clip_entry
     from cageik_cli.report.record import build_report
@@ -139,14 +183,15 @@ def report_command(
     ]
     overview = Overview([build_clip_entry(report) for report in reports])
     _write_views(targets, overwrite, loaded[0], reports, overview)
+    film_words = _write_film(targets.film, loaded[0], film, overwrite, quiet)
     append_step_summary(format_markdown(overview))
     if quiet:
         echo_exceeded_limits(overview)
     else:
         texts = [_format_result(report, has_all or bool(get_verbosity())) for report in reports]
-        lines = ["\n\n".join(texts), *_list_written(targets)]
+        lines = ["\n\n".join(texts), *_list_written(targets, film_words)]
         if len(results) == 1:
-            lines += list_next_steps(str(results[0]))
+            lines += list_next_steps(loaded[0])
         click.echo("\n".join(lines), err=targets.uses_stdout)
     exit_with_code(overview)
 
@@ -163,15 +208,48 @@ def _write_views(
     from cageik_cli.report.views.markdown import format_markdown
 
     views: dict[str, Callable[[], str | bytes]] = {
-        "html": partial(_render_page, result, reports[0], targets.player),
+        "html": partial(_render_page, result, reports[0], not targets.no_player),
         "plot": partial(_render_plot, reports[0], targets.plot),
+        "player": partial(_render_player, result),
+        "picture": partial(_render_picture, result, reports[0]),
         "json": partial(format_json, reports),
         "csv": partial(format_csv, reports),
         "junit": partial(format_junit, overview),
         "markdown": partial(format_markdown, overview),
     }
     for name, path in targets.named.items():
-        write_or_print(views[name](), path, overwrite)
+        if name in views:
+            write_or_print(views[name](), path, overwrite)
+
+
+def _check_film(targets: ReportTargets, film: "FilmSettings") -> None:
+    """Refuse settings of a film where none is written."""
+    from cageik_cli.report.film.settings import FilmSettings
+
+    usual = FilmSettings()
+    given = [
+        one.name for one in fields(film) if getattr(film, one.name) != getattr(usual, one.name)
+    ]
+    if given and targets.film is None:
+        name = given[0].replace("_", "-")
+        raise click.UsageError(f"--{name}: no film is written; name one with --film FILE.webp")
+
+
+def _write_film(
+    path: Path | None, result: "Result", settings: "FilmSettings", overwrite: bool, quiet: bool
+) -> str:
+    """Write the film, if one is asked for; return what it is in words."""
+    if path is None:
+        return ""
+    from cageik_cli.report.film.film import write_film
+    from cageik_cli.util.text import format_count
+
+    with show_progress(not quiet, None, overwrite) as progress:
+        plan = write_film(result, path, settings, overwrite, progress)
+    width, height = settings.film_size
+    pictures = format_count(plan.count, "picture")
+    drawn = progress.seconds["total"]
+    return f"{pictures} of {width}x{height}, {plan.seconds:.1f} s, drawn in {drawn:.1f} s"
 
 
 def _format_result(report: "Report", has_all: bool) -> str:
@@ -181,12 +259,16 @@ def _format_result(report: "Report", has_all: bool) -> str:
     return word_options(format_text(report, is_verbose=True) if has_all else format_front(report))
 
 
-def _list_written(targets: ReportTargets) -> list[str]:
+def _list_written(targets: ReportTargets, film_words: str) -> list[str]:
     """Return a line on each file that was written, with its size."""
     from cageik_cli.util.text import format_bytes
 
-    files = [path for path in targets.named.values() if str(path) != "-"]
-    return [f"wrote {path} ({format_bytes(path.stat().st_size)})" for path in files]
+    lines = []
+    for name, path in targets.named.items():
+        if str(path) != "-":
+            facts = [format_bytes(path.stat().st_size), *([film_words] if name == "film" else [])]
+            lines.append(f"wrote {path} ({', '.join(facts)})")
+    return lines
 
 
 def _choose_names(results: tuple[Path, ...]) -> list[str]:
@@ -206,3 +288,15 @@ def _render_plot(report: "Report", path: Path | None) -> str | bytes:
 
     is_png = path is not None and path.suffix.lower() == ".png"
     return render_plot_png(report) if is_png else render_plot_svg(report)
+
+
+def _render_player(result: "Result") -> str:
+    from cageik_cli.report.player.section import render_player_page
+
+    return render_player_page(result)
+
+
+def _render_picture(result: "Result", report: "Report") -> bytes:
+    from cageik_cli.report.plots.pose_sheet import render_sheet_png
+
+    return render_sheet_png(result, report)

@@ -1,7 +1,8 @@
 """`cageik view`: a page in the browser that plays a clip and poses its model."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -24,7 +25,7 @@ from cageik_cli.cli.output import ProgressBar, show_progress
 from cageik_cli.util.progress import ProgressListener
 
 if TYPE_CHECKING:
-    from cageik_cli.posing.summary import PoseResult
+    from cageik_cli.workflows.view.run import Rows
     from cageik_cli.workflows.view.session import ViewSettings
 
 
@@ -45,8 +46,18 @@ def make_view_settings(**values: Any) -> "ViewSettings":
         _reject(["vertices", *weight_names], "a binding has its cage and weights")
     elif values["cage"] is not None:
         _reject(["vertices"], "it is for a cage that is built, and --cage gives one")
+    if values["edits_cage"]:
+        names = [
+            "binding",
+            "handles",
+            "cage_edits",
+            "cage_output",
+            "handles_output",
+            "cage_edits_output",
+        ]
+        refuse_options(names, "{}: --edit-cage changes the cage alone; leave it out")
     if values["output"] is None:
-        outputs = ("cage_output", "handles_output")
+        outputs = ("cage_output", "handles_output", "cage_edits_output")
         refuse_options(outputs, "{}: it is written with the output, which -o names; leave it out")
     return ViewSettings(**values)
 
@@ -71,12 +82,20 @@ def _reject(names: list[str], reason: str) -> None:
     exclude_option,
     option("--binding", type=PATH_TYPE, help="The binding file of a model."),
     BUILT_CAGE_OPTIONS,
+    option(
+        "--edit-cage",
+        "edits_cage",
+        is_flag=True,
+        help="Edit the cage at rest, also one that is not fit; Apply writes it.",
+    ),
     option("--handles", type=PATH_TYPE, help="A handles file that the page begins with."),
+    option("--cage-edits", type=PATH_TYPE, help="A cage edits file that the page begins with."),
     option(
         "-o",
         "--output",
         type=PATH_TYPE,
-        help="The posed model (.obj, .ply) or edited result (.h5) that Apply writes.",
+        help="The posed model (.obj, .ply), edited result (.h5) or cage (.obj, .ply) that Apply "
+        "writes.",
     ),
     posed_cage_option,
     option(
@@ -84,6 +103,12 @@ def _reject(names: list[str], reason: str) -> None:
         "handles_output",
         type=PATH_TYPE,
         help="Also write the applied handles (.json).",
+    ),
+    option(
+        "--cage-edits-out",
+        "cage_edits_output",
+        type=PATH_TYPE,
+        help="Also write the applied cage edits (.json).",
     ),
     WEIGHT_OPTIONS,
     overwrite_option,
@@ -112,13 +137,21 @@ def view_command(settings: "ViewSettings", port: int, no_browser: bool, quiet: b
     \b
     cageik view cages.h5 -o edited.h5 --handles-out handles.json
     cageik view rest.obj --cage cage.obj -o posed.obj
+    cageik view rest.obj --cage cage.obj --edit-cage -o mended.obj
     """  # noqa: D301
     from cageik_cli.util.text import format_block
-    from cageik_cli.workflows.view.run import run_view
-    from cageik_cli.workflows.view.session import open_session
+    from cageik_cli.workflows.view.run import PageSession, run_view
 
     with show_progress(not quiet, None, settings.overwrite) as progress:
-        session = open_session(settings, progress)
+        session: PageSession
+        if settings.edits_cage:
+            from cageik_cli.workflows.view.rest_cage import open_rest_cage
+
+            session = open_rest_cage(settings, progress)
+        else:
+            from cageik_cli.workflows.view.session import open_session
+
+            session = open_session(settings, progress)
     if not quiet:
         click.echo(format_block(str(settings.target), progress.make_rows()), err=True)
     listener = TerminalListener(settings, not no_browser, quiet)
@@ -137,10 +170,11 @@ class TerminalListener:
         self._progress = ProgressBar(is_drawn=False)
 
     def word(self, message: str) -> str:
-        """Return a message with the options of `cageik pose`, which does what the page does."""
+        """Return a message with the options of the command that does what the page does."""
+        from cageik_cli.cli.check import check_command
         from cageik_cli.cli.pose import pose_command
 
-        return word_options(message, pose_command)
+        return word_options(message, check_command if self._settings.edits_cage else pose_command)
 
     def open(self, address: str) -> None:
         """Print the address, whatever else is printed, and open it."""
@@ -163,15 +197,14 @@ class TerminalListener:
             click.echo("the edit was dropped; files are complete, or as before it", err=True)
             raise
 
-    def tell_applied(self, result: "PoseResult") -> None:
+    def tell_applied(self, rows: "Rows", written: Sequence[Path]) -> None:
         """Print what came of the edit."""
-        from cageik_cli.report.views.pose_text import format_pose_rows
         from cageik_cli.util.text import format_block
 
         if not self._is_quiet:
-            rows = [*format_pose_rows(result.summary), *self._progress.make_rows()]
+            rows = [*rows, *self._progress.make_rows()]
             click.echo(self.word(format_block(str(self._settings.output), rows)), err=True)
-            click.echo(f"wrote {', '.join(map(str, self._settings.outputs()))}", err=True)
+            click.echo(f"wrote {', '.join(map(str, written))}", err=True)
 
     def tell_failed(self, error: str) -> None:
         """Print why nothing was written."""

@@ -101,8 +101,9 @@ def load_clip(
     >>> clip.read_frame(47).shape
     (1570, 3)
     """
+    wanted = slice(None) if selection is None else selection
     settings = ClipSettings(
-        parse_frames(selection) if isinstance(selection, str) else selection or slice(None),
+        parse_frames(wanted) if isinstance(wanted, str) else wanted,
         gaps="close" if allow_gaps else "refuse",
         exclude=tuple(exclude),
         fps=fps,

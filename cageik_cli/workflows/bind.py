@@ -25,7 +25,7 @@ from cageik_cli.store.binding_file import StoredBinding, read_binding, write_bin
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_keys import find_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY
-from cageik_cli.util.errors import SettingError, error_context
+from cageik_cli.util.errors import CageError, SettingError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener, label_note, mark_warning
 from cageik_cli.workflows.common_scene import CommonScene
@@ -154,6 +154,11 @@ def bind_cached(
     The notes of the binding include what was changed when the cage mesh was read; and, if the cage
     is for this model, not for another one, how it is judged.
     """
+    if is_own_cage and _are_same(cage.mesh, rest.mesh):
+        raise CageError(
+            f"is the model itself, {len(rest.mesh.vertices)} vertices at the same places, expected "
+            "a coarse cage around it; give one, or build it by cageik cage"
+        )
     compute = partial(bind, rest.mesh, cage.mesh, settings.bind, settings.jobs, progress.update)
     if settings.cache is None:
         binding = compute()
@@ -167,6 +172,11 @@ def bind_cached(
         refuse_other_unit(binding.cage, binding.rest)
         notes += tuple(map(mark_warning, _list_cage_warnings(cage, binding)))
     return StoredBinding(replace(binding, notes=notes), sources)
+
+
+def _are_same(cage: TriMesh, rest: TriMesh) -> bool:
+    """Return whether a cage is the very mesh that it is to hold."""
+    return np.array_equal(cage.vertices, rest.vertices) and np.array_equal(cage.faces, rest.faces)
 
 
 def _list_cage_warnings(cage: LoadedMesh, binding: Binding) -> tuple[str, ...]:

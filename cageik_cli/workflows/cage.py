@@ -27,7 +27,13 @@ from cageik_cli.report.views.cage import CageResult
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats, spread_evenly
-from cageik_cli.util.errors import CageError, CageikError, error_context
+from cageik_cli.util.errors import (
+    CageError,
+    CageikError,
+    ConnectivityError,
+    InputError,
+    error_context,
+)
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import count_processors, limit_blas_threads
@@ -100,8 +106,22 @@ def _open_model(settings: CageSettings, scene: CommonScene) -> tuple[LoadedMesh,
     clip, rest, index = open_clip_and_choose_rest(
         (settings.model,), settings.clip, settings.rest, settings.rest_frame or 0, scene
     )
+    if index is not None:
+        _check_is_clip(clip, index)
     number = None if index is None else clip.scene.override(Scene()).frame_number(index)
     return rest, number
+
+
+def _check_is_clip(clip: MeshSequence, index: int) -> None:
+    """Refuse files whose last has other faces: which of the models is meant is not known."""
+    try:
+        clip.read_positions(len(clip) - 1)
+    except ConnectivityError as error:
+        raise ConnectivityError(
+            f"{error}; name the one mesh that the cage is for, such as {clip.location(index)}"
+        ) from error
+    except InputError:
+        pass  # a damaged frame, which the cage does not need
 
 
 def _read_animation(

@@ -164,7 +164,7 @@ class CagedModel:
         """
         binding = self.find_binding()
         if binding is None:
-            raise make_weights_error(self.path, user)
+            raise result_file.make_weights_error(self.path, user)
         return binding
 
     @property
@@ -216,11 +216,3 @@ def _hold_meshes(
     model = LoadedMesh(rest, {"name": f"the rest pose of {path.name}"}, scene=scene)
     loaded = LoadedMesh(cage, {"name": f"the cage of {path.name}"}, scene=scene)
     return CagedModel(path, LoadedModel(model), loaded, result, stored)
-
-
-def make_weights_error(path: Path, user: str) -> SettingError:
-    """Make the error of a result that was written without weights; `user` is what needs them."""
-    return SettingError(
-        f"{path}: has no weights, which {user} needs; extract it again with them "
-        "(`keep_weights=True`)"
-    )

@@ -45,7 +45,12 @@ def check_cage(settings: CheckSettings) -> CheckResult:
     scene, rest = CommonScene(given_in=settings.given_in, is_shared=is_shared), None
     if settings.frames:
         _, rest, _ = open_clip_and_choose_rest(
-            settings.frames, settings.clip, settings.rest, settings.rest_frame, scene
+            settings.frames,
+            settings.clip,
+            settings.rest,
+            settings.rest_frame,
+            scene,
+            has_cage=True,
         )
     elif settings.rest is not None:
         rest = load_rest(settings.rest, settings.clip.exclude)

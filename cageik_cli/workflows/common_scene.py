@@ -126,7 +126,9 @@ class CommonScene:
         """
         pairs = ((rest.mesh.vertices, frame) for _, frame in read_some_frames(clip))
         difference = find_pose_difference(pairs, rest.mesh.edges.ends)
-        warning = self._judge(difference, source, f"those of {clip.names[0]}", "the clip")
+        beside = f"those of {clip.names[0]}"
+        otherwise = "" if clip.needs_rest else ", or leave out `rest=`"
+        warning = self._judge(difference, source, beside, "the clip", otherwise)
         return replace(rest, notes=(*rest.notes, *warning))
 
     def match_clip(
@@ -171,7 +173,12 @@ class CommonScene:
         return f", or state it by {options}" if options else ""
 
     def _judge(
-        self, difference: PoseDifference | None, source: SceneHints, beside: str, other: str
+        self,
+        difference: PoseDifference | None,
+        source: SceneHints,
+        beside: str,
+        other: str,
+        otherwise: str = "",
     ) -> tuple[str, ...]:
         """Refuse a difference that is certain; return a warning of one that is not."""
         if difference is None:
@@ -180,9 +187,10 @@ class CommonScene:
         if not name:
             return (mark_warning(f"{seen}, which no unit explains; errors are percent of it"),)
         options = self._list_options(source, difference.factor, difference.axes)
-        remedy = f"export it as {other} was"
+        remedy = f"export it as {other} was{otherwise}"
         if options:
             remedy += f", or state it by {options}"
+            remedy += ", if the cage is so, too" * self._is_shared
         elif self._is_shared:
             remedy += "; `given_in=` is for files that do not state it, where there are several"
         if not difference.is_certain:

@@ -21,6 +21,7 @@ from cageik_cli.solver.regions import (
     find_worst_regions,
     has_bad_regions,
 )
+from cageik_cli.solver.smooth import MAX_BRIDGED_FRAMES
 from cageik_cli.solver.summary import ClipSummary
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint
@@ -30,6 +31,7 @@ from cageik_cli.store.result_writer import ResultWriter
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, join_truncated
 from cageik_cli.util.progress import ProgressListener, locate_note
+from cageik_cli.util.text import format_count
 from cageik_cli.util.units import list_size_notes
 from cageik_cli.workflows.fit import choose_compared_frames, measure_unfitted
 
@@ -157,9 +159,14 @@ def note_missing_unit(stated: SceneHints, rest: TriMesh, progress: ProgressListe
 
 
 def collect_notes(
-    stored: StoredBinding, rest: LoadedMesh, sequence: MeshSequence, scene: Scene, *, missing: int
+    stored: StoredBinding,
+    rest: LoadedMesh,
+    sequence: MeshSequence,
+    scene: Scene,
+    summary: ClipSummary,
+    solver: DualLaplacianSolver,
 ) -> tuple[str, ...]:
-    """Return what the user should know of the meshes, of which so many vertices are missing."""
+    """Return what the user should know of the meshes and of what is missing in them."""
     cage = stored.sources["cage"]["name"]
     unit = scene.metres_per_unit
     notes = [
@@ -185,12 +192,27 @@ def collect_notes(
             f"{MIN_VOLUME_RATIO:g} of its area times its diagonal, so changes of volume are left "
             "out"
         )
-    elif missing:
+    elif solver.missing_count:
         notes.append(
-            f"{missing} vertices of weight 0 are missing data, so volumes of frames are not "
-            "known and volume figures are left out"
+            f"{solver.missing_count} vertices of weight 0 are missing data, so volumes of frames "
+            "are not known and volume figures are left out"
         )
-    return tuple(notes)
+    return (*notes, *_list_absence_notes(summary))
+
+
+def _list_absence_notes(summary: ClipSummary) -> tuple[str, ...]:
+    """Say how many vertices have no data for so long that no motion around it tells their place."""
+    if summary.absences is None:
+        return ()
+    longest = summary.absences.longest
+    count = int((longest > MAX_BRIDGED_FRAMES).sum())
+    if not count:
+        return ()
+    verb = "is" if count == 1 else "are"
+    return (
+        f"{format_count(count, 'vertex')} {verb} hidden for more than {MAX_BRIDGED_FRAMES} frames "
+        f"in a row, up to {longest.max()}: the place is a guess there, which no figure judges",
+    )
 
 
 def find_clip_regions(binding: Binding, summary: ClipSummary) -> tuple[Region, ...]:

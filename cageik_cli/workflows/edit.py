@@ -1,4 +1,4 @@
-"""Edit the cage animation of a result by handles, and write the edited result."""
+"""Edit the cage animation of a result by handles and cage edits, and write the edited result."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -9,9 +9,9 @@ import numpy as np
 
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
-from cageik_cli.posing.edits import EditedFrames, EditTarget, LayeredEdit, PosingSettings
-from cageik_cli.posing.handles.model import Handles
-from cageik_cli.posing.handles.reader import read_handles
+from cageik_cli.posing.cage_edits import EditFiles
+from cageik_cli.posing.edit_target import EditTarget
+from cageik_cli.posing.edits import LayeredEdit, PosingSettings
 from cageik_cli.posing.statistics import PoseStatistics
 from cageik_cli.posing.summary import PoseResult, take_snapshot
 from cageik_cli.solver.blocks import SolvedBlock
@@ -21,8 +21,7 @@ from cageik_cli.solver.summary import DeviationPeaks, summarize_blocks
 from cageik_cli.store.result import Result, read_cages, read_result, read_rotations
 from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_writer import ResultWriter, open_result_writer
-from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import error_context
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import single_line, to_unicode
@@ -34,36 +33,38 @@ from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 @dataclass(frozen=True, slots=True)
 class EditSettings(CommandSettings):
-    """Which animation to edit, and where to write it."""
+    """Which animation to edit, by handles or cage edits or both, and where to write it."""
 
     result: Path = field(metadata=READ)
-    handles: Path = field(metadata=READ)
+    handles: Path | None = field(metadata=READ)
     output: Path = field(metadata=WRITTEN)
     posing: PosingSettings = field(default_factory=PosingSettings)
     overwrite: bool = False
+    cage_edits: Path | None = field(default=None, metadata=READ)
 
 
 def edit(
     settings: EditSettings,
     progress: ProgressListener | None = None,
-    handles: Handles | None = None,
+    files: EditFiles | None = None,
 ) -> PoseResult:
-    """Apply the layers of a handles file to the cage animation of a result, and write a result.
+    """Apply the layers of an edit to the cage animation of a result, and write a result.
 
     Frames that no layer acts on keep their cages bit for bit. The metrics of the new result
     compare it with the old one: they tell how far the mesh was moved.
 
     Parameters
     ----------
-    handles : Handles, optional
-        In place of those of the settings' file.
+    files : EditFiles, optional
+        In place of those of the settings.
     """
     progress = progress or ProgressListener()
     check_no_overlap(settings.outputs(), settings.inputs())
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):
-        run = _EditRun(settings, handles or read_handles(settings.handles), progress)
+        files = files or EditFiles.read(settings.handles, settings.cage_edits)
+        run = _EditRun(settings, files, progress)
     return run.run()
 
 
@@ -71,9 +72,9 @@ class _EditRun:
     """The animation of a result on its way to the edited one."""
 
     def __init__(
-        self, settings: EditSettings, handles: Handles, progress: ProgressListener
+        self, settings: EditSettings, files: EditFiles, progress: ProgressListener
     ) -> None:
-        self._settings, self._handles, self._progress = settings, handles, progress
+        self._settings, self._files, self._progress = settings, files, progress
         self._result = result = read_result(settings.result)
         # Of the rest pose to each frame, (F, 3, 3); edits do not change them.
         self._rotations = read_rotations(result)
@@ -90,13 +91,13 @@ class _EditRun:
         """Edit, measure and write all frames."""
         settings, result, progress = self._settings, self._result, self._progress
         # One thread: the last digits depend on how many.
-        with progress.stage("pose"), error_context(self._handles.path), limit_blas_threads(1):
-            self._edit = LayeredEdit(self._handles, self._target, settings.posing)
-        report_placement(self._edit, self._handles.path, progress)
+        with progress.stage("pose"), limit_blas_threads(1):
+            self._edit = LayeredEdit(self._files, self._target, settings.posing)
+        report_placement(self._edit, self._files, progress)
         self._statistics = PoseStatistics(self._edit)
         writer = open_result_writer(
             settings.output,
-            _build_header(settings, result),
+            _build_header(settings, self._files, result),
             binding=self._target.binding,
             frames=result.frames,
             overwrite=settings.overwrite,
@@ -105,12 +106,12 @@ class _EditRun:
             summary = summarize_blocks(self._write_blocks(file))
             key_frames = summary.find_key_frames()
             posed = [
-                self._edit_frames(np.array([frame]), self._target.cage_at(frame)[None])
+                self._edit.edit_frames(np.array([frame]), self._target.cage_at(frame)[None])
                 for frame in key_frames.tolist()
             ]
             offsets = np.concatenate([block.meshes_before - block.meshes_after for block in posed])
             ending = ResultSummary(
-                sources=_collect_sources(settings, self._handles, result),
+                sources=_collect_sources(settings, self._files, result),
                 skipped=summary.skipped,
                 vertex_rms=summary.vertex_rms,
             )
@@ -131,15 +132,11 @@ class _EditRun:
             start += len(cages)
             progress.update(start, len(self._result.frames))
 
-    def _edit_frames(self, frames: Integers, cages: Floats) -> EditedFrames:
-        with error_context(self._handles.path):
-            return self._edit.edit_frames(frames, cages)
-
     def _edit_block(self, cages: Floats, start: int) -> SolvedBlock:
         """Apply all layers to the frames from `start` on; skipped frames stay gaps."""
         frames = start + np.arange(len(cages))
         known = ~np.isin(frames, list(self._result.skipped))
-        block = self._edit_frames(frames[known], cages[known])
+        block = self._edit.edit_frames(frames[known], cages[known])
         check_finite(block.frames, block.cages_after, block.metrics)
         self._statistics.update(block)
         all_cages, columns = np.full_like(cages, np.nan), {}
@@ -164,7 +161,7 @@ class _EditRun:
         )
 
 
-def _build_header(settings: EditSettings, result: Result) -> ResultHeader:
+def _build_header(settings: EditSettings, files: EditFiles, result: Result) -> ResultHeader:
     posing = settings.posing
     pose_settings = {
         "pose_alpha": posing.alpha,
@@ -174,9 +171,8 @@ def _build_header(settings: EditSettings, result: Result) -> ResultHeader:
         "snap": posing.snap,
         "allow_conflicts": posing.allow_conflicts,
     }
-    editor, source = (
-        single_line(to_unicode(path.name)) for path in (settings.handles, settings.result)
-    )
+    editor = " and ".join(single_line(source["name"]) for source in files.sources.values())
+    source = single_line(to_unicode(settings.result.name))
     note = (
         f"edited by {editor}: figures tell how far the mesh was moved from {source}, not how well "
         "frames were met"
@@ -190,13 +186,12 @@ def _build_header(settings: EditSettings, result: Result) -> ResultHeader:
     )
 
 
-def _collect_sources(settings: EditSettings, handles: Handles, result: Result) -> dict[str, Any]:
+def _collect_sources(settings: EditSettings, files: EditFiles, result: Result) -> dict[str, Any]:
     """Return the sources of the result, and the files of the edit."""
-    digests = {
-        "result": (settings.result, hash_file(settings.result).hex()),
-        "handles": (handles.path, handles.sha256),
+    source = {
+        "name": to_unicode(settings.result.name),
+        "sha256": hash_file(settings.result).hex(),
     }
-    return result.sources | {
-        role: {"name": to_unicode(path.name), "sha256": digest}
-        for role, (path, digest) in digests.items()
-    }
+    # An edit of an edit names its own files, and not those of the one before.
+    earlier = {k: v for k, v in result.sources.items() if k not in ("handles", "cage_edits")}
+    return earlier | {"result": source} | files.sources

@@ -107,9 +107,30 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
 def is_rest_cage(settings: ExportSettings) -> bool:
     """Return whether one file of a format of one mesh per file is named: it holds the rest cage."""
     output = settings.output
-    asks_more = settings.skeleton or settings.with_model or output.recentre or output.file_format
     is_frame = output.path.suffix.lower()[1:] in frame_formats() and output.frame_names is None
-    return is_frame and not asks_more and not names_parts(output.path)
+    return is_frame and not names_parts(output.path)
+
+
+def _check_rest_cage(settings: ExportSettings) -> None:
+    """Refuse what the cage at rest alone cannot have, and a file that cannot be written."""
+    output, scene = settings.output, settings.scene
+    path = output.path
+    asked = {
+        "with_model=True": settings.with_model,
+        "recentre=True": output.recentre,
+        f"file_format={output.file_format}": output.file_format,
+        "fps=": scene.fps is not None,
+        "start=": scene.start is not None,
+        "frame_step=": scene.frame_step is not None,
+    }
+    names = [f"`{name}`" for name, is_asked in asked.items() if is_asked]
+    if names:
+        raise SettingError(
+            f"{path}: one `{output.suffix}` file is the cage at rest alone, which takes no "
+            f"{' or '.join(names)}; leave {'it' if len(names) == 1 else 'them'} out, or write "
+            f"the frames to {path.stem}/{path.stem}_####{output.suffix}"
+        )
+    check_mesh_output(path, output.overwrite)
 
 
 def _write_rest_cage(
@@ -251,6 +272,9 @@ def check_export(settings: ExportSettings) -> None:
             f"{path}: `skeleton=True` works with USD and glTF only, expected "
             f"{', '.join(skeleton_suffixes)}"
         )
+    if is_rest_cage(settings):
+        _check_rest_cage(settings)
+        return
     is_gltf = suffix in GltfSkeletonWriter.suffixes
     if is_gltf and settings.influences is not None and settings.influences > MAX_INFLUENCES:
         raise SettingError(
@@ -279,7 +303,5 @@ def check_export(settings: ExportSettings) -> None:
                 f"{path}: a skeleton in glTF is the model alone, without the cage; leave out "
                 "`with_model=True`, or write .usdc, which holds both"
             )
-    if is_rest_cage(settings):
-        check_mesh_output(path, settings.output.overwrite)
-    elif not has_parts:
+    if not has_parts:
         settings.output.check_writable()

@@ -15,7 +15,7 @@ from cageik_cli.solver.executor import MemoryPlan, RunBlocks, run_in_threads
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.cache import compute_key
+from cageik_cli.store.cache_entry import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
 from cageik_cli.store.result import Result, checkpoint_path, read_result, smoothed_path
 from cageik_cli.store.result_fields import ResultHeader
@@ -66,10 +66,12 @@ class Extraction:
 
     Attributes
     ----------
-    settings : ExtractSettings
-        With the number of the rest frame, once it is chosen.
+    rest_index : int, optional
+        Which of the frames that are taken the rest pose is; None if it is none of them.
     existing : Result, optional
         A complete result of this very run at the output, which is kept.
+    replaced : str
+        Of what the result at the output was that is replaced, see `find_existing`; "" if none is.
     cage : LoadedMesh, optional
         None when it comes with a binding, or is not built yet.
     sources : dict
@@ -82,6 +84,7 @@ class Extraction:
 
     sequence: MeshSequence
     rest: LoadedMesh
+    rest_index: int | None
     block_solver: BlockSolver
 
     def __init__(
@@ -96,6 +99,7 @@ class Extraction:
         self.progress = progress or ProgressListener()
         self._run_blocks = run_blocks
         self.existing: Result | None = None
+        self.replaced = ""
         self.common = CommonScene.of_run(settings)
         self.cage: LoadedMesh | None = None
         self._offer: Offer | None = None
@@ -132,12 +136,12 @@ class Extraction:
         InputError
             Naming the file at fault; or when there is another result that may not be overwritten.
         """
-        settings = self.settings
-        clip = replace(settings.clip, fps=settings.scene.fps)
-        self.sequence, self.rest, index = open_clip_and_choose_rest(
-            settings.frames, clip, settings.rest, settings.rest_frame, self.common
+        clip = replace(self.settings.clip, fps=self.settings.scene.fps)
+        self.settings = settings = replace(self.settings, clip=clip)
+        has_cage, pose = not settings.builds_cage, (settings.rest, settings.rest_frame)
+        self.sequence, self.rest, self.rest_index = open_clip_and_choose_rest(
+            settings.frames, clip, *pose, self.common, has_cage=has_cage
         )
-        self.settings = settings = replace(settings, clip=clip, rest_frame=index or 0)
         if settings.cage is not None:
             self.cage, self._offer = self.common.place_cage(load_source(settings.cage, "cage"))
         self.sources = {"rest": self.rest.source}
@@ -155,12 +159,9 @@ class Extraction:
         settings.capture.check_period(self.scene.fps)
         self.fit, self._fit_notes = choose_fit(settings, self.sequence, self.weighs_frames)
         if settings.resume:
-            self.existing = find_existing(
-                settings,
-                recorded=self.recorded_settings,
-                sequence=self.sequence,
-                scene=self.scene,
-                sources=self.sources,
+            scene, recorded = self.scene, self.recorded_settings
+            self.existing, self.replaced = find_existing(
+                settings, self.sequence, scene, recorded=recorded, sources=self.sources
             )
 
     @property
@@ -173,7 +174,7 @@ class Extraction:
     def recorded_settings(self) -> dict[str, Any]:
         """The settings on which the numbers depend, as a result file records them."""
         known = None if self.stored is None else self.stored.binding
-        return self.settings.record(known, self.fit)
+        return self.settings.record(known, self.fit, self.rest_index)
 
     @property
     def weighs_frames(self) -> bool:
@@ -300,13 +301,13 @@ class Extraction:
             scene=self.scene,
             settings=self.recorded_settings,
             notes=collect_notes(
-                self.stored, self.rest, self.sequence, self.scene, missing=solver.missing_count
+                self.stored, self.rest, self.sequence, self.scene, checkpoint.summary, solver
             )
             + self._fit_notes,
         )
         output = settings.output
         with self.progress.stage("write"):
-            composer = ResultComposer(checkpoint, self.binding, self.sequence, settings.rest_index)
+            composer = ResultComposer(checkpoint, self.binding, self.sequence, self.rest_index)
             with open_result_writer(
                 output,
                 header,

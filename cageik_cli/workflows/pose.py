@@ -1,4 +1,4 @@
-"""Pose a model in its cage by the handles of a file."""
+"""Pose a model in its cage by the handles and the cage edits of files."""
 
 from dataclasses import dataclass, field
 from functools import partial
@@ -12,9 +12,9 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.ply_points import place_positions
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.write import check_mesh_output, write_mesh
-from cageik_cli.posing.edits import EditTarget, LayeredEdit, PosingSettings
-from cageik_cli.posing.handles.model import Handles
-from cageik_cli.posing.handles.reader import read_handles
+from cageik_cli.posing.cage_edits import EditFiles
+from cageik_cli.posing.edit_target import EditTarget
+from cageik_cli.posing.edits import LayeredEdit, PosingSettings
 from cageik_cli.posing.statistics import PoseStatistics
 from cageik_cli.posing.summary import PoseResult, take_snapshot
 from cageik_cli.util.arrays import DEFAULT_MEMORY
@@ -36,6 +36,8 @@ class PoseSettings(CommandSettings):
     ----------
     target : Path
         A rest model, or a binding file.
+    handles, cage_edits : Path, optional
+        One of them at least.
     output : Path
         The posed model: .obj or .ply.
     cage : Path, optional
@@ -49,7 +51,7 @@ class PoseSettings(CommandSettings):
     """
 
     target: Path = field(metadata=READ)
-    handles: Path = field(metadata=READ)
+    handles: Path | None = field(metadata=READ)
     output: Path = field(metadata=WRITTEN)
     cage: Path | None = field(default=None, metadata=READ)
     cage_output: Path | None = field(default=None, metadata=WRITTEN)
@@ -58,10 +60,11 @@ class PoseSettings(CommandSettings):
     overwrite: bool = False
     given_in: SceneHints = field(default_factory=SceneHints)
     exclude: tuple[str, ...] = ()
+    cage_edits: Path | None = field(default=None, metadata=READ)
 
 
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
-    """Pose a model by handles, and write it."""
+    """Pose a model by handles and cage edits, and write it."""
     progress = progress or ProgressListener()
     check_target_kind(settings.target, "to edit an animation")
     with progress.stage("open"):
@@ -77,10 +80,10 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
         check_no_overlap(settings.outputs(), settings.inputs())
         for path in settings.outputs():
             check_mesh_output(path, settings.overwrite)
-        handles = read_handles(settings.handles)
+        files = EditFiles.read(settings.handles, settings.cage_edits)
     binding = target.bind(settings.weights, progress)
     with progress.stage("pose"):
-        posed = pose_model(binding, handles, settings.posing, progress)
+        posed = pose_model(binding, files, settings.posing, progress)
     with progress.stage("write"):
         if target.model.points is None:
             write_mesh(settings.output, binding.rest, posed.snapshot.after, settings.overwrite)
@@ -122,24 +125,25 @@ def _move_points(
 
 
 def pose_model(
-    binding: Binding, handles: Handles, posing: PosingSettings, progress: ProgressListener
+    binding: Binding, files: EditFiles, posing: PosingSettings, progress: ProgressListener
 ) -> PoseResult:
-    """Pose a model in its cage by handles, and note how they were understood."""
+    """Pose a model in its cage by an edit, and note how its handles were understood."""
     # One thread: the last digits depend on how many.
-    with error_context(handles.path), limit_blas_threads(1):
-        edit = LayeredEdit(handles, EditTarget.of_model(binding), posing)
+    with limit_blas_threads(1):
+        edit = LayeredEdit(files, EditTarget.of_model(binding), posing)
         block = edit.edit_frames(np.zeros(1, np.int64), binding.cage.vertices[None])
-    report_placement(edit, handles.path, progress)
+    report_placement(edit, files, progress)
     statistics = PoseStatistics(edit)
     statistics.update(block)
     summary = statistics.summarize()
     return PoseResult(summary, take_snapshot(edit, block, summary))
 
 
-def report_placement(edit: LayeredEdit, handles: Path, progress: ProgressListener) -> None:
+def report_placement(edit: LayeredEdit, files: EditFiles, progress: ProgressListener) -> None:
     """Note how handles were understood."""
     for note in edit.notes:
-        progress.note("note", f"{handles.name}: {note}")
+        assert files.handles is not None
+        progress.note("note", f"{files.handles.path.name}: {note}")
 
 
 def check_target_kind(target: Path, purpose: str) -> None:

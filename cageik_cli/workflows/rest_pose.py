@@ -1,12 +1,13 @@
 """The rest pose of a clip: a file, or the frame in which least touches; and its vertex weights."""
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from cageik_cli.formats.base.files import hash_file
-from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import (
     find_rest_index,
@@ -23,7 +24,7 @@ from cageik_cli.formats.vertex_weights import (
 )
 from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.util.arrays import Floats, spread_evenly
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import InputError, SettingError, error_context
 from cageik_cli.util.text import to_unicode
 from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.mesh_source import load_rest
@@ -57,8 +58,19 @@ def open_clip_and_choose_rest(
     rest: Path | None,
     rest_frame: RestFrame,
     scene: CommonScene,
+    *,
+    has_cage: bool = False,
 ) -> tuple[MeshSequence, LoadedMesh, int | None]:
     """Open a clip, whose scene rules, and its rest pose, which is brought into it.
+
+    A frame is named by its number in the whole clip, also where only some of its frames are taken,
+    or by its index among these. For a cage that is given, an index counts in the whole clip, too,
+    as the cage was made for the first frame, whatever is taken.
+
+    Parameters
+    ----------
+    has_cage : bool
+        Whether a cage, or a binding, is given.
 
     Returns
     -------
@@ -66,21 +78,48 @@ def open_clip_and_choose_rest(
     rest : LoadedMesh
         With a note on why it was chosen, if it was.
     index : int or None
-        Which frame of the clip the rest pose is, from 0; None for a file.
+        Which of the frames that are taken the rest pose is, from 0; None if it is none of them.
     """
-    if rest is not None or rest_frame != AUTO:
-        given = None if rest is None else load_rest(rest, settings.exclude)
-        sequence, loaded = open_clip_and_rest(frames, settings, given, rest_frame)
+    if rest is not None:
+        sequence, loaded = open_clip_and_rest(frames, settings, load_rest(rest, settings.exclude))
         scene.state(sequence.scene)
-        if rest is None:
-            return sequence, loaded, find_rest_index(sequence, rest_frame)
         with error_context(rest):
             return sequence, scene.check_rest(scene.place(loaded), loaded.scene, sequence), None
     sequence = open_sequence(list(frames), settings)
     scene.state(sequence.scene)
-    index, reason = choose_rest_frame(sequence)
-    loaded = load_rest_frame(sequence, index)
-    return sequence, replace(loaded, notes=(*loaded.notes, reason)), index
+    if rest_frame == AUTO:
+        index, reason = choose_rest_frame(sequence)
+        loaded = load_rest_frame(sequence, index)
+        return sequence, replace(loaded, notes=(*loaded.notes, reason)), index
+    if has_cage or isinstance(rest_frame, str):
+        return sequence, *_load_frame_of_whole(frames, settings, sequence, rest_frame)
+    index = find_rest_index(sequence, rest_frame)
+    return sequence, load_rest_frame(sequence, index), index
+
+
+def _load_frame_of_whole(
+    frames: tuple[str, ...], settings: ClipSettings, taken: MeshSequence, rest_frame: RestFrame
+) -> tuple[LoadedMesh, int | None]:
+    """Load a frame of a whole clip as the rest pose, and find it among those that are taken."""
+    is_whole = settings.selection == slice(None)
+    every = replace(settings, selection=slice(None))
+    whole = taken if is_whole else open_sequence(list(frames), every)
+    index = find_rest_index(whole, rest_frame)
+    number = whole.timeline.number_frame(index)
+    if is_whole:
+        return load_rest_frame(whole, index), index
+    with suppress(SettingError):
+        own = find_rest_index(taken, number)
+        return load_rest_frame(taken, own), own
+    loaded = load_rest_frame(whole, index)
+    with error_context(whole.location(index)):
+        faces = whole.first.fan_triangulated.faces
+        expected = taken.first.fan_triangulated
+        check_connectivity(len(loaded.mesh.vertices), faces, expected, "the first frame taken")
+    reason = f"frame {number} is the rest pose, though it is none of the frames that are taken"
+    # Polygons are cut as in the frames that are taken.
+    mesh = taken.first.move(loaded.mesh.vertices)
+    return replace(loaded, mesh=mesh, notes=(*loaded.notes, reason)), None
 
 
 def choose_rest_frame(sequence: MeshSequence) -> tuple[int, str]:
@@ -142,7 +181,7 @@ def load_vertex_weights(
     rows = None if frames is None else open_frame_weights(given, frames, count)
     if rows is not None:
         source = {"name": to_unicode(given.name), "sha256": hash_file(given).hex()}
-        every = np.full(count, rows.largest / rows.mean)
+        every = np.full(count, 1 / rows.mean_share)
         return VertexWeights(every, rows, {"vertex_weights": source})
     values, source = read_vertex_weights(given)
     with error_context(given):

@@ -47,18 +47,24 @@ def check_output(settings: ExtractSettings) -> None:
 
 def find_existing(
     settings: ExtractSettings,
-    *,
-    recorded: dict[str, Any],
     sequence: MeshSequence,
     scene: Scene,
+    *,
+    recorded: dict[str, Any],
     sources: dict[str, Any],
-) -> Result | None:
-    """Return the result that is at the output if the run would make the same; else None.
+) -> tuple[Result | None, str]:
+    """Find the result that is at the output, if the run would make the same.
 
     Parameters
     ----------
     recorded : dict
         The settings as the result of the run records them.
+
+    Returns
+    -------
+    result : Result or None
+    reason : str
+        Of what a result is that is there and is replaced: "other settings"; "" if none is.
 
     Raises
     ------
@@ -67,40 +73,33 @@ def find_existing(
         allows none; unless it may be overwritten.
     """
     if not settings.output.exists():
-        return None
+        return None, ""
     try:
         result = read_result(settings.output)
         sources = sources | {"frames": sequence.describe_source()}
         if settings.builds_cage and "cage" in result.sources:
             sources["cage"] = result.sources["cage"]  # it follows from the other files
-        _check_same(
-            result,
-            {
-                "another version of cageik": result.version == __version__,
-                "other settings": result.settings == recorded
-                and has_weights(result) == settings.keep_weights,
-                "other frames": result.frames == sequence.names,
-                "another scene": result.scene == scene,
-                "other files": result.sources == sources,
-            },
-        )
-        if not settings.accepts_gaps:
+        is_same = {
+            "another version of cageik": result.version == __version__,
+            "other settings": result.settings == recorded
+            and has_weights(result) == settings.keep_weights,
+            "other frames": result.frames == sequence.names,
+            "another scene": result.scene == scene,
+            "other files": result.sources == sources,
+        }
+        differing = next((what for what, holds in is_same.items() if not holds), "")
+        if differing and not settings.overwrite:
+            raise CheckpointError(
+                f"{result.path}: is the result of {differing}; choose another name, or replace it "
+                "with `overwrite=True`"
+            )
+        if not differing and not settings.accepts_gaps:
             _check_no_gaps(result, sequence)
     except InputError:
         if settings.overwrite:
-            return None
+            return None, "a run that left gaps, or was damaged"
         raise
-    return result
-
-
-def _check_same(result: Result, is_same: dict[str, bool]) -> None:
-    """Refuse a result of another run; the keys say of what it is then."""
-    for what, holds in is_same.items():
-        if not holds:
-            raise CheckpointError(
-                f"{result.path}: is the result of {what}; choose another name, or replace it with "
-                "`overwrite=True`"
-            )
+    return (None, differing) if differing else (result, "")
 
 
 def _check_no_gaps(result: Result, sequence: MeshSequence) -> None:

@@ -16,7 +16,8 @@ from cageik_cli.formats.base.files import describe_source
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.store.cache import Entry, EntryCache
+from cageik_cli.store.cache import EntryCache
+from cageik_cli.store.cache_entry import Entry
 from cageik_cli.store.cache_keys import find_cage
 from cageik_cli.util.errors import CageError, OutputError, error_context
 from cageik_cli.util.outputs import check_writable
@@ -88,7 +89,8 @@ def suggest_repair(
 ) -> Iterator[None]:
     """Name the cage in errors raised inside, and the command that may repair its file.
 
-    `offer` returns the options in place of a transform, see `CommonScene.offer`.
+    `offer` returns the options in place of a transform, see `CommonScene.offer`. Where there are
+    some, nothing has to be repaired.
     """
     with error_context(cage.path or cage.source["name"]):
         try:
@@ -96,8 +98,8 @@ def suggest_repair(
         except CageError as error:
             misfit = error.misfit if isinstance(error, MisfitError) else None
             remedy = "" if misfit is None or offer is None else offer(misfit.transform)
-            if cage.path is not None and error.is_repairable:
-                remedy += f"; to repair the cage: {format_repair_command(cage.path, rest.path)}"
+            if cage.path is not None and error.is_repairable and not remedy:
+                remedy = f"; to repair the cage: {format_repair_command(cage.path, rest.path)}"
             if not remedy:
                 raise
             raise CageError(f"{error}{remedy}") from error

@@ -73,7 +73,8 @@ class ExtractSettings(CommandSettings):
         The rest pose; a frame of the clip if absent.
     rest_frame : int or str
         Which frame then: its index, or as text its number; or "auto", the one in which the
-        least of the surface touches.
+        least of the surface touches. An index counts in the whole clip if a cage or a binding is
+        given, else among the frames that are taken; so the first is the default.
     vertex_weights : Path or "area", optional
         A file with one number per vertex of the model, or an array (F, m) with one per frame and
         vertex; or each vertex counts by its area.
@@ -145,7 +146,9 @@ class ExtractSettings(CommandSettings):
                 "(`keep_weights=True`), or store few numbers by `fit_rank=`"
             )
 
-    def record(self, known: Binding | None, fit: FitSettings | None) -> dict[str, Any]:
+    def record(
+        self, known: Binding | None, fit: FitSettings | None, rest_index: int | None
+    ) -> dict[str, Any]:
         """Return the settings on which the numbers depend, as a result file records them.
 
         Parameters
@@ -154,6 +157,8 @@ class ExtractSettings(CommandSettings):
             Weights that come from a binding file: how they were computed and fitted counts.
         fit : FitSettings, optional
             How weights are fitted to the clip.
+        rest_index : int, optional
+            Which of the frames that are taken the rest pose is, if it is one of them.
         """
         weights = self.vertex_weights
         if fit is None and known is not None and known.fit is not None:
@@ -165,7 +170,7 @@ class ExtractSettings(CommandSettings):
             "beta": self.solve.beta,
             "align": self.solve.align,
             **asdict(self.bind if known is None else known.settings),
-            "rest_frame": self.rest_index,
+            "rest_frame": rest_index,
             "vertex_weights": weights if isinstance(weights, str) else weights is not None,
             **(built if self.builds_cage else {}),
             **({} if fit is None else fit.describe()),
@@ -173,11 +178,6 @@ class ExtractSettings(CommandSettings):
             **{name: value for name, value in captured.items() if value},
             **({"exclude": list(self.clip.exclude)} if self.clip.exclude else {}),
         }
-
-    @property
-    def rest_index(self) -> int | None:
-        """The number of the rest pose in the clip, once chosen; None if it is a file."""
-        return int(self.rest_frame) if self.rest is None else None
 
     @property
     def builds_cage(self) -> bool:

@@ -1,6 +1,6 @@
 """The second pass of a run: cages smoothed over time and filled, and measured again."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,9 +14,9 @@ from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.solver.executor import choose_block_size
 from cageik_cli.solver.settings import AUTO_SMOOTHING, CaptureSettings
-from cageik_cli.solver.smooth import FrameTerms, TimeSmoother
+from cageik_cli.solver.smooth import MAX_BRIDGED_FRAMES, FrameTerms, TimeSmoother
 from cageik_cli.store.checkpoint import Checkpoint
-from cageik_cli.util.arrays import Floats, Mask
+from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FileAccessError, InputError
 
 MAX_FILLED_GAP = 48
@@ -123,13 +123,13 @@ class TimePass:
     def _read_windows(self) -> Iterator[tuple[range, range, FrameTerms]]:
         """Yield the frames of each window without and with overlaps, and their terms."""
         size, overlap = self._smoother.window, self._smoother.overlap
-        blocks, held = self._checkpoint.blocks(), _HeldBlocks()
+        blocks, held = self._checkpoint.blocks(), _HeldBlocks(self._solver)
         step = size - 2 * overlap if self._count > size else self._count
         for start in range(0, self._count, step):
             inner = range(start, min(start + step, self._count))
             window = self._overlap(inner, overlap)
             while held.stop < window.stop:
-                held.add(next(blocks), self._solver)
+                held.add(next(blocks))
             held.drop(window.start)
             yield inner, window, held.make_terms(window, self._is_known)
 
@@ -148,28 +148,24 @@ class TimePass:
 class _HeldBlocks:
     """Frames of a checkpoint that windows still need."""
 
-    def __init__(self) -> None:
+    def __init__(self, solver: DualLaplacianSolver) -> None:
         self.stop = 0
+        self._solver = solver
         self._cages: dict[int, Floats] = {}
-        self._rotations: dict[int, Floats] = {}
-        self._lost: dict[int, Floats] = {}
+        self._weights: dict[int, tuple[Integers, Floats]] = {}
 
-    def add(self, block: SolvedBlock, solver: DualLaplacianSolver) -> None:
+    def add(self, block: SolvedBlock) -> None:
         """Hold the frames of the next block."""
         for place in range(len(block.cages)):
             frame = block.start + place
             self._cages[frame] = block.cages[place]
-            self._rotations[frame] = block.rotations[place]
-            rows, values = (None, None) if block.kept is None else block.kept.get_weights(place)
-            if rows is not None and values is not None and len(rows):
-                self._lost[frame] = solver.weigh_data(
-                    (1 - values) * solver.vertex_weights[rows], rows
-                )
+            if block.kept is not None:
+                self._weights[frame] = block.kept.get_weights(place)
         self.stop = block.stop
 
     def drop(self, start: int) -> None:
         """Forget the frames before `start`."""
-        for held in (self._cages, self._rotations, self._lost):
+        for held in (self._cages, self._weights):
             for frame in [frame for frame in held if frame < start]:
                 del held[frame]
 
@@ -177,9 +173,33 @@ class _HeldBlocks:
         """Return the terms of the frames of a window; frames without data have zeros."""
         known = is_known[window.start : window.stop]
         cages = np.nan_to_num(np.stack([self._cages[k] for k in window]))
-        rotations = np.nan_to_num(np.stack([self._rotations[k] for k in window]))
-        lost = {k - window.start: self._lost[k] for k in window if k in self._lost}
-        return FrameTerms(cages, rotations, known, lost)
+        return FrameTerms(cages, known, dict(self._find_lost(window)))
+
+    def _find_lost(self, window: range) -> Iterator[tuple[int, Floats]]:
+        """Yield the frames, counted in the window, in which vertices weigh less, and their E_t."""
+        nothing = np.empty(0, np.int64), np.empty(0)
+        frames = [self._weights.get(k, nothing) for k in window]
+        lengths = count_in_a_row([rows[values == 0] for rows, values in frames])
+        for k, ((rows, values), length) in enumerate(zip(frames, lengths, strict=True)):
+            is_lost = np.ones(len(rows), bool)
+            is_lost[values == 0] = length <= MAX_BRIDGED_FRAMES
+            if is_lost.any():
+                rows, values = rows[is_lost], values[is_lost]
+                weights = (1 - values) * self._solver.vertex_weights[rows]
+                yield k, self._solver.weigh_data(weights, rows)
+
+
+def count_in_a_row(frames: Sequence[Integers]) -> list[Integers]:
+    """Return for the elements (e,) of each frame in how many frames in a row around it they are."""
+    lengths = [np.full(len(elements), -1) for elements in frames]
+    count = 1 + max((int(elements.max(initial=-1)) for elements in frames), default=-1)
+    for places in (range(len(frames)), reversed(range(len(frames)))):
+        row = np.zeros(count, np.int64)
+        for k in places:
+            before, row = row, np.zeros(count, np.int64)
+            row[frames[k]] = before[frames[k]] + 1
+            lengths[k] += row[frames[k]]
+    return lengths
 
 
 def _hold_ends(cages: Floats, is_known: Mask) -> Floats:

@@ -106,7 +106,7 @@ def test_clips_without_a_cage_get_one_that_is_built_once(
     assert [entry["fault"] for entry in report().values()] == [None] * 3
     walk = read_result(Path("out/clips/walk.h5"))
     assert walk.sources["cage"]["name"] == "built cage"
-    assert run(*BATCH, "--resume").err.count("unchanged, error") == 3
+    assert run(*BATCH, "--resume").err.count("unchanged, good: ") == 3
     assert len(built) == 1  # their rest poses are the same
 
 
@@ -119,9 +119,7 @@ def test_each_clip_may_have_the_cage_in_its_own_folder(run, anim, here, animatio
     outcome = run(*BATCH)
     assert (outcome.code, here) == (4, ["face.npz", "runs/fast", "walk"])
     assert [name for name, entry in report().items() if entry["fault"]] == ["face.npz"]
-    assert report()["face.npz"]["fault"].endswith(
-        "anim/around.obj: cannot be read: No such file or directory"
-    )
+    assert report()["face.npz"]["fault"].endswith("anim/around.obj: no such file; check the path")
     fast = read_result(Path("out/clips/runs_fast.h5"))
     np.testing.assert_array_equal(fast.cage.vertices, 1.1 * animation.cage.vertices)
 
@@ -137,13 +135,22 @@ def test_a_clip_with_a_cage_has_no_size_of_one_that_is_built(run, anim, here):
     assert "none of 3 clips can be started: --cage-vertices is for" in outcome.err
 
 
+def test_frames_that_no_clip_has_stop_a_batch_at_once(run, anim, here):
+    outcome = run(*BATCH, "--frames", "20-5")
+    assert (outcome.code, Path("out").exists()) == (2, False)
+    assert "none of 3 clips can be started: --frames 20-5: ends before it begins" in outcome.err
+    Path("anim/walk/cageik.toml").write_text('frames = "3:3"\n')
+    assert run(*BATCH).code == 4
+    assert [name for name, entry in report().items() if entry["fault"]] == ["walk"]
+
+
 def test_the_rest_frame_of_each_clip_may_be_chosen(run, anim, here):
     Path("anim/cageik.toml").write_text('cage = "cage.obj"\nrest-frame = "auto"\n')
     assert run(*BATCH).code == 0
     walk = read_result(Path("out/clips/walk.h5"))
     assert walk.settings["rest_frame"] == 0
     assert [note for note in walk.notes if "frame 1 is the rest pose" in note]
-    assert run(*BATCH, "--resume").err.count("unchanged, error") == 3
+    assert run(*BATCH, "--resume").err.count("unchanged, poor: ") == 3
 
 
 def test_going_on_does_what_is_new_changed_or_failed(run, anim, here, animation, write_obj):
@@ -156,9 +163,9 @@ def test_going_on_does_what_is_new_changed_or_failed(run, anim, here, animation,
     outcome = run(*BATCH, "--resume")
     assert outcome.code == 0
     said = {line.split()[0]: line.split()[1] for line in outcome.err.splitlines()[:3]}
-    assert said == {"face.npz": "unchanged,", "runs/fast": "done,", "walk": "done,"}
+    assert said == {"face.npz": "unchanged,", "runs/fast": "poor:", "walk": "poor:"}
     figure = report()["walk"]["summary"]["rms_percent"]
-    assert f"  walk           done, error {figure:.4f} %, poor\n" in outcome.err
+    assert f"  walk           poor: {figure:.4f} % of the size on average\n" in outcome.err
     assert Path("out/clips/face.npz.h5").stat() == face
     held = {name: Path("out", name).read_bytes() for name in ("report.json", "index.html")}
     assert run("batch", "anim", "-o", "new", "--no-pages").code == 0
@@ -166,9 +173,22 @@ def test_going_on_does_what_is_new_changed_or_failed(run, anim, here, animation,
         assert Path("new", name).read_bytes() == data
 
 
+def test_frames_that_can_be_left_out_are_said_once(run, anim, here):
+    for name in ("walk/f_3.obj", "runs/fast/f_2.obj"):
+        Path("anim", name).write_text("v 0 0 0\nv")
+    said = run(*BATCH).err
+    assert said.count("--on-bad-frame skip leaves out frames that cannot be read") == 1
+    again = run(*BATCH, "--resume", "--on-bad-frame", "skip")
+    assert "2 failed" in said
+    assert "0 failed" in again.err
+    assert "on-bad-frame" not in again.err
+
+
 def test_other_settings_are_done_again(run, anim, here):
     run(*BATCH)
-    assert "walk           done" in run(*BATCH, "--resume", "--alpha", "0.5").err
+    again = run(*BATCH, "--resume", "--alpha", "0.5").err
+    assert "walk           poor: " in again
+    assert again.count("; replaces the result of other settings\n") == 3
     assert "walk           unchanged" in run(*BATCH, "--resume", "--alpha", "0.5").err
 
 
@@ -177,7 +197,7 @@ def test_what_is_there_is_not_lost_unasked(run, anim, here):
     outcome = run(*BATCH)
     assert outcome.code == 1
     assert "--resume" in outcome.err
-    assert "walk           done" in run(*BATCH, "--overwrite").err
+    assert "walk           poor: " in run(*BATCH, "--overwrite").err
 
 
 def test_options_for_some_clips(run, anim, here):
@@ -206,7 +226,7 @@ def test_options_for_some_clips(run, anim, here):
         ),
         ("[extract]\nalfa = 1\n", "has no option alfa"),
         ('[extract]\ncage = "cage.obj"\nalpha = -1\n', "alpha"),
-        ('[extract]\ncage = "none.obj"\n', "none.obj: cannot be read"),
+        ('[extract]\ncage = "none.obj"\n', "none.obj: no such file"),
     ],
 )
 def test_a_clip_whose_options_cannot_be_fails_alone(run, anim, here, text, says):
@@ -304,7 +324,7 @@ def test_a_folder_that_holds_no_file_is_not_in_use(run, anim, here):
 def test_long_names_are_in_a_column(run, anim, here):
     Path("anim/runs/fast").rename("anim/runs/the_fastest_of_all")
     lines = run(*BATCH).err.splitlines()[:3]
-    assert len({line.index("done, ") for line in lines}) == 1
+    assert len({line.index("poor: ") for line in lines}) == 1
 
 
 def test_without_pages_there_are_none(run, anim, here):

@@ -26,7 +26,7 @@ def test_the_figures_go_to_stderr_and_end_with_what_to_do_next(run, folder):
     assert rows["model"] == "18 vertices, 32 triangles"
     assert rows["cage"] == "8 vertices, 12 triangles"
     assert rows["settings"] == "coordinates harmonic, accuracy standard, outside refuse"
-    assert rows["weights"].startswith("partition of unity error ")
+    assert rows["weights"].startswith("sums differ from 1 by up to ")
     assert rows["accuracy"].startswith("standard: estimated weight error ")
     assert "projected" not in rows
     assert "cache" not in rows

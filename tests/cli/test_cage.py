@@ -1,8 +1,11 @@
 """`cageik cage`: what is typed, what is told, and what is refused."""
 
 import json
+from pathlib import Path
 
 import pytest
+
+from tests.shapes import octahedron
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("folder", "coarse_grids")]
 TYPED = ("cage", "frames/frame_1.obj", "-o", "built.obj", "--vertices", "20")
@@ -33,6 +36,7 @@ def test_quiet_and_verbose(run):
 
 def test_json_on_stdout_is_alone_there(run):
     outcome = run(*TYPED, "--json", "-", "--for", "frames")
+    assert outcome.err.startswith("measuring cages on frames, which takes a minute or more\n")
     record = json.loads(outcome.out)
     assert [known["is_valid"] for known in record["candidates"][:1]] == [True]
     assert any("shifted" in known["recipe"] for known in record["candidates"])
@@ -44,3 +48,16 @@ def test_json_on_stdout_is_alone_there(run):
 def test_a_clearance_is_in_percent(run, spelt):
     outcome = run(*TYPED, "--clearance", spelt, "--json", "-", "-q")
     assert json.loads(outcome.out)["settings"]["clearance_percent"] == 2
+
+
+def test_models_of_equal_counts_and_other_faces_are_no_clip(run, write_obj):
+    """The cage would be that of the first, whichever was meant."""
+    mesh = octahedron()
+    write_obj(Path("models/hat.obj"), mesh.vertices, mesh.faces)
+    write_obj(Path("models/shoe.obj"), mesh.vertices, mesh.faces[::-1])
+    outcome = run("cage", "models", *TYPED[2:])
+    assert outcome.code == 1
+    assert "shoe.obj: triangle 0 joins" in outcome.err
+    assert "name the one mesh that the cage is for, such as models/hat.obj" in outcome.err
+    Path("models/shoe.obj").write_text("v 0 0")  # a damaged frame, which is not needed
+    assert run("cage", "models", *TYPED[2:]).code == 0

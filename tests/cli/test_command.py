@@ -92,13 +92,21 @@ def test_only_a_long_help_leaves_out_what_options_do(count, is_short):
         ("extract frames -o a.h5 --output=b.h5", "-o or --output"),
         ("batch walks -o out --max-rms 1% --max-rms 2%", "--max-rms"),
         ("report --json - --json a.json", "--json"),
-        ("extract --cage a.obj --help-all --cage a.obj frames", "--cage"),
+        ("extract --cage a.obj --config a.toml --cage a.obj frames", "--cage"),
     ],
 )
 def test_a_repeated_option_is_refused(run, words, option_names):
     outcome = run(*words.split())
     assert outcome.code == 2
     assert f"{option_names}: given 2 times, expected once; leave out all but one" in outcome.err
+
+
+@pytest.mark.parametrize("word", ["--help", "--help-all"])
+def test_a_help_is_shown_whatever_is_repeated(run, word):
+    for words in ((word, "--cage", "a", "--cage", "b"), ("--cage", "a", "--cage", "b", word)):
+        outcome = run("extract", *words)
+        assert outcome.code == 0
+        assert "Extract the cage of every frame" in outcome.out
 
 
 def test_flags_and_options_of_several_values_may_be_repeated(run, tmp_path, monkeypatch):
@@ -117,3 +125,10 @@ def test_a_file_of_options_does_not_repeat_what_is_typed(run, tmp_path, monkeypa
     outcome = run("extract", "frames", "--alpha", "0.2", "--config", "c.toml")
     assert outcome.code == 1
     assert "frames: " in outcome.err
+
+
+def test_the_nearest_option_alone_is_suggested(run):
+    outcome = run("extract", "frames", "--cage-vertex", "50")
+    assert outcome.code == 2
+    assert outcome.err.rstrip().endswith("'--cage-vertex'. Did you mean '--cage-vertices'?")
+    assert "Did you mean" not in run("extract", "frames", "--zzz").err

@@ -157,6 +157,31 @@ def test_one_mesh_file_is_the_rest_cage(run, result, suffix):
     assert f"rest{suffix}: exists already" in run("export", "cages.h5", f"rest{suffix}").err
 
 
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--with-model"], "--with-model; leave it out"),
+        (["--recentre"], "--recentre; leave it out"),
+        (["--format", "ply"], "--format ply; leave it out"),
+        (["--fps", "30", "--start", "5"], "--fps or --start; leave them out"),
+        (["--frame-step", "2"], "--frame-step; leave it out"),
+        (["--skeleton"], "--skeleton works with USD and glTF only"),
+        (["--morphs", "4"], "--morphs and --tolerance apply to .glb files"),
+    ],
+)
+def test_the_rest_cage_takes_no_option_of_frames(run, result, words, named):
+    """A refusal names it: without the option, the cage alone is written."""
+    outcome = run("export", "cages.h5", "rest.obj", *words)
+    assert (outcome.code != 0, Path("rest.obj").exists()) == (True, False)
+    assert named in outcome.err
+    if "leave" in named:
+        assert "is the cage at rest alone" in outcome.err
+        assert "rest/rest_####.obj" in outcome.err
+        frames = ["--format", "obj"] if "--format" in words else words
+        folder = "rest" if "--format" in words else "rest/rest_####.obj"
+        assert run("export", "cages.h5", folder, *frames).code == 0
+
+
 def test_another_output_of_extract_names_its_option(run, result):
     outcome = run("extract", "frames", "--cage", "cage.obj", "-o", "x.usdc")
     assert (outcome.code, "--export x.usdc" in outcome.err) == (1, True)

@@ -145,8 +145,8 @@ def test_an_animation_keeps_its_other_frames(run, handles, clip):
     moved = (weights @ after - weights @ before)[:, 0]
     strength = np.linalg.norm(moved, axis=1) / np.linalg.norm(LIFT["offset"])
     np.testing.assert_allclose(strength, [0, 0.5, 1, 0.5, 0], rtol=0, atol=1e-9)
-    assert "changed        frame_2.obj to frame_4.obj" in outcome.err
-    assert "next: cageik report edited.h5" in outcome.err
+    assert "frame_2.obj to frame_4.obj; all other" in outcome.err
+    assert "cageik view edited.h5" in outcome.err
 
 
 def test_the_result_is_a_result_like_any_other(run, handles, clip):
@@ -362,3 +362,96 @@ def test_a_volume_that_changes_much_is_remarked_on_unless_parts_turn(run, handle
         assert told not in run(*words, "--rigidity", "1", "--overwrite").err
     handles(LIFT | {"offset": [0, 0, 0.01]}, *PINS)
     assert told not in run(*REST, "--overwrite").err
+
+
+EDIT_CAGE = ("pose", "cages.h5", "--cage-edits", "edits.json", "-o", "edited.h5")
+
+
+@pytest.fixture
+def cage_edits(folder):
+    """Write a file of one cage edit, which moves two vertices."""
+
+    def write(**changes):
+        moves = [{"vertex": k, "offset": [0.1, 0.2, -0.3]} for k in (0, 3)]
+        document = {"edits": [{"name": "corner", "moves": moves} | changes]}
+        Path("edits.json").write_text(json.dumps(document))
+
+    write()
+    return write
+
+
+def test_cage_vertices_of_an_animation_are_moved(run, clip, cage_edits):
+    cage_edits(frames=[3, 3], falloff=2)
+    outcome = run(*EDIT_CAGE, "--plot", "p.png", "--json", "j.json", "-v")
+    assert outcome.code == 0, outcome.err
+    before, after = cages("cages.h5"), cages("edited.h5")
+    assert np.flatnonzero((before != after).any(axis=(1, 2))).tolist() == [1, 2, 3]
+    moved = (after - before)[2]
+    np.testing.assert_allclose(moved[[0, 3]], 2 * [[0.1, 0.2, -0.3]], rtol=0, atol=1e-12)
+    assert not moved[[1, 2, *range(4, 8)]].any()
+    assert (
+        "corner: 2 vertices of the cage by at most 0.374166 in frame_3.obj (vertex 0)"
+        in outcome.err
+    )
+    assert "frame_2.obj to frame_4.obj; all other" in outcome.err
+    assert "system" not in outcome.err
+    (told,) = json.loads(Path("j.json").read_text())["cage_edits"]
+    assert (told["name"], told["vertices"], told["frame"]) == ("corner", 2, "frame_3.obj")
+    edited = read_result(Path("edited.h5"))
+    assert set(edited.sources) == {*clip.sources, "result", "cage_edits"}
+    assert "edited by edits.json: " in edited.notes[-1]
+    assert run("report", "edited.h5", "--html", "page.html").code == 0
+
+
+def test_cage_vertices_of_a_model_are_moved(run, cage_edits, animation, handles):
+    words = (*REST[:2], *REST[3:], "--cage-edits", "edits.json", "--cage-out", "moved.obj")
+    outcome = run(*words)
+    assert outcome.code == 0, outcome.err
+    moved = load_mesh(Path("moved.obj")).mesh.vertices - animation.cage.vertices
+    np.testing.assert_allclose(moved[[0, 3]], 2 * [[0.1, 0.2, -0.3]], rtol=0, atol=1e-6)
+    assert not np.abs(moved[[1, 2, *range(4, 8)]]).max() > 1e-6
+    handles(LIFT, *PINS)
+    outcome = run(*REST, "--cage-edits", "edits.json", "--overwrite", "-v", "--plot", "p.png")
+    assert outcome.code == 0, outcome.err
+    assert "cage edit" in outcome.err
+    assert "tip: moved" in outcome.err
+
+
+def test_handles_and_cage_edits_are_both_sources(run, clip, cage_edits, handles):
+    assert run(*EDIT, "--cage-edits", "edits.json").code == 0
+    edited = read_result(Path("edited.h5"))
+    assert set(edited.sources) == {*clip.sources, "result", "handles", "cage_edits"}
+    assert "edited by handles.json and edits.json: " in edited.notes[-1]
+    words = ("pose", "edited.h5", "handles.json", "-o", "twice.h5")
+    assert run(*words).code == 0
+    assert set(read_result(Path("twice.h5")).sources) == {*clip.sources, "result", "handles"}
+
+
+def test_an_edit_needs_handles_or_cage_edits(run, clip):
+    outcome = run("pose", "cages.h5", "-o", "edited.h5")
+    assert outcome.code == 2
+    assert "Missing argument 'HANDLES', or option '--cage-edits'" in outcome.err
+
+
+def test_the_schema_of_cage_edits_is_printed(run, folder):
+    outcome = run("pose", "--cage-edits-schema")
+    assert json.loads(outcome.out)["title"] == "a cage edits file"
+    assert json.loads(run("pose", "--schema").out)["title"] == "a handles file"
+
+
+def test_cage_edits_that_are_wrong_are_refused_by_name(run, clip, cage_edits):
+    cage_edits(frames=[0, 99])
+    outcome = run(*EDIT_CAGE)
+    assert outcome.code == 1
+    assert "edits.json: edit 'corner': frames: " in outcome.err
+    assert not Path("edited.h5").exists()
+
+
+def test_a_cage_edit_of_nothing_is_told(run, clip, cage_edits):
+    cage_edits(moves=[{"vertex": 1, "offset": [0, 0, 0]}])
+    outcome = run(*EDIT_CAGE)
+    assert "corner: no motion" in outcome.err
+    assert "no motion: all offsets of the cage edits are zero" in outcome.err
+    cage_edits(moves=[{"vertex": 1, "offset": [500, 0, 0]}])
+    outcome = run(*EDIT_CAGE, "--overwrite", "-v")
+    assert "times the model's diagonal (expected at most 5)" in outcome.err

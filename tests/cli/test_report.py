@@ -7,11 +7,13 @@ import shutil
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from cageik_cli.cli.group import word_options
 from cageik_cli.report.html.page import is_page_current
 from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_result
+from cageik_cli.util.text import format_bytes
 
 
 @pytest.fixture
@@ -27,6 +29,9 @@ def test_text_goes_to_stdout(run, results):
     outcome = run("report")
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.out.startswith("cages.h5: 5 frames, 18 vertices")
+    assert "  see it    cageik view cages.h5\n" in outcome.out
+    assert "better    extract again with --fit --overwrite\n" in outcome.out
+    assert outcome.out.endswith("cageik export cages.h5 cages.usdc --with-model\n")
     assert run("report", "other.h5").out == outcome.out.replace("cages", "other")
 
 
@@ -103,6 +108,9 @@ def test_a_result_without_weights_has_a_page_without_pictures(run, folder):
     page = Path("page.html").read_text()
     assert page.count("<img ") == 1
     assert "--no-weights" in page
+    outcome = run("report")
+    assert "  see it    cageik report cages.h5 --html cages.html\n" in outcome.out
+    assert outcome.out.endswith("  use it    cageik export cages.h5 cages.usdc\n")
 
 
 @pytest.mark.slow
@@ -140,3 +148,84 @@ def test_names_with_blanks_can_be_pasted(run, results):
     shown, used = run("report", "my walk.h5").out.splitlines()[-2:]
     assert shown.split(maxsplit=2)[2] == "cageik view 'my walk.h5'"
     assert used.endswith("cageik export 'my walk.h5' 'my walk.usdc' --with-model")
+
+
+SEND = [
+    "--film",
+    "walk.webp",
+    "--film-size",
+    "64x64",
+    "--player",
+    "walk.html",
+    "--picture",
+    "w.png",
+]
+
+
+@pytest.mark.slow
+def test_what_is_sent_is_named_with_its_size(run, results):
+    outcome = run("report", *SEND)
+    assert outcome.code == 0, outcome.err
+    lines = [line for line in outcome.out.splitlines() if line.startswith("wrote ")]
+    assert [line.split()[1] for line in lines] == ["walk.html", "w.png", "walk.webp"]
+    assert ", 5 pictures of 64x64, 0.2 s, drawn in " in lines[2]
+    for line in lines:
+        assert f"({format_bytes(Path(line.split()[1]).stat().st_size)}" in line
+    assert "data-player" in Path("walk.html").read_text()
+    assert Path("w.png").read_bytes().startswith(b"\x89PNG")
+    with Image.open("walk.webp") as film:
+        assert (film.n_frames, film.size) == (5, (64, 64))
+    first = [Path(name).read_bytes() for name in ("walk.html", "w.png", "walk.webp")]
+    assert run("report", *SEND).err.startswith("Error: walk.html: exists already")
+    assert run("report", *SEND, "--overwrite", "-q").out == ""
+    assert [Path(name).read_bytes() for name in ("walk.html", "w.png", "walk.webp")] == first
+
+
+@pytest.mark.slow
+def test_the_settings_of_a_film_are_taken(run, results):
+    words = ["--film-size", "80x64", "--film-seconds", "0.5", "--film-turntable"]
+    assert run("report", "--film", "turn.gif", *words).code == 0
+    with Image.open("turn.gif") as film:
+        assert (film.n_frames, film.size) == (12, (80, 64))
+    words = ["--film-size", "64x64", "--film-follow", "--film-seconds", "0.1"]
+    assert run("report", "--film", "start.gif", *words).code == 0
+    with Image.open("start.gif") as film:
+        assert film.n_frames == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--film walk.mp4", "walk.mp4: expected a name that ends in .webp or .gif"),
+        ("--film -", "-: expected a name that ends in .webp or .gif"),
+        ("--player walk.txt", "walk.txt: expected a name that ends in .html"),
+        ("--picture walk.jpg", "walk.jpg: expected a name that ends in .png"),
+        ("--film w.gif --film-size 640", "'640' is not a width and a height such as 640x480"),
+        ("--film w.gif --film-size 10x640", "--film-size 10x640: a side is out of range"),
+        ("--film w.gif --film-seconds 0", "--film-seconds 0: is out of range"),
+        ("--film w.gif --film-seconds 1e9", "--film-seconds 1e+09: is out of range"),
+        ("--film w.gif --film-turntable --film-follow", "leave out this or --film-turntable"),
+        ("--film-follow", "--film-follow: no film is written"),
+        ("--html page.html --film-size 99x99", "--film-size: no film is written"),
+        *(
+            (f"cages.h5 other.h5 {word}", f"{word.split()[0]} shows one result, 2 were named")
+            for word in ("--film w.gif", "--picture w.png", "--player w.html")
+        ),
+    ],
+)
+def test_wrong_words_of_what_is_sent_are_refused(run, results, words, said):
+    before = sorted(Path().iterdir())
+    outcome = run("report", *words.split())
+    assert (outcome.code, outcome.out) == (2, "")
+    assert said in outcome.err
+    assert sorted(Path().iterdir()) == before
+
+
+@pytest.mark.parametrize("words", ["--film w.gif", "--picture w.png", "--player w.html"])
+def test_what_shows_a_model_needs_its_weights(run, folder, words):
+    assert run("extract", "frames", "--cage", "cage.obj", "--no-weights").code == 0
+    outcome = run("report", *words.split())
+    assert outcome.code == 1
+    assert "cages.h5: has no weights, which a " in outcome.err
+    assert "without --no-weights" in outcome.err
+    assert not Path(words.split()[1]).exists()

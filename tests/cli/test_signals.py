@@ -13,12 +13,13 @@ from cageik_cli.cli.group import interrupt_on_termination
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of this system")
 
 SLOW = """
-import sys, time
+import signal, sys, time
 from cageik_cli.formats import npz as writer
 def append(self, frames):
     print("writing", flush=True)
     time.sleep(60)
 writer.Writer.append = append
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # these tests may run under nohup
 from cageik_cli.cli import main
 main()
 """

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.cli import view
-from tests.workflows.view.client import Client
+from tests.workflows.view.client import Client, make_body
 
 DOCUMENT = {
     "handles": [
@@ -78,8 +78,8 @@ def test_a_cage_is_built_if_none_is_given(run, bound, viewed, coarse_grids):
 def test_the_outcome_of_an_edit_is_shown(run, bound, monkeypatch):
     def use(session, port, listener):
         with listener.show_edit() as progress:
-            result = session.parse(json.dumps(DOCUMENT).encode(), 3)(progress)
-        listener.tell_applied(result)
+            result = session.parse(make_body(DOCUMENT), 3)(progress)
+        listener.tell_applied(session.list_rows(result), session.written)
         listener.tell_failed("handles: are wrong")
         raise KeyboardInterrupt
 
@@ -160,3 +160,13 @@ def test_ctrl_c_leaves_no_part_of_an_edit(tmp_path, fixtures_folder, rounds):
     assert ("the edit was dropped" in told) == bool(rounds)
     assert "Traceback" not in told
     assert [path.name for path in Path(tmp_path).iterdir()] == ["walker.h5"]
+
+
+@pytest.mark.parametrize("words", [("--handles", "h.json"), ("--binding", "binding.h5")])
+def test_what_has_no_part_in_editing_a_cage_is_refused(run, bound, viewed, words):
+    view = ("view", "frames/frame_1.obj", "--edit-cage")
+    outcome = run(*view, *words)
+    assert outcome.code == 2
+    assert words[0] in outcome.err
+    assert run(*view, "--cage", "cage.obj", "-o", "new.obj").code == 0
+    assert viewed[0][0].edits_cage

@@ -144,7 +144,7 @@ def test_an_open_cage_is_refused_by_its_own_name(made):
 
 def test_a_missing_binding_is_refused(made):
     _, rest, cage = made
-    with pytest.raises(InputError, match=r"^nowhere\.h5: .*No such file"):
+    with pytest.raises(InputError, match=r"^nowhere\.h5: .*no such file"):
         load_matching_binding(Path("nowhere.h5"), rest, cage)
 
 

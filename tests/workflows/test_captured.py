@@ -24,6 +24,7 @@ from cageik_cli.util.errors import CheckpointError, FormatError, InputError, Set
 from cageik_cli.workflows.bind import BindRunSettings, bind_files
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.settings import ExtractSettings
+from cageik_cli.workflows.smooth import count_in_a_row
 from tests.corruptions import corrupt
 from tests.listeners import Listener
 
@@ -145,6 +146,35 @@ def test_missing_pieces_are_left_out(walker, make):
     assert np.isfinite(result.metrics.volume[0])
     page = render_result_page(result, build_report(result))
     assert "Missing 18" in page
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "is_noted"), [(1, 12, True), (1, 11, False), (6, 12, False)]
+)
+def test_a_piece_that_is_hidden_for_long_is_noted(walker, make, first, last, is_noted):
+    spoilt = walker[0][:12].copy()
+    spoilt[first:last, :314] = np.nan
+    result = extract(make(spoilt, clip=MISSING))
+    text = (
+        "314 vertices are hidden for more than 10 frames in a row, up to 11: the place is a guess"
+    )
+    assert any(note.startswith(text) for note in result.notes) == is_noted
+
+
+@pytest.mark.parametrize("smooth", ["auto", 0.2])
+def test_a_piece_that_is_hidden_in_all_frames_does_not_fly_when_smoothed(walker, make, smooth):
+    frames = walker[0]
+    height = frames[0][:, 1]
+    hidden = height > np.quantile(height, 0.79)
+    spoilt = frames.copy()
+    spoilt[1:, hidden] = np.nan
+    found = []
+    for capture in (CaptureSettings(), CaptureSettings(smooth=smooth)):
+        with h5py.File(extract(make(spoilt, clip=MISSING, capture=capture)).path) as file:
+            rebuilt = file["weights"][:] @ file["verts"][:]
+        errors = np.linalg.norm((rebuilt - frames)[1:, hidden], axis=2)
+        found.append([np.sqrt((errors**2).mean()), errors.max()])
+    assert (np.array(found[1]) <= 1.05 * np.array(found[0])).all()
 
 
 def test_missing_vertices_do_not_change_the_rest_of_the_cage(walker, make):
@@ -439,3 +469,10 @@ def test_a_run_killed_after_its_result_leaves_nothing_at_the_next(walker, make, 
     assert left.exists()
     assert extract(replace(settings, resume=True, overwrite=False)).path == result.path
     assert not left.exists()
+
+
+def test_absences_are_counted_over_the_frames_around():
+    frames = [[0, 1], [1], [], [1, 2], [0, 1, 2], [2]]
+    found = count_in_a_row([np.array(one, int) for one in frames])
+    assert [one.tolist() for one in found] == [[1, 2], [2], [], [2, 3], [1, 2, 3], [3]]
+    assert count_in_a_row([np.empty(0, int)])[0].tolist() == []

@@ -17,8 +17,8 @@ from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.posing.cage_edits import EditFiles
 from cageik_cli.posing.edits import PosingSettings
-from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.store.result import read_binding, read_cages, read_result
 from cageik_cli.workflows.bind import BindRunSettings, bind_files
@@ -182,8 +182,8 @@ def test_a_model_in_the_cage_of_a_result_is_posed_with_its_fit(form):
         return pose(settings).snapshot.after
 
     result = read_result(Path(f"{form}.h5"))
-    handles = read_handles(Path("h.json"))
-    own = pose_model(read_binding(result), handles, PosingSettings(), Listener()).snapshot.after
+    files = EditFiles.read(Path("h.json"), None)
+    own = pose_model(read_binding(result), files, PosingSettings(), Listener()).snapshot.after
     np.testing.assert_allclose(pose_in(result.path), own, rtol=0, atol=1e-9)
     assert np.abs(pose_in(Path("cage.obj")) - own).max() > 1e-3
 

@@ -167,7 +167,7 @@ rest_frame_option = option(
     callback=_refuse_two_rest_poses,
     metavar=f"N|{AUTO}",
     help="Number of the frame that is the rest pose, or auto: the frame in which the fewest parts "
-    "touch.  [default: the first]",
+    "touch.  [default: the first; with --cage, of the whole clip, whatever --frames takes]",
     group=HelpGroup.CLIP,
 )
 

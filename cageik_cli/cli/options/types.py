@@ -89,6 +89,21 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]  # as above
         return int(float(number) * 1024 ** " KMGT".index(prefix.upper() or " "))
 
 
+class PictureSize(click.ParamType):  # type: ignore[type-arg]  # as above
+    """Width and height in pixels, such as 640x480."""
+
+    name = "wxh"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Parse the text."""
+        match = re.fullmatch(r"(\d{1,6})[xX×](\d{1,6})", str(value), re.ASCII)
+        if not match:
+            self.fail(f"{value!r} is not a width and a height such as 640x480", param, ctx)
+        return int(match[1]), int(match[2])
+
+
 class FrameRangeType(click.ParamType):  # type: ignore[type-arg]  # as above
     """Frames by number, such as 1020-1060 or 1020-1060x2; or by index, as a slice A:B:STEP."""
 

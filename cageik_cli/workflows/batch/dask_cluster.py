@@ -72,7 +72,7 @@ class DaskScheduler:
 
     def __enter__(self) -> "DaskScheduler":
         """Connect."""
-        with require_optional("distributed", "dask", f"the scheduler {self._address}"):
+        with require_optional("distributed", f"the scheduler {self._address}"):
             import distributed  # noqa: F401  creates its loggers
         with self._stack as stack:
             stack.enter_context(_silence_loggers())
@@ -163,9 +163,13 @@ class DaskScheduler:
         """Open a client, if the scheduler answers."""
         from distributed import Client
         from distributed.comm import connect
+        from distributed.security import Security
 
         async def reach() -> None:
-            await (await connect(self._address, timeout=CONNECT_TIMEOUT)).close()
+            # The certificates that the settings of Dask name.
+            certificates = Security().get_connection_args("client")
+            comm = await connect(self._address, timeout=CONNECT_TIMEOUT, **certificates)
+            await comm.close()
 
         try:
             asyncio.run(reach())  # a client that cannot connect would not end cleanly

@@ -2,9 +2,11 @@
 
 import glob
 import hashlib
+import os
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
+from os.path import abspath, commonpath, relpath, splitdrive
 from pathlib import Path
 
 from cageik_cli.formats.base.file_numbers import group_numbered_files
@@ -20,7 +22,7 @@ from cageik_cli.formats.open import list_members
 from cageik_cli.report.overview import shorten_names
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
-from cageik_cli.util.errors import FileAccessError, OutputError, SettingError, join_truncated
+from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
 from cageik_cli.util.text import make_file_name
 
 MAX_RESULT_NAME = 200
@@ -39,12 +41,15 @@ class DiscoveredClip:
         The folder of its frames, or its file, or the file and the name of the clip in it.
     frames : tuple of str
         The argument of `cageik extract`.
+    result : str
+        The name of the file with its result.
     """
 
     name: str
     folder: Path
     path: Path
     frames: tuple[str, ...]
+    result: str = ""
 
 
 def walk_folders(root: Path, output: Path) -> Iterator[Path]:
@@ -102,9 +107,11 @@ def discover_clips(
     no_clips: list[str] = []
     for root in roots:
         prefix = f"{root.resolve().name}/" if len(roots) > 1 else ""
+        series: list[str] = []
         for folder in walk_folders(root, output):
-            for clip in _find_clips_in(folder, root, auxiliary_files, no_clips):
+            for clip in _find_clips_in(folder, root, auxiliary_files, series):
                 found.append(replace(clip, name=prefix + clip.name))
+        no_clips += [prefix + name for name in series]
     places = ", ".join(map(str, roots))
     left_out = f"numbered meshes whose vertices differ are no clip: {join_truncated(no_clips, 5)}"
     if not found:
@@ -115,7 +122,10 @@ def discover_clips(
         )
     if no_clips:
         note(f"left out, as {left_out}")
+    found = _tell_apart(found, roots)
     names = [clip.name for clip in found]
+    # Those that are left out count, so that the names of others do not depend on the patterns.
+    found = [replace(c, result=r) for c, r in zip(found, name_results(names), strict=True)]
     kept = [
         clip
         for clip, shown in zip(found, shorten_names(names), strict=True)
@@ -125,34 +135,63 @@ def discover_clips(
         raise SettingError(
             f"{places}: `exclude_clips=` leaves out all {len(found)} clips; exclude fewer"
         )
-    _check_names_differ(kept)
     return kept
 
 
-def make_result_name(name: str) -> str:
-    """Return the name of the file with the result of a clip; no other clip has the same.
+def name_results(names: Sequence[str]) -> list[str]:
+    """Return the names of the files with the results of clips, whose own names all differ.
 
     All results are in one folder, so that those of several clips can be copied together. A name
-    that is too long for a disk is cut at its beginning, and gets a digest of the whole.
+    that one before has, on some disks at least, gets a digest of the clip's whole name.
+    """
+    taken: set[str] = set()
+    results: list[str] = []
+    for name in names:
+        results.append(make_result_name(name, taken))
+        taken.add(results[-1].casefold())
+    return results
+
+
+def make_result_name(name: str, taken: Set[str] = frozenset()) -> str:
+    """Return the name of the file with the result of a clip.
+
+    A name that is too long for a disk is cut at its beginning, and gets a digest of the whole, as
+    one does that is `taken`, whether its letters are large or small.
     """
     flat = name.replace("/", "_")
-    if len(flat.encode()) > MAX_RESULT_NAME:
-        digest = hashlib.sha256(name.encode()).hexdigest()[:8]
-        flat = f"{digest}_{flat.encode()[9 - MAX_RESULT_NAME :].decode(errors='ignore')}"
+    if len(flat.encode()) > MAX_RESULT_NAME or f"{flat}.h5".casefold() in taken:
+        flat = (
+            f"{_make_digest(name)}_{flat.encode()[9 - MAX_RESULT_NAME :].decode(errors='ignore')}"
+        )
     return f"{flat}.h5"
 
 
-def _check_names_differ(clips: Sequence[DiscoveredClip]) -> None:
-    """Refuse clips whose results would have the same name, on some disks at least."""
-    clips_by_name: dict[str, DiscoveredClip] = {}
+def _tell_apart(clips: Sequence[DiscoveredClip], roots: Sequence[Path]) -> list[DiscoveredClip]:
+    """Give clips whose name one before has, in folders of one name, a digest of their path.
+
+    The path is that below what all folders share, so that a moved project keeps its names.
+    """
+    above = commonpath(map(_find_place, roots))
+    taken: set[str] = set()
+    named: list[DiscoveredClip] = []
     for clip in clips:
-        name = make_result_name(clip.name)
-        other = clips_by_name.setdefault(name.casefold(), clip)
-        if other is not clip:
-            raise OutputError(
-                f"{clip.frames[0]}: its result and that of {other.frames[0]} would have the same "
-                f"name ({name}); rename one of them"
-            )
+        name = clip.name
+        if name in taken:
+            folder, _, last = name.rpartition("/")
+            place = Path(relpath(_find_place(clip.frames[0]), above)).as_posix()
+            name = f"{folder}/{_make_digest(place)}_{last}".lstrip("/")
+        taken.add(name)
+        named.append(replace(clip, name=name))
+    return named
+
+
+def _find_place(path: str | Path) -> str:
+    """Return an absolute path without its drive, which need not be that of another."""
+    return splitdrive(abspath(path))[1]
+
+
+def _make_digest(text: str) -> str:
+    return hashlib.sha256(os.fsencode(text)).hexdigest()[:8]
 
 
 def _check_not_nested(roots: Sequence[Path]) -> None:

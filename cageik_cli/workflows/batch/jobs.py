@@ -1,7 +1,7 @@
 """The jobs of a batch, one per clip: what each does, in whatever process, and its outcome."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
 from typing import Any, Protocol
 
@@ -12,9 +12,9 @@ from cageik_cli.report.render.model_views import draw_thumbnail
 from cageik_cli.solver.executor import RunBlocks, run_in_threads
 from cageik_cli.solver.settings import AREA
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.cache import compute_key
+from cageik_cli.store.cache_entry import compute_key
 from cageik_cli.store.result import Result, has_weights
-from cageik_cli.util.errors import CageikError, describe_error
+from cageik_cli.util.errors import CageikError, InputError, describe_error
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.text import to_unicode
 from cageik_cli.workflows.extract import Extraction
@@ -69,10 +69,16 @@ class Outcome:
     ----------
     entry : ClipEntry
         What the report over all clips shows; it does not depend on interruptions of the batch.
+    replaced : str
+        Of what the result was that this one replaces, such as "other settings"; "" of a new one.
+    has_bad_frame : bool
+        Whether it failed on a frame, which the run could have left out.
     """
 
     entry: ClipEntry
     state: ClipState
+    replaced: str = ""
+    has_bad_frame: bool = False
 
 
 class Scheduler(Protocol):
@@ -90,13 +96,23 @@ def run_clip(
     job: ClipJob, stored: StoredBinding | None = None, run_blocks: RunBlocks = run_in_threads
 ) -> Outcome:
     """Do a job; the outcome holds what failed, and this function raises no error."""
+    extraction = Extraction(job.settings, stored=stored, run_blocks=run_blocks)
     try:
         make_folder(job.settings.output.parent)
-        extraction = Extraction(job.settings, stored=stored, run_blocks=run_blocks)
         result = extraction.run()
-        return _make_outcome(job, result, is_new=extraction.existing is None)
+        outcome = _make_outcome(job, result, is_new=extraction.existing is None)
+        return replace(outcome, replaced=extraction.replaced)
     except Exception as error:
-        return make_failed_outcome(job, describe_error(error))
+        outcome = make_failed_outcome(job, describe_error(error))
+        return replace(outcome, has_bad_frame=_is_of_frame(error, extraction))
+
+
+def _is_of_frame(error: Exception, extraction: Extraction) -> bool:
+    """Return whether an error of an opened clip is of one of its frames, which it names first."""
+    if not isinstance(error, InputError) or not hasattr(extraction, "sequence"):
+        return False
+    sequence = extraction.sequence
+    return any(str(error).startswith(f"{sequence.location(k)}: ") for k in range(len(sequence)))
 
 
 def check_clip(job: ClipJob) -> Outcome | str:

@@ -100,13 +100,15 @@ def run_batch(
                 label = f"{labels[outcome.entry.name]:<{width}}"
                 progress.note(label, _describe_outcome(outcome))
                 progress.update(len(done), len(batch.jobs))
+            if any(outcome.has_bad_frame for outcome in done):
+                progress.note("note", "`on_bad_frame=skip` leaves out frames that cannot be read")
         if any(job.settings.cache == batch.output / WEIGHT_CACHE_FOLDER for job in batch.jobs):
             shutil.rmtree(batch.output / WEIGHT_CACHE_FOLDER, ignore_errors=True)
         worded = {
             name: replace(entry, fault=word(entry.fault)) if entry.fault else entry
             for name, entry in entries.items()
         }
-        overview = Overview([worded[name] for name in batch.order])
+        overview = Overview([worded[name] for name in batch.order], batch.notes)
         with progress.stage("write"):
             for name, view in REPORT_FILES.items():
                 write_text(batch.output / name, view(overview), overwrite=True)
@@ -182,12 +184,15 @@ def check_is_result(path: Path) -> None:
 
 
 def _describe_outcome(outcome: Outcome) -> str:
-    """Say in a line how a clip ended: with its error over all frames, or that there is none."""
-    entry, text = outcome.entry, outcome.state.value
+    """Say in a line how good a clip is, by the data that counts, or that it has no result."""
+    entry, state = outcome.entry, outcome.state
     if entry.report is None:
-        return text
-    error = f"error {format_percent(entry.report.summary.rms_percent)} %"
-    return ", ".join([text, error, *entry.states])
+        return state.value
+    known = f"{state.value}, " if state is ClipState.UNCHANGED else ""
+    percent = format_percent(entry.report.counted.rms_percent)
+    over = ", over a limit" if entry.exceeds_limit else ""
+    again = f"; replaces the result of {outcome.replaced}" if outcome.replaced else ""
+    return f"{known}{entry.report.quality}: {percent} % of the size on average{over}{again}"
 
 
 @contextmanager

@@ -1,22 +1,48 @@
 """A page is served until someone stops it; edits run one at a time, in the main thread."""
 
 import secrets
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from pathlib import Path
 from threading import Condition
-from typing import Protocol
+from typing import Any, Protocol
 
-from cageik_cli.posing.summary import PoseResult
-from cageik_cli.report.player.section import render_view_page
-from cageik_cli.report.views.pose_text import format_pose_rows
 from cageik_cli.util.errors import describe_error
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.view.server import Site, serve
-from cageik_cli.workflows.view.session import ViewSession
+from cageik_cli.workflows.view.server import serve
+from cageik_cli.workflows.view.session import ViewSettings
+from cageik_cli.workflows.view.site import Site
 
-Edit = Callable[[ProgressListener], PoseResult]
-"""Applies handles that were sent and writes the outputs."""
+Edit = Callable[[ProgressListener], Any]
+"""Applies what was sent and writes the outputs; what it returns, its session lists as rows."""
+
+Rows = Sequence[tuple[str, str]]
+"""Labels and texts."""
+
+
+class PageSession(Protocol):
+    """What a page shows, and what is done with what it sends."""
+
+    settings: ViewSettings
+    answers: Mapping[str, Callable[[bytes], Any]]
+    written: tuple[Path, ...]
+
+    @property
+    def can_apply(self) -> bool:
+        """Whether there is a file to write."""
+
+    def render_page(self) -> str:
+        """Render the page."""
+
+    def parse(self, data: bytes, rigidity: int) -> Edit:
+        """Return the edit that was sent."""
+
+    def list_rows(self, result: Any) -> Rows:
+        """List what came of an edit."""
+
+    def close(self) -> None:
+        """End what runs beside the page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,17 +153,17 @@ class ViewListener(Protocol):
         """Return a context that is entered while an edit runs, with its progress."""
         return nullcontext(ProgressListener())
 
-    def tell_applied(self, result: PoseResult) -> None:
-        """Take the outcome of an edit."""
+    def tell_applied(self, rows: Rows, written: Sequence[Path]) -> None:
+        """Take what came of an edit, and the files that it wrote."""
 
     def tell_failed(self, error: str) -> None:
         """Take the error of an edit."""
 
 
 def run_view(
-    session: ViewSession, port: int, listener: ViewListener, wait_seconds: float = 0.5
+    session: PageSession, port: int, listener: ViewListener, wait_seconds: float = 0.5
 ) -> None:
-    """Serve the page of a session, and apply the handles that it sends, until interrupted.
+    """Serve the page of a session, and apply the edits that it sends, until interrupted.
 
     Edits run in this thread, so that an interrupt unwinds them: an edit leaves complete outputs or
     those before it.
@@ -155,15 +181,15 @@ def run_view(
         When it is interrupted.
     """
     board = JobBoard()
-    apply_url = "apply" if session.can_apply else ""
-    page = render_view_page(session.clip, apply_url, session.first_handles, session.edited_from)
     site = Site(
         secret=secrets.token_urlsafe(24),
-        page=page.encode(),
+        page=session.render_page().encode(),
         board=board,
         parse=session.parse if session.can_apply else None,
+        answers=session.answers,
+        word=listener.word,
     )
-    with serve(site, port) as address:
+    with closing(session), serve(site, port) as address:
         listener.open(address)
         while True:
             edit = board.wait(wait_seconds)
@@ -171,7 +197,7 @@ def run_view(
                 _run_edit(session, edit, board, listener)
 
 
-def _run_edit(session: ViewSession, edit: Edit, board: JobBoard, listener: ViewListener) -> None:
+def _run_edit(session: PageSession, edit: Edit, board: JobBoard, listener: ViewListener) -> None:
     """Apply one edit, and tell the page and the listener how it went."""
     try:
         with listener.show_edit() as progress:
@@ -182,8 +208,9 @@ def _run_edit(session: ViewSession, edit: Edit, board: JobBoard, listener: ViewL
         board.change(state="failed", error=message)
         listener.tell_failed(message)
         return
-    told = (*format_pose_rows(result.summary), *progress_on_board.notes)
+    found = session.list_rows(result)
+    told = (*found, *progress_on_board.notes)
     rows = tuple((label, listener.word(text)) for label, text in told)
-    written = tuple(str(path) for path in session.settings.outputs())
+    written = tuple(str(path) for path in session.written)
     board.change(state="done", rows=rows, written=written)
-    listener.tell_applied(result)
+    listener.tell_applied(found, session.written)

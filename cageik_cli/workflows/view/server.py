@@ -7,11 +7,18 @@ bounded length, and must arrive within seconds.
 
     GET  /SECRET/         the page
     GET  /SECRET/status   a JSON object, the fields of `JobStatus`
-    POST /SECRET/apply    a handles file; `?rigidity=N` for N rounds. 202 with {"job": number}
+    POST /SECRET/apply    {"handles": …, "cageEdits": …}, the content of such files or null;
+                          `?rigidity=N` for N rounds. 202 with {"job": number}
+
+What a page that edits a rest cage sends is {"vertices": [[x, y, z], …], "polygons": [[…], …]}:
+
+    POST /SECRET/check    200 with the verdict and the findings
+    POST /SECRET/weights  200 with the weights, packed
+    POST /SECRET/apply    the cage that is written. 202 as above
 
 A refusal is a JSON object, {"error": text}: 400 and 422 for what was sent, 403 for who asks, 404,
-408 for a body that is too slow, 409 while another edit runs or there is nothing to write, 411, 413
-and 415 for the length and type of a body.
+408 for a body that is too slow, 409 while another edit or check runs or there is nothing to write,
+411, 413 and 415 for the length and type of a body, 503 for a check that took too long.
 """
 
 import io
@@ -24,22 +31,31 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from functools import partial
 from hmac import compare_digest
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from cageik_cli.posing.handles.schema import MAX_HANDLES_BYTES
-from cageik_cli.util.errors import CageikError, SettingError, describe_error
-
-if TYPE_CHECKING:
-    from cageik_cli.workflows.view.run import Edit, JobBoard
+from cageik_cli.util.errors import (
+    BusyError,
+    CageikError,
+    SettingError,
+    SlowError,
+    describe_error,
+)
+from cageik_cli.workflows.view.page_edits import MAX_SENT_BYTES
+from cageik_cli.workflows.view.site import RefusedRequestError, Site, make_busy_error
 
 HOST = "127.0.0.1"
 
+HEAD_SECONDS = 2.0
+"""A request whose head has not arrived within this time is given up; browsers of this machine send
+it at once, and what is idle must not keep a page out."""
+
 READ_SECONDS = 10.0
-"""A request that has not arrived within this time is given up."""
+"""A body that has not arrived within this time is given up."""
 
 SEND_SECONDS = 30.0
 """A client that does not take a block within this time is given up."""
@@ -60,34 +76,6 @@ HEADERS = {
 """Of every answer: nothing is kept, framed or told to others."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Site:
-    """What is served.
-
-    Attributes
-    ----------
-    secret : str
-        The first part of every path.
-    page : bytes
-        HTML.
-    parse : callable, optional
-        Makes an edit of a body and a rigidity; None if handles cannot be applied.
-    """
-
-    secret: str
-    page: bytes
-    board: "JobBoard"
-    parse: Callable[[bytes, int], "Edit"] | None
-
-
-class RefusedRequestError(Exception):
-    """A request that is not answered: status and text."""
-
-    def __init__(self, status: HTTPStatus, text: str) -> None:
-        super().__init__(text)
-        self.status = status
-
-
 class RequestHandler(BaseHTTPRequestHandler):
     """Answers one request of a connection, which is then closed."""
 
@@ -95,19 +83,20 @@ class RequestHandler(BaseHTTPRequestHandler):
     site: Site
 
     def setup(self) -> None:
-        """Read all of the request before a deadline."""
+        """Read the head of the request before a deadline."""
         super().setup()
         self.rfile.close()
-        raw = _DeadlineReader(self.connection, time.monotonic() + READ_SECONDS)
-        self.rfile = io.BufferedReader(raw)
+        self._reader = _DeadlineReader(self.connection, time.monotonic() + HEAD_SECONDS)
+        self.rfile = io.BufferedReader(self._reader)
 
     def do_GET(self) -> None:
         """Answer with the page or the status."""
         self._answer({"": self._send_page, "status": self._send_status})
 
     def do_POST(self) -> None:
-        """Take an edit."""
-        self._answer({"apply": self._apply})
+        """Take an edit, or what else the page sends."""
+        others = {name: partial(self._send_answer, name) for name in self.site.answers}
+        self._answer({"apply": self._apply, **others})
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Send a refusal as JSON."""
@@ -135,7 +124,10 @@ class RequestHandler(BaseHTTPRequestHandler):
         """Refuse requests that another host name or another page leads here."""
         hosts, origins = self.headers.get_all("Host", []), self.headers.get_all("Origin", [])
         host = hosts[0].lower() if len(hosts) == 1 else ""
-        if host.partition(":")[0] not in (HOST, "localhost"):
+        name, _, port = host.partition(":")
+        if name not in (HOST, "localhost") or (port or "80") != str(
+            self.connection.getsockname()[1]
+        ):
             raise RefusedRequestError(HTTPStatus.FORBIDDEN, "the host is not this machine")
         if origins and origins != [f"http://{host}"]:
             raise RefusedRequestError(HTTPStatus.FORBIDDEN, "the request is from another page")
@@ -165,16 +157,36 @@ class RequestHandler(BaseHTTPRequestHandler):
                 "there is no file to write; start cageik view again with an output",
             )
         rigidity, data = _parse_rigidity(query), self._read_body()
-        try:
-            edit = self.site.parse(data, rigidity)
-        except CageikError as error:
-            raise RefusedRequestError(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
-        job = self.site.board.submit(edit)
+        with self.site.take_turn("apply"):
+            if self.site.board.status.state == "running":
+                raise make_busy_error()
+            try:
+                edit = self.site.parse(data, rigidity)
+            except CageikError as error:
+                raise RefusedRequestError(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
+            job = self.site.board.submit(edit)
         if job is None:
-            raise RefusedRequestError(
-                HTTPStatus.CONFLICT, "another edit is running; try again when it is done"
-            )
+            raise make_busy_error()
         self._send_json(HTTPStatus.ACCEPTED, {"job": job})
+
+    def _send_answer(self, name: str, query: str) -> None:
+        """Send the answer to a body, in the words of who reads the page."""
+        if query:
+            raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "expected no query")
+        data = self._read_body()
+        try:
+            with self.site.take_turn(name):
+                answer = self.site.answers[name](data)
+        except BusyError as error:
+            raise RefusedRequestError(HTTPStatus.CONFLICT, str(error)) from error
+        except SlowError as error:
+            raise RefusedRequestError(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from error
+        except CageikError as error:
+            text = self.site.word(str(error))
+            raise RefusedRequestError(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
+        # Its sentences name parameters in backquotes, which nothing else in it has.
+        text = self.site.word(json.dumps(answer))
+        self._send(HTTPStatus.OK, "application/json", text.encode())
 
     def _read_body(self) -> bytes:
         """Read a body of JSON; nothing is read of one that is too long."""
@@ -187,11 +199,12 @@ class RequestHandler(BaseHTTPRequestHandler):
             raise RefusedRequestError(HTTPStatus.LENGTH_REQUIRED, "expected a Content-Length")
         if len(lengths) > 1 or not (lengths[0].isascii() and lengths[0].isdigit()):
             raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "Content-Length is not a number")
-        if len(lengths[0]) > len(str(MAX_HANDLES_BYTES)) or int(lengths[0]) > MAX_HANDLES_BYTES:
+        if len(lengths[0]) > len(str(MAX_SENT_BYTES)) or int(lengths[0]) > MAX_SENT_BYTES:
             raise RefusedRequestError(
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-                f"a handles file has at most {MAX_HANDLES_BYTES} bytes",
+                f"an edit has at most {MAX_SENT_BYTES} bytes",
             )
+        self._reader.deadline = time.monotonic() + READ_SECONDS
         try:
             data = self.rfile.read(int(lengths[0]))
         except TimeoutError as error:
@@ -223,7 +236,7 @@ class _DeadlineReader(io.RawIOBase):
     """Reads from a socket until a point in time, however slowly bytes come."""
 
     def __init__(self, connection: socket.socket, deadline: float) -> None:
-        self._connection, self._deadline = connection, deadline
+        self._connection, self.deadline = connection, deadline
 
     def readable(self) -> bool:
         """Whether it can be read: always."""
@@ -231,7 +244,7 @@ class _DeadlineReader(io.RawIOBase):
 
     def readinto(self, buffer: Any) -> int:
         """Read some bytes."""
-        left = self._deadline - time.monotonic()
+        left = self.deadline - time.monotonic()
         if left <= 0:
             raise TimeoutError("the request took too long")
         self._connection.settimeout(left)

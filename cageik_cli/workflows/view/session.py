@@ -2,10 +2,12 @@
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding
@@ -14,19 +16,17 @@ from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.find_files import split_member
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.write import check_mesh_output, write_mesh
+from cageik_cli.posing.cage_edits import CageEdits, EditFiles
 from cageik_cli.posing.edits import PosingSettings
-from cageik_cli.posing.handles.model import Handle, Handles, PosedSurface
-from cageik_cli.posing.handles.placement import place_handles
-from cageik_cli.posing.handles.reader import parse_handles, read_handles
+from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.summary import PoseResult
 from cageik_cli.report.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
+from cageik_cli.report.player.section import render_view_page
+from cageik_cli.report.views.pose_text import format_pose_rows
 from cageik_cli.store.result import Result
 from cageik_cli.util.errors import (
-    FileAccessError,
-    HandlesError,
     OutputError,
     SettingError,
-    error_context,
 )
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
@@ -37,57 +37,9 @@ from cageik_cli.workflows.mesh_source import name_source
 from cageik_cli.workflows.model_file import load_surface
 from cageik_cli.workflows.pose import check_target_kind, pose_model
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
+from cageik_cli.workflows.view.page_edits import check_edit_fits, parse_sent, read_first_edit
 from cageik_cli.workflows.view.show import load_clip
-
-Mark = tuple[int, ...]
-"""What changes when a file is written or replaced."""
-
-
-def mark_file(path: Path) -> Mark | None:
-    """Return the mark of a file; None if there is none."""
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
-
-
-class WatchedInput:
-    """An input that has to stay as it was when it was read."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._mark = path, mark_file(path)
-
-    def check(self) -> None:
-        """Refuse the file if it has changed."""
-        if mark_file(self._path) != self._mark:
-            raise FileAccessError(
-                f"{self._path}: has changed since the page was opened; start cageik view again"
-            )
-
-
-class OwnOutputs:
-    """Outputs that are written again and again: only what this run wrote is replaced.
-
-    Parameters
-    ----------
-    may_replace : bool
-        Whether other files may be replaced, too.
-    """
-
-    def __init__(self, may_replace: bool) -> None:
-        self._may_replace = may_replace
-        self._marks: dict[Path, Mark | None] = {}
-
-    def may_replace(self, path: Path) -> bool:
-        """Whether the file at `path` may be replaced: it is as this run wrote it, or any may."""
-        return self._may_replace or (
-            path in self._marks and mark_file(path) == self._marks[path] is not None
-        )
-
-    def record(self, path: Path) -> None:
-        """Take a file as one that this run has just written."""
-        self._marks[path] = mark_file(path)
+from cageik_cli.workflows.view.watched import OwnOutputs, WatchedInput
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,10 +64,14 @@ class ViewSettings(CommandSettings):
         The posed cage of a model.
     handles_output : Path, optional
         The handles that were applied.
+    cage_edits, cage_edits_output : Path, optional
+        The same of cage edits.
     overwrite : bool
         Whether files that exist before the first edit may be replaced.
     exclude : tuple of str
         Patterns of parts of a rest model that are left out.
+    edits_cage : bool
+        Whether the rest cage is edited, and is the output.
     """
 
     target: Path = field(metadata=READ)
@@ -130,12 +86,15 @@ class ViewSettings(CommandSettings):
     overwrite: bool = False
     given_in: SceneHints = field(default_factory=SceneHints)
     exclude: tuple[str, ...] = ()
+    cage_edits: Path | None = field(default=None, metadata=READ)
+    cage_edits_output: Path | None = field(default=None, metadata=WRITTEN)
+    edits_cage: bool = False
 
     def inputs(self) -> list[Path]:
-        """Return the files that are read, but handles that are saved where they were."""
-        is_saved = self.overwrite and self.handles == self.handles_output
-        saved = self.handles if is_saved else None
-        return [path for path in CommandSettings.inputs(self) if path != saved]
+        """Return the files that are read, but those that are saved where they were."""
+        edits = (self.handles, self.handles_output), (self.cage_edits, self.cage_edits_output)
+        saved = [path for path, output in edits if self.overwrite and path == output]
+        return [path for path in CommandSettings.inputs(self) if path not in saved]
 
 
 class ViewSession(ABC):
@@ -150,15 +109,18 @@ class ViewSession(ABC):
 
     Attributes
     ----------
-    first_handles : str
-        The JSON, in ASCII, of the handles that the page begins with; "" for none.
+    first_handles, first_cage_edits : str
+        The JSON, in ASCII, of the handles and cage edits that the page begins with; "" for none.
+    written : tuple of Path
+        What the last edit wrote.
     """
 
     def __init__(
         self, settings: ViewSettings, clip: PlayerClip, edited_from: str | None = None
     ) -> None:
         self.settings, self.clip, self.edited_from = settings, clip, edited_from
-        self.first_handles = ""
+        self.first_handles = self.first_cage_edits = ""
+        self.written: tuple[Path, ...] = ()
         self._own = OwnOutputs(settings.overwrite)
 
     @property
@@ -166,37 +128,81 @@ class ViewSession(ABC):
         """Whether handles can be applied: there is a file to write."""
         return self.settings.output is not None
 
-    def begin_with(self, handles: Handles) -> None:
-        """Let the page begin with handles."""
-        check_places(handles, self.clip)
-        self.first_handles = json.dumps(json.loads(handles.data))
+    answers: Mapping[str, Callable[[bytes], Any]] = MappingProxyType({})
+    """What else the page may ask for: nothing."""
+
+    def render_page(self) -> str:
+        """Render the page."""
+        return render_view_page(
+            self.clip,
+            "apply" if self.can_apply else "",
+            handles=self.first_handles,
+            cage_edits=self.first_cage_edits,
+            edited_from=self.edited_from,
+        )
+
+    def list_rows(self, result: PoseResult) -> list[tuple[str, str]]:
+        """List what came of an edit, as `cageik pose` prints it."""
+        return format_pose_rows(result.summary)
+
+    def close(self) -> None:  # noqa: B027
+        """Do nothing: nothing runs beside the page."""
+
+    def begin_with(self, files: EditFiles) -> None:
+        """Let the page begin with handles or cage edits."""
+        check_edit_fits(files, self.clip)
+        if files.handles is not None:
+            self.first_handles = json.dumps(json.loads(files.handles.data))
+        if files.cage_edits is not None:
+            self.first_cage_edits = json.dumps(json.loads(files.cage_edits.data))
 
     def parse(self, data: bytes, rigidity: int) -> Callable[[ProgressListener], PoseResult]:
-        """Return the edit of a handles file that was sent, with rounds of rigid rotations."""
-        path = self.settings.handles_output or Path("handles of the page")
-        handles = parse_handles(path, data)
-        return partial(self._apply, handles, PosingSettings(rigidity=rigidity))
+        """Return the edit that was sent, with rounds of rigid rotations.
+
+        Parameters
+        ----------
+        data : bytes
+            A JSON object of `handles` and `cageEdits`: each the content of such a file, or null.
+        """
+        own = self.settings
+        files = parse_sent(data, own.handles_output, own.cage_edits_output)
+        return partial(self._apply, files, PosingSettings(rigidity=rigidity))
 
     def _apply(
-        self, handles: Handles, posing: PosingSettings, progress: ProgressListener
+        self, files: EditFiles, posing: PosingSettings, progress: ProgressListener
     ) -> PoseResult:
-        """Apply handles and write the outputs; the handles are written last."""
+        """Apply an edit and write the outputs; the files of the edit are written last."""
         if self.settings.output is None:
             raise SettingError("there is no file to write; start cageik view again with an output")
         for path in self.settings.outputs():
             check_writable(path, self._own.may_replace(path))
-        result = self._solve(handles, posing, self.settings.output, progress)
-        if self.settings.handles_output is not None:
-            path = self.settings.handles_output
-            write_bytes(path, handles.data, self._own.may_replace(path))
-            self._own.record(path)
+        own = self.settings
+        with self._own.guard():
+            result = self._solve(files, posing, self.settings.output, progress)
+            written = [path for path in (own.output, own.cage_output) if path is not None]
+            self._save(own.handles_output, files.handles, written)
+            self._save(own.cage_edits_output, files.cage_edits, written)
+        self.written = tuple(written)
         return result
+
+    def _save(
+        self, path: Path | None, file: Handles | CageEdits | None, written: list[Path]
+    ) -> None:
+        """Write a file of the edit; without one, what an earlier edit wrote there is removed."""
+        if path is None:
+            return
+        if file is None:
+            self._own.withdraw(path)
+            return
+        write_bytes(path, file.data, self._own.may_replace(path))
+        self._own.record(path)
+        written.append(path)
 
     @abstractmethod
     def _solve(
-        self, handles: Handles, posing: PosingSettings, output: Path, progress: ProgressListener
+        self, files: EditFiles, posing: PosingSettings, output: Path, progress: ProgressListener
     ) -> PoseResult:
-        """Solve, and write all but the handles."""
+        """Solve, and write all but the files of the edit."""
 
 
 class _ResultSession(ViewSession):
@@ -207,12 +213,12 @@ class _ResultSession(ViewSession):
         self._watched = watched
 
     def _solve(
-        self, handles: Handles, posing: PosingSettings, output: Path, progress: ProgressListener
+        self, files: EditFiles, posing: PosingSettings, output: Path, progress: ProgressListener
     ) -> PoseResult:
         self._watched.check()
         may_replace = self._own.may_replace(output)
-        settings = EditSettings(self.settings.target, handles.path, output, posing, may_replace)
-        result = edit(settings, progress, handles)
+        settings = EditSettings(self.settings.target, None, output, posing, may_replace)
+        result = edit(settings, progress, files)
         self._own.record(output)
         return result
 
@@ -225,10 +231,10 @@ class _ModelSession(ViewSession):
         self._binding = binding
 
     def _solve(
-        self, handles: Handles, posing: PosingSettings, output: Path, progress: ProgressListener
+        self, files: EditFiles, posing: PosingSettings, output: Path, progress: ProgressListener
     ) -> PoseResult:
         with progress.stage("pose"):
-            posed = pose_model(self._binding, handles, posing, progress)
+            posed = pose_model(self._binding, files, posing, progress)
         with progress.stage("write"):
             rest, cage = self._binding.rest, self._binding.cage
             write_mesh(output, rest, posed.snapshot.after, self._own.may_replace(output))
@@ -241,12 +247,11 @@ class _ModelSession(ViewSession):
 
 
 def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
-    """Read what is viewed; the handles and the outputs are checked before any work."""
+    """Read what is viewed; the edit and the outputs are checked before any work."""
     check_no_overlap(settings.outputs(), settings.inputs())
-    handles = None if settings.handles is None else read_first_handles(settings.handles)
+    files = read_first_edit(settings.handles, settings.cage_edits)
     session = _open_target(settings, progress)
-    if handles is not None:
-        session.begin_with(handles)
+    session.begin_with(files)
     return session
 
 
@@ -280,12 +285,15 @@ def _check_outputs(settings: ViewSettings, *, is_result: bool) -> None:
     for path in () if is_result else (settings.output, settings.cage_output):
         if path is not None:
             check_mesh_output(path, settings.overwrite)
-    path = settings.handles_output
-    if path is None:
-        return
-    if path.suffix.lower() != ".json":
-        raise OutputError(f"{path}: handles are written as .json; name a .json file")
-    check_writable(path, settings.overwrite)
+    for path, things in (
+        (settings.handles_output, "handles"),
+        (settings.cage_edits_output, "cage edits"),
+    ):
+        if path is None:
+            continue
+        if path.suffix.lower() != ".json":
+            raise OutputError(f"{path}: {things} are written as .json; name a .json file")
+        check_writable(path, settings.overwrite)
 
 
 def _list_target_words(settings: ViewSettings, target: CagedModel) -> list[str]:
@@ -299,37 +307,3 @@ def _list_target_words(settings: ViewSettings, target: CagedModel) -> list[str]:
         if (value := getattr(settings.weights.bind, name)) != getattr(usual, name):
             words += [f"--{name}", value]
     return words
-
-
-def read_first_handles(path: Path) -> Handles:
-    """Read handles that a page can show, if they fit its model."""
-    handles = read_handles(path)
-    with error_context(path):
-        for handle_set in handles.sets:
-            for handle in handle_set.handles:
-                _check_shown(handle)
-    return handles
-
-
-def check_places(handles: Handles, clip: PlayerClip) -> None:
-    """Refuse handles that are at no vertex or face of a model, or at no frame of its clip."""
-    rest = clip.binding.rest
-    surface = PosedSurface(rest, lambda _: rest.vertices, clip.timeline)
-    for handle_set in handles.sets:
-        with error_context(handles.path):
-            place_handles(handle_set, surface, allow_conflicts=True)
-
-
-def _check_shown(handle: Handle) -> None:
-    """Refuse what the page has no means to show."""
-    is_on_screen = handle.motion.camera is not None
-    if is_on_screen or handle.place.kind in ("position", "screen.source"):
-        raise HandlesError(
-            f"handle {handle.name!r}: has a position or a screen, which the page does not show; "
-            "pose it with cageik pose, or give a vertex or a face, and an offset or a target"
-        )
-    if handle.radius is not None:
-        raise HandlesError(
-            f"handle {handle.name!r}: has a radius, which the page does not show; pose it with "
-            "cageik pose, or remove the radius"
-        )

@@ -6,8 +6,7 @@ from html import escape
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip, make_single_pose
 from cageik_cli.report.player.section import render_view_page
-from cageik_cli.store.result import Result
-from cageik_cli.workflows.caged_model import make_weights_error
+from cageik_cli.store.result import Result, make_weights_error
 
 DEFAULT_HEIGHT = 720
 """Pixels: the whole player is seen in a usual notebook."""

@@ -415,7 +415,8 @@ def test_distributed_is_not_installed(monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     found = refusal("tcp://127.0.0.1:8786", InputError)
     assert found == (
-        "the scheduler tcp://127.0.0.1:8786 needs distributed: pip install 'cageik[dask]'"
+        "the scheduler tcp://127.0.0.1:8786 needs distributed, which is not "
+        "installed: pip install distributed"
     )
 
 

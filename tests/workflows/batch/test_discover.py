@@ -1,16 +1,18 @@
 """What is taken for a clip under folders, and what it is called."""
 
+import re
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.util.errors import FileAccessError, OutputError
+from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.text import make_file_name
 from cageik_cli.workflows.batch.discover import (
     discover_clips,
     make_result_name,
+    name_results,
     walk_folders,
 )
 from tests.shapes import ball, box, octahedron
@@ -83,9 +85,28 @@ def test_a_root_that_is_a_clip_has_its_own_name():
 def test_names_begin_with_the_root_if_there_are_several():
     put("a/walk/1.obj", "a/walk/2.obj", "b/walk/1.obj", "b/walk/2.obj")
     assert names("a", "b") == ["a/walk", "b/walk"]
-    put("c/a/walk/1.obj", "c/a/walk/2.obj")
-    with pytest.raises(OutputError, match=r"\(a_walk\.h5\)"):
-        names("a", "c/a")
+
+
+def test_clips_of_one_name_get_a_digest_of_their_path():
+    """Below what all folders share, so that a project may be moved."""
+    found = {}
+    for place in ("x", "elsewhere/y"):
+        put(*(f"{place}/{up}a/{k}.obj" for up in ("", "b/", "c/") for k in (1, 2)))
+        roots = [Path(place) / up / "a" for up in ("", "b", "c")]
+        clips = discover_clips(roots, output=Path("out"))
+        assert len({clip.result for clip in clips}) == len({clip.name for clip in clips}) == 3
+        found[place] = [(clip.name, clip.result) for clip in clips]
+    assert found["x"] == found["elsewhere/y"]
+    (plain, result), *others = found["x"]
+    assert (plain, result) == ("a/a", "a_a.h5")
+    assert all(re.fullmatch(r"a/[0-9a-f]{8}_a", name) for name, _ in others)
+
+
+def test_files_whose_names_are_one_on_all_disks_are_both_clips():
+    put("a/what?.pc2", "a/what_.pc2")
+    found = names("a")
+    assert found[0] == "what_.pc2"
+    assert re.fullmatch(r"[0-9a-f]{8}_what_\.pc2", found[1])
 
 
 def test_patterns_leave_clips_out():
@@ -149,19 +170,25 @@ def test_folders_without_clips_are_refused():
         names("a/notes.txt")
 
 
-def test_names_that_differ_only_in_case_are_refused():
-    """On some disks their results would be one file."""
-    put("a/Walk/1.obj", "a/Walk/2.obj", "a/walk/1.obj", "a/walk/2.obj")
-    with pytest.raises(OutputError, match="rename"):
-        names("a")
-
-
-def test_results_have_names_that_differ_without_their_folders():
+def test_results_have_names_that_differ_without_case_and_folders():
     put("a/s010/body.abc", "a/s020/body.abc")
-    assert list(map(make_result_name, names("a"))) == ["s010_body.abc.h5", "s020_body.abc.h5"]
-    put("a/s010_body.abc")
-    with pytest.raises(OutputError, match=r"\(s010_body\.abc\.h5\); rename"):
-        names("a")
+    plain = ["s010_body.abc.h5", "s020_body.abc.h5"]
+    assert name_results(names("a")) == plain
+    put("a/s010_body.abc", "a/S020/Body.abc")
+    found = names("a")
+    results = dict(zip(found, name_results(found), strict=True))
+    assert len({name.casefold() for name in results.values()}) == len(found)
+    digests = [name for name in results.values() if name not in (*plain, "S020_Body.abc.h5")]
+    assert all(re.fullmatch(r"[0-9a-f]{8}_s0[12]0_body\.abc\.h5", n, re.I) for n in digests)
+    assert len(digests) == 2
+
+
+def test_results_have_the_same_names_whatever_is_left_out():
+    put("a/s010/body.abc", "a/s010_body.abc")
+    both = {c.name: c.result for c in discover_clips([Path("a")], output=Path("out"))}
+    for name, result in both.items():
+        (one,) = discover_clips([Path("a")], output=Path("out"), exclude=[name])
+        assert one.result == both[one.name] != result
 
 
 def test_a_long_name_of_a_result_is_cut_and_stays_different():
@@ -183,8 +210,11 @@ def test_meshes_whose_vertices_differ_are_no_clip(write_obj):
         write_obj(Path(f"a/walk/f_{k}.obj"), ball(1).vertices, ball(1).faces)
     Path("a/walk/f_1.obj").write_text("v 0 0")  # a damaged frame is found by the run
     assert names("a", note=notes.append) == ["walk"]
-    assert len(notes) == 1
-    assert "hats/hat_*, walk/cage_*" in notes[0]
+    assert names("a/walk", "a/hats", note=notes.append) == ["walk/walk"]
+    for note, series in zip(
+        notes, ("hats/hat_*, walk/cage_*", "walk/cage_*, hats/hat_*"), strict=True
+    ):
+        assert note.endswith(f": {series}")
 
 
 @pytest.mark.parametrize("pattern", ["run", "takes/run.abc", "takes/r*"])

@@ -66,7 +66,7 @@ def test_processes_give_the_results_of_one_process(jobs, folder):
     assert multiprocessing.active_children() == []
     states = {name: outcome.state for name, outcome in found.items()}
     assert states == {"a": ClipState.DONE, "b": ClipState.FAILED, "c": ClipState.DONE}
-    assert "none.obj: cannot be read" in found["b"].entry.fault
+    assert "none.obj: no such file" in found["b"].entry.fault
     data = (folder / "a.h5").read_bytes()
     assert (folder / "c.h5").read_bytes() == data
     again = by_name(run_clip(job) for job in jobs)

@@ -20,6 +20,7 @@ from cageik_cli.workflows.batch.run import (
 )
 from cageik_cli.workflows.settings import ExtractSettings
 from tests.listeners import Listener
+from tests.report.markup import parse_page
 
 
 class Scripted:
@@ -65,7 +66,7 @@ def test_outcomes_are_noted_as_they_end_and_reported_in_order(tmp_path, done):
     assert [entry.name for entry in overview.clips] == ["a", "b", "c"]
     assert [entry.fault for entry in overview.clips] == ["a: is broken", "no cage", None]
     (entry,) = (entry for entry in overview.clips if entry.report)
-    text = f"done, error {entry.report.summary.rms_percent:.4f} %, poor"
+    text = f"poor: {entry.report.summary.rms_percent:.4f} % of the size on average"
     assert heard.notes == [("b", "failed"), ("c", text), ("a", "failed")]
     assert heard.counts == [(1, 2), (2, 2)]
     assert scheduler.has_ended
@@ -75,6 +76,20 @@ def test_outcomes_are_noted_as_they_end_and_reported_in_order(tmp_path, done):
         [*REPORT_FILES, "clips"]
     )
     assert overview.exit_code == 4
+
+
+def test_what_was_left_out_is_in_the_reports(tmp_path, done):
+    """A batch that is quiet says it nowhere else."""
+    note = "left out: hats/hat_*"
+    plan = replace(batch_of(tmp_path / "o", "a"), notes=(note,))
+    run_batch(plan, Scripted(done("a")), Listener())
+    read = {name: (tmp_path / "o" / name).read_text() for name in REPORT_FILES}
+    assert json.loads(read["report.json"])["notes"] == [note]
+    assert f"Note: {note}" in parse_page(read["index.html"]).text
+    assert "### Notes\n\n- left out\\: hats/hat" in read["report.md"]
+    run_batch(batch_of(tmp_path / "p", "a"), Scripted(done("a")), Listener())
+    assert json.loads((tmp_path / "p" / "report.json").read_text())["notes"] == []
+    assert "Note: " not in parse_page((tmp_path / "p" / "index.html").read_text()).text
 
 
 def test_faults_are_put_into_the_words_of_who_reads_the_report(tmp_path):

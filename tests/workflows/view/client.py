@@ -21,6 +21,11 @@ class Answer:
         return json.loads(self.body)
 
 
+def make_body(handles: object = None, cage_edits: object = None) -> bytes:
+    """Return what a page sends of an edit."""
+    return json.dumps({"handles": handles, "cageEdits": cage_edits}).encode()
+
+
 class Client:
     """Sends requests to an address that a page is served at."""
 
@@ -61,7 +66,8 @@ class Client:
         return f"{method} {path} HTTP/1.1\r\n{''.join(lines)}\r\n".encode() + body
 
     def apply(self, document: object, query: str = "") -> Answer:
-        return self.ask(f"apply{query}", "POST", json.dumps(document).encode())
+        """Apply a handles file."""
+        return self.ask(f"apply{query}", "POST", make_body(document))
 
     def status(self) -> dict[str, Any]:
         return self.ask("status").value

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import pytest
 
-from cageik_cli.posing.handles.schema import MAX_HANDLES_BYTES
 from cageik_cli.util.errors import HandlesError, SettingError
 from cageik_cli.workflows.view import server
+from cageik_cli.workflows.view.page_edits import MAX_SENT_BYTES
 from cageik_cli.workflows.view.run import JobBoard
-from cageik_cli.workflows.view.server import Site, serve
+from cageik_cli.workflows.view.server import serve
+from cageik_cli.workflows.view.site import Site
 from tests.workflows.view.client import Client, read_answer
 
 SECRET = "s" * 32
@@ -108,7 +109,11 @@ def test_another_page_is_refused_even_without_an_origin(client):
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", None, ""]
+    "host",
+    [
+        *("evil.example", "evil.example:80", "127.0.0.1.evil.example", None, ""),
+        *("127.0.0.1", "localhost", "127.0.0.1:80", "127.0.0.1:", "127.0.0.1:x"),
+    ],
 )
 def test_another_host_is_refused(client, parsed, host):
     """A name that its owner leads to this machine would make its pages of the same origin."""
@@ -147,7 +152,7 @@ def test_other_methods_are_refused(client):
     assert client.ask("status", "POST", b"{}").status == 404
 
 
-@pytest.mark.parametrize("length", [MAX_HANDLES_BYTES + 1, 10**9, 10**30, "9" * 5000])
+@pytest.mark.parametrize("length", [MAX_SENT_BYTES + 1, 10**9, 10**30, "9" * 5000])
 def test_a_body_that_is_too_long_is_not_read(client, parsed, length):
     start = time.monotonic()
     answer = client.ask("apply", "POST", b"", Content_Length=str(length))
@@ -157,7 +162,7 @@ def test_a_body_that_is_too_long_is_not_read(client, parsed, length):
 
 
 def test_a_body_of_the_largest_size_is_read(client, parsed):
-    body = b" " * MAX_HANDLES_BYTES
+    body = b" " * MAX_SENT_BYTES
     assert client.ask("apply", "POST", body).status == 202
     assert parsed == [(body, 0)]
 
@@ -225,7 +230,7 @@ def drip(connection):
 
 
 def test_slow_headers_are_given_up(client, monkeypatch):
-    monkeypatch.setattr(server, "READ_SECONDS", 0.3)
+    monkeypatch.setattr(server, "HEAD_SECONDS", 0.3)
     start = time.monotonic()
     with client.connect() as connection:
         connection.sendall(b"GET / HTTP/1.1\r\nHost: ")
@@ -277,6 +282,42 @@ def test_connections_beyond_the_limit_are_closed(client, monkeypatch):
     deadline = time.monotonic() + 10
     while client.ask().status != 200:
         assert time.monotonic() < deadline, "connections that ended are still counted"
+
+
+def test_idle_connections_keep_the_page_out_for_a_short_time(client):
+    connections = [client.connect() for _ in range(server.MAX_CONNECTIONS)]
+    start = time.monotonic()
+    try:
+        while client.ask().status != 200:
+            time.sleep(0.05)
+        assert time.monotonic() - start < 2 * server.HEAD_SECONDS
+    finally:
+        for connection in connections:
+            connection.close()
+
+
+def test_one_body_is_parsed_at_a_time(site):
+    """Another is refused, and not parsed, while the first is, or while its edit runs."""
+    started, may_end, parsed = threading.Event(), threading.Event(), []
+
+    def parse(data, rigidity):
+        parsed.append(data)
+        started.set()
+        assert may_end.wait(10)
+        return data
+
+    with serve(Site(SECRET, b"", site.board, parse, {"check": lambda data: {}}), 0) as address:
+        client = Client(address)
+        first = threading.Thread(target=client.ask, args=["apply", "POST", b"first"])
+        first.start()
+        assert started.wait(10)
+        answers = [client.ask("apply", "POST", b"%d" % k).status for k in range(3)]
+        assert client.ask("check", "POST", b"").status == 200
+        may_end.set()
+        first.join()
+        answers.append(client.ask("apply", "POST", b"another").status)
+    assert answers == [409] * 4
+    assert parsed == [b"first"]
 
 
 @pytest.mark.parametrize(

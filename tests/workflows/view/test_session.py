@@ -15,18 +15,20 @@ import pytest
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.posing.summary import PoseResult
 from cageik_cli.report.player.section import render_view_page
+from cageik_cli.util import outputs
 from cageik_cli.util.errors import CageikError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings
+from cageik_cli.workflows.view.page_edits import MAX_SENT_BYTES
 from cageik_cli.workflows.view.run import JobBoard, ViewListener, run_view
 from cageik_cli.workflows.view.session import ViewSettings, open_session
-from tests.workflows.view.client import Client
+from tests.workflows.view.client import Client, make_body
 
 LIFT = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}
 PINS = [{"name": f"pin {k}", "vertex": k, "pin": True} for k in (3, 7, 11, 15)]
 DOCUMENT = {"handles": [LIFT, *PINS]}
+EDITS = {"edits": [{"name": "tip", "moves": [{"vertex": 0, "offset": [0.1, 0.2, -0.3]}]}]}
 DATA = json.dumps(DOCUMENT).encode()
 CLIP = ViewSettings(Path("cages.h5"), output=Path("edited.h5"), handles_output=Path("h.json"))
 MODEL = ViewSettings(
@@ -43,8 +45,8 @@ def clip(extracted):
     Path("handles.json").write_bytes(DATA)
 
 
-def apply(session, data=DATA, rigidity=0):
-    return session.parse(data, rigidity)(ProgressListener())
+def apply(session, handles=DOCUMENT, rigidity=0, cage_edits=None):
+    return session.parse(make_body(handles, cage_edits), rigidity)(ProgressListener())
 
 
 def open_(settings):
@@ -70,7 +72,7 @@ def test_an_edit_of_a_result_is_that_of_the_command(clip, run, rigidity):
     assert files().keys() - before.keys() == {Path("edited.h5"), Path("h.json")}
     assert files().items() >= before.items()
     np.testing.assert_array_equal(cages("edited.h5"), cages("reference.h5"))
-    assert Path("h.json").read_bytes() == DATA
+    assert json.loads(Path("h.json").read_bytes()) == DOCUMENT
     assert "edited by h.json: " in run("info", "edited.h5").out + run("report", "edited.h5").out
 
 
@@ -80,7 +82,7 @@ def test_a_pose_of_a_model_is_that_of_the_command(clip, run):
     apply(open_(MODEL))
     assert Path("posed.obj").read_bytes() == Path("reference.obj").read_bytes()
     assert Path("posed_cage.obj").read_bytes() == Path("reference_cage.obj").read_bytes()
-    assert Path("h.json").read_bytes() == DATA
+    assert json.loads(Path("h.json").read_bytes()) == DOCUMENT
 
 
 def test_bindings_give_the_same_pose(clip, run):
@@ -132,11 +134,67 @@ def test_the_page_names_the_words_of_the_command(clip, run, coarse_grids, change
 
 
 @pytest.mark.parametrize("settings", [CLIP, MODEL])
+def test_cage_edits_are_those_of_the_command(clip, run, settings):
+    """With handles after them, and alone; what was saved of an edit before goes with it."""
+    saved = Path("c.json")
+    session = open_(replace(settings, cage_edits_output=saved))
+    Path("edits.json").write_text(json.dumps(EDITS))
+    cage = () if settings is CLIP else ("--cage", "cage.obj")
+    reference = Path("reference").with_suffix(settings.output.suffix)
+    words = ("pose", settings.target, *cage, "--cage-edits", "edits.json", "-o", reference, "-q")
+    for handles in ((), ("handles.json",), ()):
+        assert run(*words, *handles, "--overwrite").code == 0
+        apply(session, DOCUMENT if handles else None, cage_edits=EDITS)
+        assert json.loads(saved.read_text()) == EDITS
+        assert settings.handles_output.exists() == bool(handles)
+        assert session.written[-1] == saved
+        if settings is CLIP:
+            np.testing.assert_array_equal(cages(settings.output), cages(reference))
+        else:
+            assert settings.output.read_bytes() == reference.read_bytes()
+    apply(session)
+    assert not saved.exists()
+
+
+@pytest.mark.parametrize("settings", [CLIP, MODEL])
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"moves": [{"vertex": 500, "offset": [0, 0, 0]}]}, "vertex 500: there is no such cage"),
+        ({"frames": [0, 99]}, "frames: "),
+    ],
+)
+def test_cage_edits_that_do_not_fit_leave_all_files(clip, settings, changes, told):
+    wrong = {"edits": [EDITS["edits"][0] | changes]}
+    Path("edits.json").write_text(json.dumps(wrong))
+    with pytest.raises(InputError, match=r"^edits\.json: edit 'tip': "):
+        open_(replace(settings, cage_edits=Path("edits.json")))
+    session = open_(settings)
+    apply(session)
+    before = files()
+    with pytest.raises(InputError, match=r"^cage edits of the page: edit 'tip': ") as error:
+        apply(session, None, cage_edits=wrong)
+    assert told in str(error.value)
+    assert files() == before
+
+
+def test_a_page_begins_with_cage_edits(clip):
+    same = Path("edits.json")
+    same.write_text(json.dumps(EDITS))
+    session = open_(replace(CLIP, cage_edits=same, cage_edits_output=same, overwrite=True))
+    assert json.loads(session.first_cage_edits) == EDITS
+    with pytest.raises(CageikError, match="by this command already"):
+        open_(replace(CLIP, cage_edits=same, cage_edits_output=same))
+    with pytest.raises(CageikError, match=r"cage edits are written as \.json"):
+        open_(replace(CLIP, cage_edits_output=Path("c.txt")))
+
+
+@pytest.mark.parametrize("settings", [CLIP, MODEL])
 def test_edits_replace_those_before_them(clip, settings):
     session = open_(settings)
     apply(session)
     first = files()
-    second = json.dumps({"handles": [LIFT | {"offset": [0, 0.4, 0]}, *PINS]}).encode()
+    second = {"handles": [LIFT | {"offset": [0, 0.4, 0]}, *PINS]}
     apply(session, second)
     changed = {path for path, data in files().items() if first[path] != data}
     assert changed == {*settings.outputs()}
@@ -162,6 +220,29 @@ def test_a_file_of_someone_else_is_not_replaced(clip, settings, k):
     with pytest.raises(InputError, match=f"^{foreign}: exists already"):
         apply(session)
     assert files() == before
+
+
+@pytest.mark.parametrize("settings", [CLIP, MODEL])
+def test_what_another_program_writes_during_an_edit_stays(clip, settings, monkeypatch):
+    """Also during the second edit, when the output is one that this run may replace."""
+    session = open_(settings)
+    apply(session)
+    foreign = settings.output
+
+    def solve_slowly(*arguments, solve=session._solve):
+        monkeypatch.setattr(outputs, "_rename_into_place", rename_late)
+        return solve(*arguments)
+
+    def rename_late(path, new, overwrite, rename=outputs._rename_into_place):
+        if path == foreign:
+            foreign.unlink()
+            foreign.write_text("mine")
+        rename(path, new, overwrite)
+
+    monkeypatch.setattr(session, "_solve", solve_slowly)
+    with pytest.raises(InputError, match=f"^{foreign}: another run has written it meanwhile"):
+        apply(session)
+    assert foreign.read_text() == "mine"
 
 
 @pytest.mark.parametrize("settings", [CLIP, MODEL])
@@ -210,8 +291,9 @@ def test_handles_may_be_saved_where_they_were(clip):
     same = Path("handles.json")
     session = open_(replace(CLIP, handles=same, handles_output=same, overwrite=True))
     assert json.loads(session.first_handles) == DOCUMENT
-    apply(session, DATA + b"\n")
-    assert same.read_bytes() == DATA + b"\n"
+    other = {"handles": [LIFT]}
+    apply(session, other)
+    assert json.loads(same.read_bytes()) == other
 
 
 SCREEN = {"source": [1, 1], "target": [2, 2]}
@@ -251,20 +333,42 @@ def test_handles_are_read_before_any_work(clip, monkeypatch):
         open_(replace(MODEL, handles=Path("handles.json")))
 
 
+def wrap(handles=b"null", edits=b"null"):
+    """What a stranger sends in place of an edit."""
+    return b'{"handles": %s, "cageEdits": %s}' % (handles, edits)
+
+
 @pytest.mark.parametrize("settings", [CLIP, MODEL])
 @pytest.mark.parametrize(
     ("data", "told"),
     [
-        (b'{"handles": [{"name": "a", "vertex": 0, "offset": [0, NaN, 0]}]}', "offset[1]: is NaN"),
-        (b'{"handles": [{"name": "a", "vertex": 0, "offset": [0, 1e999, 0]}]}', "Infinity"),
-        (b'{"output": "/etc/passwd", "handles": []}', "is not a field"),
-        (b"{}", "has no handles"),
+        (wrap(b'{"handles": [{"name": "a", "vertex": 0, "offset": [0, NaN, 0]}]}'),
+         "handles: handle 'a': offset[1]: is NaN"),
+        (wrap(b'{"handles": [{"name": "a", "vertex": 0, "offset": [0, 1e999, 0]}]}'), "Infinity"),
+        (wrap(b'{"output": "/etc/passwd", "handles": []}'), "is not a field"),
+        (wrap(b"{}"), "has no handles"),
+        (wrap(b"1"), "is 1, expected a handles file"),
         (b"[" * 100_000, "levels deep"),
         (b'{"handles": \xff}', "UTF-8"),
         (b"", "is not JSON"),
+        (b"[]", "is an empty list, expected an object of handles and cageEdits"),
+        (b"null", "expected an object of handles and cageEdits"),
+        (b'{"handles": []}', "expected an object of handles and cageEdits"),
+        (b'{"handles": null, "cageEdits": null, "output": "x"}', "expected an object of handles"),
+        (b'{"handles": null, "handles": null}', '"handles" twice'),
+        (wrap(), "has neither handles nor cage edits"),
+        (wrap(edits=b"{}"), "has no edits"),
+        (wrap(edits=b"[1]"), "expected a cage edits file"),
+        (wrap(edits=b'{"edits": []}'), "edits: is an empty list"),
+        (wrap(edits=b'{"edits": [{"name": "a", "moves": [{"vertex": 0, "offset": [0, NaN, 0]}]}]}'),
+         "cage edits: edit 'a': moves[0]: offset[1]: is NaN"),
+        (wrap(edits=b'{"edits": [{"name": "a", "moves": [{"vertex": 1.5, "offset": [0, 0, 0]}]}]}'),
+         "moves[0]: vertex: is 1.5, expected a whole number"),
+        (wrap(edits=b'{"edits": [{"name": "a", "moves": [%s]}]}' % b",".join(
+            2 * [b'{"vertex": 3, "offset": [0, 0, 0]}'])), "edit 'a': vertex 3: is moved twice"),
     ],
-)
-def test_what_is_no_handles_file_is_refused(clip, settings, data, told):
+)  # fmt: skip
+def test_what_is_no_edit_is_refused(clip, settings, data, told):
     session, before = open_(settings), files()
     with pytest.raises(InputError) as error:
         session.parse(data, 0)
@@ -272,12 +376,23 @@ def test_what_is_no_handles_file_is_refused(clip, settings, data, told):
     assert files() == before
 
 
+@pytest.mark.parametrize("field", ["handles", "cageEdits"])
+def test_a_file_that_could_not_be_read_again_is_refused(clip, field):
+    """As saved, with spaces, it is larger than it was sent."""
+    many = [{"vertex": k, "offset": [0, 0, 0]} for k in range(40_000)]
+    sent = {"handles": None, "cageEdits": None, field: {"edits": [{"name": "a", "moves": many}]}}
+    data = json.dumps(sent, separators=(",", ":")).encode()
+    assert len(data) < MAX_SENT_BYTES
+    with pytest.raises(InputError, match="have more than 2000000 bytes"):
+        open_(CLIP).parse(data, 0)
+
+
 @pytest.mark.parametrize("settings", [CLIP, MODEL])
 def test_handles_that_do_not_fit_leave_all_files(clip, settings):
     session = open_(settings)
     apply(session)
     before = files()
-    wrong = json.dumps({"handles": [LIFT | {"vertex": 10**6}]}).encode()
+    wrong = {"handles": [LIFT | {"vertex": 10**6}]}
     with pytest.raises(InputError, match=r"^h.json: handle 'tip': vertex: there is no vertex"):
         apply(session, wrong)
     assert files() == before
@@ -288,7 +403,7 @@ def test_paths_in_names_are_names(clip):
     names = ["../../evil.obj", "/etc/passwd", "C:\\evil.obj", "cages.h5"]
     handles = [LIFT | {"name": name, "vertex": k} for k, name in enumerate(names)]
     document = {"$schema": "file:///etc/passwd", "handles": handles}
-    apply(open_(CLIP), json.dumps(document).encode())
+    apply(open_(CLIP), document)
     assert files().keys() - before == {Path("edited.h5"), Path("h.json")}
 
 
@@ -344,7 +459,7 @@ class Interruptible(ViewListener):
 
         yield Progress()
 
-    def tell_applied(self, result):
+    def tell_applied(self, result, written):
         self.told.append(result)
 
     def tell_failed(self, error):
@@ -402,7 +517,7 @@ def test_a_page_applies_handles(clip, view, settings):
     before = files()
     listener = view(settings, use)
     assert files().keys() - before.keys() == {*settings.outputs()}
-    assert [type(told) for told in listener.told] == [PoseResult, str, PoseResult]
+    assert [type(told) for told in listener.told] == [list, str, list]
 
 
 def test_a_page_without_an_output_applies_nothing(clip, view):
@@ -470,4 +585,4 @@ def test_two_clients_at_once_have_one_edit_at_a_time(clip, view):
     listener = view(CLIP, use)
     assert len(taken) == 10
     assert taken.count(202) == len(listener.told) >= 1
-    assert {type(told) for told in listener.told} == {PoseResult}
+    assert {type(told) for told in listener.told} == {list}

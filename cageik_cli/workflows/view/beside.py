@@ -1,0 +1,175 @@
+"""Checks and weights of a cage that is edited, in a process beside the server.
+
+A process can be ended: a check that takes too long is, and a new one is started with the next.
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from cageik_cli.cages.bind import bind
+from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.faults import Finding
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.report.player.rest_cage import pack_weights
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import BusyError, CageikError, SlowError
+from cageik_cli.util.text import format_count
+
+MAX_CHECK_SECONDS = 20.0
+"""A check that takes longer is ended: one of a usual cage takes less than a second."""
+
+MAX_WEIGHTS_SECONDS = 300.0
+"""The same of weights."""
+
+MAX_SHOWN_ELEMENTS = 200
+"""Faulty elements of one finding that are sent to be drawn; its sentence counts all."""
+
+Answer = dict[str, Any]
+
+
+class CageLaboratory:
+    """Checks cages around one model, and solves their weights, one at a time.
+
+    Parameters
+    ----------
+    rest : TriMesh
+        The model.
+    origin : (3,) float64
+        That of positions in the page, file units.
+    jobs : int
+        Threads.
+    """
+
+    def __init__(
+        self, rest: TriMesh, origin: Floats, bind_settings: BindSettings, jobs: int
+    ) -> None:
+        self._kept = rest, origin, bind_settings, jobs
+        self._lock = threading.Lock()
+        self._pool: ProcessPoolExecutor | None = None
+
+    def check(self, cage: TriMesh) -> Answer:
+        """Diagnose a cage as `cageik check` does: the verdict, and the findings with their places.
+
+        Raises
+        ------
+        BusyError, SlowError
+        """
+        return self._run(_diagnose_cage, cage, "the check", MAX_CHECK_SECONDS)
+
+    def solve(self, cage: TriMesh) -> Answer:
+        """Solve the weights of a cage, as the page unpacks them.
+
+        Raises
+        ------
+        BusyError, SlowError
+        CageikError
+            When the cage is not fit.
+        """
+        answer = self._run(_solve_weights, cage, "the weights", MAX_WEIGHTS_SECONDS)
+        if "error" in answer:
+            raise CageikError(answer["error"])
+        return answer
+
+    def close(self) -> None:
+        """End the process."""
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            for process in list(pool._processes.values()):
+                process.kill()
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    def _run(
+        self, work: Callable[[TriMesh], Answer], cage: TriMesh, what: str, seconds: float
+    ) -> Answer:
+        if not self._lock.acquire(blocking=False):
+            raise BusyError("another cage is being checked or solved; try again when it is done")
+        try:
+            self._pool = self._pool or self._start()
+            return self._pool.submit(work, cage).result(seconds)
+        except TimeoutError as error:
+            self.close()
+            raise SlowError(
+                f"{what} took more than {seconds:g} seconds and was ended; use a coarser cage or "
+                "a coarser model"
+            ) from error
+        except BrokenProcessPool as error:
+            self.close()
+            raise SlowError(
+                f"{what} ended the process that computed it; there may be too little memory: use "
+                "a coarser cage or model"
+            ) from error
+        finally:
+            self._lock.release()
+
+    def _start(self) -> ProcessPoolExecutor:
+        # Nothing is shared with the threads of the server.
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(1, context, _initialize_process, self._kept)
+
+
+_kept: tuple[TriMesh, Floats, BindSettings, int]
+"""Of the process beside the server: what it was started with."""
+
+
+def _initialize_process(*kept: Any) -> None:
+    """Keep what all calls need, and end with the server, which Ctrl-C ends."""
+    global _kept
+    _kept = kept
+    with suppress(ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+
+
+def _exit_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _diagnose_cage(cage: TriMesh) -> Answer:
+    rest, _, _, jobs = _kept
+    diagnosis = diagnose(cage, rest, jobs)
+    return {
+        "verdict": diagnosis.verdict,
+        "cage": f"{format_count(len(cage.vertices), 'vertex')}, "
+        f"{format_count(len(cage.polygons.corner_counts), 'face')}",
+        "findings": [describe_finding(found, cage, rest) for found in diagnosis.findings],
+    }
+
+
+def describe_finding(found: Finding, cage: TriMesh, rest: TriMesh) -> Answer:
+    """Return a finding with its places: elements of the cage by their vertices, and points."""
+    numbers = found.numbers
+    places: dict[str, Any] = {"vertices": [], "edges": [], "faces": [], "points": []}
+    if found.place is not None:
+        places["points"] = [list(found.place)]
+    elif found.mesh == "rest":
+        corners = rest.vertices[rest.faces] if found.elements.startswith("face") else rest.vertices
+        points = corners[numbers.ravel()[:MAX_SHOWN_ELEMENTS]]
+        places["points"] = points.reshape(-1, 3).tolist()
+    elif found.elements.startswith("face"):
+        of_cage = numbers[:, 1] if found.mesh == "both" else numbers
+        faces = np.unique(of_cage)[:MAX_SHOWN_ELEMENTS]
+        places["faces"] = cage.faces[faces].tolist()
+    elif found.elements:
+        places[found.elements] = numbers[:MAX_SHOWN_ELEMENTS].tolist()
+    return {"kind": found.kind, "severity": found.severity, "sentence": found.sentence, **places}
+
+
+def _solve_weights(cage: TriMesh) -> Answer:
+    rest, origin, settings, jobs = _kept
+    try:
+        return {"payload": pack_weights(bind(rest, cage, settings, jobs), origin)}
+    except CageikError as error:
+        return {"error": str(error)}

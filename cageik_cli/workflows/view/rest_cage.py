@@ -1,0 +1,191 @@
+"""The rest cage of a model, edited in a page: checked, solved and written."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cageik_cli.coordinates.binding import Binding
+from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.find_files import split_member
+from cageik_cli.formats.write import check_mesh_output, write_mesh
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.report.player.clip import PlayerClip, make_single_pose
+from cageik_cli.report.player.rest_cage import check_drawn_weights, render_rest_cage_page
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import CageikError, FormatError, SettingError, error_context
+from cageik_cli.util.outputs import check_no_overlap, check_writable
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import format_count
+from cageik_cli.workflows.caged_model import CagedModel
+from cageik_cli.workflows.common_scene import CommonScene
+from cageik_cli.workflows.mesh_source import holds_caged_model, load_source, name_source
+from cageik_cli.workflows.model_file import load_surface, note_on
+from cageik_cli.workflows.run_cage import BUILT_CAGE
+from cageik_cli.workflows.view.beside import Answer, CageLaboratory
+from cageik_cli.workflows.view.sent_cage import (
+    MAX_EDITED_VERTICES,
+    check_size,
+    encode_cage,
+    has_polygons_of,
+    parse_cage,
+)
+from cageik_cli.workflows.view.session import ViewSettings
+from cageik_cli.workflows.view.watched import OwnOutputs, WatchedInput
+
+Rows = tuple[tuple[str, str], ...]
+
+BOX_CORNERS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij")).reshape(3, 8).T
+BOX_FACES = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+)  # fmt: skip
+
+
+class RestCageSession:
+    """A model, and the cage around it that a page edits.
+
+    Attributes
+    ----------
+    written : tuple of Path
+        What the last edit wrote.
+    """
+
+    def __init__(
+        self, settings: ViewSettings, rest: LoadedMesh, cage: LoadedMesh, name: str
+    ) -> None:
+        check_size(cage.mesh)
+        self.settings = settings
+        self.written: tuple[Path, ...] = ()
+        self._rest, self._cage, self._name = rest.mesh, cage.mesh, name
+        paths = (settings.target, settings.cage)
+        self._watched = [WatchedInput(split_member(path)[0]) for path in paths if path is not None]
+        self._own = OwnOutputs(settings.overwrite)
+        self._clip = _make_clip(rest.mesh, cage.mesh, name)
+        origin, weights = self._clip.binding.cage.vertices.mean(axis=0), settings.weights
+        self.laboratory = CageLaboratory(rest.mesh, origin, weights.bind, weights.jobs)
+        self.answers: Mapping[str, Callable[[bytes], Answer]] = {
+            "check": self.check,
+            "weights": self.solve,
+        }
+
+    @property
+    def can_apply(self) -> bool:
+        """Whether a cage can be written."""
+        return self.settings.output is not None
+
+    def render_page(self) -> str:
+        """Render the page, with the cage to begin with."""
+        cage = encode_cage(self._cage, name=self._name, most=MAX_EDITED_VERTICES)
+        return render_rest_cage_page(self._clip, "apply" if self.can_apply else "", cage)
+
+    def check(self, data: bytes) -> Answer:
+        """Diagnose a cage that was sent."""
+        return self.laboratory.check(parse_cage(data))
+
+    def solve(self, data: bytes) -> Answer:
+        """Solve the weights of a cage that was sent."""
+        cage = parse_cage(data)
+        check_drawn_weights(self._rest, cage)
+        return self.laboratory.solve(cage)
+
+    def parse(self, data: bytes, rigidity: int) -> Callable[[ProgressListener], Rows]:
+        """Return what writes a cage that was sent."""
+        if rigidity:
+            raise FormatError("a rest cage has no rounds of rotations; leave rigidity out")
+        cage = parse_cage(data)
+        return lambda progress: self._write(cage, progress)
+
+    def list_rows(self, result: Rows) -> Rows:
+        """Return what came of an edit, as labels and texts."""
+        return result
+
+    def close(self) -> None:
+        """End the process that checks."""
+        self.laboratory.close()
+
+    def _write(self, cage: TriMesh, progress: ProgressListener) -> Rows:
+        """Write a cage, and say how it is judged."""
+        output = self.settings.output
+        if output is None:
+            raise SettingError("there is no file to write; start cageik view again with an output")
+        for watched in self._watched:
+            watched.check()
+        check_writable(output, self._own.may_replace(output))
+        is_moved = has_polygons_of(cage, self._cage)
+        with progress.stage("write"), self._own.guard():
+            kept = self._cage.move(cage.vertices) if is_moved else cage
+            write_mesh(output, kept, cage.vertices, self._own.may_replace(output), is_exact=True)
+            self._own.record(output)
+        self.written = (output,)
+        return (*self._describe(cage), *self._list_losses(is_moved))
+
+    def _describe(self, cage: TriMesh) -> Rows:
+        counts = format_count(len(cage.vertices), "vertex")
+        rows = [("cage", f"{counts}, {format_count(len(cage.polygons.corner_counts), 'face')}")]
+        try:
+            answer = self.laboratory.check(cage)
+        except CageikError:
+            return tuple(rows)
+        rows += [(found["severity"], found["sentence"]) for found in answer["findings"]]
+        return (("verdict", answer["verdict"]), *rows)
+
+    def _list_losses(self, is_moved: bool) -> Rows:
+        attributes = self._cage.attributes
+        if is_moved or attributes is None:
+            return ()
+        kept = type(attributes)(attributes.corner_counts, attributes.corners)
+        if attributes.description == kept.description:
+            return ()
+        lost = attributes.description.partition(" with ")[2]
+        return (("note", f"faces were changed, so that {lost} are not written"),)
+
+
+def open_rest_cage(settings: ViewSettings, progress: ProgressListener) -> RestCageSession:
+    """Read a model and its cage, which need not be fit; without one, a cage is built."""
+    check_no_overlap(settings.outputs(), settings.inputs())
+    if holds_caged_model(settings.target):
+        raise SettingError(
+            f"{settings.target}: is a result or a binding, whose cage has weights; give its model "
+            f"and `cage={settings.target}`"
+        )
+    if settings.output is not None:
+        check_mesh_output(settings.output, settings.overwrite)
+    with progress.stage("open"):
+        rest = load_surface(settings.target, settings.exclude).mesh
+        note_on(progress, rest.source["name"], *rest.notes)
+    cage, name = _open_cage(settings, rest, progress)
+    with error_context(name):
+        return RestCageSession(settings, rest, cage, name)
+
+
+def _open_cage(
+    settings: ViewSettings, rest: LoadedMesh, progress: ProgressListener
+) -> tuple[LoadedMesh, str]:
+    if settings.cage is None:
+        from cageik_cli.workflows.model_file import LoadedModel
+
+        caged = CagedModel(settings.target, LoadedModel(rest), None)
+        built = caged.build_cage(settings.build, settings.weights.cache, progress).cage
+        assert built is not None
+        return built, BUILT_CAGE
+    common = CommonScene(rest.scene, settings.given_in)
+    cage = common.place(load_source(settings.cage, "cage"))
+    note_on(progress, cage.source["name"], *cage.notes)
+    return cage, name_source(settings.cage)
+
+
+def _make_clip(rest: TriMesh, cage: TriMesh, name: str) -> PlayerClip:
+    """Make the clip of a model in a box, which has weights whatever the cage is.
+
+    Those of a point in a box are products of its shares along the axes.
+    """
+    points = np.concatenate([rest.vertices, cage.vertices])
+    low, size = points.min(axis=0), np.ptp(points, axis=0)
+    size = np.maximum(size, 1e-3 * (float(np.linalg.norm(size)) or 1.0))
+    shares: Floats = (rest.vertices - low) / size
+    weights = np.prod(np.where(BOX_CORNERS, shares[:, None], 1 - shares[:, None]), axis=2)
+    box = TriMesh(low + size * BOX_CORNERS, BOX_FACES)
+    clip = make_single_pose(Binding(rest, box, weights))
+    return replace(clip, title=name)
