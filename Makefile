@@ -23,11 +23,13 @@ PYTEST        := $(BIN)/python -m pytest --numprocesses=auto --dist=worksteal
 unexport PYTHONDONTWRITEBYTECODE
 
 SANITIZED     := $(OUT)/sanitized
-SANITIZE      := -fsanitize=address,undefined -fno-sanitize-recover=all
+# As a call, memcpy is checked to the byte; inlined, a word that begins inside an array may end behind it.
+SANITIZE      := -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-builtin-memcpy
 PURE_TESTS    := tests/coordinates tests/formats/obj tests/formats/test_frame_files.py tests/formats/test_fuzz_readers.py tests/cages/test_bind.py tests/workflows/test_bind.py tests/workflows/test_extract.py tests/solver tests/geometry tests/test_fixtures.py
+SCRIPT_TYPES  := --ignoreConfig --allowJs --checkJs --noEmit --strict false --target es2022 --lib es2022,dom,dom.iterable
 KERNEL_TESTS  := tests/coordinates/bem tests/coordinates/test_harmonic.py tests/formats/obj tests/formats/test_fuzz_readers.py tests/geometry/test_surface.py tests/report/render/test_raster.py tests/solver/test_compiled_frames.py tests/solver/test_summary.py
 
-.PHONY: help run test test-slow test-all test-pure sanitize test-blender test-browser check format fuzz faults bench growth latency docs fixtures view-pictures clean
+.PHONY: help run test test-slow test-all test-pure sanitize test-blender test-browser check check-script format fuzz faults bench growth latency docs fixtures view-pictures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
@@ -112,6 +114,12 @@ check: $(READY)  ## Format, lint, types, who imports what, and the rules of CONT
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m tests.rules
+
+check-script:  ## Check the types of the scripts of pages; needs npm
+	@command -v npm >/dev/null || { echo "npm: no such program; install Node.js, which has it" >&2; exit 1; }
+	npm install --silent --no-audit --no-fund --no-save --prefix build/script typescript@7.0.2
+	build/script/node_modules/.bin/tsc $(SCRIPT_TYPES) \
+		$(addprefix cageik_cli/report/html/templates/, player.d.ts player/*.js)
 
 format: $(READY)  ## Format the code and sort the imports
 	$(BIN)/ruff format .

@@ -18,7 +18,6 @@ SHORT = {
     "util/progress.py": "what knows of progress needs no more",
     "workflows/batch/preload.py": "a list of imports for the processes of a batch",
     "workflows/batch/preload_page.py": "the same for batches with pages",
-    "workflows/check.py": "each command has a workflow, whose imports are its own",
 }
 """Modules that may be short besides those of file formats, and why."""
 

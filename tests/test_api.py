@@ -253,6 +253,12 @@ def test_the_readme_walk(folder):
     assert animation.cages.shape == (2, 8, 3)
 
 
+@pytest.mark.parametrize("selection", [5, 0, (1, 2), "", slice(0, 9, 0), slice("a", None)])
+def test_a_clip_has_frames_of_a_slice_or_of_numbers_only(selection):
+    with pytest.raises(cageik_cli.CageikError, match="is not a choice of frames"):
+        cageik_cli.load_clip("data_fixtures/walker/frames", selection=selection)
+
+
 def test_extraction_to_arrays_and_to_a_file_fit_the_same_weights():
     clip = cageik_cli.load_clip("data_fixtures/walker/frames", selection=slice(0, 4))
     cage = cageik_cli.load_mesh("data_fixtures/walker/cage.obj")

@@ -121,12 +121,13 @@ MESSAGES = {
     "no result": (
         ["report"],
         1,
-        "Error: cages.h5: no such result; create it with cageik extract, or give another",
+        "Error: cages.h5: no such file; create it with cageik extract, or give another",
     ),
     "not a result": (
         ["report"],
         1,
-        "Error: cages.h5: is not an HDF5 file; give one, or write it again",
+        "Error: cages.h5: is not an HDF5 file, expected the result of cageik extract, such as "
+        "cages.h5; extract one from frames, or look at the file by cageik info",
     ),
     "checkpoint as result": (
         ["report", "cages.h5.partial"],

@@ -13,7 +13,7 @@ from tests.browser.conftest import ARGUMENTS
 SECONDS = 5
 
 MEASURE = """() => {
-  const t = window.P.timings, f = t.frames;
+  const t = window.P.stage.timings, f = t.frames;
   const middle = (a) => [...a].sort((x, y) => x - y)[a.length >> 1];
   return {fps: 1000 * (f.length - 1) / (f[f.length - 1] - f[0]), solve: middle(t.solve),
           skinning: middle(t.skin), normals: middle(t.normals), drawing: middle(t.draw)};
@@ -35,7 +35,9 @@ def measure_player(path: Path) -> dict[str, float]:
         )
         page.get_by_role("button", name="Play").click()
         page.wait_for_timeout(1000)
-        page.evaluate("() => { for (const list of Object.values(P.timings)) list.length = 0; }")
+        page.evaluate(
+            "() => { for (const list of Object.values(P.stage.timings)) list.length = 0; }"
+        )
         page.wait_for_timeout(1000 * SECONDS)
         measured: dict[str, float] = page.evaluate(MEASURE)
         browser.close()

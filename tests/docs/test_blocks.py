@@ -22,6 +22,8 @@ NOT_RUN = [
     ("docs/blender.md", "sh", "needs Blender"),
     ("docs/cluster.md", "python", "needs SLURM"),
     ("docs/cluster.md", "sh", "needs a Dask cluster"),
+    ("docs/cluster.md", "sh", "needs a Dask cluster"),
+    ("docs/editing-cages.md", "console", "serves a page until Ctrl-C"),
     ("docs/getting-started.md", "console", "serves a page until Ctrl-C"),
     ("docs/handles-file.md", "python", "needs Blender"),
     ("docs/recipes.md", "python", "needs Blender"),
@@ -126,8 +128,9 @@ def read_toml_faults(text):
 
 
 def check_handles(text, run):
-    """Check a handles file with the schema that the command prints."""
-    schema = json.loads(run("pose", "--schema").out)
+    """Check a file of handles or cage edits with the schema that the command prints."""
+    is_of_cage = "edits" in json.loads(text)
+    schema = json.loads(run("pose", "--cage-edits-schema" if is_of_cage else "--schema").out)
     jsonschema.validate(json.loads(text), schema)
 
 
@@ -170,7 +173,7 @@ def test_python_compiles(block):
 @pytest.mark.parametrize("block", read_all_blocks("json"), ids=str)
 def test_json_is_complete_and_fits_its_schema(block, run):
     content = json.loads(block.text)
-    if "handles" in content or "sets" in content:
+    if {"handles", "sets", "edits"} & content.keys():
         check_handles(block.text, run)
     if "file" in block.marks:
         assert content == json.loads((ROOT / block.marks["file"]).read_text())
