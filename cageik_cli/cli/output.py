@@ -121,7 +121,8 @@ class LineLogger(ProgressBar):
         if self._is_shown:
             from tqdm import tqdm
 
-            tqdm.get_lock()  # else an interruption within `write` finds no lock to release
+            # Else an interruption within `write` finds no lock to release.
+            tqdm.get_lock()  # type: ignore[no-untyped-call]
             tqdm.write(format_row((topic, self._word(text))), file=sys.stderr)
 
 
