@@ -226,6 +226,18 @@ def test_the_gizmo_moves_along_one_axis(edit):
     assert offset[1] > 0.05
 
 
+def test_an_arm_that_is_seen_end_on_is_not_there(edit):
+    page = edit()
+    type_in(page, "Cage vertices", HAND)
+    for key, hidden in (("1", "z"), ("3", "x"), ("7", "y")):
+        page.locator("#player canvas").press(key)
+        settle(page)
+        page.locator("#player canvas").press("f")
+        settle(page)
+        arms = page.evaluate("P.stage.cages.gizmo().tips.map(({ axis }) => axis)")
+        assert set(arms) == set("xyz") - {hidden}
+
+
 def test_a_finger_drags_a_vertex(edit):
     page = edit(has_touch=True)
     x, y = place_of(page, HAND)

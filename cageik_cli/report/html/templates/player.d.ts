@@ -84,7 +84,7 @@ interface Mode {
   hide?(): void;
 }
 
-interface Modes { stage: Stage; list: (Mode & { button: any; panel: any })[]; active: any; isDragging: boolean }
+interface Modes { stage: Stage; list: (Mode & { button: any; panel: any; keys: any })[]; active: any; isDragging: boolean }
 
 // What undo and redo go through.
 interface Past { past: any[]; future: any[]; complaint: string; snapshot(): any; restore(state: any): void }

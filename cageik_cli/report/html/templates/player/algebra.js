@@ -16,11 +16,7 @@ const sumOf = (values) => values.reduce((a, b) => a + b, 0);
 const listOf = (count, make) => Array.from({ length: count }, (_, k) => make(k));
 const makeRows = (count, width) => listOf(count, () => zeros(width));
 
-function makeIdentity(count) {
-  const rows = makeRows(count, count);
-  rows.forEach((row, k) => { row[k] = 1; });
-  return rows;
-}
+const makeIdentity = (count) => listOf(count, (k) => zeros(count).fill(1, k, k + 1));
 
 // Adds a multiple of a list to another.
 function addTo(sum, share, values) { for (let k = 0; k < sum.length; k++) sum[k] += share * values[k]; }

@@ -104,12 +104,13 @@ class CageEditing {
     this.edit.moves = this.edit.moves.filter(({ vertex }) => !this.selection.shares.has(vertex));
   }
 
-  // The middle of what is chosen, and the tips of axes there by their names.
+  // The middle of what is chosen, and the tips of axes there by their names; not of those that are seen end on.
   gizmo() {
     const { chosen, stage: { camera } } = this;
     if (!chosen.length) return null;
     const middle = meanOf(chosen.flat()), size = 2 * GIZMO_PIXELS * camera.spans()[1] * camera.project(middle)[2] / camera.height;
-    return { middle, tips: Object.entries(AXES).map(([axis, unit]) => ({ axis, tip: add(middle, scale(unit, size)) })) };
+    const isSeen = ({ tip }) => { const [x, y] = camera.project(tip); return nearestPoint(camera, [middle], x, y); };
+    return { middle, tips: Object.entries(AXES).map(([axis, unit]) => ({ axis, tip: add(middle, scale(unit, size)) })).filter(isSeen) };
   }
 }
 
@@ -181,7 +182,7 @@ function makeCageMode(stage) {
     },
     draw(renderer) {
       if (transport.share) return;
-      const paint = [...stage.cageColour(), 0.8], { middle, tips = [] } = cages.gizmo() ?? {};
+      const paint = [...stage.cageColour(), 0.45], { middle, tips = [] } = cages.gizmo() ?? {};
       renderer.drawDots(stage.cage, paint, 6, paint);
       renderer.drawDots(cages.placesOf([...selection.shares.keys()].filter((vertex) => !selection.chosen.has(vertex))).flat(), [1, 0.75, 0.3, 1], 10, BLACK);
       renderer.drawDots(cages.chosen.flat(), CHOSEN_PAINT, 13, BLACK);
@@ -229,6 +230,7 @@ function showCages(panel, { cages, editor }) {
   panel.put("vertices", [...selection.chosen].sort((a, b) => a - b).join(", "));
   panel.say("count", size ? `${size} chosen${along ? ", others along: " + along : ""}` : "none is chosen: click one, or type its number");
   panel.putChoice("edit", file.edits.map(({ name }) => name), file.edits.indexOf(edit));
+  panel.find("edit").parentElement.hidden = !edit;
   panel.find("active").hidden = !edit;
   panel.put("name", edit?.name ?? "");
   panel.find("chosen").hidden = !size;

@@ -1,5 +1,5 @@
-// What pointers and keys on the picture do. One mode is on; its group of the panel is shown. A mode is
-// an object of its name, which its button and panel have, and of functions that may be absent:
+// What pointers and keys on the picture do. One mode is on; its group of the panel is shown, and its
+// part of the list of keys. A mode is an object of its name, which these have, and of functions that may be absent:
 // - grab(x, y, event): whether something was grabbed, else the camera turns; then drag(x, y, event), drop();
 // - click(x, y, event), hover(x, y): in pixels of the part of the picture that shows the model;
 // - press(event): a key on the picture; whether it was taken;
@@ -12,9 +12,9 @@ class Modes {
 
   /** @param {Mode} mode */
   add(mode) {
-    const [button, panel] = ["mode", "panel"].map((kind) => this.stage.find(`${kind}="${mode.name}"`));
+    const [button, panel, keys] = ["mode", "panel", "keys-of"].map((kind) => this.stage.find(`${kind}="${mode.name}"`));
     on(button, "click", () => this.choose(mode.name));
-    this.list.push({ ...mode, button, panel });
+    this.list.push({ ...mode, button, panel, keys });
   }
 
   choose(name) {
@@ -24,6 +24,7 @@ class Modes {
     this.active = mode;
     for (const one of this.list) {
       one.button.setAttribute("aria-pressed", one === mode);
+      one.keys.hidden = one !== mode;
       // How the model is drawn can be changed in all modes.
       if (one.name === "look") one.panel.open = one === mode;
       else one.panel.hidden = one !== mode;

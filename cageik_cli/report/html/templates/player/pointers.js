@@ -28,15 +28,14 @@ function listenToPointers(stage) {
     const [left, top] = held.get(event.pointerId), dx = x - left, dy = y - top;
     const before = held.size === 2 ? spread() : null;
     held.set(event.pointerId, [x, y]);
+    stage.request();
     if (before) {
       const now = spread();
-      stage.request();
       camera.pan(now.middle[0] - before.middle[0], now.middle[1] - before.middle[1]);
       camera.zoom(before.size / (now.size || 1));
       return;
     }
     moved += hypot(dx, dy);
-    stage.request();
     if (grabbed) { if (moved > CLICK_PIXELS) modes.drag(x, y, event); }
     else if (event.buttons & 6 || event.shiftKey) camera.pan(dx, dy);
     else camera.orbit(dx, dy);
