@@ -59,8 +59,7 @@ def opened(browser, tmp_path) -> Iterator[Callable[..., Opened]]:
         path: Path = tmp_path / "page.html"
         path.write_text(html)
         context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **options})
-        context.set_default_timeout(5000)
-        context.set_default_navigation_timeout(60_000)  # the first page starts what draws
+        context.set_default_timeout(30_000)  # for what hangs, not for what is slow
         contexts.append(context)
         page = Opened(context.new_page())
         pages.append(page)

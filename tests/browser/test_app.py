@@ -123,7 +123,7 @@ def test_a_click_on_the_bar_goes_to_the_frame_below(play, view_page, walk):
     for frame in (11, 0, 7):
         page.mouse.click(box["x"] + box["width"] * frame / 11, box["y"] + box["height"] / 2)
         settle(page)
-        assert page.evaluate("P.frame") == frame
+        assert page.evaluate("P.stage.frame") == frame
         check_positions(page, frames[frame], result.rest.diagonal)
 
 

@@ -249,6 +249,17 @@ def test_a_finger_drags_a_vertex(edit):
     np.testing.assert_allclose(place_of(page, HAND), (x, y - 60), atol=3)
 
 
+def test_a_pen_drags_a_vertex(edit):
+    page = edit()
+    x, y = place_of(page, HAND)
+    session = page.context.new_cdp_session(page)
+    for kind, up in [("mousePressed", 0), ("mouseMoved", 20), ("mouseMoved", 60),
+                     ("mouseReleased", 60)]:  # fmt: skip
+        at = {"x": x, "y": y - up, "button": "left", "buttons": 1, "clickCount": 1}
+        session.send("Input.dispatchMouseEvent", {"type": kind, "pointerType": "pen", **at})
+    np.testing.assert_allclose(place_of(page, HAND), (x, y - 60), atol=3)
+
+
 def test_all_modes_have_one_history(edit, walk):
     result, frames = walk
     page = edit()

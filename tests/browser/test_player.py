@@ -43,7 +43,7 @@ def test_a_drag_of_the_slider_scrubs(play, walk):
     start = box["x"] + 10, box["y"] + box["height"] / 2
     drag(page, start, (box["x"] + box["width"] * 0.5, start[1]))
     settle(page)
-    frame = page.evaluate("P.frame")
+    frame = page.evaluate("P.stage.frame")
     assert 4 <= frame <= 7
     check_positions(page, frames[frame], result.rest.diagonal)
 
@@ -53,10 +53,10 @@ def test_the_clip_plays_in_time_and_stops_where_it_is(play, walk):
     page = play()
     page.get_by_label("Speed").select_option("0.25")  # so that it is paused before it loops
     page.get_by_role("button", name="Play").click()
-    page.wait_for_function("() => P.frame >= 4")
+    page.wait_for_function("() => P.stage.frame >= 4")
     page.get_by_role("button", name="Pause").click()
     settle(page)
-    frame = page.evaluate("P.frame")
+    frame = page.evaluate("P.stage.frame")
     assert frame >= 4
     check_positions(page, frames[frame], result.rest.diagonal)
 
@@ -65,13 +65,13 @@ def test_a_loop_goes_on_and_without_it_the_clip_ends(play):
     page = play()
     page.get_by_label("Speed").select_option("2")
     page.get_by_role("button", name="Play").click()
-    page.wait_for_function("() => P.frame >= 6")
-    page.wait_for_function("() => P.frame < 4")
+    page.wait_for_function("() => P.stage.frame >= 6")
+    page.wait_for_function("() => P.stage.frame < 4")
     page.get_by_label("Loop").click()
     page.wait_for_function("() => !P.stage.transport.isPlaying")
-    assert page.evaluate("P.frame") == 11
+    assert page.evaluate("P.stage.frame") == 11
     page.get_by_role("button", name="Play").click()
-    page.wait_for_function("() => P.frame < 9")
+    page.wait_for_function("() => P.stage.frame < 9")
 
 
 def test_slow_motion_shows_moments_between_frames_unless_told_not_to(play):
@@ -105,7 +105,7 @@ def test_keys_on_the_picture_play_step_and_turn(play):
     for key, frame in [(".", 1), ("End", 11), (",", 10), ("Home", 0), ("PageDown", 10)]:
         page.keyboard.press(key)
         settle(page)
-        assert page.evaluate("P.frame") == frame
+        assert page.evaluate("P.stage.frame") == frame
     page.keyboard.press("Space")
     assert page.evaluate("P.stage.transport.isPlaying")
     page.keyboard.press("Space")
@@ -241,7 +241,7 @@ def test_the_worst_region_is_shown_in_its_frame(play):
     page.get_by_role("button", name="worst region", exact=False).click()
     settle(page)
     frame, vertex = page.evaluate("[P.stage.clip.focus.frame, P.stage.clip.focus.vertex]")
-    assert page.evaluate("P.frame") == frame
+    assert page.evaluate("P.stage.frame") == frame
     assert camera_of(page)["distance"] < 0.6 * before["distance"]
     x, y, _ = page.evaluate(
         f"P.stage.camera.project([...P.stage.positions.subarray({3 * vertex}, {3 * vertex + 3})])"
@@ -273,7 +273,7 @@ def test_nothing_is_wider_than_the_window(play, scheme, width):
 def test_nothing_moves_by_itself(play):
     page = play(reduced_motion="reduce")
     page.wait_for_timeout(300)
-    assert page.evaluate("P.frame") == 0
+    assert page.evaluate("P.stage.frame") == 0
     assert not page.evaluate("P.stage.transport.isPlaying")
 
 

@@ -113,8 +113,8 @@ def enlarge(page):
 
 
 def delete_loose_vertex(page):
-    page.locator("[data-rest-number]").fill("8")
-    page.locator("[data-rest-number]").press("Enter")
+    page.locator("[data-rest-list]").fill("8")
+    page.locator("[data-rest-list]").press("Enter")
     press(page, "remove")
 
 
@@ -315,6 +315,12 @@ def test_pointer_and_keys_choose_and_edit(edit):
     assert page.evaluate("P.stage.cageEditor.mesh.vertices.length") == 9
     page.keyboard.press("Control+z")
     assert page.evaluate("P.stage.cageEditor.mesh.vertices.length") == 8
+    # An edge without a pointer: its ends by their numbers.
+    page.locator("[data-rest-list]").fill("7, 5")
+    page.locator("[data-rest-list]").press("Enter")
+    page.locator("#player canvas").focus()
+    page.keyboard.press("2")
+    assert page.evaluate("P.stage.cageEditor.edges.map((edge) => edge.toSorted())") == [[5, 7]]
     page.keyboard.press("3")
     page.keyboard.press("a")
     page.keyboard.press("d")

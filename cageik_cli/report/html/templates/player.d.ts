@@ -72,7 +72,7 @@ interface Painted { ramp: Float32Array; isTinted?: boolean; low?: number; end?: 
 interface Mode {
   name: string;
   grab?(x: number, y: number, event: PointerEvent): boolean;
-  drag?(x: number, y: number, event: PointerEvent): void;
+  drag?(x: number, y: number): void;
   drop?(): void;
   click?(x: number, y: number, event: PointerEvent): void;
   hover?(x: number, y: number): void;

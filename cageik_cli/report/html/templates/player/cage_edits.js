@@ -82,12 +82,3 @@ class CageSelection {
     }
   }
 }
-
-// Cage vertices of a list such as "3, 8-12".
-function parseVertices(text, clip) {
-  return text.split(/[,;\s]+/).filter(Boolean).flatMap((word) => {
-    const [, from, to = from] = word.match(/^(\d+)(?:-(\d+))?$/) ?? refuse("Cage vertices", `${word} is not a number; expected numbers such as 3, 8-12`);
-    for (const vertex of [from, to]) checkCageVertex(Number(vertex), clip, "Cage vertices");
-    return listOf(max(0, to - from + 1), (k) => Number(from) + k);
-  });
-}

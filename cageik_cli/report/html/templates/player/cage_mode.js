@@ -16,8 +16,6 @@ class CageEditing {
 
   get edit() { return this.file.edits[min(this.active, this.file.edits.length - 1)]; }
 
-  get number() { return this.stage.number; }
-
   // The edit that is active, or a first one.
   need() {
     if (!this.edit) this.add();
@@ -35,8 +33,10 @@ class CageEditing {
   // The offset of a vertex in this frame at full strength.
   offset(vertex) {
     const move = this.moveOf(vertex);
-    return move ? evaluateTrack(move.offset, this.number) : [0, 0, 0];
+    return move ? evaluateTrack(move.offset, this.stage.number) : [0, 0, 0];
   }
+
+  get offsets() { return this.selection.near.map((_, vertex) => this.offset(vertex)); }
 
   // The move of a vertex, or a first one.
   needMove(vertex) {
@@ -55,11 +55,11 @@ class CageEditing {
   get chosen() { return this.placesOf([...this.selection.chosen]); }
 
   // The offsets of this frame if what is chosen moves from `starts` by a vector of the world, in file units.
-  spread(starts, vector) {
+  spread(vector, starts = this.offsets) {
     const { shares } = this.selection, moved = new Map();
     for (const [vertex, share] of shares) moved.set(vertex, scale(vector, share));
     if (this.mirrors) this.reflect(moved);
-    return [...moved].map(([vertex, move]) => [vertex, add(starts(vertex), move)]);
+    return [...moved].map(([vertex, move]) => [vertex, add(starts[vertex], move)]);
   }
 
   // Moves partners as mirror images; of two that are chosen, the one on the side of the last leads.
@@ -75,14 +75,14 @@ class CageEditing {
   }
 
   // How strong the edit is in this frame; refused if it is not.
-  get strength() { return needStrength(this.need(), this.number); }
+  get strength() { return needStrength(this.need(), this.stage.number); }
 
   // Sets offsets of vertices in this frame: keys of moves that have keys, else all frames.
   set(offsets) {
-    needStrength(this.need(), this.number);
+    needStrength(this.need(), this.stage.number);
     for (const [vertex, offset] of offsets) {
       const move = this.needMove(vertex);
-      move.offset = setValue(move.offset, this.number, shortenPoint(offset));
+      move.offset = setValue(move.offset, this.stage.number, shortenPoint(offset));
     }
     this.editor.refresh();
   }
@@ -91,12 +91,12 @@ class CageEditing {
   setKeys() {
     for (const vertex of this.selection.shares.keys()) {
       const move = this.needMove(vertex);
-      move.offset = setKey(move.offset, this.number);
+      move.offset = setKey(move.offset, this.stage.number);
     }
   }
 
   removeKeys() {
-    for (const move of this.edit?.moves ?? []) if (this.selection.shares.has(move.vertex)) move.offset = removeKey(move.offset, this.number);
+    for (const move of this.edit?.moves ?? []) if (this.selection.shares.has(move.vertex)) move.offset = removeKey(move.offset, this.stage.number);
   }
 
   // Takes the moves of what is chosen out of the edit.
@@ -141,10 +141,9 @@ function makeCageMode(stage) {
     const axis = armAt(x, y), vertex = axis ? -1 : hit(x, y, event);
     if (!axis && (vertex < 0 || event.shiftKey)) return null;
     if (!axis && !selection.chosen.has(vertex)) selection.choose([vertex]);
-    const follow = followPointer(camera, x, y, axis ? cages.gizmo().middle : cages.place(vertex), AXES[axis]), offsets = new Map();
-    const startOf = (one) => { if (!offsets.has(one)) offsets.set(one, [...cages.offset(one)]); return offsets.get(one); };
+    const follow = followPointer(camera, x, y, axis ? cages.gizmo().middle : cages.place(vertex), AXES[axis]), starts = cages.offsets;
     return {
-      drag: (u, v) => editor.drag(() => cages.set(cages.spread(startOf, scale(follow(u, v), clip.diagonal / cages.strength)))),
+      drag: (u, v) => editor.drag(() => cages.set(cages.spread(scale(follow(u, v), clip.diagonal / cages.strength), starts))),
       drop: () => editor.drop(),
     };
   };
@@ -184,7 +183,8 @@ function makeCageMode(stage) {
       if (transport.share) return;
       const paint = [...stage.cageColour(), 0.45], { middle, tips = [] } = cages.gizmo() ?? {};
       renderer.drawDots(stage.cage, paint, 6, paint);
-      renderer.drawDots(cages.placesOf([...selection.shares.keys()].filter((vertex) => !selection.chosen.has(vertex))).flat(), [1, 0.75, 0.3, 1], 10, BLACK);
+      // What is chosen hides its smaller dot of what moves along.
+      renderer.drawDots(cages.placesOf([...selection.shares.keys()]).flat(), [1, 0.75, 0.3, 1], 10, BLACK);
       renderer.drawDots(cages.chosen.flat(), CHOSEN_PAINT, 13, BLACK);
       for (const { axis, tip } of tips) {
         renderer.drawLines([...middle, ...tip], AXIS_PAINTS[axis]);
@@ -200,7 +200,7 @@ function makeCageMode(stage) {
     boxes = !boxes;
     button.setAttribute("aria-pressed", boxes);
   });
-  panel.listen("vertices", (input) => selection.choose(parseVertices(input.value, clip)));
+  panel.listen("vertices", (input) => selection.choose(parseVertices(input.value, selection.near.length)));
   for (const name of ["grow", "shrink"]) panel.listen(name, () => selection[name]());
   panel.listen("soft", () => { selection.steps = clamp(round(panel.numberOf("soft")), 0, 100); selection.spread(); });
   panel.listen("mirror", (input) => { cages.mirrors = input.checked; });
@@ -212,7 +212,7 @@ function makeCageMode(stage) {
   panel.listenToPoint("move-", (k, value) => {
     const vector = [0, 0, 0];
     vector[k] = value - cages.offset(selection.last)[k];
-    editor.change(() => cages.set(cages.spread((vertex) => cages.offset(vertex), vector)));
+    editor.change(() => cages.set(cages.spread(vector)));
   });
   panel.edit("key", () => cages.setKeys());
   panel.edit("unkey", () => cages.removeKeys());
@@ -227,7 +227,7 @@ function makeCageMode(stage) {
 // Brings the panel up to date.
 function showCages(panel, { cages, editor }) {
   const { edit, file, selection } = cages, { size } = selection.chosen, along = selection.shares.size - size, acting = editor.actingCageFile;
-  panel.put("vertices", [...selection.chosen].sort((a, b) => a - b).join(", "));
+  panel.put("vertices", writeVertices(selection.chosen));
   panel.say("count", size ? `${size} chosen${along ? ", others along: " + along : ""}` : "none is chosen: click one, or type its number");
   panel.putChoice("edit", file.edits.map(({ name }) => name), file.edits.indexOf(edit));
   panel.find("edit").parentElement.hidden = !edit;

@@ -11,11 +11,6 @@ function parseFile(text, kind) {
   return JSON.parse(text);
 }
 
-// Refuses what is no number of a thing, of which there are so many.
-function checkNumber(k, count, where, thing, owner) {
-  if (!isIndex(k, count)) refuse(where, `there is no ${thing} ${k}; the ${owner} has ${count}, numbered from 0 to ${count - 1}`);
-}
-
 // Reads a handles file; refuses what the page cannot show, and says why.
 function readFile(text, clip) {
   const file = parseFile(text, "handles");

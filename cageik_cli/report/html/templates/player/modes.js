@@ -1,6 +1,6 @@
 // What pointers and keys on the picture do. One mode is on; its group of the panel is shown, and its
 // part of the list of keys. A mode is an object of its name, which these have, and of functions that may be absent:
-// - grab(x, y, event): whether something was grabbed, else the camera turns; then drag(x, y, event), drop();
+// - grab(x, y, event): whether something was grabbed, else the camera turns; then drag(x, y), drop();
 // - click(x, y, event), hover(x, y): in pixels of the part of the picture that shows the model;
 // - press(event): a key on the picture; whether it was taken;
 // - paint(values): the places of the vertices on a ramp, which it fills; returns what `Colours.choose` does, or null;
@@ -41,9 +41,9 @@ class Modes {
   // Does in the mode what its name says, at a pixel of the canvas.
   act(name, x, y, event) { return this.active[name]?.(this.stage.partOf(x), y, event); }
 
-  drag(x, y, event) {
+  drag(x, y) {
     this.isDragging = true;
-    this.act("drag", x, y, event);
+    this.act("drag", x, y);
   }
 
   drop() {

@@ -3,6 +3,26 @@ function refuse(where, what) { throw new Error(`${where}: ${what}`); }
 
 const isIndex = (k, count) => Number.isInteger(k) && k >= 0 && k < count;
 
+// Refuses what is no number of a thing, of which there are so many.
+function checkNumber(k, count, where, thing, owner) {
+  if (!isIndex(k, count)) refuse(where, `there is no ${thing} ${k}; the ${owner} has ${count}, numbered from 0 to ${count - 1}`);
+}
+
+// Cage vertices of a list such as "3, 8-12", of so many.
+function parseVertices(text, count) {
+  return text.split(/[,;\s]+/).filter(Boolean).flatMap((word) => {
+    const [, from, to = from] = word.match(/^(\d+)(?:-(\d+))?$/) ?? refuse("Cage vertices", `${word} is not a number; expected numbers such as 3, 8-12`);
+    for (const vertex of [from, to]) checkNumber(Number(vertex), count, "Cage vertices", "cage vertex", "cage");
+    return listOf(max(0, to - from + 1), (k) => Number(from) + k);
+  });
+}
+
+// The list of cage vertices: of a run, its ends.
+function writeVertices(vertices) {
+  const all = new Set(vertices), isInner = (k) => all.has(k - 1) && all.has(k + 1);
+  return [...all].sort((a, b) => a - b).map((k) => isInner(k) ? "" : k).join(", ").replace(/,\s(,\s)+/g, "-");
+}
+
 // A number in a sentence.
 const ROUND = (x) => Number(x.toPrecision(6));
 

@@ -36,7 +36,7 @@ function listenToPointers(stage) {
       return;
     }
     moved += hypot(dx, dy);
-    if (grabbed) { if (moved > CLICK_PIXELS) modes.drag(x, y, event); }
+    if (grabbed) { if (moved > CLICK_PIXELS) modes.drag(x, y); }
     else if (event.buttons & 6 || event.shiftKey) camera.pan(dx, dy);
     else camera.orbit(dx, dy);
   });

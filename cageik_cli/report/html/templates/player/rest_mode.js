@@ -321,10 +321,7 @@ extensions.push((stage) => {
   for (const kind of KINDS) panel.listen(kind, () => editor.turnTo(kind));
   panel.listen("solve", () => service.solve(editor.mesh));
   panel.listen("try", (input) => { trial = input.checked ? editor.mesh : null; });
-  panel.listen("number", (input) => {
-    if (!isIndex(input.valueAsNumber, editor.mesh.vertices.length)) refuse("Vertex", `expected a number from 0 to ${editor.mesh.vertices.length - 1}`);
-    editor.choose("vertices", [input.valueAsNumber]);
-  });
+  panel.listen("list", (input) => editor.choose("vertices", parseVertices(input.value, editor.mesh.vertices.length)));
   panel.listenToPoint("", (k, value) => {
     const [vertex] = editor.vertices, place = [...shown().vertices[vertex]];
     place[k] = value;
@@ -405,10 +402,10 @@ function showRest(panel, { service, stage, findings, goTo, picked, trial, solved
       return item;
     }));
   }
-  const one = kind === "vertices" && chosen.size === 1 ? [...chosen][0] : -1, isOne = one >= 0;
-  panel.put("number", isOne ? one : "");
+  const numbers = kind === "vertices" ? [...chosen] : [], isOne = numbers.length === 1;
+  panel.put("list", writeVertices(numbers));
   panel.enable({ x: isOne, y: isOne, z: isOne });
-  if (isOne) panel.putPoint("", shown.vertices[one]); else for (const axis of "xyz") panel.put(axis, "");
+  if (isOne) panel.putPoint("", shown.vertices[numbers[0]]); else for (const axis of "xyz") panel.put(axis, "");
   panel.say("influence", !solved ? (service.solved ? "the cage has changed since its weights were solved" : "") : editor.vertices.length ? `largest weight on the model ${ROUND(stage.colours.values.reduce((most, x) => max(most, x), 0))}` : "choose a vertex to see its influence");
   panel.say("said", editor.complaint);
 }

@@ -157,11 +157,11 @@ class Stage {
     // It goes with the camera, by whole cells.
     const middle = [0, 2].map((k) => round(dot(upright[k], here) / cell) * cell);
     const offset = add(add(scale(upright[0], middle[0]), scale(upright[2], middle[1])), scale(up, ground));
-    const foot = add(here, scale(up, ground - dot(up, here))), paint = isDark() ? [0.75, 0.8, 0.85] : [0.3, 0.34, 0.38];
+    const foot = add(here, scale(up, ground - dot(up, here))), paint = DARK.matches ? [0.75, 0.8, 0.85] : [0.3, 0.34, 0.38];
     lines.forEach((list, k) => this.renderer.drawGrid(`grid ${k}`, list, { paint: [...paint, k ? 0.5 : 0.22], offset, foot, reach: min(GRID_CELLS * cell, (k ? 2.2 : 1.2) * max(distance, 1)) }));
   }
 
-  cageColour() { return isDark() ? [0.44, 0.66, 1] : [0.12, 0.44, 0.82]; }
+  cageColour() { return DARK.matches ? [0.44, 0.66, 1] : [0.12, 0.44, 0.82]; }
 
   // Where a pixel of the picture is in the part of it that shows the model.
   partOf(x) {
@@ -212,7 +212,7 @@ class Stage {
   }
 }
 
-const isDark = () => matchMedia("(prefers-color-scheme: dark)").matches;
+const DARK = matchMedia("(prefers-color-scheme: dark)");
 
 // Lines of the ground around the origin, in the units of the picture: fine ones, and every tenth.
 // The distance between fine lines is a power of ten in the units of the file.

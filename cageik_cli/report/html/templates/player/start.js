@@ -24,7 +24,7 @@ async function startPlayer(section) {
   modes.choose(section.dataset.mode);
   stage.reset();
   on(canvas, "webglcontextlost", () => showStill(section, new Error("the graphics card was lost; load the page again")));
-  on(matchMedia("(prefers-color-scheme: dark)"), "change", () => stage.request());
+  on(DARK, "change", () => stage.request());
   section.classList.add("ready");
   await new Promise((done) => { stage.listeners.push(done); stage.request(true); });
   return stage;
@@ -42,14 +42,6 @@ function showStill(section, { message }) {
 }
 
 // What tests and other scripts can ask: the positions that are drawn, in the units of the file.
-function makeHook(stage) {
-  return {
-    stage,
-    get frame() { return stage.transport.frame; },
-    positions: () => listPoints(stage.positions).map((point) => stage.clip.toFile(point)),
-  };
-}
-
 for (const section of document.querySelectorAll("[data-player]")) {
-  window.cageikPlayer = startPlayer(section).then((stage) => stage && makeHook(stage));
+  window.cageikPlayer = startPlayer(section).then((stage) => stage && { stage, positions: () => listPoints(stage.positions).map((point) => stage.clip.toFile(point)) });
 }
