@@ -109,7 +109,7 @@ class CageEditing {
     const { chosen, stage: { camera } } = this;
     if (!chosen.length) return null;
     const middle = meanOf(chosen.flat()), size = 2 * GIZMO_PIXELS * camera.spans()[1] * camera.project(middle)[2] / camera.height;
-    const isSeen = ({ tip }) => { const [x, y] = camera.project(tip); return nearestPoint(camera, [middle], x, y); };
+    const isSeen = ({ tip }) => { const [x, y] = camera.project(tip); return nearestPoint(camera, [middle], x, y) < 0; };
     return { middle, tips: Object.entries(AXES).map(([axis, unit]) => ({ axis, tip: add(middle, scale(unit, size)) })).filter(isSeen) };
   }
 }
