@@ -4,6 +4,7 @@ Nothing is imported before `main` runs but what Python itself has loaded, so tha
 cannot open files or has no memory is reported as any other error is.
 """
 
+import os
 import sys
 
 
@@ -14,6 +15,8 @@ def main() -> None:
     sentence and exit code 1. That is the system or the installation, never an input. So does an
     interruption before or after the command.
     """
+    # Its threads wait for each other, which takes long where other programs run: ours do the work.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     try:
         try:
             from cageik_cli.cli import main as run_command_line

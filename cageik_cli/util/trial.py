@@ -89,7 +89,7 @@ def _run_child(words: str) -> tuple[int, bytes]:
 
     # USD writes a report of a crash where temporary files are.
     with TemporaryDirectory() as folder:
-        environment = {"TMPDIR": folder, "PXR_WORK_THREAD_LIMIT": "1", "OPENBLAS_NUM_THREADS": "1"}
+        environment = {"TMPDIR": folder, "PXR_WORK_THREAD_LIMIT": "1"}
         done = subprocess.run(
             [sys.executable, "-I", "-c", _BEGIN.format(sys.path), words],
             stdin=subprocess.DEVNULL,

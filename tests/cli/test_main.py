@@ -79,3 +79,21 @@ def test_the_installed_command_is_this_one():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
     value = settings["project"]["scripts"]["cageik"]
     assert EntryPoint("cageik", value, "console_scripts").load() is main
+
+
+def test_the_linear_algebra_of_a_command_has_one_thread(run_process, monkeypatch):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    script = """
+import sys
+import cageik_cli.cli as cli
+from cageik_cli.__main__ import main
+
+def count():
+    import scipy.linalg
+    from threadpoolctl import threadpool_info
+    print({pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"})
+
+cli.main = count
+main()
+"""
+    assert run_process("-c", script).out == "{1}\n"

@@ -15,9 +15,9 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.bem.elimination import Float32s, solve_in_place
 from cageik_cli.coordinates.bem.panel_geometry import (
     LINEAR_TERMS,
     gauss_rule,
@@ -28,12 +28,10 @@ from cageik_cli.coordinates.bem.potentials import Potentials, compute_potentials
 from cageik_cli.geometry.points import order_by_place
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import NumericalError
-from cageik_cli.util.threads import limit_blas_threads
 
 MAX_EVALUATED_ENTRIES = 240_000
 """Panels times points evaluated together: products with fewer columns are slow for large cages."""
 
-Float32s = NDArray[np.float32]
 Densities = TypeVar("Densities", Floats, Float32s)
 
 
@@ -62,7 +60,7 @@ class BoundarySolution:
 
 
 def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
-    """Solve the boundary integral equation for all hats of the cage; `pool` assembles it.
+    """Solve the boundary integral equation for all hats of the cage; threads of `pool` do the work.
 
     Single precision halves memory and time. It changes the weights of sound cages in the sixth
     digit at most; the densities of affine functions are known, and are corrected exactly.
@@ -73,14 +71,13 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
         When the equations have no solution, as for faces without area.
     """
     matrix, rhs = _assemble(mesh, pool)
-    with limit_blas_threads(2):  # a fixed number, so that weights do not depend on the machine
-        try:
-            solve_in_place(matrix, rhs)
-        except np.linalg.LinAlgError as error:
-            raise NumericalError(
-                "the equations of harmonic weights have no solution for this cage; check it with "
-                "cageik check `cage=`"
-            ) from error
+    try:
+        solve_in_place(matrix, rhs, pool)
+    except np.linalg.LinAlgError as error:
+        raise NumericalError(
+            "the equations of harmonic weights have no solution for this cage; check it with "
+            "cageik check `cage=`"
+        ) from error
     del matrix
     densities = np.zeros((mesh.unknowns, rhs.shape[1]), order="F")
     densities[mesh.solved_unknowns] = rhs
@@ -210,41 +207,3 @@ def split_points(mesh: BoundaryMesh, count: int) -> list[slice]:
 def _block_size(mesh: BoundaryMesh) -> int:
     """Return the number of points per block; with too few, the overhead of calls dominates."""
     return int(np.clip(MAX_EVALUATED_ENTRIES // len(mesh.panels.corners), 16, 512))
-
-
-def solve_in_place(
-    matrix: Float32s, rhs: Float32s, block_size: int = 256, rows_at_once: int = 1024
-) -> None:
-    """Replace `rhs`, (u, n), by the solution of matrix (u, u) · x = rhs; the matrix is lost.
-
-    Rows are not exchanged. This needs leading blocks that are well conditioned. Those of Galerkin's
-    method are: they are the equations of fewer polynomials, and the single layer is positive
-    definite. Rows are divided by their blocks in double precision: in cages whose sides nearly
-    touch, blocks have condition numbers of 1e6 and more. So the error is about that of LAPACK's
-    routine, which exchanges rows: not twice as large in a wedge of a tenth of a degree.
-
-    Parameters
-    ----------
-    block_size : int
-        Unknowns that are eliminated together; the inverses of their blocks take little time.
-    rows_at_once : int
-        Rows that are changed together, so that no second matrix is held.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        When a block is singular.
-    """
-    count = len(matrix)
-    blocks = [slice(k, min(k + block_size, count)) for k in range(0, count, block_size)]
-    for block in blocks:
-        after = slice(block.stop, count)
-        inverse = np.linalg.inv(matrix[block, block].astype(np.float64))
-        rhs[block] = inverse @ rhs[block]
-        matrix[block, after] = inverse @ matrix[block, after]
-        for start in range(block.stop, count, rows_at_once):
-            rows = slice(start, start + rows_at_once)
-            matrix[rows, after] -= matrix[rows, block] @ matrix[block, after]
-            rhs[rows] -= matrix[rows, block] @ rhs[block]
-    for block in reversed(blocks):
-        rhs[block] -= matrix[block, block.stop :] @ rhs[block.stop :]
