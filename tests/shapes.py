@@ -110,6 +110,17 @@ def prism(outline, cap) -> TriMesh:
     return TriMesh(vertices, np.concatenate([cap[:, ::-1], cap + count, walls]))
 
 
+def two_chambers(thickness: float) -> TriMesh:
+    """An H of two rooms that a web joins, with 90 vertices."""
+    low, high = (1 - thickness) / 2, (1 + thickness) / 2
+    left, right = 0.4, 0.6
+    outline = [[0, 0], [left, 0], [left, low], [right, low], [right, 0], [1, 0]]
+    outline += [[1, 1], [right, 1], [right, high], [left, high], [left, 1], [0, 1]]
+    cap = [[0, 1, 2], [0, 2, 9], [0, 9, 11], [9, 10, 11], [2, 3, 8], [2, 8, 9]]
+    cap += [[3, 4, 5], [3, 5, 8], [8, 5, 6], [8, 6, 7]]
+    return finer(prism(outline, cap), 1)
+
+
 def inside(mesh: TriMesh, count: int, seed: int = 0, margin: float = 0.02) -> np.ndarray:
     """Random points inside `mesh`, at least `margin` diagonals from it."""
     from cageik_cli.geometry.surface import closest_points, winding_numbers

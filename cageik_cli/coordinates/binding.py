@@ -35,11 +35,14 @@ class Weights:
     error : float
         Estimate of the mean over points of a row's L1 distance from the exact coordinates; 0 in
         closed form.
+    surface_error : float
+        The same just inside the cage, as a mean over its area, measured; 0 in closed form.
     """
 
     values: Floats
     panels: int = 0
     error: float = 0.0
+    surface_error: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,18 +18,19 @@ import numpy as np
 from cageik_cli.coordinates.bem.boundary_equation import (
     BoundarySolution,
     rounded_interior_weights,
-    single_layer,
     solve_boundary,
     split_points,
 )
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.bem.error_estimate import estimate_error, measure_surface_error
 from cageik_cli.coordinates.bem.panel_geometry import LINEAR_TERMS, Panels, exponents
-from cageik_cli.coordinates.bem.potentials import FADE_FACTOR, compute_potentials
+from cageik_cli.coordinates.bem.potentials import FADE_FACTOR
 from cageik_cli.coordinates.binding import Weights
 from cageik_cli.coordinates.settings import ACCURACIES, Accuracy
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import measure_distances, order_by_place
-from cageik_cli.geometry.surface import closest_points, weights_on_surface
+from cageik_cli.geometry.shape import thin_face_pairs
+from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.progress import ignore_progress
@@ -49,6 +50,9 @@ MAX_ERROR_SAMPLES = 128
 
 MIN_REFINED_SHARE = 0.6
 """Panels are divided that have this share of the error, the fewest that do."""
+
+MAX_GAP_RATIO = 1.0
+"""Panels that face another nearer than this, in roots of their area, have a higher degree."""
 
 
 def harmonic_weights(
@@ -97,7 +101,8 @@ def harmonic_weights(
         weights[chosen] = rounded_interior_weights(solution.boundary, places)
 
     solution.visit_blocks(points, within, fill, jobs, progress)
-    return Weights(weights, len(solution.boundary.mesh.panels.corners), solution.error)
+    panels = len(solution.boundary.mesh.panels.corners)
+    return Weights(weights, panels, solution.error, solution.measure_surface_error(jobs))
 
 
 class HarmonicSolution:
@@ -131,6 +136,11 @@ class HarmonicSolution:
     def to_units(self, points: Floats) -> Floats:
         """Return places in file units, (m, 3), in those of the solution."""
         return np.asarray((points - self._origin) / self.scale)
+
+    def measure_surface_error(self, jobs: int | None) -> float:
+        """Measure the mean row L1 error of the weights just inside the cage, over its area."""
+        with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
+            return measure_surface_error(self.boundary, pool)
 
     def visit_blocks(
         self,
@@ -217,9 +227,12 @@ def _worst_panel_mask(shares: Floats) -> Mask:
 
 
 def _raise_order(mesh: BoundaryMesh, points: Floats, accuracy: Accuracy) -> BoundaryMesh:
-    """Raise the order of panels within reach of `points`, as far as the unknowns allow."""
+    """Raise the order of panels within reach of `points` or of a panel that they face.
+
+    As far as the unknowns allow, the nearest first.
+    """
     panels = mesh.panels
-    distance = measure_distances(points, panels.centroids)
+    distance = np.minimum(measure_distances(points, panels.centroids), _measure_gaps(panels))
     room = max(0, accuracy.max_unknowns - mesh.linear_unknowns)
     for order in range(accuracy.order, 1, -1):
         extra = len(exponents(order)) - LINEAR_TERMS
@@ -230,6 +243,17 @@ def _raise_order(mesh: BoundaryMesh, points: Floats, accuracy: Accuracy) -> Boun
             near = np.sort(near[nearest[: room // extra]])
             return mesh.raise_order(near, degrees[near], reach[near])
     return mesh
+
+
+def _measure_gaps(panels: Panels) -> Floats:
+    """Return the distance of each panel from one that it faces near by, (p,); infinite for others.
+
+    The densities of such panels vary over the distance between them, also where no point is near.
+    """
+    pairs, ratios = thin_face_pairs(TriMesh(panels.vertices, panels.corners), MAX_GAP_RATIO)
+    gaps = np.full(len(panels.corners), np.inf)
+    np.minimum.at(gaps, pairs[:, 0], ratios * np.sqrt(panels.areas[pairs[:, 0]]))
+    return gaps
 
 
 def _choose_degrees(panels: Panels, order: int, radii: float) -> tuple[Integers, Floats]:
@@ -254,82 +278,3 @@ def _choose_degrees(panels: Panels, order: int, radii: float) -> tuple[Integers,
         degree[is_left] = lower
         reach[is_left] = np.minimum(radii * panels.radii, furthest)[is_left]
     return degree, reach
-
-
-def estimate_error(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats]:
-    """Estimate the mean row L1 error over `sample`, (s, 3), and each panel's share in it, (p,).
-
-    Away from the cage, the terms of the highest degree relative to those one lower give a ratio;
-    the missing degrees are estimated by a geometric series with this ratio. Near the cage, the
-    error is the residual of the equations at the closest point. The larger estimate counts.
-    """
-    mesh = boundary.mesh
-    degree, highest, panel = mesh.unknown_degrees
-    terms = {
-        (order, power): np.flatnonzero((degree == power) & (highest == order))
-        for order in np.unique(highest)
-        for power in (order - 1, order)
-    }
-    sizes = dict.fromkeys(terms, 0.0)
-    term_sums = np.zeros(mesh.unknowns)
-    for block in split_points(mesh, len(sample)):
-        potentials = _compute_all_potentials(mesh, sample[block])
-        term_sums += np.abs(potentials).sum(axis=1)
-        for key, rows in terms.items():
-            contributions = boundary.densities[rows].T @ potentials[rows]
-            sizes[key] += np.abs(contributions).sum() / (4 * np.pi * len(sample))
-    series = 0.0
-    for order in np.unique(highest):
-        last, before = sizes[order, order], sizes[order, order - 1]
-        if before > 0:
-            # Densities have logarithms at edges, and the series must have a useful sum.
-            ratio = np.clip(last / before, 0.3, 0.8)
-            # The error of linear densities is 0.08 to 0.16 of their linear terms on real cages.
-            series += last * (0.1 if order == 1 else ratio / (1 - ratio))
-    error = max(series, float(_residual_near_cage(boundary, sample).mean()))
-    term_sums *= np.abs(boundary.densities).sum(axis=1)
-    return error, np.bincount(panel, term_sums * (degree == highest)).astype(np.float64)
-
-
-def _compute_all_potentials(mesh: BoundaryMesh, points: Floats) -> Floats:
-    """Return ∫ ψ/r of all terms, (u, q); 0 for those that have faded out."""
-    potentials = compute_potentials(mesh, points, is_inside=True)
-    all_terms = np.zeros((mesh.unknowns, len(points)))
-    all_terms[: mesh.linear_unknowns] = potentials.linear
-    higher = all_terms[mesh.linear_unknowns :].reshape(
-        mesh.extra_terms, len(mesh.high_panels), len(points)
-    )
-    higher[:, potentials.near_panels] = potentials.higher
-    return all_terms
-
-
-def _residual_near_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
-    """Return the row L1 errors, (s,), at points inside due to the residual on the cage.
-
-    The computed weights are harmonic, and their error on the cage is (2π φ − D − ∫ q/r) / 4π. It
-    changes its sign from node to node of a panel, and so decays over the distance of nodes.
-    """
-    mesh = boundary.mesh
-    panels = mesh.panels
-    nearest = closest_points(TriMesh(panels.vertices, panels.corners), sample)
-    # Off the edges, by a thousandth of the way to the centroid.
-    on_cage = nearest.position + 1e-3 * (panels.centroids[nearest.face] - nearest.position)
-    on_panels = closest_points(nearest.mesh, on_cage)
-    barycentric = on_panels.barycentric_coordinates(np.ones(len(on_cage), bool))
-    hats = mesh.hats.evaluate(panels.corners[on_panels.face], barycentric)
-    residual = np.concatenate(
-        [
-            np.abs(2 * np.pi * hats[block] - _surface_values(boundary, on_cage[block]).T).sum(
-                axis=1
-            )
-            for block in split_points(mesh, len(on_cage))
-        ]
-    )
-    waves = (mesh.panel_degrees[nearest.face] + 1) / panels.radii[nearest.face]
-    return np.asarray(residual / (4 * np.pi) * np.exp(-np.pi * waves * nearest.distance))
-
-
-def _surface_values(boundary: BoundarySolution, points: Floats) -> Floats:
-    """Return D + ∫ q/r of every weight at points in faces, (n, q): 2π φ plus the error."""
-    potentials = compute_potentials(boundary.mesh, points, is_inside=False)
-    return single_layer(boundary.mesh, boundary.densities, potentials) + potentials.double

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
+from cageik_cli.cages.quality import find_thin_parts
 from cageik_cli.coordinates import harmonic as module
 from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Weights
 from cageik_cli.coordinates.harmonic import harmonic_weights
@@ -12,7 +13,7 @@ from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError, NumericalError
-from tests.shapes import ball, box, concave
+from tests.shapes import ball, box, concave, inside, two_chambers
 
 HARMONIC = [0.0594591, 0.003013, 0.0095678]
 MEAN_VALUE = [0.0661766027004, 0.0107435865276, 0.0210509555044]
@@ -93,3 +94,24 @@ def test_a_missed_tolerance_and_a_low_weight_give_warnings(monkeypatch):
     missed, lowest = bind(ball(1), box(), BindSettings(accuracy="preview")).notes
     assert "error 0.2 exceeds the tolerance 0.03 of `accuracy=preview`" in missed
     assert re.match(r"warning: smallest weight -0\.\d+ is below -0\.05", lowest)
+
+
+def bind_in_chambers(web):
+    """Points in two chambers, none in the web that joins them."""
+    cage = two_chambers(web)
+    return bind(TriMesh(inside(cage, 300), np.arange(300).reshape(-1, 3)), cage)
+
+
+def test_a_web_in_which_no_vertex_is_does_not_pass_for_sound():
+    assert bind_in_chambers(0.1).notes == ()
+    (inaccurate,) = bind_in_chambers(0.01).notes
+    assert re.match(
+        r"warning: weight error 0\.0\d+ just inside the cage exceeds 0\.016", inaccurate
+    )
+
+
+def test_sheets_that_nearly_touch_are_told_as_check_tells_them():
+    notes = bind_in_chambers(0.003).notes
+    told = [found.sentence for found in find_thin_parts(two_chambers(0.003))]
+    assert len(told) == 1
+    assert f"warning: {told[0]}" in notes

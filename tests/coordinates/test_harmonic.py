@@ -11,11 +11,11 @@ from cageik_cli.coordinates.bem.boundary_equation import (
     solve_boundary,
 )
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.harmonic import Accuracy, harmonic_weights
+from cageik_cli.coordinates.harmonic import Accuracy, HarmonicSolution, harmonic_weights
 from cageik_cli.coordinates.settings import ACCURACIES
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError, SettingError
-from tests.shapes import TETRAHEDRON, ball, box, concave, inside, rotation
+from tests.shapes import TETRAHEDRON, ball, box, concave, finer, inside, moved, rotation
 
 
 @pytest.mark.usefixtures("core")
@@ -256,6 +256,17 @@ def test_panels_far_from_the_sample_do_not_change_the_estimate(monkeypatch):
     found = harmonic_weights(box(), points)
     assert 0 <= found.error < 0.01
     assert found.panels == 192
+
+
+def test_panels_that_face_a_near_one_have_a_higher_degree_far_from_all_points():
+    plate = finer(moved(box(), scale=(8, 1, 0.05)), 2)
+    points = np.array([[-7.5, 0, 0]])
+    mesh = HarmonicSolution(plate, points, "standard", 1).boundary.mesh
+    is_far = mesh.panels.centroids[:, 0] > 0
+    faces_another = is_far & (np.abs(mesh.panels.normals[:, 2]) > 0.9)
+    assert (mesh.panel_degrees[faces_another] == 3).all()
+    apart = HarmonicSolution(moved(plate, scale=(1, 1, 20)), points, "standard", 1).boundary.mesh
+    assert (apart.panel_degrees[apart.panels.centroids[:, 0] > 0.3] == 1).all()
 
 
 @pytest.mark.parametrize("shift", [1e3, 1e5, 1e7])

@@ -192,7 +192,7 @@ def _split_test_panels(mesh: BoundaryMesh) -> list[Integers]:
     blocks: list[Integers] = []
     for chosen, order in ((panels[is_high], mesh.order), (panels[~is_high], 1)):
         if len(chosen):
-            size = max(1, _block_size(mesh) // (order + 1) ** 2)
+            size = max(1, count_points_per_block(mesh) // (order + 1) ** 2)
             ordered = chosen[order_by_place(mesh.panels.centroids[chosen])]
             blocks += np.split(ordered, range(size, len(ordered), size))
     return blocks
@@ -200,10 +200,10 @@ def _split_test_panels(mesh: BoundaryMesh) -> list[Integers]:
 
 def split_points(mesh: BoundaryMesh, count: int) -> list[slice]:
     """Split `count` points into blocks that are evaluated together."""
-    size = _block_size(mesh)
+    size = count_points_per_block(mesh)
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]
 
 
-def _block_size(mesh: BoundaryMesh) -> int:
+def count_points_per_block(mesh: BoundaryMesh) -> int:
     """Return the number of points per block; with too few, the overhead of calls dominates."""
     return int(np.clip(MAX_EVALUATED_ENTRIES // len(mesh.panels.corners), 16, 512))

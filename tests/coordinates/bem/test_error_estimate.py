@@ -1,0 +1,37 @@
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from cageik_cli.coordinates.bem import error_estimate
+from cageik_cli.coordinates.bem.error_estimate import measure_surface_error
+from cageik_cli.coordinates.harmonic_field import HarmonicField
+from tests.shapes import box, inside
+
+
+@pytest.fixture(scope="module")
+def field():
+    return HarmonicField.solve(box(), inside(box(), 50), "preview")
+
+
+def measure(field):
+    with ThreadPoolExecutor(2) as pool:
+        return measure_surface_error(field.boundary, pool)
+
+
+def test_the_error_on_the_cage_is_that_of_weights_just_inside(field):
+    generator = np.random.default_rng(0)
+    faces = np.repeat(np.arange(12), 400)
+    corners, barycentric = field.cage.faces[faces], generator.dirichlet([1, 1, 1], len(faces))
+    hats = np.zeros((len(faces), 8))
+    np.put_along_axis(hats, corners, barycentric, axis=1)
+    found = field.evaluate(hats @ field.cage.vertices * (1 - 1e-9))
+    expected = np.abs(found - hats).sum(axis=1).mean()
+    assert measure(field) == pytest.approx(expected, rel=0.15)
+
+
+def test_of_many_panels_some_are_measured(field, monkeypatch):
+    expected = measure(field)
+    monkeypatch.setattr(error_estimate, "MAX_MEASURED_PANELS", 100)
+    assert len(field.boundary.mesh.panels.corners) > 100
+    assert measure(field) == pytest.approx(expected, rel=0.3)
