@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from cageik_cli.util.errors import SettingError
 
-BUILDER_VERSION = 1
+BUILDER_VERSION = 2
 """Raised when the same model and settings give another cage, so that kept ones are not used."""
 
 MIN_VERTICES = 8

@@ -30,8 +30,8 @@ WALKS = 1000
 STOP_DISTANCE = 1e-6
 """Walks end this near to the cage, diagonals."""
 
-SOURCES = 900
-"""Outside the cage, at most."""
+SOURCES_PER_VERTEX = 8
+"""Outside the cage, at most; not fewer than for a cage of 120."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,16 +56,17 @@ class Sources:
 
 def fit_sources(cage: TriMesh, generator: np.random.Generator) -> Sources:
     """Fit sources outside the cage to its hats by least squares, with a small ridge."""
-    places, face, _ = _sample_cage(cage, SOURCES, generator)
+    count = SOURCES_PER_VERTEX * max(120, len(cage.vertices))
+    places, face, _ = _sample_cage(cage, count, generator)
     corner = cage.vertices[cage.faces]
     normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    spacing = np.sqrt(cage.face_areas.sum() / SOURCES)
+    spacing = np.sqrt(cage.face_areas.sum() / count)
     places += 1.5 * spacing * normals[face]
     places = places[winding_numbers(cage, places) < 0.5]
     distance = np.sqrt(_find_closest(cage, places)[0])
     places = places[distance > 0.5 * spacing]
-    on_cage, _, hats = _sample_cage(cage, 5 * SOURCES, generator)
+    on_cage, _, hats = _sample_cage(cage, 5 * count, generator)
     matrix = Sources(places, np.eye(len(places))).evaluate(on_cage)
     normal = matrix.T @ matrix
     normal += 1e-9 * np.trace(normal) / len(normal) * np.eye(len(normal))
@@ -134,13 +135,14 @@ def estimate_rows(
 def measure_error(
     halves: np.ndarray, weights: np.ndarray, finer: np.ndarray
 ) -> tuple[float, float]:
-    """Return the mean L1 distance of rows of weights, (q, n), from walks, and its noise.
+    """Return the mean L1 distance of rows of weights, (q, n), from walks, and its standard error.
 
     The sum of distances with the signs of a finer solution: noise, which would add to absolute
     values, cancels in it. Where signs are wrong, the distance is too small, and never too large.
     """
-    one, other = (np.sign(finer - weights) * (halves - weights)).sum(axis=2).mean(axis=1)
-    return float(one + other) / 2, float(abs(one - other)) / 2
+    one, other = (np.sign(finer - weights) * (halves - weights)).sum(axis=2)
+    noise = np.sqrt(np.square(one - other).mean() / len(one)) / 2
+    return float((one + other).mean()) / 2, float(noise)
 
 
 def show(name: str, cage: TriMesh, model: TriMesh) -> None:

@@ -114,6 +114,7 @@ def make_shell(grid: DistanceGrid, offset: float, closing: float) -> Shell | Non
     if surface is None:
         return None
     added = (field < 0) & _reach(grid.distance > offset)
+    added &= apart > radius  # a bridge is none of the model's hollows or gaps
     is_wide = grid.distance > offset + closing
     hollows, webs = _find_centres(grid, added & is_wide), _find_centres(grid, added & ~is_wide)
     return Shell(_take_outermost(surface), bridges.mean(axis=1), hollows, webs)

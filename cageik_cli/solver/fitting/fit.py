@@ -289,10 +289,12 @@ def _check_freedom(binding: Binding, settings: FitSettings) -> None:
 
 
 def _count_fixed_floats(fitted: Binding) -> int:
-    """Count the numbers to store beside cages; of few influences, without their places."""
+    """Count the numbers to store beside cages; of few influences, with places and offsets."""
     if fitted.low_rank is not None:
         return fitted.low_rank.columns.size + fitted.low_rank.basis.size
-    return int(np.count_nonzero(fitted.weights)) if fitted.has_offsets else fitted.weights.size
+    if fitted.has_offsets:
+        return 2 * int(np.count_nonzero(fitted.weights)) + fitted.rest.vertices.size
+    return fitted.weights.size
 
 
 def choose_regularization(curve: Curve) -> float:

@@ -11,7 +11,7 @@ from typing import Any, get_args
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.errors import SettingError
 
-FIT_VERSION = 3
+FIT_VERSION = 4
 """Raise it when fitted weights or their reports change, so that caches are not used."""
 
 DEFAULT_REGULARIZATION = 0.1

@@ -49,6 +49,7 @@ def test_parts_that_lie_apart_are_joined_where_they_are_nearest():
     shell = shell_of(merged(ball(3), moved(ball(3), (3, 0, 0))))
     assert len(np.unique(shell.surface.components)) == 1
     np.testing.assert_allclose(shell.bridges, [[1.5, 0, 0]], atol=0.15)
+    assert (len(shell.hollows), len(shell.webs)) == (0, 0)  # a bridge is neither
 
 
 def test_distances_on_the_grid_are_those_from_the_surface():
