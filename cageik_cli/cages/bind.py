@@ -13,10 +13,10 @@ from cageik_cli.util.progress import ignore_progress, mark_warning
 MIN_HARMONIC_WEIGHT = -0.05
 """Harmonic weights below it give a warning; those of sound cages stay above −0.02."""
 
-MAX_SURFACE_ERROR = {"preview": 0.085, "standard": 0.016, "fine": 0.016}
-"""Larger errors just inside the cage, as means over its area, give a warning.
+MAX_SURFACE_ERROR = 0.016
+"""A larger error just inside the cage, as a mean over its area, gives a warning.
 
-Those of six sound cages are 0.063 to 0.072 in `preview`, 0.011 to 0.0135 in `standard`.
+On six sound cages it is 0.011 to 0.0135.
 """
 
 MAX_ESTIMATED_ERROR = 0.5
@@ -124,12 +124,12 @@ def _list_weight_warnings(weights: Weights, settings: BindSettings) -> tuple[str
             f"estimated weight error {weights.error:.2g} exceeds the tolerance {tolerance:g} of "
             f"`accuracy={settings.accuracy}`; use a coarser cage or leave more clearance"
         )
-    most = MAX_SURFACE_ERROR[settings.accuracy]
-    if not weights.surface_error <= most:
+    if not weights.surface_error <= MAX_SURFACE_ERROR:
         notes.append(
-            f"weight error {weights.surface_error:.2g} just inside the cage exceeds {most:g}: "
-            "where no vertex is near, the cage is thin compared with its faces, and the estimated "
-            "error may be several times too small; divide faces there, or raise `accuracy=`"
+            f"weight error {weights.surface_error:.2g} just inside the cage exceeds "
+            f"{MAX_SURFACE_ERROR:g}: where no vertex is near, the cage is thin compared with its "
+            "faces, and the estimated error may be several times too small; divide faces there, "
+            "or raise `accuracy=`"
         )
     lowest = float(weights.values.min(initial=0.0))
     if lowest < MIN_HARMONIC_WEIGHT:

@@ -36,7 +36,8 @@ class Weights:
         Estimate of the mean over points of a row's L1 distance from the exact coordinates; 0 in
         closed form.
     surface_error : float
-        The same just inside the cage, as a mean over its area, measured; 0 in closed form.
+        The same just inside the cage, measured, as a mean over panels of higher degree; 0 if there
+        are none.
     """
 
     values: Floats
