@@ -22,9 +22,30 @@ INLINE uint64_t to_bits(double value)
     return bits;
 }
 
+/* Coefficients and constants that `tests/coordinates/bem/derive_functions.py` derives; of the pairs,
+   the second is what the first leaves. */
+static const double LOG[] = {0.6666666666666734, 0.3999999999941468, 0.28571428742387184,
+                             0.22222198573230587, 0.18183564323914897, 0.15314050601677748,
+                             0.14795949275754364};
+static const double ARCTAN[] = {-0.33333333333333154, 0.1999999999995208, -0.1428571428124961,
+                                0.11111110901216399, -0.09090903254818097, 0.07692203006396633,
+                                -0.0666539083088972, 0.05871455804255224, -0.051968272222914516,
+                                0.04472534716103532, -0.034463140204489554, 0.020142344556160444,
+                                -0.006309425808015779};
+static const double LN_2[] = {0.6931471805598903, 5.497923018708371e-14};
+static const double PI[] = {3.141592653589793, 1.2246467991473532e-16};
+
+INLINE double evaluate_polynomial(const double *coefficient, int count, double z)
+{
+    double value = coefficient[count - 1];
+    for (int k = count - 2; k >= 0; k--)
+        value = value * z + coefficient[k];
+    return value;
+}
+
 /* Natural logarithm of a normal positive number, within 1 ulp; NaN of one that is not finite.
-   After FreeBSD's e_log.c (Sun Microsystems 1993): x = 2^k m with m around 1, and with
-   s = (m - 1) / (m + 1), ln m = 2 artanh s by a polynomial in s^2. */
+   x = 2^k (1 + f) with 1 + f around 1; with s = f / (2 + f) and z = s^2, its logarithm is
+   2 s + s z P(z), and 2 s = f - s f. */
 INLINE double compute_log(double x)
 {
     const uint64_t root_half = 0x3fe6a09e00000000u, one = 0x3ff0000000000000u;
@@ -32,36 +53,24 @@ INLINE double compute_log(double x)
     uint64_t bits = to_bits(x) + (one - root_half);
     double k = from_bits((bits >> 52) | two_52) - (0x1p52 + 1023);
     double f = from_bits((bits & mantissa) + root_half) - 1;
-    double s = f / (2 + f), z = s * s, w = z * z, half_square = 0.5 * f * f;
-    double even = w * (3.999999999940941908e-01
-                       + w * (2.222219843214978396e-01 + w * 1.531383769920937332e-01));
-    double odd = z * (6.666666666666735130e-01
-                      + w * (2.857142874366239149e-01
-                             + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01)));
-    double tail = s * (half_square + (odd + even)) + k * 1.90821492927058770002e-10;
-    return (tail - half_square + f + k * 6.93147180369123816490e-01) + (x - x);
+    double s = f / (2 + f), z = s * s;
+    double rest = s * (f - z * evaluate_polynomial(LOG, 7, z)) - k * LN_2[1];
+    return ((f - rest) + k * LN_2[0]) + (x - x);
 }
 
-/* arctan2(y, x) of finite numbers, within 2 ulp; 0 or pi when both are zero. After Cephes' atan.c
-   (Moshier 1984 to 1995): a rational function up to 0.66, and around pi/4 above it. */
+/* arctan2(y, x) of finite numbers, within 2 ulp; 0 or pi when both are zero. Slopes up to 0.55 are taken
+   as they are, those up to 1 from pi/4, and others from pi/2. */
 INLINE double compute_arctan2(double y, double x)
 {
     double a = fabs(x), b = fabs(y);
     double large = a > b ? a : b, small = a > b ? b : a;
-    int is_steep = small > 0.66 * large;
+    int is_steep = small > 0.55 * large;
     double t = (is_steep ? small - large : small) / (is_steep ? small + large : large);
     t = large > 0 ? t : 0;
-    double z = t * t;
-    double p = (((-8.750608600031904122785E-1 * z - 1.615753718733365076637E1) * z
-                 - 7.500855792314704667340E1) * z - 1.228866684490136173410E2) * z
-               - 6.485021904942025371773E1;
-    double q = ((((z + 2.485846490142306297962E1) * z + 1.650270098316988542046E2) * z
-                 + 4.328810604912902668951E2) * z + 4.853903996359136964868E2) * z
-               + 1.945506571482613964425E2;
-    double angle = t * (z * p / q) + t;
-    angle = is_steep ? (angle + 3.061616997868382943E-17) + 7.85398163397448309616E-1 : angle;
-    angle = b > a ? (6.123233995736765886E-17 - angle) + 1.57079632679489661923 : angle;
-    angle = x < 0 ? (1.2246467991473531772E-16 - angle) + 3.14159265358979323846 : angle;
+    double z = t * t, angle = t * (z * evaluate_polynomial(ARCTAN, 13, z)) + t;
+    angle = is_steep ? (angle + PI[1] / 4) + PI[0] / 4 : angle;
+    angle = b > a ? (PI[1] / 2 - angle) + PI[0] / 2 : angle;
+    angle = x < 0 ? (PI[1] - angle) + PI[0] : angle;
     return copysign(angle, y);
 }
 

@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from cageik_cli.coordinates.bem.panels import (
 )
 from cageik_cli.coordinates.bem.potentials import FADE_FACTOR, compute_potentials
 from cageik_cli.util import compiled
+from tests.coordinates.bem import derive_functions
 from tests.shapes import ball, box, concave, inside
 
 needs_core = pytest.mark.skipif(compiled.kernel is None, reason="the core was not compiled")
@@ -147,6 +149,27 @@ def test_both_bodies_agree_around_their_limits(monkeypatch, ratio, limit):
         with monkeypatch.context() as patch:
             for found, expected in by_both(mesh, points, patch, is_inside=is_inside):
                 np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_the_coefficients_of_the_compiled_body_are_the_derived_ones():
+    source = Path("cageik_cli/kernel/functions.h").read_text()
+    for line in derive_functions.format_constants():
+        assert line in " ".join(source.split())
+
+
+@pytest.mark.parametrize(
+    ("derive", "exact", "first", "end"),
+    [
+        (derive_functions.derive_log, lambda s: 2 * np.arctanh(s), 2, 3 - np.sqrt(8)),
+        (derive_functions.derive_arctan, np.arctan, 1, 0.55),
+    ],
+)
+def test_the_errors_of_the_polynomials_are_far_below_rounding(derive, exact, first, end):
+    coefficients, error = derive()
+    assert float(error) < 2.0**-58
+    x = np.linspace(0.01, 1, 100, dtype=np.longdouble) * end
+    found = derive_functions.evaluate([np.longdouble(str(value)) for value in coefficients], x * x)
+    np.testing.assert_allclose(first + x * x * found, exact(x) / x, rtol=2.0**-58)
 
 
 @needs_core
