@@ -100,6 +100,8 @@ FOR_EACH_PROCESSOR
 static void fill_frames(const double *column, const double *centre, Py_ssize_t frames,
                         Py_ssize_t count, Py_ssize_t all, double *frame)
 {
+    if (frames == 0)
+        return; /* of any number of points */
     for (Py_ssize_t start = 0; start < count; start += BLOCK) {
         Py_ssize_t stop = count - start < BLOCK ? count : start + BLOCK;
         for (Py_ssize_t k = 0; k < frames; k++) {
@@ -278,8 +280,8 @@ PyObject *place_columns(PyObject *module, PyObject *arguments)
                (data[0] = take_array(&arrays, column, "columns", 'd', READ, 2, columns)) &&
                (data[1] = take_array(&arrays, centre, "centres", 'd', READ, 2, centres));
     if (is_valid && (first < 0 || first > m - columns[0])) {
-        PyErr_Format(PyExc_ValueError, "columns: points %zd to %zd, expected at most %zd", first,
-                     first + columns[0], m);
+        PyErr_Format(PyExc_ValueError, "columns: %zd points from %zd on, expected at most %zd",
+                     columns[0], first, m);
         is_valid = 0;
     }
     if (is_valid) {

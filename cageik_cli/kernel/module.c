@@ -43,6 +43,10 @@ void *take_array(Arrays *arrays, PyObject *object, const char *name, char type, 
                      describe(type), dimensions);
         return NULL;
     }
+    if ((uintptr_t)buffer->buf % (size_t)buffer->itemsize != 0) {
+        PyErr_Format(PyExc_TypeError, "%s: expected an array that is aligned in memory", name);
+        return NULL;
+    }
     for (int k = 0; k < dimensions; k++) {
         if (lengths[k] == ANY)
             lengths[k] = buffer->shape[k];

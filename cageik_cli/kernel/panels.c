@@ -351,6 +351,8 @@ static void fill_step(const Problem *p, Step *step, Py_ssize_t start)
 
 static int fill_all(const Problem *p)
 {
+    if (p->points == 0)
+        return 1; /* of any number of hats, for which there may be no memory */
     size_t rows = (size_t)(p->vertices + 3 * p->edges + p->hats);
     char *memory = malloc((rows + 1) * sizeof(Row));
     if (memory == NULL)
@@ -382,6 +384,10 @@ static int take_panels(Arrays *arrays, PyObject *objects, Problem *p)
     if (!(p->corner = take_array(arrays, corner, "corners", 'q', READ, 2, three)))
         return 0;
     p->panels = three[0];
+    if (p->panels == 0) {
+        PyErr_SetString(PyExc_ValueError, "corners: expected a panel at least");
+        return 0;
+    }
     Py_ssize_t two[2] = {ANY, 2};
     if (!(p->end = take_array(arrays, end, "edge ends", 'q', READ, 2, two)))
         return 0;
@@ -471,8 +477,13 @@ PyObject *compute_potentials(PyObject *module, PyObject *arguments)
     PyObject *limits, *panels, *hats, *terms, *point, *results;
     Py_ssize_t limit_count = sizeof(Limits) / sizeof(double), places[2] = {ANY, 3};
     (void)module;
-    int is_valid = PyArg_ParseTuple(arguments, "OOOOOpO", &limits, &panels, &hats, &terms, &point,
-                                    &p.is_inside, &results);
+    int is_valid = PyArg_ParseTuple(arguments, "OO!O!OOpO!", &limits, &PyTuple_Type, &panels,
+                                    &PyTuple_Type, &hats, &terms, &point, &p.is_inside,
+                                    &PyTuple_Type, &results);
+    if (is_valid && terms != Py_None && !PyTuple_Check(terms)) {
+        PyErr_SetString(PyExc_TypeError, "terms: expected a tuple or None");
+        is_valid = 0;
+    }
     is_valid = is_valid && (p.point = take_array(&arrays, point, "points", 'd', READ, 2, places));
     p.points = places[0];
     is_valid = is_valid &&

@@ -272,10 +272,11 @@ PyObject *closest_points(PyObject *module, PyObject *arguments)
 {
     Arrays arrays = {.count = 0};
     Surface s;
-    PyObject *objects[3], *name, *box, *square, *nearest, *position;
+    PyObject *objects[3], *boxed, *name, *box, *square, *nearest, *position;
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOO(OO)OOO", &objects[0], &objects[1], &objects[2], &name,
-                          &box, &square, &nearest, &position))
+    if (!PyArg_ParseTuple(arguments, "OOOO!OOO", &objects[0], &objects[1], &objects[2],
+                          &PyTuple_Type, &boxed, &square, &nearest, &position) ||
+        !PyArg_ParseTuple(boxed, "OO", &name, &box))
         return NULL;
     int is_valid = take_surface(&arrays, objects, &s);
     s.boxes = (s.faces + FACES_PER_BOX - 1) / FACES_PER_BOX;
@@ -284,7 +285,8 @@ PyObject *closest_points(PyObject *module, PyObject *arguments)
                (s.box = take_array(&arrays, box, "boxes", 'd', READ, 3, boxes)) &&
                (s.square = take_array(&arrays, square, "squares", 'd', WRITE, 1, &s.points)) &&
                (s.nearest = take_array(&arrays, nearest, "nearest", 'q', WRITE, 1, &s.points)) &&
-               (s.position = take_array(&arrays, position, "positions", 'd', WRITE, 2, places));
+               (s.position = take_array(&arrays, position, "positions", 'd', WRITE, 2, places)) &&
+               check_indices(s.name, s.faces, s.faces, "names");
     if (is_valid) {
         Py_BEGIN_ALLOW_THREADS
         for (Py_ssize_t start = 0; start < s.points; start += LANES)

@@ -190,9 +190,12 @@ def test_the_compiled_functions_refuse_what_does_not_fit():
         ((faces, (names[1:], boxes), distances), "names: length 11"),
         ((faces, (names, boxes[1:]), distances), "boxes: length 1"),
         ((faces, (names, boxes), distances[1:]), "squares: length 3"),
+        ((faces, (-1 - names, boxes), distances), "names: number -"),
     ):
         with pytest.raises(ValueError, match=says):
             closest(points, vertices, *wanted, *results)
+    with pytest.raises(TypeError, match="tuple"):
+        closest(points, vertices, faces, [names, boxes], distances, *results)
     fixed = np.empty(4)
     fixed.flags.writeable = False
     for kind, given, indices, winding, says in (

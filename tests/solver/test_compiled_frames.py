@@ -143,6 +143,7 @@ def test_the_compiled_functions_refuse_arrays_that_do_not_fit():
         lambda: kernel.align_frames(frames, centres, turns, rest, columns[:, :6].copy()),
         lambda: kernel.place_columns(columns, centres, frames, 1),
         lambda: kernel.place_columns(columns, centres, frames, -1),
+        lambda: kernel.place_columns(columns, centres, frames, 2**63 - 1),
         lambda: kernel.place_columns(columns, centres, frames[:, 1:].copy(), 0),
         lambda: kernel.place_columns(columns[:, 3:].copy(), centres, frames, 0),
         lambda: kernel.place_columns(columns, centres[1:], frames, 0),
@@ -155,6 +156,16 @@ def test_the_compiled_functions_refuse_arrays_that_do_not_fit():
     frames.flags.writeable = False
     with pytest.raises(TypeError, match="frames: expected a C-contiguous array that"):
         kernel.place_columns(columns, centres, frames, 0)
+
+
+def test_no_frames_are_placed_at_once():
+    """However many points they have; a loop over these would not end."""
+    if compiled.kernel is None:
+        pytest.skip("the core was not compiled")
+    count = 2**45
+    compiled.kernel.place_columns(
+        np.empty((count, 0)), np.empty((0, 3)), np.empty((0, count, 3)), 0
+    )
 
 
 def test_the_compiled_comparison_refuses_faces_out_of_range_and_other_arrays():

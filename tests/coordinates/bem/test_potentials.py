@@ -278,6 +278,46 @@ def test_the_compiled_body_refuses_results_that_cannot_be_written(monkeypatch):
         _call(arguments)
 
 
+def test_the_compiled_body_refuses_a_surface_without_panels(monkeypatch):
+    """Angles to close would be those of a panel that is not there."""
+    arguments = _arguments(monkeypatch)
+    n, (hats, points) = arguments[1][1].shape[0], arguments[6][2].shape
+    empty = [np.zeros([0 if length in (n, 3 * n) else length for length in part.shape], part.dtype)
+             for part in arguments[1]]  # fmt: skip
+    empty[-1] = np.zeros((len(arguments[1][5]), 4))
+    no_hats = (np.zeros(1, np.int32), np.zeros(0, np.int32), np.zeros(0))
+    results = (np.zeros((0, points)), np.zeros((0, 0, points)), np.zeros((hats, points)))
+    limits = np.full_like(arguments[0], 2.0)
+    with pytest.raises(ValueError, match="expected a panel at least"):
+        _call([limits, empty, no_hats, None, arguments[4], True, results])
+
+
+def test_the_compiled_body_refuses_lists_in_place_of_tuples(monkeypatch):
+    arguments = [tuple(p) if isinstance(p, list) else p for p in _arguments(monkeypatch)]
+    for k in (1, 2, 3, 6):
+        with pytest.raises(TypeError, match="tuple"):
+            compiled.kernel.compute_potentials(
+                *(list(part) if place == k else part for place, part in enumerate(arguments))
+            )
+
+
+@needs_core
+def test_the_compiled_core_refuses_numbers_that_are_not_aligned():
+    crooked = memoryview(bytearray(8 * 5))[1:-7].cast("d")
+    straight = np.empty(4)
+    with pytest.raises(TypeError, match="expected an array that is aligned"):
+        compiled.kernel.compute_functions(crooked, straight, straight, straight)
+
+
+def test_no_points_need_no_memory_for_hats(monkeypatch):
+    arguments = _arguments(monkeypatch)
+    arguments[4] = arguments[4][:0]
+    n, extra, near = *arguments[6][0].shape[:1], *arguments[6][1].shape[:2]
+    sizes = ((n, 0), (extra, near, 0), (2**45, 0))
+    arguments[6] = [np.empty(size) for size in sizes]
+    _call(arguments)
+
+
 def test_limits_are_those_of_the_reference():
     assert module._LIMITS[-1] == FADE_FACTOR
     assert module._LIMITS[0] == EDGE_ON_TOL
