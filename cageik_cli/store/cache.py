@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
 
-from cageik_cli.store.cache_entry import WRONG_HEADER_ERRORS, CorruptEntry, Entry, EntryFormat
+from cageik_cli.store.cache_entry import CorruptEntry, Entry, EntryFormat
 from cageik_cli.util.files import open_locked, remove_locked
 from cageik_cli.util.leftovers import clear_leftovers, make_unfinished_path
 
@@ -88,7 +88,7 @@ class EntryCache:
         seconds = entry.pop("seconds")
         try:
             value = from_entry(entry)
-        except (CorruptEntry, *WRONG_HEADER_ERRORS):
+        except Exception:  # whatever wrong values of a header lead to
             self._discard(kind, key, CorruptEntry("is damaged"))
             return None
         saved = max(0.0, seconds - (time.perf_counter() - start))

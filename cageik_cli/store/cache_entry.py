@@ -16,8 +16,7 @@ from types import UnionType
 from typing import Any, BinaryIO
 
 import numpy as np
-
-from cageik_cli.util.errors import CageikError
+from numpy.typing import NDArray
 
 Entry = dict[str, Any]
 """The arrays and plain values of an entry, by name."""
@@ -25,11 +24,6 @@ Entry = dict[str, Any]
 
 class CorruptEntry(Exception):
     """A file under the name of an entry is not that entry, or not all of it."""
-
-
-WRONG_HEADER_ERRORS = (CageikError, ValueError, TypeError, KeyError, AttributeError, IndexError,
-                 OverflowError, MemoryError, RecursionError)  # fmt: skip
-"""What a wrong header can raise, here and where its values are used."""
 
 
 def compute_key(values: Mapping[str, Any], *arrays: np.ndarray) -> str:
@@ -100,7 +94,9 @@ class EntryFormat:
         """
         try:
             return self._parse(path, key)
-        except WRONG_HEADER_ERRORS as error:
+        except (OSError, CorruptEntry):
+            raise
+        except Exception as error:  # whatever a wrong header makes of its values
             raise CorruptEntry("is damaged") from error
 
     def _parse(self, path: Path, key: str) -> Entry:
@@ -114,23 +110,7 @@ class EntryFormat:
                 raise CorruptEntry("is the entry of another key")
             if set(header) != {"digest", "seconds", *self.arrays, *self.values}:
                 raise CorruptEntry("is the entry of another version of cageik")
-            expected = bytes.fromhex(header.pop("digest"))
-            shapes = [(header.pop(name), np.dtype(kind)) for name, kind in self.arrays.items()]
-            size = sum(prod(shape) * kind.itemsize for shape, kind in shapes)
-            if size != os.fstat(file.fileno()).st_size - file.tell():
-                raise CorruptEntry("is damaged")  # before so much memory is taken
-            arrays = {
-                name: np.empty(shape, kind)
-                for name, (shape, kind) in zip(self.arrays, shapes, strict=True)
-            }
-            parts = [_as_bytes(array, array.dtype) for array in arrays.values()]
-            whole = all(file.readinto(part) == len(part) for part in parts)
-            if not whole or file.read(1) or _compute_digest(parts) != expected:
-                raise CorruptEntry("is damaged")
-        native = {
-            name: array.astype(array.dtype.newbyteorder("="), copy=False)
-            for name, array in arrays.items()
-        }
+            arrays = self._read_arrays(file, header)
         plain = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in header.items()
@@ -138,7 +118,22 @@ class EntryFormat:
         for name, kind in {"seconds": float, **self.values}.items():
             if not isinstance(plain[name], kind):
                 raise CorruptEntry("is damaged")
-        return native | plain
+        return arrays | plain
+
+    def _read_arrays(self, file: BinaryIO, header: dict[str, Any]) -> dict[str, NDArray[Any]]:
+        """Read the arrays behind the header, whose fields on them are taken out of it."""
+        expected = bytes.fromhex(header.pop("digest"))
+        shapes = [(header.pop(name), np.dtype(kind)) for name, kind in self.arrays.items()]
+        size = sum(prod(shape) * kind.itemsize for shape, kind in shapes)
+        if size != os.fstat(file.fileno()).st_size - file.tell():
+            raise CorruptEntry("is damaged")  # before so much memory is taken
+        arrays = [np.empty(shape, kind) for shape, kind in shapes]
+        parts = [_as_bytes(array, array.dtype) for array in arrays]
+        whole = all(file.readinto(part) == len(part) for part in parts)
+        if not whole or file.read(1) or _compute_digest(parts) != expected:
+            raise CorruptEntry("is damaged")
+        native = (array.astype(array.dtype.newbyteorder("="), copy=False) for array in arrays)
+        return dict(zip(self.arrays, native, strict=True))
 
     def _read_header(self, file: BinaryIO) -> dict[str, Any]:
         """Read the header and check its digest, before the sizes in it are used."""

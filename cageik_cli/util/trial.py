@@ -39,7 +39,7 @@ class Trials:
     def __init__(self) -> None:
         self.are_wanted = False
         self.allowed_bytes: int | None = None
-        self._passed: set[str] = set()
+        self._passed: set[tuple[str, str]] = set()
 
     def find_fault(
         self, library: str, call: Callable[..., str | None], *arguments: object, key: str
@@ -48,20 +48,21 @@ class Trials:
 
         It is what the call returns, or how the process ended, which is put down to a library.
         Arguments are such that JSON holds them. Exceptions of the call are left to the caller, who
-        does the same again. A `key` that has passed is not tried again.
+        does the same again. A call that has passed is not tried again, unless the `key` of what it
+        reads has changed.
         """
-        if not self.are_wanted or key in self._passed or not sys.executable:
+        words = json.dumps([call.__module__, call.__name__, *arguments])
+        if not self.are_wanted or (words, key) in self._passed or not sys.executable:
             return ""
-        words = [call.__module__, call.__name__, *arguments]
         try:
-            code, text = _run_child(json.dumps(words))
+            code, text = _run_child(words)
         except OSError:
             return ""  # the call itself may still work
         if code == FOUND_FAULT:
             return str(json.loads(text.splitlines()[-1]))
         end = _describe_end(code)
         if not end:
-            self._passed.add(key)
+            self._passed.add((words, key))
         return f"is damaged: {library} {end} on it; export it again" if end else ""
 
     def allow(self, size: int) -> None:

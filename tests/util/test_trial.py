@@ -68,6 +68,8 @@ def test_what_has_passed_is_not_tried_again(trials, tmp_path):
     for name in ("a", "b", "a"):
         assert find(tmp_path / name) == ""
     assert [(tmp_path / name).stat().st_size for name in "ab"] == [1, 1]
+    assert trials.find_fault("abc", count, str(tmp_path / "a"), key="changed") == ""
+    assert (tmp_path / "a").stat().st_size == 2
 
 
 def count(path):

@@ -28,6 +28,7 @@ from cageik_cli.util.errors import (
     error_context,
     join_truncated,
 )
+from cageik_cli.util.files import mark_file
 from cageik_cli.util.trial import trials
 
 Polygons = tuple[Integers, Integers]
@@ -186,7 +187,6 @@ class SceneReader(ClipFile):
         """Refuse a file on which the library ends another process."""
         if not self.library:
             return
-        state = path.stat()
         fault = trials.find_fault(
             self.library,
             open_scene,
@@ -194,7 +194,7 @@ class SceneReader(ClipFile):
             str(path),
             request.member,
             request.settings.exclude,
-            key=f"{path.resolve()} {state.st_size} {state.st_mtime_ns}",
+            key=str(mark_file(path)),
         )
         if fault:
             raise FormatError(fault)
