@@ -13,7 +13,7 @@ from alembic3d.AbcCoreAbstract import TimeSampling
 from alembic3d.AbcGeom import OFaceSetSchemaSample
 from pxr import Usd, UsdGeom, Vt
 
-from tests.formats.kinds import FRAMES, add_abc_mesh, imath
+from tests.formats.kinds import FRAMES, KINDS, add_abc_mesh, imath
 
 MOST_SECONDS = 10
 MOST_BYTES = 1 << 30
@@ -91,6 +91,13 @@ def write_face_sets(path):
         schema.createFaceSet(f"s{number}").getSchema().set(OFaceSetSchemaSample(numbers))
 
 
+def damage_clip(path, place):
+    """Write a 1 over a number of a clip, on which the library ends its process by a signal."""
+    KINDS[f"clip{path.suffix}"](path, FRAMES)
+    data = path.read_bytes()
+    path.write_bytes(data[:place] + (1).to_bytes(8, "little") + data[place + 8 :])
+
+
 FILES = {
     "wide_number.obj.gz": write_wide_number,
     "wide_colour.obj": write_wide_colour,
@@ -100,6 +107,8 @@ FILES = {
     "opacity.usdc": write_opacity,
     "shared_meshes.usdc": write_shared_meshes,
     "face_sets.abc": write_face_sets,
+    "ends_by_SIGABRT.usdc": lambda path: damage_clip(path, 96),
+    "ends_by_SIGSEGV.abc": lambda path: damage_clip(path, 872),
 }
 
 
@@ -121,6 +130,7 @@ def measure(words):
     return process.returncode, text, usage.ru_utime + usage.ru_stime, usage.ru_maxrss << 10
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="measures as Linux does")
 @pytest.mark.parametrize("name", FILES)
 def test_small_files_take_little(tmp_path, name):
