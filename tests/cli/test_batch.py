@@ -18,8 +18,10 @@ import cageik_cli.report
 from cageik_cli.store.checkpoint import CHECKPOINT_MAGIC
 from cageik_cli.store.result import read_result
 from cageik_cli.workflows import run_cage
+from cageik_cli.workflows.batch import dask_cluster
 from cageik_cli.workflows.batch.discover import make_result_name
 from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER
+from tests.cli.conftest import Here
 
 BATCH = ("batch", "anim", "-o", "out", "--no-pages")
 
@@ -76,6 +78,16 @@ def test_all_that_fail_are_a_failure(run, anim, here):
     Path("anim/cage.obj").write_text("no mesh")
     assert run(*BATCH, "-q").code == 1
     assert all(entry["fault"] for entry in report().values())
+
+
+@pytest.mark.parametrize(
+    ("words", "source"), [((), ", of DASK_SCHEDULER_ADDRESS"), (("--scheduler", "a:1"), "")]
+)
+def test_the_scheduler_that_gets_the_jobs_is_named(run, anim, monkeypatch, words, source):
+    monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "a:1")
+    monkeypatch.setattr(dask_cluster, "DaskScheduler", lambda address: Here())
+    outcome = run(*BATCH, *words)
+    assert f"note: jobs go to the scheduler a:1{source}" in outcome.err.splitlines()
 
 
 def test_what_keeps_all_from_beginning_is_said_once(run, anim, here):
