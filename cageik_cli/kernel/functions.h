@@ -22,8 +22,8 @@ INLINE uint64_t to_bits(double value)
     return bits;
 }
 
-/* Coefficients and constants that `tests/coordinates/bem/derive_functions.py` derives; of the pairs,
-   the second is what the first leaves. */
+/* Coefficients and constants that `tests/coordinates/bem/derive_functions.py` derives. The second
+   number of a pair is what the first leaves. */
 static const double LOG[] = {0.6666666666666734, 0.3999999999941468, 0.28571428742387184,
                              0.22222198573230587, 0.18183564323914897, 0.15314050601677748,
                              0.14795949275754364};
@@ -58,8 +58,8 @@ INLINE double compute_log(double x)
     return ((f - rest) + k * LN_2[0]) + (x - x);
 }
 
-/* arctan2(y, x) of finite numbers, within 2 ulp; 0 or pi when both are zero. Slopes up to 0.55 are taken
-   as they are, those up to 1 from pi/4, and others from pi/2. */
+/* arctan2(y, x) of finite numbers, within 2 ulp; 0 or pi when both are zero. Slopes up to 0.55 are
+   taken as they are, those up to 1 from pi/4, and others from pi/2. */
 INLINE double compute_arctan2(double y, double x)
 {
     double a = fabs(x), b = fabs(y);
