@@ -10,6 +10,7 @@ import stat
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
+from io import BufferedReader
 from math import prod
 from pathlib import Path
 from types import UnionType
@@ -120,7 +121,7 @@ class EntryFormat:
                 raise CorruptEntry("is damaged")
         return arrays | plain
 
-    def _read_arrays(self, file: BinaryIO, header: dict[str, Any]) -> dict[str, NDArray[Any]]:
+    def _read_arrays(self, file: BufferedReader, header: dict[str, Any]) -> dict[str, NDArray[Any]]:
         """Read the arrays behind the header, whose fields on them are taken out of it."""
         expected = bytes.fromhex(header.pop("digest"))
         shapes = [(header.pop(name), np.dtype(kind)) for name, kind in self.arrays.items()]
