@@ -198,7 +198,6 @@ class BlockSolver:
             measure_kept(squares, is_data, is_kept),
             weights,
             is_kept,
-            errors=rebuilt - frames,
             gaps=_find_gaps(block),
         )
         return make_solved_block(block, solution, metrics, squares, digests, kept)

@@ -148,8 +148,6 @@ class KeptBlock:
     weights : (e,) float64
     counts : (m,) int64
         Frames in which each vertex was kept.
-    noise : (k,) float64
-        As of `measure_noise`; nan where a frame of the block is missing beside it.
     """
 
     metrics: KeptMetrics
@@ -157,17 +155,11 @@ class KeptBlock:
     vertices: Integers
     weights: Floats
     counts: Integers
-    noise: Floats
 
     @staticmethod
-    def of(
-        metrics: KeptMetrics, weights: Floats, is_kept: Mask, errors: Floats, gaps: Integers
-    ) -> "KeptBlock":
-        """Return what was kept of k frames with errors v̂ − v, (k, m, 3); `gaps` have nothing."""
-        noise, weights = measure_noise(errors, is_kept), weights.copy()
-        for step in (-1, 0, 1):
-            places = gaps + step
-            noise[places[(places >= 0) & (places < len(noise))]] = np.nan
+    def of(metrics: KeptMetrics, weights: Floats, is_kept: Mask, gaps: Integers) -> "KeptBlock":
+        """Return what was kept of k frames with weights (k, m); `gaps` have nothing."""
+        weights = weights.copy()
         weights[gaps] = 1
         frames, vertices = np.nonzero(weights != 1)
         return KeptBlock(
@@ -176,7 +168,6 @@ class KeptBlock:
             vertices=vertices,
             weights=weights[frames, vertices],
             counts=np.delete(is_kept, gaps, axis=0).sum(axis=0),
-            noise=noise,
         )
 
     def get_weights(self, place: int) -> tuple[Integers, Floats]:
@@ -192,20 +183,3 @@ class KeptBlock:
             row[vertices] = values
         return weights
 
-
-def measure_noise(errors: Floats, is_kept: Mask) -> Floats:
-    """Measure how much residuals tremble from frame to frame, (k,): a mean squared length.
-
-    What a cage cannot follow changes slowly, and cancels in second differences; of independent
-    noise they have six times the variance. Errors, v̂ − v, are (k, m, 3).
-    """
-    noise = np.full(len(errors), np.nan)
-    if len(errors) < 3:
-        return noise
-    bends = errors[:-2] - 2 * errors[1:-1] + errors[2:]
-    counted = is_kept[:-2] & is_kept[1:-1] & is_kept[2:]
-    squares = np.einsum("kjx,kjx->kj", bends, bends)
-    counts = counted.sum(axis=1)
-    sums = np.where(counted, squares, 0.0).sum(axis=1)
-    noise[1:-1] = np.where(counts > 0, sums / (6 * np.maximum(counts, 1)), np.nan)
-    return noise

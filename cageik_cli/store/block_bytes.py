@@ -72,7 +72,6 @@ def _pack_kept(kept: KeptBlock) -> bytes:
         [
             _pack_columns(kept.metrics, KEPT_TYPES),
             np.ascontiguousarray(kept.counts, "<i8").tobytes(),
-            np.ascontiguousarray(kept.noise, "<f8").tobytes(),
             np.ascontiguousarray(kept.starts, "<i8").tobytes(),
             np.ascontiguousarray(kept.vertices, "<i8").tobytes(),
             np.ascontiguousarray(kept.weights, "<f8").tobytes(),
@@ -83,12 +82,11 @@ def _pack_kept(kept: KeptBlock) -> bytes:
 def _unpack_kept(stream: io.BytesIO, count: int, vertices: int) -> KeptBlock:
     columns = _unpack_columns(stream, count, KEPT_TYPES)
     counts = np.frombuffer(stream.read(8 * vertices), "<i8")
-    noise = np.frombuffer(stream.read(8 * count), "<f8")
     starts = np.frombuffer(stream.read(8 * (count + 1)), "<i8")
     entries = int(starts[-1])
     places = np.frombuffer(stream.read(8 * entries), "<i8")
     values = np.frombuffer(stream.read(8 * entries), "<f8")
-    return KeptBlock(KeptMetrics(**columns), starts, places, values, counts, noise)
+    return KeptBlock(KeptMetrics(**columns), starts, places, values, counts)
 
 
 def _pack_columns(metrics: FrameMetrics | KeptMetrics, types: Mapping[str, str]) -> bytes:

@@ -26,7 +26,7 @@ from cageik_cli.util.files import open_input, open_locked, remove_locked, set_si
 from cageik_cli.util.text import format_count
 
 CHECKPOINT_START = b"cageik.partial "
-CHECKPOINT_MAGIC = CHECKPOINT_START + b"6\n"
+CHECKPOINT_MAGIC = CHECKPOINT_START + b"7\n"
 """Raise its number when the spec or the bytes of blocks change, so that older ones are refused."""
 
 _RECORD_HEADER = struct.Struct("<QI")  # length and checksum of what follows

@@ -13,8 +13,9 @@ from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.solver.executor import choose_block_size
+from cageik_cli.solver.fill import MAX_BRIDGED_FRAMES, FrameTerms, TimeFiller
 from cageik_cli.solver.settings import AUTO_SMOOTHING, CaptureSettings
-from cageik_cli.solver.smooth import MAX_BRIDGED_FRAMES, FrameTerms, TimeSmoother
+from cageik_cli.solver.smooth import TimeSmoother, choose_strengths
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FileAccessError, InputError
@@ -60,19 +61,19 @@ class TimePass:
         self._solver, self._checkpoint = solver, checkpoint
         self._settings, self._fps = settings, fps
         self._count = len(checkpoint.spec.frames)
-        self._smoother = TimeSmoother(self._solver)
+        self._filler, self._smoother = TimeFiller(solver), TimeSmoother(solver)
         self._is_known = np.ones(self._count, bool)
         self._is_known[list(checkpoint.summary.skipped)] = False
 
     def run(self) -> Iterator[SmoothedFrames]:
         """Yield the frames of all windows, without their overlaps."""
-        gamma, wanted = self.gamma, self._is_known | self._is_fillable
+        strengths, wanted = self.strengths, self._is_known | self._is_fillable
         for inner, window, terms in self._read_windows():
-            filled = self._smoother.fill(terms, self._noise)
-            if gamma:
-                smooth = self._smoother.smooth(filled, terms.is_known, gamma)
-            else:
+            filled = self._filler.fill(terms)
+            if strengths is None:
                 smooth = np.where(terms.is_known[:, None, None], terms.cages, filled)
+            else:
+                smooth = self._smoother.smooth(filled, terms, strengths)
             smooth = _hold_ends(smooth, terms.is_known)
             own = slice(inner.start - window.start, inner.stop - window.start)
             cages, here = smooth[own].copy(), slice(inner.start, inner.stop)
@@ -80,34 +81,20 @@ class TimePass:
             yield SmoothedFrames(inner.start, cages, (wanted & ~self._is_known)[here])
 
     @cached_property
-    def gamma(self) -> float:
-        """Strength of smoothing; 0 if frames are only filled."""
+    def strengths(self) -> Floats | None:
+        """Strengths of smoothing, as of `TimeSmoother`; None if frames are only filled."""
         chosen = self._settings.smooth
         if chosen is None or self._is_known.sum() < 3:
-            return 0.0
+            return None
         if chosen != AUTO_SMOOTHING:
-            return self._smoother.convert_length(float(chosen) * self._fps / (2 * np.pi))
-        added = freedom = np.zeros(1)
+            return self._smoother.repeat_period(float(chosen) * self._fps)
+        taken, freedom, frames = np.zeros(1), np.zeros(1), 0
         for inner, window, terms in self._read_windows():
-            filled = self._smoother.fill(terms, self._noise)
-            own = slice(inner.start - window.start, inner.stop - window.start)
-            if inner.stop - inner.start >= 3 and np.isfinite(filled[own]).all():
-                more, free = self._smoother.measure_validation(filled[own])
-                added, freedom = added + more, freedom + free
-        residuals = self._noise * int(self._is_known.sum())
-        return self._smoother.choose_strength(added, freedom, residuals, int(self._is_known.sum()))
-
-    @cached_property
-    def _noise(self) -> float:
-        """Mean squared length of the noise of vertices: of what trembles, if that can be told."""
-        noise, squares = [], []
-        for block in self._checkpoint.blocks():
-            # Blocks are not held: their weights grow with frames and vertices.
-            if block.kept is not None:
-                noise.append(block.kept.noise)
-                squares.append(block.kept.metrics.rms_kept**2)
-        found = np.concatenate(noise)
-        return float(np.nanmedian(np.concatenate(squares) if np.isnan(found).all() else found))
+            if len(inner) >= 3:
+                own = slice(inner.start - window.start, inner.stop - window.start)
+                more, free = self._smoother.measure_validation(self._filler.fill(terms)[own])
+                taken, freedom, frames = taken + more, freedom + free, frames + len(inner)
+        return choose_strengths(taken, freedom, frames)
 
     @cached_property
     def _is_fillable(self) -> Mask:
@@ -244,14 +231,14 @@ def run_time_pass(
     size = choose_block_size(checkpoint.spec.vertices)
     frames = _cut_into_blocks(time_pass.run(), size, len(sequence))
     with progress.stage("smooth"):
-        gamma = time_pass.gamma
-    with closing(_read_blocks(sequence, size, jobs, is_needed=gamma > 0)) as reads:
+        is_smoothed = time_pass.strengths is not None
+    with closing(_read_blocks(sequence, size, jobs, is_needed=is_smoothed)) as reads:
         for solved in checkpoint.blocks():
             with progress.stage("smooth"):
                 smoothed = next(frames)
             with progress.stage("read"):
                 block = next(reads)
-            if gamma:
+            if is_smoothed:
                 with progress.stage("measure"):
                     solved = _measure_again(block_solver, solved, smoothed, block)
             output.append(_set_filled(block_solver.solver, solved, smoothed))

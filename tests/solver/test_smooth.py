@@ -1,16 +1,19 @@
-"""Cages over time, against one dense solve of all frames; windows, gaps and hits."""
+"""Cages smoothed over time: rigid motions apart, strengths by cross-validation, hits and windows."""
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from cageik_cli import bind
+from cageik_cli.solver import smooth
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.fill import FrameTerms
 from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.solver.smooth import MIN_WINDOW, STRENGTHS, FrameTerms, TimeSmoother
+from cageik_cli.solver.smooth import MIN_WINDOW, STRENGTHS, TimeSmoother, choose_strengths
 from tests.shapes import ball, box
 
 RNG = np.random.default_rng(11)
-FRAMES = 30
+FRAMES = 80
 
 
 @pytest.fixture(scope="module")
@@ -24,115 +27,137 @@ def smoother(solver):
     return TimeSmoother(solver)
 
 
-def make_cages(solver, noise=0.02, count=FRAMES):
+def make_cages(solver, count=FRAMES):
+    """Cages that swell, drift, and bend at one vertex."""
     time = np.linspace(0, 2 * np.pi, count)[:, None, None]
-    clean = solver.rest_cage * (1 + 0.2 * np.sin(time)) + [1.0, 0.0, 0.0] * time
-    return clean, clean + noise * RNG.standard_normal(clean.shape)
+    cages = solver.rest_cage * (1 + 0.2 * np.sin(time)) + [1.0, 0.0, 0.0] * time
+    cages[:, 3, 1] += 0.3 * np.sin(2 * time[:, 0, 0])
+    return cages
 
 
-def dense_solution(matrices, right, gammas):
-    """All frames as one system."""
-    count, n = right.shape[:2]
-    bends = np.kron(np.diff(np.eye(count), 2, axis=0), np.eye(n))
-    whole = bends.T @ (np.repeat(gammas, n)[:, None] * bends)
-    for t, matrix in enumerate(matrices):
-        whole[t * n : t * n + n, t * n : t * n + n] += matrix
-    return np.linalg.solve(whole, right.reshape(count * n, 3)).reshape(right.shape)
+def make_terms(cages, **changes):
+    known = np.ones(len(cages), bool)
+    return FrameTerms(**{"cages": cages, "is_known": known, "lost": {}} | changes)
 
 
-@pytest.mark.parametrize("period", [0.3, 3.0])
-def test_smoothing_is_the_minimum_over_all_frames(solver, period):
-    smoother = TimeSmoother(solver, hit_ratio=1e9)
-    _, cages = make_cages(solver)
-    known = np.ones(FRAMES, bool)
+def smooth_auto(smoother, cages):
+    strengths = choose_strengths(*smoother.measure_validation(cages), len(cages))
+    return smoother.smooth(cages, make_terms(cages), strengths)
+
+
+def turn(cages, angles):
+    return cages @ Rotation.from_euler("y", np.reshape(angles, (-1, 1))).as_matrix().swapaxes(1, 2)
+
+
+def test_a_body_that_turns_keeps_its_size_and_place(solver, smoother):
+    """Once in 24 frames, smoothed with just that period."""
+    angles = 2 * np.pi * np.arange(FRAMES) / 24
+    cages = turn(np.tile(solver.rest_cage, (FRAMES, 1, 1)), angles)
+    found = smoother.smooth(cages, make_terms(cages), smoother.repeat_period(24))
+    inner = slice(24, -24)
+    np.testing.assert_allclose(found[inner], cages[inner], rtol=0, atol=5e-3)
+    sizes = [np.linalg.norm(one - one.mean(axis=1, keepdims=True)) for one in (found, cages)]
+    np.testing.assert_allclose(*sizes, rtol=1e-12)
+
+
+def test_a_motion_of_the_stated_period_is_halved(solver, smoother):
+    shift = 0.1 * np.sin(2 * np.pi * np.arange(240) / 24)[:, None, None] * np.array([1.0, 0, 0])
+    cages = solver.rest_cage + shift
+    found = smoother.smooth(cages, make_terms(cages), smoother.repeat_period(24))
+    middle = slice(96, 144)
+    np.testing.assert_allclose(
+        found[middle] - solver.rest_cage, (shift / 2)[middle] + np.zeros((8, 1)), rtol=0, atol=2e-3
+    )
+
+
+def test_smoothing_turns_with_the_clip(solver, smoother):
+    cages = make_cages(solver) + 0.02 * RNG.standard_normal((FRAMES, 8, 3))
+    turned = turn(cages, np.full(FRAMES, 1.1)) + [3.0, -2.0, 1.0]
+    expected = turn(smooth_auto(smoother, cages), np.full(FRAMES, 1.1)) + [3.0, -2.0, 1.0]
+    np.testing.assert_allclose(smooth_auto(smoother, turned), expected, rtol=0, atol=1e-9)
+
+
+def test_a_track_is_the_minimum_over_all_frames(solver, smoother, monkeypatch):
+    """A vertex that moves in the aligned cage, against a dense solve; gaps have no weight."""
+    monkeypatch.setattr(smooth, "MIN_HIT_RATIO", 1e9)
+    centres = make_cages(solver, 30).mean(axis=1, keepdims=True)
+    centres += 0.02 * RNG.standard_normal(centres.shape)
+    cages = solver.rest_cage + centres - solver.rest_cage.mean(axis=0)
+    known = np.ones(30, bool)
     known[[4, 5, 17]] = False
-    gamma = smoother.convert_length(period)
-    matrices = [solver.normal * is_known for is_known in known]
-    expected = dense_solution(
-        matrices, known[:, None, None] * (solver.normal @ cages), np.full(FRAMES - 2, gamma)
-    )
-    found = smoother.smooth(cages, known, gamma)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    second = np.diff(np.eye(30), 2, axis=0)
+    strength = smoother.repeat_period(9.0)
+    system = np.diag(known.astype(float)) + strength[0] * second.T @ second
+    expected = np.linalg.solve(system, known[:, None] * centres[:, 0])
+    found = smoother.smooth(cages, make_terms(cages, is_known=known), strength)
+    np.testing.assert_allclose(found.mean(axis=1), expected, rtol=0, atol=1e-9)
 
 
-def test_missing_parts_are_filled_by_the_minimum_over_all_frames(solver):
-    smoother = TimeSmoother(solver, fill_frames=0.4, fill_tolerance=1e-9)
-    clean, cages = make_cages(solver, noise=1e-3)
-    known = np.ones(FRAMES, bool)
-    known[9] = False
-    rows = np.arange(40)
-    lost = {t: solver.weigh_data(np.ones(40), rows) for t in (3, 12, 13)}
-    found = smoother.fill(FrameTerms(cages, known, lost), noise=1e-6)
-    np.testing.assert_array_equal(found[20], cages[20])
-    assert np.abs(found[9] - clean[9]).max() < 0.02
-    matrices = [solver.normal * is_known for is_known in known]
-    right = known[:, None, None] * (solver.normal @ cages)
-    for t, matrix in lost.items():
-        matrices[t] = solver.normal - matrix
-        right[t] -= matrix @ cages[t]
-    gammas = np.full(FRAMES - 2, smoother.convert_length(0.4))
-    expected = dense_solution(matrices, right, gammas)
-    for t, matrix in lost.items():
-        expected[t] = np.linalg.solve(solver.normal, right[t] + matrix @ expected[t])
-    np.testing.assert_allclose(found[[3, 9, 12, 13]], expected[[3, 9, 12, 13]], rtol=0, atol=1e-7)
-
-
-def test_gaps_alone_are_interpolated_and_others_stay(solver, smoother):
-    time = np.arange(FRAMES)[:, None, None]
-    cages = solver.rest_cage + time * np.array([0.1, 0.0, 0.0])
-    known = np.ones(FRAMES, bool)
-    known[10:13] = False
-    spoilt = np.where(known[:, None, None], cages, 0.0)
-    found = smoother.fill(FrameTerms(spoilt, known, {}), noise=1e-6)
-    np.testing.assert_allclose(found, cages, rtol=0, atol=1e-6)
-    np.testing.assert_array_equal(found[known], cages[known])
-
-
-def test_validation_finds_noise_and_spares_clean_motion(solver, smoother):
-    clean, _ = make_cages(solver, count=80)
-    noise = 0.02**2 * 3
-    vertices = len(solver.rest)
-    spoilt = clean + np.linalg.solve(
-        np.linalg.cholesky(solver.normal).T,
-        RNG.standard_normal(clean.shape) * np.sqrt(noise / 3 * solver.data_scale),
-    )
-    gamma = smoother.choose_strength(*smoother.measure_validation(spoilt), noise * 80, 80)
-    smooth = smoother.smooth(spoilt, np.ones(80, bool), gamma)
-    error, before = (np.abs(one - clean).mean() for one in (smooth, spoilt))
+@pytest.mark.parametrize("kind", ["jitter", "patches"])
+def test_what_trembles_alike_is_found_and_clean_motion_is_spared(solver, smoother, kind):
+    clean = make_cages(solver)
+    spoilt = turn(clean, 0.01 * RNG.standard_normal(FRAMES))
+    spoilt += 0.02 * RNG.standard_normal((FRAMES, 1, 3))
+    if kind == "patches":
+        spoilt = clean.copy()
+        spoilt[:, :2] += 0.02 * RNG.standard_normal((FRAMES, 1, 3))
+    found, untouched = smooth_auto(smoother, spoilt), smooth_auto(smoother, clean)
+    error, before = (np.sqrt(((one - clean) ** 2).mean()) for one in (found, spoilt))
     assert error < 0.6 * before
-    tiny = smoother.choose_strength(*smoother.measure_validation(clean), 1e-8 * 80, 80)
-    assert np.abs(smoother.smooth(clean, np.ones(80, bool), tiny) - clean).max() < 1e-3
-    assert vertices > 0
+    assert np.abs(untouched - clean).max() < 1e-3
 
 
-def test_the_added_residual_and_the_freedom_are_those_of_the_smoothing(solver):
-    smoother = TimeSmoother(solver, hit_ratio=1e9)
-    _, cages = make_cages(solver)
-    added, freedom = smoother.measure_validation(cages)
-    place = 20
-    smooth = smoother.smooth(cages, np.ones(FRAMES, bool), STRENGTHS[place] * smoother.scale)
-    moved = smooth - cages
-    total = np.einsum("tix,ij,tjx->", moved, solver.normal, moved)
-    np.testing.assert_allclose(added[place], total, rtol=1e-6)
-    assert (np.diff(added) >= 0).all()
-    assert (np.diff(freedom) <= 0).all()
+def test_three_frames_are_not_smoothed_by_chance(solver, smoother):
+    strengths = choose_strengths(*smoother.measure_validation(make_cages(solver)[:3]), 3)
+    np.testing.assert_array_equal(strengths, STRENGTHS[0])
 
 
-def test_a_hit_survives(solver, smoother):
-    clean, cages = make_cages(solver, noise=0.005, count=80)
-    hit = 0.8 * np.exp(-(((np.arange(80) - 40) / 1.2) ** 2))[:, None, None] * np.array([0, 1.0, 0])
-    known = np.ones(80, bool)
-    found = smoother.smooth(cages + hit, known, smoother.convert_length(1.5))
-    speed = [np.abs(np.diff(one[:, 0, 1])).max() for one in (found, clean + hit)]
+def test_what_is_taken_and_left_is_that_of_the_smoothing(solver, smoother, monkeypatch):
+    monkeypatch.setattr(smooth, "MIN_HIT_RATIO", 1e9)
+    cages = make_cages(solver) + 0.02 * RNG.standard_normal((FRAMES, 8, 3))
+    taken, freedom = smoother.measure_validation(cages)
+    second = np.diff(np.eye(FRAMES), 2, axis=0)
+    moved = np.linalg.inv(np.eye(FRAMES) + STRENGTHS[12] * second.T @ second)
+    np.testing.assert_allclose(freedom[12], np.trace(moved), rtol=1e-9)
+    centres = cages @ np.eye(3)
+    centres = np.einsum("i,tix->tx", smoother._mean, centres)
+    np.testing.assert_allclose(
+        taken[0, 12], ((centres - moved @ centres) ** 2).sum(), rtol=1e-6, atol=0
+    )
+    assert (np.diff(taken, axis=1) >= 0).all()
+
+
+def test_a_vertex_with_little_data_in_a_frame_follows_its_time(solver, smoother):
+    cages = make_cages(solver)
+    spoilt = cages + 0.02 * RNG.standard_normal(cages.shape)
+    spoilt[40, 3] = cages[40, 3] + [0.0, 0.1, 0.0]
+    rows = np.argsort(-solver.binding.weights[:, 3])[:40]
+    lost = {40: solver.weigh_data(np.ones(40), rows)}
+    strengths = np.full(10, STRENGTHS[2])
+    found = [
+        smoother.smooth(spoilt, make_terms(spoilt, lost=one), strengths)[40, 3] - cages[40, 3]
+        for one in (lost, {})
+    ]
+    assert np.linalg.norm(found[0]) < 0.8 * np.linalg.norm(found[1])
+
+
+@pytest.mark.parametrize("vertices", [slice(None), slice(0, 2)])
+def test_a_hit_survives(solver, smoother, vertices):
+    clean = make_cages(solver)
+    hit = 0.8 * np.exp(-(((np.arange(FRAMES) - 40) / 1.2) ** 2))[:, None, None] * [0, 1.0, 0]
+    clean[:, vertices] += hit
+    cages = clean + 0.005 * RNG.standard_normal(clean.shape)
+    found = smoother.smooth(cages, make_terms(cages), smoother.repeat_period(9.0))
+    speed = [np.abs(np.diff(one[:, 0, 1])).max() for one in (found, clean)]
     assert speed[0] > 0.95 * speed[1]
 
 
-def test_windows_give_what_the_whole_gives(solver):
-    smoother = TimeSmoother(solver, hit_ratio=1e9)
-    _, cages = make_cages(solver, count=400)
-    known = np.ones(400, bool)
-    gamma = smoother.convert_length(1.0)
-    whole = smoother.smooth(cages, known, gamma)
-    part = smoother.smooth(cages[100:300], known[100:300], gamma)
+def test_windows_give_what_the_whole_gives(solver, smoother, monkeypatch):
+    monkeypatch.setattr(smooth, "MIN_HIT_RATIO", 1e9)
+    cages = make_cages(solver, 400)
+    cages += 0.02 * RNG.standard_normal(cages.shape)
+    strengths = smoother.repeat_period(6.0)
+    whole = smoother.smooth(cages, make_terms(cages), strengths)
+    part = smoother.smooth(cages[100:300], make_terms(cages[100:300]), strengths)
     inner = slice(MIN_WINDOW // 4, -MIN_WINDOW // 4)
     assert np.abs(part[inner] - whole[100:300][inner]).max() < 1e-2 * np.abs(whole - cages).max()
