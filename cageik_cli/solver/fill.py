@@ -26,10 +26,7 @@ MAX_CONJUGATE_STEPS = 200
 CONJUGATE_TOL = 1e-4
 """Conjugate gradients end at this share of the error of their start, in the norm of the system."""
 
-MAX_BRIDGED_FRAMES = 10
-"""Frames in a row for which the motion around them tells where hidden vertices are, at most."""
-
-BRIDGE_LENGTH, GAP_LENGTH = 0.4, 0.01
+BRIDGE_LENGTH, GAP_LENGTH = 0.37, 0.01
 """Lengths in frames: a motion of the whole mesh with a period of 2π times that is halved where parts
 are filled, and next to that not at all where whole frames are."""
 

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from cageik_cli.solver.blocks import SolvedBlock
     from cageik_cli.solver.captured import KeptBlock
 
+MAX_BRIDGED_FRAMES = 10
+"""Frames in a row for which the motion around them tells where hidden vertices are, at most."""
+
 MIN_BOUND_VERTICES, MAX_BOUND_VERTICES = 512, 1024
 """Vertices on which the best possible error is found; within these limits, 8 per cage vertex."""
 
@@ -150,7 +153,8 @@ class Absences:
 
     def __init__(self, vertex_count: int) -> None:
         self.longest = np.zeros(vertex_count, np.int64)
-        self._present = np.zeros(vertex_count, np.int64)
+        self._present, self._frames = np.zeros(vertex_count, np.int64), 0
+        self._long: list[tuple[range, Integers]] = []
 
     def update(self, kept: "KeptBlock") -> None:
         """Count the frames of the next block; a vertex of a frame without data is seen in it."""
@@ -160,6 +164,26 @@ class Absences:
             before, self._present = self._present, np.zeros_like(self._present)
             self._present[gone] = before[gone] + 1
             np.maximum(self.longest, self._present, out=self.longest)
+            self._long += self._list_long(np.where(self._present > 0, 0, before))
+            self._frames += 1
+
+    @property
+    def has_long(self) -> bool:
+        """Return whether a vertex is without weight for longer than time tells of."""
+        return bool((self.longest > MAX_BRIDGED_FRAMES).any())
+
+    def find_long(self, frame: int) -> Integers:
+        """Return the vertices without weight in a frame, and so long that no motion tells more."""
+        spans = self._long + self._list_long(self._present)
+        found = [vertices for frames, vertices in spans if frame in frames]
+        return np.sort(np.concatenate(found)) if found else np.empty(0, np.int64)
+
+    def _list_long(self, lengths: Integers) -> list[tuple[range, Integers]]:
+        """List absences of these lengths, (m,), up to now, that are too long to be bridged."""
+        return [
+            (range(self._frames - int(length), self._frames), np.flatnonzero(lengths == length))
+            for length in np.unique(lengths[lengths > MAX_BRIDGED_FRAMES])
+        ]
 
 
 class ClipSummary:

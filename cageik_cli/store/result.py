@@ -135,6 +135,11 @@ def checkpoint_path(path: Path) -> Path:
     return path.with_name(path.name + CHECKPOINT_SUFFIX)
 
 
+def placed_path(path: Path) -> Path:
+    """Return the path of the frames whose hidden vertices are placed, until `path` is written."""
+    return path.with_name(path.name + ".placed" + CHECKPOINT_SUFFIX)
+
+
 def smoothed_path(path: Path) -> Path:
     """Return the path of the frames that are smoothed, until the result at `path` is written."""
     return path.with_name(path.name + ".smooth" + CHECKPOINT_SUFFIX)

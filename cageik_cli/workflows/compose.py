@@ -21,8 +21,7 @@ from cageik_cli.solver.regions import (
     find_worst_regions,
     has_bad_regions,
 )
-from cageik_cli.solver.fill import MAX_BRIDGED_FRAMES
-from cageik_cli.solver.summary import ClipSummary
+from cageik_cli.solver.summary import MAX_BRIDGED_FRAMES, ClipSummary
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.fit_fields import UnfittedClip

@@ -1,7 +1,7 @@
 """The run: one clip on its way from files to a result."""
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +17,13 @@ from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache_entry import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
-from cageik_cli.store.result import Result, checkpoint_path, read_result, smoothed_path
+from cageik_cli.store.result import (
+    Result,
+    checkpoint_path,
+    placed_path,
+    read_result,
+    smoothed_path,
+)
 from cageik_cli.store.result_fields import ResultHeader
 from cageik_cli.store.result_writer import open_result_writer
 from cageik_cli.util.errors import error_context
@@ -47,6 +53,7 @@ from cageik_cli.workflows.resume import (
 )
 from cageik_cli.workflows.run_cage import build_cached, suggest_repair
 from cageik_cli.workflows.settings import ExtractSettings
+from cageik_cli.workflows.smooth import open_refined
 
 
 def extract(settings: ExtractSettings, progress: ProgressListener | None = None) -> Result:
@@ -122,7 +129,8 @@ class Extraction:
         # One thread for the products: blocks are solved, and frames read, beside each other.
         with open_checkpoint(self.settings, self._make_spec()) as checkpoint, limit_blas_threads(1):
             self.solve(checkpoint)
-            with self.smooth(checkpoint) as complete:
+            refined = open_refined(self.block_solver, checkpoint, self.settings, self.scene.fps)
+            with refined as (complete, self.filled):
                 self.write(complete)
         return read_result(self.settings.output)
 
@@ -183,7 +191,7 @@ class Extraction:
 
     def keep_existing(self, result: Result) -> Result:
         """Delete what an interrupted run has left beside a result that exists already."""
-        for find_path in (checkpoint_path, smoothed_path):
+        for find_path in (checkpoint_path, placed_path, smoothed_path):
             delete_checkpoint(find_path(self.settings.output))
         self.progress.note("unchanged", "up to date, nothing to do")
         write_built_cage(self.settings, result.cage)
@@ -266,31 +274,6 @@ class Extraction:
                 with self.progress.stage("write"):
                     checkpoint.append(block)
                 self.progress.update(block.stop, len(self.sequence))
-
-    @contextmanager
-    def smooth(self, checkpoint: Checkpoint) -> Iterator[Checkpoint]:
-        """Open a checkpoint with the cages smoothed and filled over time, if that is asked for."""
-        settings = self.settings
-        is_empty = len(checkpoint.summary.skipped) == len(self.sequence)
-        if is_empty or not settings.capture.needs_time_pass:
-            yield checkpoint
-            return
-        from cageik_cli.workflows.smooth import run_time_pass
-
-        path = smoothed_path(settings.output)
-        smoothed = Checkpoint.open(path, checkpoint.spec, resume=False, overwrite=True)
-        try:
-            self.filled = run_time_pass(
-                self.block_solver,
-                checkpoint,
-                smoothed,
-                settings=settings.capture,
-                fps=self.scene.fps,
-                jobs=settings.jobs,
-            )
-            yield smoothed
-        finally:
-            smoothed.discard()
 
     def write(self, checkpoint: Checkpoint) -> None:
         """Compose the result of a checkpoint that holds all frames."""

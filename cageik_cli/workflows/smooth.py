@@ -1,24 +1,26 @@
 """The second pass of a run: cages smoothed over time and filled, and measured again."""
 
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import reconstruct_frames
 from cageik_cli.formats.base.sequence import Block, MeshSequence
-from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.executor import choose_block_size
-from cageik_cli.solver.fill import MAX_BRIDGED_FRAMES, FrameTerms, TimeFiller
+from cageik_cli.solver.fill import FrameTerms, TimeFiller
 from cageik_cli.solver.settings import AUTO_SMOOTHING, CaptureSettings
 from cageik_cli.solver.smooth import TimeSmoother, choose_strengths
+from cageik_cli.solver.summary import Absences
 from cageik_cli.store.checkpoint import Checkpoint
+from cageik_cli.store.result import placed_path, smoothed_path
 from cageik_cli.util.arrays import Floats, Integers, Mask
-from cageik_cli.util.errors import FileAccessError, InputError
+from cageik_cli.workflows.hidden import find_rotations, measure_again, place_hidden
+from cageik_cli.workflows.settings import ExtractSettings
 
 MAX_FILLED_GAP = 48
 """Frames of a gap that is filled, at most."""
@@ -110,7 +112,9 @@ class TimePass:
     def _read_windows(self) -> Iterator[tuple[range, range, FrameTerms]]:
         """Yield the frames of each window without and with overlaps, and their terms."""
         size, overlap = self._smoother.window, self._smoother.overlap
-        blocks, held = self._checkpoint.blocks(), _HeldBlocks(self._solver)
+        absences = self._checkpoint.summary.absences
+        assert absences is not None
+        blocks, held = self._checkpoint.blocks(), _HeldBlocks(self._solver, absences)
         step = size - 2 * overlap if self._count > size else self._count
         for start in range(0, self._count, step):
             inner = range(start, min(start + step, self._count))
@@ -135,9 +139,9 @@ class TimePass:
 class _HeldBlocks:
     """Frames of a checkpoint that windows still need."""
 
-    def __init__(self, solver: DualLaplacianSolver) -> None:
+    def __init__(self, solver: DualLaplacianSolver, absences: Absences) -> None:
         self.stop = 0
-        self._solver = solver
+        self._solver, self._absences = solver, absences
         self._cages: dict[int, Floats] = {}
         self._weights: dict[int, tuple[Integers, Floats]] = {}
 
@@ -165,28 +169,13 @@ class _HeldBlocks:
     def _find_lost(self, window: range) -> Iterator[tuple[int, Floats]]:
         """Yield the frames, counted in the window, in which vertices weigh less, and their E_t."""
         nothing = np.empty(0, np.int64), np.empty(0)
-        frames = [self._weights.get(k, nothing) for k in window]
-        lengths = count_in_a_row([rows[values == 0] for rows, values in frames])
-        for k, ((rows, values), length) in enumerate(zip(frames, lengths, strict=True)):
-            is_lost = np.ones(len(rows), bool)
-            is_lost[values == 0] = length <= MAX_BRIDGED_FRAMES
+        for k, frame in enumerate(window):
+            rows, values = self._weights.get(frame, nothing)
+            is_lost = (values > 0) | ~np.isin(rows, self._absences.find_long(frame))
             if is_lost.any():
                 rows, values = rows[is_lost], values[is_lost]
                 weights = (1 - values) * self._solver.vertex_weights[rows]
                 yield k, self._solver.weigh_data(weights, rows)
-
-
-def count_in_a_row(frames: Sequence[Integers]) -> list[Integers]:
-    """Return for the elements (e,) of each frame in how many frames in a row around it they are."""
-    lengths = [np.full(len(elements), -1) for elements in frames]
-    count = 1 + max((int(elements.max(initial=-1)) for elements in frames), default=-1)
-    for places in (range(len(frames)), reversed(range(len(frames)))):
-        row = np.zeros(count, np.int64)
-        for k in places:
-            before, row = row, np.zeros(count, np.int64)
-            row[frames[k]] = before[frames[k]] + 1
-            lengths[k] += row[frames[k]]
-    return lengths
 
 
 def _hold_ends(cages: Floats, is_known: Mask) -> Floats:
@@ -197,15 +186,6 @@ def _hold_ends(cages: Floats, is_known: Mask) -> Floats:
     held = cages.copy()
     held[: known[0]], held[known[-1] + 1 :] = cages[known[0]], cages[known[-1]]
     return held
-
-
-def find_rotations(solver: DualLaplacianSolver, cages: Floats) -> Floats:
-    """Return the rotations (k, 3, 3) of the rest pose to the meshes of cages (k, n, 3)."""
-    if not solver.is_aligned:
-        return np.tile(np.eye(3), (len(cages), 1, 1))
-    weighted = solver.vertex_weights[:, None] * solver.rest
-    # The mesh relative to any point will do, as the weighted rest pose sums to zero.
-    return nearest_rotations_by_svd((solver.binding.weights.T @ weighted).T @ cages)
 
 
 def run_time_pass(
@@ -240,7 +220,7 @@ def run_time_pass(
                 block = next(reads)
             if is_smoothed:
                 with progress.stage("measure"):
-                    solved = _measure_again(block_solver, solved, smoothed, block)
+                    solved = measure_again(block_solver, solved, smoothed.cages, block)
             output.append(_set_filled(block_solver.solver, solved, smoothed))
             filled += (np.flatnonzero(smoothed.is_filled) + smoothed.start).tolist()
     return tuple(filled)
@@ -269,37 +249,6 @@ def _cut_into_blocks(
             cages, is_filled = cages[size:], is_filled[size:]
 
 
-def _measure_again(
-    block_solver: BlockSolver,
-    solved: SolvedBlock,
-    smoothed: SmoothedFrames,
-    block: Block | None,
-) -> SolvedBlock:
-    """Return a block with smoothed cages, and what is left of its residuals."""
-    assert block is not None
-    assert solved.kept is not None
-    sequence, solver = block_solver.sequence, block_solver.solver
-    binding = solver.binding
-    for k, digest in enumerate(solved.digests, solved.start):
-        if sequence.digest_or_zeros(k) != digest:
-            raise FileAccessError(
-                f"{sequence.location(k)}: changed during the run; run again with `resume=True`"
-            )
-    skipped = np.array(sorted(solved.skipped), np.int64) - solved.start
-    cages = smoothed.cages.copy()
-    cages[skipped] = binding.cage.vertices
-    rotations = find_rotations(solver, cages)
-    rebuilt = reconstruct_frames(binding, cages, rotations)
-    positions, given = block_solver.complete(block)
-    weights = solved.kept.expand_weights(rebuilt.shape[1])
-    solution = Solution(cages, rebuilt, rotations, solved.sampled, weights)
-    errors: dict[int, InputError] = {
-        k: FileAccessError(reason) for k, reason in solved.skipped.items()
-    }
-    again = replace(block, positions=positions, read_errors=errors)
-    return block_solver.measure_block(again, given, solution, solved.digests)
-
-
 def _set_filled(
     solver: DualLaplacianSolver, solved: SolvedBlock, smoothed: SmoothedFrames
 ) -> SolvedBlock:
@@ -310,3 +259,40 @@ def _set_filled(
     cages[smoothed.is_filled] = smoothed.cages[smoothed.is_filled]
     rotations[smoothed.is_filled] = find_rotations(solver, cages[smoothed.is_filled])
     return replace(solved, cages=cages, rotations=rotations)
+
+
+@contextmanager
+def open_refined(
+    block_solver: BlockSolver, checkpoint: Checkpoint, settings: ExtractSettings, fps: float
+) -> Iterator[tuple[Checkpoint, tuple[int, ...]]]:
+    """Open a checkpoint with the frames as they are written, and say which of them were filled.
+
+    Vertices that are hidden for long are placed, and the cages are smoothed and filled if that is
+    asked for; otherwise it is the one that is given.
+    """
+    summary, filled = checkpoint.summary, ()
+    is_empty = len(summary.skipped) == len(block_solver.sequence)
+    with ExitStack() as stack:
+
+        def start(find_path: Callable[[Path], Path]) -> Checkpoint:
+            path = find_path(settings.output)
+            copy = Checkpoint.open(path, checkpoint.spec, resume=False, overwrite=True)
+            stack.callback(copy.discard)
+            return copy
+
+        if summary.absences is not None and summary.absences.has_long and not is_empty:
+            placed = start(placed_path)
+            place_hidden(block_solver, checkpoint, placed, settings.jobs)
+            checkpoint = placed
+        if settings.capture.needs_time_pass and not is_empty:
+            smoothed = start(smoothed_path)
+            filled = run_time_pass(
+                block_solver,
+                checkpoint,
+                smoothed,
+                settings=settings.capture,
+                fps=fps,
+                jobs=settings.jobs,
+            )
+            checkpoint = smoothed
+        yield checkpoint, filled

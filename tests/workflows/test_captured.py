@@ -24,7 +24,6 @@ from cageik_cli.util.errors import CheckpointError, FormatError, InputError, Set
 from cageik_cli.workflows.bind import BindRunSettings, bind_files
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.settings import ExtractSettings
-from cageik_cli.workflows.smooth import count_in_a_row
 from tests.corruptions import corrupt
 from tests.listeners import Listener
 
@@ -470,9 +469,3 @@ def test_a_run_killed_after_its_result_leaves_nothing_at_the_next(walker, make, 
     assert extract(replace(settings, resume=True, overwrite=False)).path == result.path
     assert not left.exists()
 
-
-def test_absences_are_counted_over_the_frames_around():
-    frames = [[0, 1], [1], [], [1, 2], [0, 1, 2], [2]]
-    found = count_in_a_row([np.array(one, int) for one in frames])
-    assert [one.tolist() for one in found] == [[1, 2], [2], [], [2, 3], [1, 2, 3], [3]]
-    assert count_in_a_row([np.empty(0, int)])[0].tolist() == []

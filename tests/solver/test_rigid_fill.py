@@ -1,0 +1,48 @@
+"""Hidden vertices placed by the surface around them."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.rigid_fill import RigidFiller
+from tests.shapes import ball
+
+TURN = Rotation.from_rotvec([0.3, 1.9, -0.4]).as_matrix()
+
+
+@pytest.fixture
+def rest():
+    return ball(levels=3, size=1.0)
+
+
+def hide(rest, share=0.3):
+    height = rest.vertices[:, 1]
+    return height > np.quantile(height, 1 - share)
+
+
+def test_what_is_hidden_of_a_body_that_moves_rigidly_moves_with_it(rest):
+    hidden, moved = hide(rest), rest.vertices @ TURN + [3.0, -1.0, 2.0]
+    guess = moved.copy()
+    guess[hidden] += 0.1 * np.random.default_rng(3).standard_normal((hidden.sum(), 3))
+    found = RigidFiller(rest).fill(guess, hidden)
+    np.testing.assert_array_equal(found[~hidden], moved[~hidden])
+    assert np.abs(found - moved).max() < 0.1 * np.abs(guess - moved).max()
+
+
+def test_the_true_place_is_kept_in_any_order_of_masks(rest):
+    filler, moved = RigidFiller(rest), rest.vertices @ TURN
+    for share in (0.3, 0.0, 0.1, 0.3):
+        hidden = hide(rest, share) if share else np.zeros(len(rest.vertices), bool)
+        np.testing.assert_allclose(filler.fill(moved, hidden), moved, rtol=0, atol=1e-6)
+
+
+def test_a_part_of_which_nothing_is_seen_stays_and_keeps_its_shape(rest):
+    count = len(rest.vertices)
+    two = TriMesh(
+        np.concatenate([rest.vertices, rest.vertices + 5]),
+        np.concatenate([rest.faces, rest.faces + count]),
+    )
+    hidden = np.arange(2 * count) >= count
+    found = RigidFiller(two).fill(two.vertices, hidden)
+    np.testing.assert_allclose(found, two.vertices, rtol=0, atol=1e-5)
