@@ -182,4 +182,3 @@ class KeptBlock:
             vertices, values = self.get_weights(place)
             row[vertices] = values
         return weights
-

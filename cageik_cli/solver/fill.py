@@ -27,8 +27,11 @@ CONJUGATE_TOL = 1e-4
 """Conjugate gradients end at this share of the error of their start, in the norm of the system."""
 
 BRIDGE_LENGTH, GAP_LENGTH = 0.37, 0.01
-"""Lengths in frames: a motion of the whole mesh with a period of 2π times that is halved where parts
-are filled, and next to that not at all where whole frames are."""
+"""Lengths in frames, for parts and for whole frames that are filled.
+
+A motion of the whole mesh with a period of 2π times the length would be halved.
+"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameTerms:

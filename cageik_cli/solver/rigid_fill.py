@@ -17,7 +17,7 @@ from cageik_cli.geometry.rotations import nearest_rotations_by_entry
 from cageik_cli.util.arrays import Floats, Mask
 
 RIGID_ROUNDS = 20
-"""Rounds of rotations and positions: with 60, the error of a fifth of a dancer is 1 to 10 % less."""
+"""Rounds of rotations and positions: with 60, the error is up to a tenth less."""
 
 HOLD_WEIGHT = 1e-9
 """Weight by which vertices stay where they begin: a part of which nothing is seen has no other."""

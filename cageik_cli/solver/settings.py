@@ -55,8 +55,8 @@ class CaptureSettings:
     robust : bool
         Let vertices that are far from where the cage can have them count less, or not at all.
     smooth : float or "auto", optional
-        Smooth the cages over time: motions of the whole mesh with this period, in seconds, are
-        halved, and quicker ones nearly vanish. Not smoothed by default.
+        Smooth the cages over time: motions with this period, in seconds, are halved, and quicker
+        ones nearly vanish; what turns steadily stays. Not smoothed by default.
     fill_gaps : bool
         Fill frames that are skipped, or have no data, from those around them in time.
     """

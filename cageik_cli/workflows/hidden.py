@@ -1,7 +1,7 @@
 """What is hidden for long: placed by the surface around it, and these frames solved once more.
 
-The clip is read a second time, as its vertices tell how the surface around has moved. What no motion
-around it in time tells is placed: see `MAX_BRIDGED_FRAMES`.
+The clip is read a second time, as its vertices tell how the surface around has moved. What is
+placed is what no motion around it in time tells: see `MAX_BRIDGED_FRAMES`.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Cages smoothed over time: rigid motions apart, strengths by cross-validation, hits and windows."""
+"""Cages smoothed over time: rigid motions apart, cross-validation, hits and windows."""
 
 import numpy as np
 import pytest
@@ -72,8 +72,9 @@ def test_a_motion_of_the_stated_period_is_halved(solver, smoother):
 
 def test_smoothing_turns_with_the_clip(solver, smoother):
     cages = make_cages(solver) + 0.02 * RNG.standard_normal((FRAMES, 8, 3))
-    turned = turn(cages, np.full(FRAMES, 1.1)) + [3.0, -2.0, 1.0]
-    expected = turn(smooth_auto(smoother, cages), np.full(FRAMES, 1.1)) + [3.0, -2.0, 1.0]
+    angles, shift = np.full(FRAMES, 1.1), np.array([3.0, -2.0, 1.0])
+    turned = turn(cages, angles) + shift
+    expected = turn(smooth_auto(smoother, cages), angles) + shift
     np.testing.assert_allclose(smooth_auto(smoother, turned), expected, rtol=0, atol=1e-9)
 
 
