@@ -270,7 +270,8 @@ def open_refined(
     Vertices that are hidden for long are placed, and the cages are smoothed and filled if that is
     asked for; otherwise it is the one that is given.
     """
-    summary, filled = checkpoint.summary, ()
+    summary = checkpoint.summary
+    filled: tuple[int, ...] = ()
     is_empty = len(summary.skipped) == len(block_solver.sequence)
     with ExitStack() as stack:
 
