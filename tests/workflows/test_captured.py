@@ -162,7 +162,7 @@ def test_a_piece_that_is_hidden_for_long_is_noted(walker, make, first, last, is_
 
 @pytest.mark.parametrize("smooth", ["auto", 0.2])
 def test_a_piece_that_is_hidden_in_all_frames_does_not_fly_when_smoothed(walk, make, smooth):
-    frames = walk[0][::2]
+    frames = walk[0]
     height = frames[0][:, 1]
     hidden = height > np.quantile(height, 0.79)
     spoilt = frames.copy()
