@@ -168,7 +168,14 @@ def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None
             findings = [make_swap_finding(cage, rest)]
         elif len(cage.vertices) > len(rest.vertices):
             findings.append(_suspect_swap(cage, rest))
-    findings.sort(key=lambda finding: SEVERITIES.index(finding.severity))
+    is_of_another = misfit is not None and not misfit.is_repairable
+    # To mend the other faults of such a cage would not help.
+    findings.sort(
+        key=lambda found: (
+            SEVERITIES.index(found.severity),
+            not (is_of_another and found.kind == "outside"),
+        )
+    )
     return Diagnosis(facts, rest_facts, tuple(findings), misfit)
 
 

@@ -5,7 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.cages.faults import Finding, format_elements, validate_cage
+from cageik_cli.cages.faults import (
+    Finding,
+    find_cage_faults,
+    format_elements,
+    validate_cage,
+)
 from cageik_cli.cages.misfit import (
     MAX_DENTED_SHARE,
     MAX_OUTSIDE_SHARE,
@@ -130,14 +135,18 @@ class Placement:
         return float(100 * self.closest.distance[self.worst_vertex] / self.rest.diagonal)
 
     def describe_outside(self, name: str = "") -> str:
-        """Say which vertices are outside, of a mesh of this name."""
+        """Say which vertices are outside, of a mesh of this name; how many, if most are."""
         owner = f" of {name}" if name else ""
+        counted = (
+            f"{len(self.outside_indices)} of {len(self.rest.used_vertices)} vertices{owner} are "
+            f"outside the cage{describe_by_part(self.outside_parts)}"
+        )
+        if self.is_misplaced:
+            return counted
         worst = name_vertex(self.rest, self.worst_vertex)
         return (
-            f"{len(self.outside_indices)} of {len(self.rest.used_vertices)} vertices{owner} are "
-            f"outside the cage{describe_by_part(self.outside_parts)}, the worst, {worst}, by "
-            f"{self.worst_percent:.3g} % of the diagonal: numbers "
-            f"{join_truncated(self.outside_indices)} (from 0)"
+            f"{counted}, the worst, {worst}, by {self.worst_percent:.3g} % of the diagonal: "
+            f"numbers {join_truncated(self.outside_indices)} (from 0)"
         )
 
     def find_outside(self, remedy: str) -> Finding:
@@ -168,9 +177,7 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Pl
     except CageError as error:
         if len(cage.vertices) <= len(rest.vertices) or isinstance(rest, PointCloud):
             if not isinstance(error, MisfitError) and _is_of_other_pose(cage, rest):
-                posed = CageError(f"{error}; {OTHER_POSE_REMEDY}")
-                posed.is_repairable = False
-                raise posed from error
+                raise _make_pose_error(cage) from error
             raise
         if are_swapped(cage, rest):
             raise CageError(make_swap_finding(cage, rest).sentence) from error
@@ -191,6 +198,12 @@ def _is_of_other_pose(cage: TriMesh, rest: TriMesh) -> bool:
     if (placement := locate_vertices(cage, rest)).outside_share <= MAX_DENTED_SHARE:
         return False
     return placement.worst_percent > 1.0  # such a cage is not merely a little too small
+
+
+def _make_pose_error(cage: TriMesh) -> CageError:
+    """Make the error of a cage of another pose that has faults: to mend them would not help."""
+    fault = next(found for found in find_cage_faults(cage) if found.severity == "unfit")
+    return CageError(f"much of the model is far outside, and {fault.message}; {OTHER_POSE_REMEDY}")
 
 
 def are_swapped(cage: TriMesh, rest: TriMesh) -> bool:

@@ -22,9 +22,12 @@ MAX_OUTSIDE_SHARE = 0.5
 MAX_DENTED_SHARE = 0.1
 """With a larger share of vertices far outside, a cage is of another pose."""
 
+BUILD_REMEDY = "leave out `cage=`, and cageik extract builds one"
+"""What always helps where a cage is not that of the model."""
+
 OTHER_POSE_REMEDY = (
-    "it looks like the cage of another pose, or of another model: give the cage at rest, or the "
-    "frame that it was made for as `rest=`; without `cage=`, cageik extract builds one"
+    f"it looks like the cage of another pose, or of another model: {BUILD_REMEDY}; or give the "
+    "cage at rest"
 )
 """What to do about a cage that is not of the rest pose."""
 
@@ -94,7 +97,8 @@ def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> 
     if is_dented and share <= MAX_OUTSIDE_SHARE:
         return Misfit(f"enlarge the cage there, give the rest pose it was made for, or {project}")
     if share <= MAX_OUTSIDE_SHARE:
-        return Misfit(OTHER_POSE_REMEDY, is_repairable=False)
+        remedy = f"{OTHER_POSE_REMEDY}, or the frame that it was made for as `rest=`"
+        return Misfit(remedy, is_repairable=False)
     return Misfit(_describe_misplaced(cage, rest), is_repairable=False)
 
 
@@ -127,15 +131,14 @@ def _describe_misplaced(cage: TriMesh, rest: TriMesh) -> str:
     low = np.maximum(cage.vertices.min(axis=0), rest.vertices.min(axis=0))
     high = np.minimum(cage.vertices.max(axis=0), rest.vertices.max(axis=0))
     if (low > high).any():
-        what = "their bounding boxes do not overlap"
+        what = "their bounding boxes do not overlap, and "
     elif not 1 / MAX_SIZE_RATIO < ratio < MAX_SIZE_RATIO:
-        what = f"the cage is {ratio:.3g} times as large as the model"
+        what = f"the cage is {ratio:.3g} times as large as the model, and "
     else:
-        what = "most of the model is outside"
+        what = ""
     return (
-        f"{what}, and no unit, axes or place makes it fit: it looks like the cage of "
-        "another model, or of another frame; without `cage=`, cageik extract builds one; or give "
-        "the frame that it was made for as `rest=`"
+        f"{what}no unit, axes or place makes it fit, so it looks like the cage of another model, "
+        f"or of another frame: {BUILD_REMEDY}; or give the frame that it was made for as `rest=`"
     )
 
 

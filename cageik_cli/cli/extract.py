@@ -1,6 +1,7 @@
 """`cageik extract`: the cage of every frame."""
 
 import json
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,6 +70,7 @@ def make_extract_settings(**values: Any) -> "ExtractSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
     from cageik_cli.workflows.settings import ExtractSettings
 
+    _refuse_swap(values["frames"], values["cage"])
     if values["binding"] is not None:
         _check_binding_settings(values["binding"], values["bind"])
     if values["cage"] is not None or values["binding"] is not None:
@@ -76,6 +78,20 @@ def make_extract_settings(**values: Any) -> "ExtractSettings":
         message = "{} is for a cage that is built; leave out {} or " + given
         refuse_options(("vertices", "cage_output"), message)
     return ExtractSettings(**values)
+
+
+def _refuse_swap(frames: tuple[str, ...], cage: Path | None) -> None:
+    """Refuse a folder as the cage of one mesh: say what to type, with both swapped."""
+    from cageik_cli.formats.find_files import mesh_suffixes
+
+    if cage is None or not cage.is_dir() or len(frames) != 1:
+        return
+    if Path(frames[0]).suffix.lower() in mesh_suffixes():
+        words = shlex.join([str(cage), "--cage", frames[0]])
+        raise click.UsageError(
+            f"--cage {cage}: is a folder, expected the file of a cage; if both are swapped, type: "
+            f"cageik extract {words}"
+        )
 
 
 def _check_binding_settings(binding: Path, requested: BindSettings) -> None:

@@ -118,14 +118,16 @@ def _make_missing_error(path: Path) -> FileAccessError:
 
 
 def _describe_folder(folder: Path) -> str:
-    """Say what is in a folder in which a pattern finds nothing."""
+    """Say what is in a folder in which a pattern finds nothing, or in that above it."""
     if glob.has_magic(str(folder)):
         return "check the path"
     if not folder.is_dir():
-        return f"there is no folder {folder}"
+        above = next(path for path in folder.parents if path.is_dir())
+        return f"there is no folder {folder}; {_describe_folder(above)}"
     inside = sort_naturally(path for path in folder.iterdir() if path.name[0] != ".")
     names = join_truncated((to_unicode(path.name) for path in inside), 3)
-    return f"{folder} holds {names or 'no file'}"
+    place = "this folder" if folder == Path() else folder
+    return f"{place} holds {names or 'no file'}"
 
 
 def _choose_series(folder: Path, files: list[Path]) -> list[Path]:

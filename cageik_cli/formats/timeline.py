@@ -59,13 +59,16 @@ class Timeline:
         return round(place)
 
     def describe(self) -> str:
-        """Say which frames there are, by number and by index."""
+        """Say which frames there are, by number, and by index where that differs."""
         if self.count == 1:
-            return f"the clip has 1 frame, {self.number_frame(0)} (0 by index)"
+            by_index = " (0 by index)" * (self.start != 0)
+            return f"the clip has 1 frame, {self.number_frame(0)}{by_index}"
         steps = "" if self.step == 1 else f" in steps of {format_frame_number(self.step)}"
+        differs = (self.start, self.step) != (0, 1)
+        by_index = f" (0 to {self.count - 1} by index)" * differs
         return (
             f"the clip has {self.count} frames, {self.number_frame(0)} to "
-            f"{format_frame_number(self.last)}{steps} (0 to {self.count - 1} by index)"
+            f"{format_frame_number(self.last)}{steps}{by_index}"
         )
 
     def choose(self, wanted: "slice | FrameRange") -> range:

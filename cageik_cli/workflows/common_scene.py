@@ -127,7 +127,7 @@ class CommonScene:
         pairs = ((rest.mesh.vertices, frame) for _, frame in read_some_frames(clip))
         difference = find_pose_difference(pairs, rest.mesh.edges.ends)
         beside = f"those of {clip.names[0]}"
-        otherwise = "" if clip.needs_rest else ", or leave out `rest=`"
+        otherwise = "" if clip.needs_rest else "leave out `rest=`, or "
         warning = self._judge(difference, source, beside, "the clip", otherwise)
         return replace(rest, notes=(*rest.notes, *warning))
 
@@ -187,10 +187,10 @@ class CommonScene:
         if not name:
             return (mark_warning(f"{seen}, which no unit explains; errors are percent of it"),)
         options = self._list_options(source, difference.factor, difference.axes)
-        remedy = f"export it as {other} was{otherwise}"
+        remedy = f"{otherwise}export it as {other} was"
         if options:
-            remedy += f", or state it by {options}"
-            remedy += ", if the cage is so, too" * self._is_shared
+            shared = " (if the cage is so, too)" * self._is_shared
+            remedy = f"{otherwise}state it by {options}{shared}, or export it as {other} was"
         elif self._is_shared:
             remedy += "; `given_in=` is for files that do not state it, where there are several"
         if not difference.is_certain:

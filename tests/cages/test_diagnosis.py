@@ -89,18 +89,18 @@ def test_a_thin_cage_is_usable_and_does_not_cross_itself():
 
 
 def test_findings_are_sorted_from_the_worst():
-    """Vertices outside, a lone cage vertex, and faces inward; the weights are not asked for."""
+    """Vertices far outside, a lone cage vertex, and faces inward; weights are not asked for."""
     cage = TriMesh(np.vstack([box().vertices, [[9.0, 9, 9]]]), box().flip().faces)
     rest = moved(ball(1, 0.5), (0.75, 0, 0))
     found = diagnose(cage, rest)
     assert found.verdict == "unfit"
     assert kinds(found) == [
-        ("unfit", "unreferenced-vertex"),
         ("unfit", "outside"),
+        ("unfit", "unreferenced-vertex"),
         ("warning", "inward"),
     ]
     beyond = np.flatnonzero(rest.vertices[:, 0] > 1)
-    np.testing.assert_array_equal(found.findings[1].numbers, beyond)
+    np.testing.assert_array_equal(found.findings[0].numbers, beyond)
     assert found.rest.outside == len(beyond)
     assert found.rest.weakest_vertices == ()
 

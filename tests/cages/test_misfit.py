@@ -3,6 +3,7 @@ import re
 import numpy as np
 import pytest
 
+from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.enclosure import check_enclosure
 from cageik_cli.cages.misfit import explain_misfit, find_transform, round_up
 from cageik_cli.cages.transforms import average_normals, measure_inflation
@@ -88,6 +89,32 @@ def test_a_third_of_the_model_far_outside_is_of_another_pose():
     assert "the cage of another pose" in misfit.remedy
     assert not misfit.is_repairable
     assert explain_misfit(CAGE, far, 8.0, 0.3).is_repairable
+
+
+def test_the_numbers_of_most_vertices_say_nothing():
+    """Where a cage is of another model, what it is comes first."""
+    far = TriMesh(CAGE.vertices + 50, CAGE.faces)
+    assert "numbers 0, 1" not in str(refuse(far))
+    vertices = MODEL.vertices.copy()
+    vertices[0] *= 1.3
+    with pytest.raises(CageError, match="numbers 0 "):
+        check_enclosure(CAGE, TriMesh(vertices, MODEL.faces))
+
+
+def test_faults_of_a_cage_of_another_pose_are_not_to_be_mended():
+    """Neither what refuses it, nor its check, begins with how to mend it."""
+    crossing = TriMesh(CAGE.vertices * [1, 1, 0.1] + [0, 0, 0.4], CAGE.faces)
+    corner = crossing.vertices.copy()
+    corner[0] = crossing.vertices[crossing.vertices[:, 1].argmax()] + [0, 0.1, 0]
+    crossing = TriMesh(corner, CAGE.faces)
+    error = refuse(crossing)
+    assert "crosses" in str(error)
+    assert "leave out `cage=`" in str(error)
+    assert "move vertices" not in str(error)
+    assert not error.is_repairable
+    first, *others = diagnose(crossing, MODEL).findings
+    assert first.kind == "outside"
+    assert "self-intersection" in {finding.kind for finding in others}
 
 
 @pytest.mark.parametrize(

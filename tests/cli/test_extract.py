@@ -17,6 +17,15 @@ from tests.cli.terminal import on_a_terminal
 TYPED = ("extract", "frames", "--cage", "cage.obj")
 
 
+def test_swapped_cage_and_frames_are_told_as_they_are_typed(run, folder):
+    """What the message says to type works."""
+    outcome = run("extract", "cage.obj", "--cage", "frames")
+    assert outcome.code == 2
+    typed = outcome.err.rpartition("type: cageik ")[2].split()
+    assert typed == ["extract", "frames", "--cage", "cage.obj"]
+    assert run(*typed).code == 0
+
+
 def test_the_two_commands_work_as_typed(folder):
     """With the shell's own glob, and nothing else given."""
     line = "-m cageik_cli extract frames/*.obj --cage cage.obj && {0} -m cageik_cli report"

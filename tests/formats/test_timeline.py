@@ -49,6 +49,7 @@ def test_frames_are_named_by_number_or_index(timeline, text, indices):
 @pytest.mark.parametrize(
     ("timeline", "text", "says"),
     [
+        (Timeline(48, start=0), "60:70", "48 frames, 0 to 47; .*, as in `selection=0-9`"),
         (PLAIN, "1001-1050", "1 to 48 (0 to 47 by index); .*, as in `selection=1-10`"),
         (LATE, "1001-1050", "goes beyond the clip; .* give `selection=1001-` to take"),
         (LATE, "990-1010x2", "give `selection=1001-1010x2` to take those"),
