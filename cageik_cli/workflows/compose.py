@@ -29,7 +29,7 @@ from cageik_cli.store.result_fields import ResultSummary
 from cageik_cli.store.result_writer import ResultWriter
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, join_truncated
-from cageik_cli.util.progress import ProgressListener, locate_note
+from cageik_cli.util.progress import locate_note
 from cageik_cli.util.text import format_count
 from cageik_cli.util.units import list_size_notes
 from cageik_cli.workflows.fit import choose_compared_frames, measure_unfitted
@@ -146,33 +146,23 @@ def _find_key_frames(
     return frames + [region.frame for region in regions[:1] if region.frame not in frames]
 
 
-def note_missing_unit(stated: SceneHints, rest: TriMesh, progress: ProgressListener) -> None:
-    """Say that lengths are taken for metres where nobody states what they are.
-
-    A size that no character has is noted with the result.
-    """
-    if stated.metres_per_unit is None and not list_size_notes(rest.diagonal, 1.0, ""):
-        progress.note(
-            "note", "no file states its unit: taken as metres (`metres_per_unit=0.01` for cm)"
-        )
-
-
 def collect_notes(
     stored: StoredBinding,
     rest: LoadedMesh,
     sequence: MeshSequence,
-    scene: Scene,
+    hints: SceneHints,
     summary: ClipSummary,
     solver: DualLaplacianSolver,
 ) -> tuple[str, ...]:
-    """Return what the user should know of the meshes and of what is missing in them."""
+    """Return what the user should know of the meshes and of what is missing in them.
+
+    `hints` are what is stated of the scene.
+    """
     cage = stored.sources["cage"]["name"]
-    unit = scene.metres_per_unit
     notes = [
         *(locate_note(cage, note) for note in stored.binding.notes),
         *(locate_note(rest.source["name"], note) for note in rest.notes),
         *sequence.notes,
-        *list_size_notes(rest.mesh.diagonal, unit, "the result says that a unit is"),
     ]
     if not rest.mesh.is_closed:
         edges = rest.mesh.edges
@@ -196,7 +186,20 @@ def collect_notes(
             f"{solver.missing_count} vertices of weight 0 are missing data, so volumes of frames "
             "are not known and volume figures are left out"
         )
-    return (*notes, *_list_absence_notes(summary))
+    unit_notes = _list_unit_notes(hints.metres_per_unit, rest.mesh.diagonal)
+    return (*notes, *_list_absence_notes(summary), *unit_notes)
+
+
+def _list_unit_notes(metres_per_unit: float | None, diagonal: float) -> list[str]:
+    """Note a size that no character has; or that lengths are taken for metres, if nobody says so.
+
+    `diagonal` is in file units.
+    """
+    unit = Scene().metres_per_unit if metres_per_unit is None else metres_per_unit
+    notes = list_size_notes(diagonal, unit, "the result says that a unit is")
+    if metres_per_unit is None and not notes:
+        return ["no file states its unit: taken as metres (`metres_per_unit=0.01` for cm)"]
+    return notes
 
 
 def _list_absence_notes(summary: ClipSummary) -> tuple[str, ...]:

@@ -36,7 +36,7 @@ from cageik_cli.workflows.bind import (
     restore_unfitted,
 )
 from cageik_cli.workflows.common_scene import CommonScene, Offer
-from cageik_cli.workflows.compose import ResultComposer, collect_notes, note_missing_unit
+from cageik_cli.workflows.compose import ResultComposer, collect_notes
 from cageik_cli.workflows.fit import choose_fit, fit_to_clips
 from cageik_cli.workflows.mesh_source import load_source
 from cageik_cli.workflows.rest_pose import (
@@ -123,7 +123,6 @@ class Extraction:
             self.open()
         if self.existing is not None:
             return self.keep_existing(self.existing)
-        note_missing_unit(self.common.hints, self.rest.mesh, self.progress)
         write_built_cage(self.settings, self.bind().binding.cage)
         self.factor()
         # One thread for the products: blocks are solved, and frames read, beside each other.
@@ -278,13 +277,14 @@ class Extraction:
     def write(self, checkpoint: Checkpoint) -> None:
         """Compose the result of a checkpoint that holds all frames."""
         settings, solver = self.settings, self.block_solver.solver
+        hints = self.common.hints
         assert self.stored is not None
         header = ResultHeader(
             quality=solver.quality,
             scene=self.scene,
             settings=self.recorded_settings,
             notes=collect_notes(
-                self.stored, self.rest, self.sequence, self.scene, checkpoint.summary, solver
+                self.stored, self.rest, self.sequence, hints, checkpoint.summary, solver
             )
             + self._fit_notes,
         )

@@ -262,7 +262,7 @@ def test_a_cage_from_the_cache_gives_the_same_bytes(plain, cache, monkeypatch):
     listener = Listener()
     result = extract(replace(settings, overwrite=True), listener)
     assert result.path.read_bytes() == plain_bytes
-    assert [note.startswith("built cage: ") for note in result.notes] == [True]
+    assert any(note.startswith("built cage: ") for note in result.notes)
     said = [text.split()[0] for topic, text in listener.notes if topic in ("cache", "cage")]
     assert said == ["cache", "built,", "cache"]
     with pytest.raises(AssertionError, match="computed"):
