@@ -1,7 +1,7 @@
 """What people read of a report: at most nine lines on how good a result is, and what to do next."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from textwrap import shorten, wrap
 
@@ -62,10 +62,14 @@ def format_front(
         What shows all figures, as the reader calls it.
     """
     notes = [*_list_gap_notes(report), *map(label_note, report.notes), *run_notes]
+    verdict = _wrap_rows(list_verdict_rows(report), MAX_FRONT_WIDTH - 12)
+    # Four more are the headline, what is written, and two on what comes next. Limits, which are
+    # asked for, do not count.
+    count = 2 if len(verdict) < MAX_FRONT_LINES - 5 else 1
     rows = [
-        *_wrap_rows(list_verdict_rows(report), MAX_FRONT_WIDTH - 12),
+        *verdict,
         *_list_limit_rows(report),
-        *_list_note_rows(notes, source=source),
+        *_list_note_rows(notes, source=source, count=count),
     ]
     return "\n".join([single_line(_describe_clip(report, seconds)), *map(format_front_row, rows)])
 
@@ -159,23 +163,31 @@ def list_verdict_rows(report: Report) -> list[tuple[str, str]]:
     rms = report.counted.rms_percent
     worst, error = find_worst_frame(report, "rms")
     length, size = format_scene_length(report.clip, rms), format_scene_length(report.clip, 100.0, 3)
-    average = (
-        f"{_format_error(rms)} of the size on average ({length} of {size}), "
-        f"{report.vocabulary.worst} frame {format_frame_number(worst.number)}: "
-        f"{_format_error(error)}"
-    )
-    for part in sort_parts(report.parts)[:1]:
-        if part.rms_percent is not None:
-            error = part.rms_percent
-            average += f", {report.vocabulary.worst} part {part.name}: {_format_error(error)}"
-    if report.quality is not None and report.counted.max_deviation_percent < EXACT_ERROR_TOL:
-        average = "exact"
+    average = f"{_format_error(rms)} of the size on average ({length} of {size})"
+    most = report.vocabulary.worst
+    frame = f"{most} frame {format_frame_number(worst.number)}: {_format_error(error)}"
+    parts = [
+        f"{most} part {part.name}: {_format_error(part.rms_percent)}"
+        for part in sort_parts(report.parts)[:1]
+        if part.rms_percent is not None
+    ]
     label, words = ("moved", "") if report.quality is None else ("quality", f"{report.quality}: ")
+    average = _take_fitting(
+        ", ".join([words + average, *facts]) for facts in ([frame, *parts], parts, [frame]) if facts
+    )
+    if report.quality is not None and report.counted.max_deviation_percent < EXACT_ERROR_TOL:
+        average = f"{words}exact"
     kept = [] if report.kept is None else [("data", text) for text in _describe_data(report.kept)]
     better = [] if report.better is None else [("better", report.better)]
     deviation = report.counted.max_deviation_percent
     place = [] if deviation < EXACT_ERROR_TOL else [("look at", _describe_worst_place(report))]
-    return [(label, words + average), *kept, *place, *better]
+    return [(label, average), *kept, *place, *better]
+
+
+def _take_fitting(texts: Iterable[str]) -> str:
+    """Return the first text that fits in a line of the verdict; the last, if none does."""
+    found = list(texts)
+    return next((text for text in found if len(text) <= MAX_FRONT_WIDTH - 12), found[-1])
 
 
 def _format_error(percent: float) -> str:
@@ -216,14 +228,14 @@ def _describe_worst_place(report: Report) -> str:
     text = f"frame {number}: {format_briefly(percent)} % ({length})"
     if report.kept is not None:  # the worst vertex and region may be those of what was rejected
         return text
+    vertex = place = cause = ""
     if frame.worst_vertex is not None:
-        text += f" at vertex {label_vertex(report.parts, frame.worst_vertex)}"
+        vertex = f" at vertex {label_vertex(report.parts, frame.worst_vertex)}"
     for region in (report.regions or ())[:1]:
-        place = ", ".join(f"{value + 0.0:.3g}" for value in region.centre)
-        text += f", near ({place})"
-        if region.cause != Cause.UNKNOWN:
-            text += f", {name_cause(region)}"
-    return text
+        place = f" near ({', '.join(f'{value + 0.0:.3g}' for value in region.centre)})"
+        cause = "" if region.cause == Cause.UNKNOWN else f", {name_cause(region)}"
+    both = f"{vertex}," if vertex and place else vertex
+    return _take_fitting(f"{text}{where}{cause}" for where in (both + place, vertex, place))
 
 
 def _list_limit_rows(report: Report) -> list[tuple[str, str]]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from cageik_cli.report.figures import KeptSummary
+from cageik_cli.report.parts import PartRecord
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.front import MAX_FRONT_WIDTH, format_brief, format_front
 from cageik_cli.util.progress import mark_warning
@@ -69,8 +70,10 @@ def test_of_the_data_only_what_was_left_out_is_told(report, missing, rejected, w
         replace(frame, rms_kept_percent=0.2, max_deviation_kept_percent=1.0)
         for frame in report.frames
     )
-    text = format_front(replace(report, kept=kept, frames=frames))
+    told = replace(report, kept=kept, frames=frames, notes=("a word " * 30,))
+    text = format_front(told)
     assert find_row(text, "data") == words if words else "data" not in text
+    assert len(text.splitlines()) <= 6  # and three on what was written, and what comes next
 
 
 def test_a_probable_cause_is_told_and_an_unknown_one_is_not(report):
@@ -78,6 +81,23 @@ def test_a_probable_cause_is_told_and_an_unknown_one_is_not(report):
     unknown = tuple(replace(region, cause="unknown") for region in report.regions)
     assert "known" not in find_row(format_front(replace(report, regions=unknown)), "look at")
     assert "near" not in find_row(format_front(replace(report, regions=None)), "look at")
+
+
+def test_parts_and_places_that_fit_no_line_are_left_out(report):
+    """A verdict has a line for each row; before, a model of parts had ten lines in all."""
+    parts = (PartRecord("a hat", 0, 18, 0.1, 5.0),)
+    text = format_front(replace(report, parts=parts))
+    assert "worst part a hat: 5.0 %" in find_row(text, "quality")
+    for length in (20, 60):
+        long = (replace(parts[0], name="x" * length),)
+        lines = format_front(replace(report, parts=long)).splitlines()
+        labels = [line[:10].strip() for line in lines[1:]]
+        assert labels == ["quality", "look at", "better", "notes"]
+        assert ("worst part x" in lines[1], "worst frame" in lines[1]) == (
+            length == 20,
+            length == 60,
+        )
+        assert lines[2].endswith("the cage is far away")
 
 
 def test_an_edit_is_not_judged(edited):
