@@ -31,7 +31,7 @@ CAUSES = {
         "little influence: add cage vertices there, or a loop of them across the limb",
     ),
     Cause.COARSE_FACES: (
-        "cage faces larger than the region",
+        "the cage faces there are too large",
         "large faces: divide the cage faces that are named, or build a cage of more vertices",
     ),
     Cause.UNKNOWN: (
