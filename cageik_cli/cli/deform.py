@@ -27,7 +27,7 @@ from cageik_cli.cli.options.clip import (
     make_morph_settings,
     to_option,
 )
-from cageik_cli.formats.settings import MorphSettings
+from cageik_cli.formats.settings import JOINT_MOTIONS, MorphSettings
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.deform import DeformSettings
@@ -43,6 +43,8 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
         if not values["mesh"]:
             said = "{} is for --mesh and --cages; leave it out, or give one of them"
             refuse_options(("exclude",), said)
+    if values["influences"] is None:
+        refuse_options(("joints",), "{} needs --influences; give both, or neither")
     has_morphs = values["morphs"] != MorphSettings(has_normals=True)
     check_morph_usage("--morphs, --tolerance and --flat", has_morphs, values["output"].path)
     return DeformSettings(compares=get_verbosity() > 0, **values)
@@ -91,6 +93,14 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
         type=click.IntRange(min=1),
         help="Fit the weights again to the motion of the mesh, with at most this number of cage "
         "vertices per vertex, as export --skeleton does.  [default: the weights of the mesh]",
+        group=HelpGroup.WRITTEN,
+    ),
+    option(
+        "--joints",
+        type=click.Choice(JOINT_MOTIONS),
+        default="turn",
+        show_default=True,
+        help="With --influences: move the mesh by joints that turn, or that only translate.",
         group=HelpGroup.WRITTEN,
     ),
     OptionGroup(

@@ -11,9 +11,10 @@ from cageik_cli.cli.options import (
     common_options,
     get_verbosity,
     output_options,
+    refuse_options,
 )
 from cageik_cli.cli.options.clip import MORPH_OPTIONS, SCENE_OPTIONS, check_morph_usage, to_option
-from cageik_cli.formats.settings import MorphSettings
+from cageik_cli.formats.settings import JOINT_MOTIONS, MorphSettings
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.export import ExportSettings
@@ -26,6 +27,8 @@ def make_export_settings(**values: Any) -> "ExportSettings":
     is_skeleton = values["skeleton"]
     if values["influences"] is not None and not is_skeleton:
         raise click.UsageError("--influences needs --skeleton; give both, or neither")
+    if not is_skeleton:
+        refuse_options(("joints",), "{} needs --skeleton; give both, or neither")
     if values["guide"] and not values["with_model"]:
         raise click.UsageError("--guide needs --with-model; give both, or neither")
     has_morphs = values["morphs"] != MorphSettings()
@@ -61,6 +64,13 @@ def make_export_settings(**values: Any) -> "ExportSettings":
         type=click.IntRange(min=1),
         help="Fit the weights again, with at most this number of joints per vertex.  [default: "
         "the weights of the result]",
+    ),
+    option(
+        "--joints",
+        type=click.Choice(JOINT_MOTIONS),
+        default="turn",
+        show_default=True,
+        help="Joints that turn, which programs shade rightly, or that only translate.",
     ),
     option(
         "--with-model",

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
 from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
-from cageik_cli.formats.gltf_file import GlbWriter
+from cageik_cli.formats.gltf_file import GlbWriter, Singles
 from cageik_cli.formats.gltf_nodes import make_part_nodes
 from cageik_cli.formats.gltf_surface import cut_surface
 from cageik_cli.geometry.parts import split_parts
@@ -23,10 +23,9 @@ MAX_INFLUENCES = 2 * SET_SIZE
 
 
 class SkeletonWriter(GlbWriter):
-    """Writes the rest mesh, skinned to joints that translate below a root that also turns.
+    """Writes the rest mesh, skinned to joints below a root, where `JointMotion` has them.
 
-    `JointMotion` says where they are. There are no normals: joints that only translate would leave
-    them as they are at rest.
+    There are no normals if joints only translate, which would leave them as they are at rest.
     """
 
     def __init__(self, target: Path, animation: Animation, skin: Skin) -> None:
@@ -45,15 +44,15 @@ class SkeletonWriter(GlbWriter):
                 f"weaker ones; `influences={SET_SIZE}` is fitted to that",
             )
         self._vertices = to_float32(skin.rest.vertices - np.array(animation.origin))
-        self._motion = JointMotion(animation.rest, skin.rotations)
-        self._turns: list[Floats] = []
+        self._motion = JointMotion(animation.rest, skin)
+        self._turns: list[Singles] = []
         (self._places,) = self.open_file(len(self._motion.names), spool_count=1)
 
     def append(self, frames: Floats) -> None:
         """Keep the cages of the next k frames, (k, n, 3)."""
-        for places, turn in self._motion.advance(frames):
+        for places, turns in self._motion.advance(frames):
             self._places.append(to_float32(places))
-            self._turns.append(turn)
+            self._turns.append(turns.astype(np.float32))
 
     def complete(self) -> None:
         """Compose the file: nodes of the parts, what turns z up, the root joint, its children."""
@@ -82,8 +81,10 @@ class SkeletonWriter(GlbWriter):
         """Write the mesh with its weights; return the primitives of each part, and materials."""
         import pygltflib as gltf
 
-        surface = cut_surface(self._skin.rest, has_normals=False)
+        rest, is_shaded = self._skin.rest, self._skin.turns is not None
+        surface = cut_surface(rest, has_normals=is_shaded)
         sets = _make_sets(self._skin.weights)
+        normals = to_float32(surface.compute_normals(rest.vertices)) if is_shaded else None
         primitives: dict[int, list[Any]] = {}
         for primitive in surface.primitives:
             chosen = surface.origins[primitive.start : primitive.stop]
@@ -92,6 +93,9 @@ class SkeletonWriter(GlbWriter):
                 is_place = name == "POSITION"
                 rows = values[chosen]
                 attributes[name] = self._file.add_array(rows, gltf.ARRAY_BUFFER, bounds=is_place)
+            if normals is not None:
+                rows = normals[primitive.start : primitive.stop]
+                attributes["NORMAL"] = self._file.add_array(rows, gltf.ARRAY_BUFFER)
             written = surface.write_primitive(self._file, primitive, attributes)
             primitives.setdefault(primitive.part, []).append(written)
         return primitives, surface.make_materials()
@@ -122,7 +126,7 @@ class SkeletonWriter(GlbWriter):
         return gltf.Skin(inverseBindMatrices=inverse, skeleton=self._root, joints=joints)
 
     def _write_motion(self) -> dict[str, list[object]]:
-        """Write the translations of all joints, and the rotation of the root."""
+        """Write the translations of all joints, and the rotations of those that turn."""
         import pygltflib as gltf
 
         times = self.add_times()
@@ -135,7 +139,8 @@ class SkeletonWriter(GlbWriter):
             channels.append(gltf.AnimationChannel(sampler=len(samplers), target=target))
             samplers.append(gltf.AnimationSampler(input=times, output=output))
 
-        add(self._root, "rotation", np.array(self._turns))
+        for k, turns in enumerate(np.stack(self._turns, axis=1), start=self._root):
+            add(k, "rotation", turns)
         for first, block in self._places.read_blocks(0, len(self._motion.names)):
             places = block.reshape(len(block), -1, 3).swapaxes(0, 1)
             for k, moves in enumerate(places, start=self._root + first):

@@ -130,8 +130,11 @@ class SceneConversion:
 
     def convert_skin(self, skin: Skin) -> Skin:
         """Return a skin whose mesh is in the other scene."""
-        rotations = self.turn.T @ skin.rotations @ self.turn if self.turns else skin.rotations
-        return replace(skin, rest=self.convert_mesh(skin.rest), rotations=rotations)
+        skin = replace(skin, rest=self.convert_mesh(skin.rest))
+        if not self.turns:
+            return skin
+        turns = None if skin.turns is None else self.turn.T @ skin.turns @ self.turn
+        return replace(skin, rotations=self.turn.T @ skin.rotations @ self.turn, turns=turns)
 
     def convert_loaded(self, loaded: LoadedMesh) -> LoadedMesh:
         """Return a mesh from a file in the other scene, with a note."""

@@ -11,6 +11,9 @@ from cageik_cli.util.units import UNIT_LENGTHS, type_unit
 
 UP_AXES = ("Y", "Z")
 
+JOINT_MOTIONS = ("turn", "translate")
+"""How the joints of a skeleton move: they also turn, as normals do with them, or they do not."""
+
 MAX_FRAME_STEP = 10
 """Frames from one sample of a clip to the next, at most, where times leave them open."""
 

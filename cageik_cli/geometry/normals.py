@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import cross
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats, Integers
@@ -37,6 +38,15 @@ def compute_corner_normals(attributes: SurfaceAttributes, positions: Floats) -> 
 def compute_vertex_normals(attributes: SurfaceAttributes, positions: Floats) -> Floats:
     """Compute one normal per vertex, (n, 3), of length 1, as if all its faces shared it."""
     return _average_normals(attributes, attributes.corners, len(positions), positions)
+
+
+def shade_smoothly(mesh: TriMesh) -> TriMesh:
+    """Return a mesh with normals: its own, or of one fan per vertex if it was given none."""
+    attributes = mesh.polygons
+    if attributes.normal_fans is not None:
+        return mesh
+    _, fans = np.unique(attributes.corners, return_inverse=True)
+    return TriMesh(mesh.vertices, mesh.faces, replace(attributes, normal_fans=fans))
 
 
 def complete_fans(attributes: SurfaceAttributes) -> SurfaceAttributes:

@@ -63,6 +63,8 @@ class DeformSettings(CommandSettings):
     influences : int, optional
         Cage vertices that move each vertex, at most, with weights that are fitted again to the
         motion of the mesh; the weights that it has if absent.
+    joints : str
+        How the joints of such a skin move, one of `JOINT_MOTIONS`.
     compares : bool
         Note the error of other numbers of influences, too.
     """
@@ -82,6 +84,7 @@ class DeformSettings(CommandSettings):
     memory: int = DEFAULT_MEMORY
     jobs: int = 1
     influences: int | None = None
+    joints: str = "turn"
     compares: bool = False
     morphs: MorphSettings = field(default_factory=lambda: MorphSettings(has_normals=True))
 
@@ -307,6 +310,7 @@ class _Deformation:
             self._progress,
             influences=settings.influences,
             name=settings.output.path.name,
+            joints=settings.joints,
             compares=settings.compares,
             memory=settings.memory,
             jobs=settings.jobs,

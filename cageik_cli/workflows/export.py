@@ -55,6 +55,8 @@ class ExportSettings(CommandSettings):
     influences : int, optional
         Joints per vertex, at most, with weights that are fitted to that; those of the result if
         absent.
+    joints : str
+        How the joints move, one of `JOINT_MOTIONS`.
     compares : bool
         Note the error of other numbers of influences, too.
     with_model : bool
@@ -71,6 +73,7 @@ class ExportSettings(CommandSettings):
     to: SceneHints = field(default_factory=SceneHints)
     skeleton: bool = False
     influences: int | None = None
+    joints: str = "turn"
     compares: bool = False
     with_model: bool = False
     guide: bool = False
@@ -183,11 +186,12 @@ def _write_skeleton(
         progress,
         influences=settings.influences,
         name=settings.output.path.name,
+        joints=settings.joints,
         compares=settings.compares,
         input_rms=_measure_input_rms(result),
         jobs=count_processors(),
     )
-    cages = (block.cages for block in rig.blocks())
+    places = (block.places for block in rig.blocks())
     skin = SceneConversion.of_output(animation.scene, settings.to).convert_skin(rig.skin)
     if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
         make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=skin)
@@ -196,7 +200,7 @@ def _write_skeleton(
         animation = replace(animation, guide=animation.name if settings.guide else "")
     with limit_blas_threads(1):  # the last digits of the cages depend on it
         summary = write_converted(
-            settings.output, settings.to, animation, cages, progress, make_writer
+            settings.output, settings.to, animation, places, progress, make_writer
         )
     return replace(summary, unit=f"joints that move {len(result.rest.vertices)} vertices")
 

@@ -13,19 +13,28 @@ from cageik_cli.coordinates.binding import (
     reconstruct_frames,
 )
 from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.fit import Fitter
 from cageik_cli.solver.fitting.record import DEFAULT_REGULARIZATION, FitSettings
+from cageik_cli.solver.joints import JointPoses, JointSolver, turn_normals
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.result import Result
-from cageik_cli.util.arrays import DEFAULT_MEMORY
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.reconstruction import RebuiltFrames, Reconstruction
 
+Pose = Callable[[RebuiltFrames], JointPoses]
+"""Poses the joints of a skin for some frames of the reconstruction."""
+
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
 """Frames that are posed together; constant, because the last digits depend on it."""
+
+ANGLES_PER_DEGREE = 20
+"""Steps per degree in which angles of normals are counted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,29 +46,36 @@ class Rig:
     rms, largest : float
         Distances of the skinned mesh from the reconstruction, over all vertices and frames, in
         percent of the diagonal of the rest pose.
+    angles : (float, float)
+        Between the normals that the joints turn and those of the reconstruction, degrees: the
+        root mean square over all vertices and frames, and the 99th percentile.
     total : float, optional
         The largest that the rms distance from the input can be, in the same percent: that of the
         reconstruction and this one, added. None where the input is not known.
     blocks : callable
-        Yields all frames in order: the places of the joints as cages, and the skinned meshes.
+        Yields all frames in order.
     """
 
     skin: Skin
     rms: float
     largest: float
-    blocks: Callable[[], Iterator[RebuiltFrames]]
+    angles: tuple[float, float]
+    blocks: Callable[[], Iterator[JointPoses]]
     total: float | None = None
 
     @property
     def message(self) -> str:
         """A sentence for the user."""
         text = f"up to {self.skin.weights.joints.shape[1]} influences per vertex"
+        shaded = "normals are {:.2g} degrees off (rms), 1 % of them more than {:.2g}"
+        normals = shaded.format(*(round(angle, 2) for angle in self.angles))
         if self.largest < 1e-6:  # rounding: single precision is coarser
-            return f"{text}; the mesh moves as with the full weights"
+            return f"{text}; the mesh moves as with the full weights; {normals}"
         added = f"it adds an rms of {self.rms:.2g} %, largest {self.largest:.2g} %"
         if self.total is None:
-            return f"{text}; {added} of the diagonal, against the full weights"
-        return f"{text}; {added}; against the input, the rms is at most {self.total:.2g} %"
+            return f"{text}; {added} of the diagonal, against the full weights; {normals}"
+        bound = f"against the input, the rms is at most {self.total:.2g} %"
+        return f"{text}; {added}; {bound}; {normals}"
 
 
 def make_rig(
@@ -69,6 +85,7 @@ def make_rig(
     *,
     influences: int | None,
     name: str,
+    joints: str = "turn",
     compares: bool = False,
     input_rms: float | None = None,
     memory: int = DEFAULT_MEMORY,
@@ -85,6 +102,8 @@ def make_rig(
         the reconstruction, which must not be negative.
     name : str
         What the note on the error is about.
+    joints : str
+        One of `JOINT_MOTIONS`.
     input_rms : float, optional
         Distance of the reconstruction from the input, rms over all vertices and frames, in
         percent of the diagonal, where it is known.
@@ -92,7 +111,9 @@ def make_rig(
     with progress.stage("fit"), error_context(result.path), limit_blas_threads(1):
         solve = _read_solve_settings(result)
         target = _settle_rest(target)
-        fit_rig = partial(_fit_rig, target, solve=solve, memory=memory, jobs=jobs)
+        fit_rig = partial(
+            _fit_rig, target, turns=joints == "turn", solve=solve, memory=memory, jobs=jobs
+        )
         rig = fit_rig(influences)
         if input_rms is not None:
             rig = replace(rig, total=input_rms + rig.rms)
@@ -109,25 +130,37 @@ def _fit_rig(
     target: Reconstruction,
     influences: int | None,
     *,
+    turns: bool,
     solve: SolveSettings,
     memory: int,
     jobs: int,
 ) -> Rig:
-    """Return the rig with the weights of the target, or with few that are fitted again."""
+    """Return the rig with the weights of the target, or with few that are fitted again.
+
+    Few weights that the target has are made for joints that only translate.
+    """
     binding = target.binding
-    if influences is None or _has_few(binding, influences):
+    if turns and influences is None and binding.has_offsets:
+        influences = _count_influences(binding)
+    keeps_weights = influences is None or (not turns and _has_few(binding, influences))
+    if keeps_weights and not turns:
         return _keep_weights(target)
     with error_context("few influences, with the alpha and beta of the result"):
-        settings = FitSettings(influences=influences)
-        fitter = Fitter(binding, settings, solve=solve, memory=memory, jobs=jobs)
-        sample = fitter.sample([target])
-        fitted = fitter.limit_influences(sample, DEFAULT_REGULARIZATION, influences)
-        weights = compute_skin_weights(fitted.weights)
+        held = binding.weights
+        if not keeps_weights:
+            settings = FitSettings(influences=influences)
+            fitter = Fitter(binding, settings, solve=solve, memory=memory, jobs=jobs)
+            sample, strength = fitter.sample([target]), DEFAULT_REGULARIZATION
+            held = fitter.limit_influences(sample, strength, influences, turns=turns).weights
+        weights = compute_skin_weights(held)
         solver = DualLaplacianSolver(_bind_skin(binding, weights), solve)
+        joints = JointSolver(solver) if turns else None
 
-        def pose(block: RebuiltFrames) -> RebuiltFrames:
-            solution = solver.solve(block.meshes)
-            return RebuiltFrames(solution.cages, solution.rotations, solution.reconstructions)
+        def pose(block: RebuiltFrames) -> JointPoses:
+            if joints is not None:
+                return joints.solve(block.meshes)
+            found = solver.solve(block.meshes)
+            return JointPoses(found.cages, found.rotations, found.reconstructions)
 
         return _measure_rig(target, weights, pose)
 
@@ -168,7 +201,12 @@ def _settle_rest(target: Reconstruction) -> Reconstruction:
 
 def _has_few(binding: Binding, count: int) -> bool:
     """Return whether weights have at most `count` influences, and are made for that."""
-    return binding.has_offsets and int((binding.weights > 0).sum(axis=1).max()) <= count
+    return binding.has_offsets and _count_influences(binding) <= count
+
+
+def _count_influences(binding: Binding) -> int:
+    """Return how many weights above zero a vertex has, at most."""
+    return int((binding.weights > 0).sum(axis=1).max())
 
 
 def _keep_weights(target: Reconstruction) -> Rig:
@@ -176,9 +214,9 @@ def _keep_weights(target: Reconstruction) -> Rig:
     weights = compute_skin_weights(target.binding.weights)
     skinned = _bind_skin(target.binding, weights)
 
-    def pose(block: RebuiltFrames) -> RebuiltFrames:
+    def pose(block: RebuiltFrames) -> JointPoses:
         meshes = reconstruct_frames(skinned, block.cages, block.rotations)
-        return replace(block, meshes=meshes)
+        return JointPoses(block.cages, block.rotations, meshes)
 
     return _measure_rig(target, weights, pose)
 
@@ -189,23 +227,56 @@ def _bind_skin(binding: Binding, weights: SkinWeights) -> Binding:
     return replace(binding, weights=dense, has_offsets=True)
 
 
-def _measure_rig(
-    target: Reconstruction, weights: SkinWeights, pose: Callable[[RebuiltFrames], RebuiltFrames]
-) -> Rig:
+def _measure_rig(target: Reconstruction, weights: SkinWeights, pose: Pose) -> Rig:
     """Pose all frames, and measure how far they are from the target."""
-    rotations, squares, largest = [], 0.0, 0.0
+    rest = target.binding.rest
+    rotations, turns, squares, largest = [], [], 0.0, 0.0
+    normals = _NormalAngles(rest, weights.to_dense(len(target.binding.cage.vertices)))
     for block in target.blocks(FRAMES_PER_RIG_BLOCK):
         posed = pose(block)
         rotations.append(posed.rotations)
+        if posed.turns is not None:
+            turns.append(posed.turns)
         distances = np.square(posed.meshes - block.meshes).sum(axis=2)
         squares += float(distances.sum())
         largest = max(largest, float(distances.max()))
-    rest = target.binding.rest
+        normals.add(posed, block.meshes)
     count = target.cages.count * len(rest.vertices)
     percent = 100 / rest.diagonal
+    every = np.concatenate(turns) if turns else None
     return Rig(
-        skin=Skin(rest, weights, np.concatenate(rotations)),
+        skin=Skin(rest, weights, np.concatenate(rotations), every),
         rms=percent * float(np.sqrt(squares / count)),
         largest=percent * float(np.sqrt(largest)),
+        angles=normals.summarize(),
         blocks=lambda: map(pose, target.blocks(FRAMES_PER_RIG_BLOCK)),
     )
+
+
+class _NormalAngles:
+    """Counts angles between the normals of a skin, (m, n) weights, and those of meshes."""
+
+    def __init__(self, rest: TriMesh, weights: Floats) -> None:
+        self._rest, self._weights = rest, weights
+        self._normals = compute_vertex_normals(rest.polygons, rest.vertices)
+        self._counts = np.zeros(180 * ANGLES_PER_DEGREE + 1, np.int64)
+        self._squares = 0.0
+
+    def add(self, posed: JointPoses, meshes: Floats) -> None:
+        """Add the angles of frames, (k, m, 3)."""
+        turns = posed.rotations[:, None] if posed.turns is None else posed.turns
+        turns = np.broadcast_to(turns, (len(turns), self._weights.shape[1], 3, 3))
+        found = turn_normals(self._normals, self._weights, turns)
+        for mesh, shaded in zip(meshes, found, strict=True):
+            expected = compute_vertex_normals(self._rest.polygons, mesh)
+            cosines = np.einsum("mx,mx->m", shaded, expected)[self._rest.is_used]
+            angles = np.degrees(np.arccos(cosines.clip(-1, 1)))
+            self._squares += float(np.square(angles).sum())
+            steps = (angles * ANGLES_PER_DEGREE).astype(np.int64)
+            self._counts += np.bincount(steps, minlength=len(self._counts))
+
+    def summarize(self) -> tuple[float, float]:
+        """Return the root mean square and the 99th percentile, degrees."""
+        done = np.cumsum(self._counts)
+        step = np.searchsorted(done, 0.99 * done[-1])
+        return float(np.sqrt(self._squares / max(1, done[-1]))), float(step / ANGLES_PER_DEGREE)

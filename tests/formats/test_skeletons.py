@@ -13,6 +13,9 @@ from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.usd import writer as usd_writer
 from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.normals import compute_vertex_normals
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
+from cageik_cli.solver.joints import turn_normals
 from cageik_cli.util.errors import OutputError
 from tests.clips import frames_of
 from tests.formats.clips import faults_of
@@ -25,6 +28,8 @@ BALL, BOX = ball(levels=1, size=1.0), box(2.0)
 REST, CAGE = (mesh.move(mesh.vertices + np.array([0.5, 0, -0.25])) for mesh in (BALL, BOX))
 ROTATIONS = Rotation.from_rotvec(np.outer([0, 1, 2, 3, 4], [0.3, 0.9, -0.2])).as_matrix()
 CAGES = (CAGE.vertices + RANDOM.normal(0, 0.2, (5, 8, 3))) @ ROTATIONS + [[[3.0, 0, -2]]]
+TURNS = Rotation.from_rotvec(RANDOM.normal(0, 0.5, (40, 3))).as_matrix().reshape(5, 8, 3, 3)
+TURNS = TURNS @ ROTATIONS[:, None]
 SCENE = Scene(fps=25.0, start=3.0, up_axis="Z", metres_per_unit=0.1)
 UPRIGHT = 0.1 * np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 """From z up and tenths of a metre to y up and metres, for columns."""
@@ -61,10 +66,17 @@ class GltfRig:
         frames = np.array([self.file.skinned(k) for k in range(len(CAGES))])
         return frames @ np.linalg.inv(UPRIGHT.T)
 
+    def shade(self):
+        """The normals of the vertices at each frame, (F, m, 3), of length 1."""
+        frames = np.array([self.file.skinned(k, "NORMAL") for k in range(len(CAGES))])
+        turned = frames @ np.linalg.inv(UPRIGHT.T)
+        return turned / np.linalg.norm(turned, axis=2, keepdims=True)
+
     def turns(self):
-        """The quaternions of the root, the real part last, (F, 4)."""
-        (turn,) = [c for c in self.animation["channels"] if c["target"]["path"] == "rotation"]
-        return self.file.array(self.animation["samplers"][turn["sampler"]]["output"])
+        """The quaternions of the joints that have keys, the real part last, (F, j, 4)."""
+        keys = [c for c in self.animation["channels"] if c["target"]["path"] == "rotation"]
+        samplers = [self.animation["samplers"][key["sampler"]] for key in keys]
+        return np.stack([self.file.array(each["output"]) for each in samplers], axis=1)
 
     def joints(self):
         """The names of the joints, and their places when they are bound."""
@@ -88,10 +100,16 @@ class UsdRig:
         points = UsdGeom.Mesh(self.stage.GetPrimAtPath("/hero/mesh")).GetPointsAttr()
         return np.array([np.array(points.Get(3 + k)) for k in range(len(CAGES))], float)
 
+    def shade(self):
+        assert UsdSkel.BakeSkinning(UsdSkel.Root(self.stage.GetDefaultPrim()))
+        normals = UsdGeom.Mesh(self.stage.GetPrimAtPath("/hero/mesh")).GetNormalsAttr()
+        frames = np.array([np.array(normals.Get(3 + k)) for k in range(len(CAGES))], float)
+        return frames / np.linalg.norm(frames, axis=2, keepdims=True)
+
     def turns(self):
         motion = UsdSkel.Animation(self.stage.GetPrimAtPath("/hero/skeleton/motion"))
-        turns = [motion.GetRotationsAttr().Get(3 + k)[0] for k in range(len(CAGES))]
-        return np.array([[*turn.GetImaginary(), turn.GetReal()] for turn in turns])
+        frames = [motion.GetRotationsAttr().Get(3 + k) for k in range(len(CAGES))]
+        return np.array([[[*turn.imaginary, turn.real] for turn in turns] for turns in frames])
 
     def joints(self):
         names = [name.removeprefix("root/") for name in self.skeleton.GetJointsAttr().Get()]
@@ -107,14 +125,14 @@ def rig(request):
     return request.param
 
 
-def start(rig, path, weights=WEIGHTS["4"], rest=REST):
+def start(rig, path, weights=WEIGHTS["4"], rest=REST, turns=None):
     animation = Animation(CAGE, len(CAGES), SCENE, "hero")
-    return rig.make(path, animation, Skin(rest, weights, ROTATIONS))
+    return rig.make(path, animation, Skin(rest, weights, ROTATIONS, turns))
 
 
-def save(rig, path, weights=WEIGHTS["4"], size=2, rest=REST):
+def save(rig, path, weights=WEIGHTS["4"], size=2, rest=REST, turns=None):
     """Write the skeleton; return what another program reads, and the notes."""
-    writer = start(rig, path, weights, rest)
+    writer = start(rig, path, weights, rest, turns)
     for first in range(0, len(CAGES), size):
         writer.append(CAGES[first : first + size])
     writer.complete()
@@ -146,9 +164,51 @@ def test_the_mesh_follows_the_cages(tmp_path, rig, weights):
 
 def test_the_root_takes_the_short_way(tmp_path, rig):
     """Its rotation passes half a turn, where a quaternion may change its sign."""
-    turns = save(rig, tmp_path / rig.name)[0].turns()
+    turns = save(rig, tmp_path / rig.name)[0].turns()[:, 0]
     assert (np.einsum("ki,ki->k", turns[1:], turns[:-1]) > 0).all()
     assert turns[-1, 3] < 0
+
+
+@pytest.mark.parametrize("count", ["1", "4", "8"])
+def test_the_mesh_and_its_normals_follow_joints_that_turn(tmp_path, rig, count):
+    weights = WEIGHTS[count]
+    dense, arms = weights.to_dense(8), REST.vertices[:, None] - CAGE.vertices
+    alone = np.einsum("mna,fnab->fmnb", arms, TURNS) + CAGES[:, None]
+    expected = np.einsum("mn,fmnb->fmb", dense, alone)
+    found, _ = save(rig, tmp_path / rig.name, weights, turns=TURNS)
+    np.testing.assert_allclose(found.skin(), expected, rtol=0, atol=5e-6)
+    found, _ = save(rig, tmp_path / f"again_{rig.name}", weights, turns=TURNS)
+    normals = compute_vertex_normals(REST.polygons, REST.vertices)
+    cosines = np.einsum("fmx,fmx->fm", found.shade(), turn_normals(normals, dense, TURNS))
+    assert np.degrees(np.arccos(cosines.clip(-1, 1))).max() < 0.1
+
+
+def test_all_joints_that_turn_take_the_short_way(tmp_path, rig):
+    frames = save(rig, tmp_path / rig.name, turns=TURNS)[0].turns()
+    assert frames.shape == (5, 9, 4)
+    assert (np.einsum("fjq,fjq->fj", frames[1:], frames[:-1]) > 0).all()
+
+
+def test_hard_edges_of_the_asset_are_kept(tmp_path, rig):
+    """Corners with normals of their own face keep them; each corner is lit as its face."""
+    counts, corners = np.full(len(REST.faces), 3), REST.faces.ravel()
+    hard = SurfaceAttributes(counts, corners, normal_fans=np.arange(len(corners)))
+    rest = TriMesh(REST.vertices, REST.faces, hard)
+    found, _ = save(rig, tmp_path / rig.name, rest=rest, turns=ROTATIONS[:, None].repeat(8, axis=1))
+    own = [np.cross(*(c[1] - c[0], c[2] - c[0])) for c in REST.vertices[REST.faces]]
+    own = np.repeat(own / np.linalg.norm(own, axis=1, keepdims=True), 3, axis=0)
+    shaded = found.shade()
+    if rig is GltfRig:
+        shaded = shaded[:, found.file.faces().ravel()]
+    np.testing.assert_allclose(shaded, own @ ROTATIONS, rtol=0, atol=1e-5)
+
+
+def test_joints_that_only_translate_have_no_normals(tmp_path):
+    found, _ = save(GltfRig, tmp_path / "a.glb")
+    assert "NORMAL" not in found.file.primitives[0]["attributes"]
+    found, _ = save(UsdRig, tmp_path / "a.usdc")
+    mesh = UsdGeom.Mesh(found.stage.GetPrimAtPath("/hero/mesh"))
+    assert not mesh.GetNormalsAttr().HasAuthoredValue()
 
 
 def test_joints_are_the_vertices_of_the_cage(tmp_path, rig):

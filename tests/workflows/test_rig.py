@@ -9,6 +9,7 @@ from pxr import Usd, UsdGeom, UsdSkel
 
 from cageik_cli.coordinates.binding import reconstruct_frames
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.store.result import read_binding, read_cages, read_result, read_rotations
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.progress import ProgressListener
@@ -22,6 +23,7 @@ from tests.shapes import finer
 WALKER = Path(__file__).parents[2] / "data_fixtures" / "walker"
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q", "--no-cache")
 FEW = ("--fit", "--influences", "3")
+TRANSLATE = ("--joints", "translate")
 SINGLE = 1e-5
 """Of the diagonal: sums in single precision."""
 
@@ -58,12 +60,13 @@ def furthest(path):
     return np.linalg.norm(skinned(path) - expected, axis=2).max() / diagonal
 
 
-def rig(count=None, **changes):
+def rig(count=None, joints="turn", **changes):
     result = replace(read_result(Path("cages.h5")), **changes)
     binding = read_binding(result)
     rotations = read_rotations(result) if binding.has_offsets else None
     target = Reconstruction(binding, CageFrames.from_result(result), rotations)
-    return make_rig(result, target, ProgressListener(), influences=count, name="c.usdc")
+    words = {"influences": count, "joints": joints, "name": "c.usdc"}
+    return make_rig(result, target, ProgressListener(), **words)
 
 
 def frames_in(path):
@@ -73,7 +76,7 @@ def frames_in(path):
 
 def test_few_influences_of_a_result_are_written_as_they_are(run, folder):
     assert run(*EXTRACT, *FEW).code == 0
-    outcome = run("export", "cages.h5", "c.usdc", "--skeleton")
+    outcome = run("export", "cages.h5", "c.usdc", "--skeleton", *TRANSLATE)
     assert "the mesh moves as with the full weights" in outcome.err
     assert furthest("c.usdc") < SINGLE
     weights, joints = skin_weights("c.usdc")
@@ -87,8 +90,8 @@ def test_few_influences_of_a_result_are_written_as_they_are(run, folder):
 
 def test_as_many_influences_as_the_result_has_are_not_fitted_again(run, folder):
     assert run(*EXTRACT, *FEW).code == 0
-    assert rig(3).message == rig().message
-    assert rig(2).skin.weights.joints.shape == (18, 2)
+    assert rig(3, "translate").message == rig(None, "translate").message
+    assert rig(2, "translate").skin.weights.joints.shape == (18, 2)
 
 
 @pytest.mark.parametrize("fit", [(), ("--fit",)])
@@ -108,7 +111,7 @@ def test_weights_of_any_result_are_fitted_again(run, folder, fit, count):
 def test_a_frame_that_was_skipped_has_a_pose(run, folder):
     Path("frames/frame_3.obj").write_text("v 1\n")
     assert run(*EXTRACT, *FEW, "--on-bad-frame", "skip").code == 0
-    outcome = run("export", "cages.h5", "c.usdc", "--skeleton")
+    outcome = run("export", "cages.h5", "c.usdc", "--skeleton", *TRANSLATE)
     assert "1 of 5 frames skipped (frame_3.obj)" in outcome.err
     assert len(skinned("c.usdc")) == 5
     assert furthest("c.usdc") < SINGLE
@@ -135,10 +138,10 @@ def test_far_from_the_origin_it_is_as_exact_as_single_precision(run, folder, ani
         write_obj(Path(f"frames/frame_{k}.obj"), vertices + far, animation.rest.faces)
     write_obj(Path("cage.obj"), animation.cage.vertices + far, animation.cage.faces)
     assert run(*EXTRACT, *FEW).code == 0
-    assert run("export", "cages.h5", "c.usdc", "--skeleton").code == 0
+    assert run("export", "cages.h5", "c.usdc", "--skeleton", *TRANSLATE).code == 0
     expected, _ = reconstructed()
     assert np.abs(skinned("c.usdc") - expected).max() < 4e-7 * np.abs(expected).max()
-    assert rig().largest < 1e-6
+    assert rig(None, "translate").largest < 1e-6
 
 
 def test_the_same_result_gives_the_same_bytes_whatever_the_threads(run, folder, monkeypatch):
@@ -192,7 +195,7 @@ def test_a_mesh_that_is_deformed_moves_as_the_skeleton_does(run, folder):
 
 def test_few_influences_of_a_result_deform_as_they_are(run, folder):
     assert run(*EXTRACT, *FEW).code == 0
-    outcome = run("deform", "cages.h5", "-o", "m.npz", "--influences", 3)
+    outcome = run("deform", "cages.h5", "-o", "m.npz", "--influences", 3, *TRANSLATE)
     assert "m.npz: up to 3 influences per vertex; the mesh moves as with the full" in outcome.err
     np.testing.assert_allclose(frames_in("m.npz"), reconstructed()[0], rtol=0, atol=1e-12)
 
@@ -263,7 +266,7 @@ def test_projected_vertices_start_where_the_cage_has_them(run, folder, animation
     write_obj(Path("cage.obj"), 0.4 * animation.cage.vertices, animation.cage.faces)
     assert run(*EXTRACT, "--outside", "project").code == 0
     words = () if count is None else ("--influences", count)
-    assert run("export", "cages.h5", "c.usdc", "--skeleton", *words).code == 0
+    assert run("export", "cages.h5", "c.usdc", "--skeleton", *TRANSLATE, *words).code == 0
     assert furthest("c.usdc") < 0.02
 
 
@@ -278,6 +281,35 @@ def test_a_skeleton_of_any_format_moves_as_the_rig(run, folder, suffix):
     else:
         found = skinned("c.usdc")
     np.testing.assert_allclose(found, expected, rtol=0, atol=SINGLE)
+
+
+def test_the_stated_angles_are_those_of_the_file(run, folder):
+    """Of its normals, as programs turn them, from those of the reconstruction."""
+    assert run(*EXTRACT).code == 0
+    assert run("export", "cages.h5", "c.glb", "--skeleton", "--influences", 3).code == 0
+    rest, (expected, _) = read_result(Path("cages.h5")).rest, reconstructed()
+    angles = []
+    for k, frame in enumerate(expected):
+        shaded = Glb(Path("c.glb")).skinned(k, "NORMAL")
+        shaded /= np.linalg.norm(shaded, axis=1, keepdims=True)
+        cosines = (shaded * compute_vertex_normals(rest.polygons, frame)).sum(axis=1)
+        angles.append(np.degrees(np.arccos(cosines.clip(-1, 1))))
+    found, translating = rig(3), rig(3, "translate")
+    assert found.angles[0] == pytest.approx(np.sqrt(np.mean(np.square(angles))), rel=1e-3)
+    assert found.angles[1] == pytest.approx(
+        np.percentile(angles, 99, method="inverted_cdf"), abs=0.1
+    )
+    assert found.angles[0] < translating.angles[0]
+
+
+@pytest.mark.parametrize("words", [(), ("--influences", 3)])
+def test_a_clip_of_one_frame_is_at_rest(run, folder, words):
+    assert run("extract", "frames/frame_1.obj", *EXTRACT[2:], "--no-fit").code == 0
+    outcome = run("export", "cages.h5", "c.usdc", "--skeleton", *words)
+    assert "moves as with the full weights; normals are 0 degrees off" in " ".join(
+        outcome.err.split()
+    )
+    assert furthest("c.usdc") < SINGLE
 
 
 @pytest.mark.slow

@@ -66,11 +66,14 @@ class Skin:
         m vertices.
     rotations : (F, 3, 3) float64
         R of each frame; `points @ R` turns points of the rest pose to it.
+    turns : (F, n, 3, 3) float64, optional
+        R of each joint; joints that only translate have none, and turn with the whole.
     """
 
     rest: TriMesh
     weights: SkinWeights
     rotations: Floats
+    turns: Floats | None = None
 
 
 class JointMotion:
@@ -82,31 +85,39 @@ class JointMotion:
         S c + (X − S C) R,
 
     with X the rest mesh, c the cage of the frame, C the rest cage and R the rotation of the frame.
-    If S are all the weights of a binding, this is `weights @ cage`, whatever R is. `rotations` are
-    the R of all frames, (F, 3, 3).
+    If S are all the weights of a binding, this is `weights @ cage`, whatever R is. If the skin has
+    turns R_j, its children turn by them instead, and a vertex x of weights s is at
+    Σ_j s_j ((x − C_j) R_j + c_j).
     """
 
-    def __init__(self, cage: TriMesh, rotations: Floats) -> None:
+    def __init__(self, cage: TriMesh, skin: Skin) -> None:
         centre = cage.vertices.mean(axis=0)
         digits = max(3, len(str(len(cage.vertices) - 1)))
         self.names = ["root", *(f"cage_{k:0{digits}}" for k in range(len(cage.vertices)))]
         self.bind_places = np.vstack([centre, cage.vertices])
         self.rest_translations = np.vstack([centre, cage.vertices - centre])
-        self._rotations = iter(rotations)
-        self._last_turn = np.array([0.0, 0.0, 0.0, 1.0])
+        self.turn_count = 1 if skin.turns is None else len(self.names)
+        self._skin, self._frame = skin, 0
+        self._last = np.tile([0.0, 0.0, 0.0, 1.0], (self.turn_count, 1))
 
     def advance(self, frames: Floats) -> Iterator[tuple[Floats, Floats]]:
         """Yield the joints of the next k cages, (k, n, 3).
 
         These are the translations of the root and of its children relative to it, (n + 1, 3), and
-        the quaternion of the root, the real part last. It has the sign that is nearer to the frame
-        before, so that programs which interpolate take the short way.
+        the quaternions of the first `turn_count` of them, the real part last: of all, or of the
+        root alone. They have the signs that are nearer to the frame before, so that programs which
+        interpolate take the short way.
         """
         from scipy.spatial.transform import Rotation
 
         for cage in frames:
-            rotation = next(self._rotations)
+            rotation, turns = self._skin.rotations[self._frame], self._skin.turns
             centre = cage.mean(axis=0)
-            turn = Rotation.from_matrix(rotation.T).as_quat()
-            self._last_turn = -turn if turn @ self._last_turn < 0 else turn
-            yield np.vstack([centre, (cage - centre) @ rotation.T]), self._last_turn
+            local = rotation[None]
+            if turns is not None:
+                local = np.concatenate([local, turns[self._frame] @ rotation.T])
+            found = Rotation.from_matrix(local.swapaxes(1, 2)).as_quat()
+            is_far = np.einsum("jq,jq->j", found, self._last) < 0
+            self._last = np.where(is_far[:, None], -found, found)
+            self._frame += 1
+            yield np.vstack([centre, (cage - centre) @ rotation.T]), self._last

@@ -22,6 +22,7 @@ from cageik_cli.formats.base.writers import (
 from cageik_cli.formats.npz import fixed_date_zipinfo
 from cageik_cli.formats.usd.library import USD_SUFFIXES, capture_diagnostics, require_usd
 from cageik_cli.formats.usd.surface_writer import UsdMaterials, UsdMesh, count_frame_bytes
+from cageik_cli.geometry.normals import shade_smoothly
 from cageik_cli.geometry.parts import Part, split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
@@ -233,10 +234,9 @@ def choose_prim_paths(names: Sequence[str], root: str) -> list[str]:
 
 
 class SkeletonWriter(UsdWriter):
-    """Writes the rest mesh, skinned to joints that translate below a root that also turns.
+    """Writes the rest mesh, skinned to joints below a root, where `JointMotion` has them.
 
-    There is a joint per cage vertex, the weights of the cage are the skin weights, and
-    `JointMotion` says where the joints are.
+    If the joints turn, a mesh without normals gets those of a smooth surface.
     """
 
     def __init__(
@@ -247,8 +247,10 @@ class SkeletonWriter(UsdWriter):
         With `has_cage`, the cage is beside the mesh.
         """
         rest = skin.rest.move(skin.rest.vertices - np.array(animation.origin))
+        if skin.turns is not None:
+            rest = shade_smoothly(rest)
         to_float32(rest.vertices)  # refused before anything is written
-        self._motion = JointMotion(animation.rest, skin.rotations)
+        self._motion = JointMotion(animation.rest, skin)
         parts = [replace(part, transform=np.eye(4)) for part in split_parts(rest)]
         names = nest_names([part.name or "mesh" for part in parts], animation.name)
         parts = [replace(part, name=name) for part, name in zip(parts, names, strict=True)]
@@ -274,9 +276,9 @@ class SkeletonWriter(UsdWriter):
 
         turns = np.zeros((len(self._motion.names), 4), np.float32)
         turns[:, 3] = 1
-        for cage, (places, turn) in zip(frames, self._motion.advance(frames), strict=True):
+        for cage, (places, found) in zip(frames, self._motion.advance(frames), strict=True):
             time, translations = self.begin_frame(), to_float32(places)
-            turns[0] = turn
+            turns[: len(found)] = found
             with capture_diagnostics(OSError):
                 self._translations.Set(Vt.Vec3fArray.FromNumpy(translations), time)
                 self._turns.Set(Vt.QuatfArray.FromNumpy(turns), time)

@@ -11,7 +11,7 @@ from cageik_cli.coordinates.binding import Binding, Correction
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.displacements import Displacements
 from cageik_cli.solver.fitting.influences import Influences, refit_influences
-from cageik_cli.solver.fitting.problem import Motion, WeightProblem
+from cageik_cli.solver.fitting.problem import ROUNDING_TOL, Motion, WeightProblem
 from cageik_cli.solver.fitting.record import Comparison, Distances, FitSettings
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats
@@ -59,8 +59,7 @@ class CageSolve:
         with OrderedMap(solve_block, target.blocks(), jobs, jobs) as solved:
             cages, squares = zip(*solved, strict=True)
         rms = np.sqrt(sum(squares) / (solver.data_count * target.weight))
-        # Files of few digits round positions by this share of the diagonal.
-        least = 1e-5 * self.binding.rest.diagonal
+        least = ROUNDING_TOL * self.binding.rest.diagonal
         return Motion(target, np.hstack(cages), least), float(rms)
 
     def measure(self, weights: Floats, target: Displacements) -> Distances:

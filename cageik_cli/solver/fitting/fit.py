@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.solver.fitting.alternate import Alternator, CageSolve
 from cageik_cli.solver.fitting.displacements import Displacements
+from cageik_cli.solver.fitting.influences import Influences
 from cageik_cli.solver.fitting.problem import (
     AFFINE_FUNCTIONS,
     WeightProblem,
@@ -25,6 +26,7 @@ from cageik_cli.solver.fitting.record import (
 )
 from cageik_cli.solver.fitting.sample import FrameReader, Sample, sample_frames
 from cageik_cli.solver.fitting.systems import SurfaceLaplacian
+from cageik_cli.solver.fitting.turning import fit_turning
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import drop_unused_vertices
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
@@ -165,10 +167,24 @@ class Fitter:
         alternator = self._make_alternator(strength, self._count_threads(sample))
         return alternator.fit(sample.target, self._settings)
 
-    def limit_influences(self, sample: Sample, strength: float, count: int) -> Binding:
-        """Fit weights with at most `count` influences to frames that the binding's weights give."""
+    def limit_influences(
+        self, sample: Sample, strength: float, count: int, *, turns: bool = False
+    ) -> Binding:
+        """Fit weights with at most `count` influences to frames that the binding's weights give.
+
+        They are for joints that only move, or for those that turn, too.
+        """
         alternator = self._make_alternator(strength, self._count_threads(sample))
-        return alternator.fit_influences(sample.target, self._binding.weights, count)
+        limited = alternator.fit_influences(sample.target, self._binding.weights, count)
+        if not turns:
+            return limited
+        weights = fit_turning(
+            alternator.problem,
+            self._cage_solve,
+            sample.target,
+            Influences.from_dense(limited.weights, count),
+        )
+        return replace(limited, weights=weights)
 
     def _make_alternator(self, strength: float, jobs: int, most: int | None = None) -> Alternator:
         """Make what fits with `jobs` threads, in `most` rounds if that is fewer."""

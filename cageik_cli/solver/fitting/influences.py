@@ -16,6 +16,7 @@ Such weights do not reproduce the rest pose from the cage. Vertices are X + W (c
 rest pose for the rest cage, and a rigid motion of the whole goes into a root transform.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,19 +65,35 @@ def refit_influences(
     scale = motion.scale
     if not scale:
         return start
-    goal = _average_neighbours(problem, start)
     gram = motion.cages @ motion.cages.T / scale
     cross = motion.target.multiply(motion.cages.T)
     right = np.take_along_axis(cross, start.places, axis=1) / scale
     del cross
+
+    def read_rows(rows: slice) -> tuple[Floats, Floats]:
+        places = start.places[rows]
+        return gram[places[:, :, None], places[:, None, :]], right[rows]
+
+    return solve_rows(problem, start, read_rows, steps)
+
+
+def solve_rows(
+    problem: WeightProblem,
+    start: Influences,
+    read_rows: Callable[[slice], tuple[Floats, Floats]],
+    steps: int = 15,
+) -> Influences:
+    """Return the best weights on the places of `start`, smooth over the surface.
+
+    `read_rows` returns the matrices (p, K, K) and the right-hand sides (p, K) of some vertices.
+    """
+    goal = _average_neighbours(problem, start)
     m, count = start.places.shape
     size = max(1, (1 << 19) // count**2)  # rows whose matrices are solved together
 
-    def solve_rows(first: int) -> Floats:
+    def solve_block(first: int) -> Floats:
         rows = slice(first, first + size)
-        places = start.places[rows]
-        matrices = gram[places[:, :, None], places[:, None, :]]
-        linear = right[rows]
+        matrices, linear = read_rows(rows)
         if problem.vertex_weights is not None:
             scales = problem.vertex_weights[rows, None]
             matrices, linear = matrices * scales[:, :, None], linear * scales
@@ -84,7 +101,7 @@ def refit_influences(
         linear = linear + problem.regularization * goal[rows]
         return minimize_on_simplex(matrices, linear, start.weights[rows], steps)
 
-    with OrderedMap(solve_rows, range(0, m, size), problem.jobs, problem.jobs) as solved:
+    with OrderedMap(solve_block, range(0, m, size), problem.jobs, problem.jobs) as solved:
         return Influences(start.places, np.concatenate(list(solved)))
 
 

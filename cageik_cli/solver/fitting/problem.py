@@ -34,6 +34,9 @@ from cageik_cli.util.threads import OrderedMap
 AFFINE_FUNCTIONS = 4
 """1 and the three coordinates: the functions that weights reproduce."""
 
+ROUNDING_TOL = 1e-5
+"""Share of the diagonal by which files of few digits round positions."""
+
 AFFINE_TOL = 1e-13
 """Weights nearer to affine exactness than this are left as they are."""
 

@@ -88,8 +88,11 @@ class Glb:
             nodes[channel["target"]["node"]][channel["target"]["path"]] = value
         return [make_matrix(node) for node in nodes]
 
-    def skinned(self, moment):
-        """Vertices (m, 3) in the space of the scene, at a key of the animation."""
+    def skinned(self, moment, name="POSITION"):
+        """Vertices (m, 3) in the space of the scene, at a key of the animation; or their normals.
+
+        Normals are turned and scaled, and not of length 1.
+        """
         local, nodes = self.local_matrices(moment), self.json["nodes"]
         world = [None] * len(nodes)
 
@@ -103,7 +106,7 @@ class Glb:
         (skin,) = self.json["skins"]
         inverse = self.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4).swapaxes(1, 2)
         moves = np.array([world[k] for k in skin["joints"]]) @ inverse
-        points = np.insert(self.attribute("POSITION").astype(float), 3, 1, axis=1)
+        points = np.insert(self.attribute(name).astype(float), 3, name == "POSITION", axis=1)
         found = np.zeros((len(points), 3))
         for joints, weights in self.influences():
             for j, w in zip(joints.T, weights.T, strict=True):

@@ -1,0 +1,177 @@
+"""Joints that turn: what holds for any motion, and motions that they reproduce."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cageik_cli.coordinates.binding import Binding
+from cageik_cli.formats.base.skin import JointMotion, Skin, compute_skin_weights
+from cageik_cli.geometry.normals import compute_vertex_normals
+from cageik_cli.geometry.shape import uniform_laplacian
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.joints import JointSolver, turn_normals
+from cageik_cli.solver.settings import SolveSettings
+from tests.fitted import small_binding
+
+BALL = small_binding()
+STILL = BALL.rest.vertices[None]
+
+
+def prepare(binding=BALL, alpha=1e-3):
+    solver = DualLaplacianSolver(replace(binding, has_offsets=True), SolveSettings(alpha))
+    return JointSolver(solver)
+
+
+def bend(points, angle):
+    """Points turned about the vertical by an angle that grows with the height."""
+    turns = Rotation.from_rotvec(np.outer(angle * points[:, 1], [0, 1, 0])).as_matrix()
+    return np.einsum("mab,mb->ma", turns, points)
+
+
+def about(angle):
+    """The rotation of rows by an angle about a slanted axis."""
+    return Rotation.from_rotvec(angle * np.array([0.48, 0.6, 0.64])).as_matrix().T
+
+
+def bent(count=5):
+    return np.stack([bend(BALL.rest.vertices, angle) for angle in np.linspace(0.2, 1, count)])
+
+
+def spun(frames, turns):
+    """Frames whose whole turns so many times, and moves."""
+    angles = np.linspace(0, 2 * np.pi * turns, len(frames))
+    return np.stack([f @ about(a) + [a, 0, 1] for f, a in zip(frames, angles, strict=True)])
+
+
+def degrees_off(binding, poses, frames):
+    """The angles (k, m) between the normals that joints turn and those of frames."""
+    normals = compute_vertex_normals(binding.rest.polygons, binding.rest.vertices)
+    found = turn_normals(normals, binding.weights, poses.turns)
+    expected = [compute_vertex_normals(binding.rest.polygons, frame) for frame in frames]
+    return np.degrees(np.arccos((found * np.stack(expected)).sum(axis=2).clip(-1, 1)))
+
+
+def assert_proper(turns):
+    products = turns @ turns.swapaxes(-1, -2)
+    np.testing.assert_allclose(products, np.broadcast_to(np.eye(3), turns.shape), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(turns), 1, rtol=1e-9)
+
+
+def test_the_rest_pose_gives_joints_at_rest():
+    poses = prepare().solve(STILL)
+    np.testing.assert_allclose(poses.turns[0], np.tile(np.eye(3), (18, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(poses.places[0], BALL.cage.vertices, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(poses.meshes, STILL, rtol=0, atol=1e-12)
+
+
+def test_a_rigid_clip_turns_all_joints_alike():
+    frames = spun(np.repeat(STILL, 7, axis=0), 3)
+    poses = prepare().solve(frames)
+    np.testing.assert_allclose(poses.meshes, frames, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(poses.turns - poses.rotations[:, None], 0, atol=1e-11)
+    np.testing.assert_allclose(degrees_off(BALL, poses, frames), 0, atol=1e-4)
+
+
+def test_joints_follow_the_whole():
+    """A rigid motion of the frames, in another unit, turns and moves the joints by the same."""
+    frames, turn = bent(), about(2.2)
+    own, moved = prepare().solve(frames), prepare().solve(frames @ turn + [5, 0, 1])
+    np.testing.assert_allclose(moved.turns, own.turns @ turn, atol=1e-9)
+    np.testing.assert_allclose(moved.places, own.places @ turn + [5, 0, 1], atol=1e-9)
+    small = replace(
+        BALL,
+        rest=BALL.rest.move(0.01 * BALL.rest.vertices),
+        cage=BALL.cage.move(0.01 * BALL.cage.vertices),
+    )
+    scaled = prepare(small).solve(0.01 * frames)
+    np.testing.assert_allclose(scaled.turns, own.turns, atol=1e-9)
+    np.testing.assert_allclose(scaled.places, 0.01 * own.places, atol=1e-11)
+
+
+def test_each_frame_is_solved_for_itself():
+    frames = bent()
+    whole, parts = prepare().solve(frames), [prepare().solve(frame[None]) for frame in frames]
+    for name in ("turns", "places", "meshes"):
+        found = np.concatenate([getattr(part, name) for part in parts])
+        np.testing.assert_allclose(found, getattr(whole, name), rtol=0, atol=1e-11)
+
+
+def test_the_mesh_is_what_a_skin_makes_of_the_joints():
+    poses = prepare().solve(bent())
+    arms = BALL.rest.vertices[:, None] - BALL.cage.vertices
+    alone = np.einsum("mna,knab->kmnb", arms, poses.turns) + poses.places[:, None]
+    expected = np.einsum("mn,kmnb->kmb", BALL.weights, alone)
+    np.testing.assert_allclose(poses.meshes, expected, rtol=0, atol=1e-12)
+
+
+def test_a_bent_body_is_shaded_far_better_than_by_joints_that_translate():
+    frames, joints = bent(), prepare()
+    poses = joints.solve(frames)
+    still = replace(poses, turns=np.tile(poses.rotations[:, None], (1, 18, 1, 1)))
+    turning, translating = (degrees_off(BALL, each, frames) for each in (poses, still))
+    assert np.square(turning).mean() < 0.25 * np.square(translating).mean()
+    translated = joints.solver.solve(frames).reconstructions
+    errors = [np.square(mesh - frames).mean() for mesh in (poses.meshes, translated)]
+    assert errors[0] < 1.2 * errors[1]
+
+
+def test_a_body_that_turns_three_times_has_smooth_quaternions():
+    count = 60
+    frames = spun(np.stack([bend(BALL.rest.vertices, np.sin(k / 9)) for k in range(count)]), 3)
+    poses = prepare().solve(frames)
+    assert_proper(poses.turns)
+    skin = Skin(BALL.rest, compute_skin_weights(BALL.weights), poses.rotations, poses.turns)
+    _, turns = zip(*JointMotion(BALL.cage, skin).advance(poses.places), strict=True)
+    cosines = np.einsum("fjq,fjq->fj", np.stack(turns)[1:], np.stack(turns)[:-1])
+    assert cosines.min() > np.cos(0.5 * 2 * np.pi * 3 / (count - 1) + 0.01)
+
+
+def test_mirrored_frames_are_followed_by_proper_rotations():
+    poses = prepare().solve(bent() * [-1, 1, 1])
+    assert_proper(poses.turns)
+    assert np.isfinite(poses.places).all()
+
+
+def test_a_mirrored_model_turns_in_the_mirror():
+    mirror = np.diag([-1.0, 1, 1])
+    faces = BALL.rest.faces[:, ::-1]
+    mirrored = Binding(
+        replace(BALL.rest, vertices=BALL.rest.vertices @ mirror, faces=faces),
+        replace(BALL.cage, vertices=BALL.cage.vertices @ mirror, faces=BALL.cage.faces[:, ::-1]),
+        BALL.weights,
+    )
+    own, found = prepare().solve(bent()), prepare(mirrored).solve(bent() @ mirror)
+    np.testing.assert_allclose(found.turns, mirror @ own.turns @ mirror, atol=1e-9)
+    np.testing.assert_allclose(found.places, own.places @ mirror, atol=1e-9)
+
+
+def test_a_joint_that_nothing_follows_turns_with_its_neighbours():
+    weights = BALL.weights.copy()
+    weights[:, 7] = 0
+    poses = prepare(replace(BALL, weights=weights / weights.sum(axis=1, keepdims=True))).solve(
+        bent()
+    )
+    assert_proper(poses.turns)
+    near = uniform_laplacian(BALL.cage)[7] < 0
+    turned = Rotation.from_matrix(poses.turns[-1]).as_rotvec()
+    whole = Rotation.from_matrix(poses.rotations[-1]).as_rotvec()
+    bounds = np.vstack([turned[near], whole])
+    assert (turned[7] >= bounds.min(axis=0) - 0.05).all()
+    assert (turned[7] <= bounds.max(axis=0) + 0.05).all()
+    steps = np.diff(Rotation.from_matrix(poses.turns[:, 7]).as_rotvec(), axis=0)
+    assert np.abs(steps).max() < 0.2
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9])
+def test_noise_at_a_joint_that_hardly_anything_follows_does_not_turn_it(size):
+    """One vertex follows it a little, and jumps from frame to frame."""
+    weights = BALL.weights.copy()
+    weights[:, 7] = 0
+    weights[int(np.argmax(BALL.weights[:, 7])), 7] = size
+    binding = replace(BALL, weights=weights / weights.sum(axis=1, keepdims=True))
+    frames = np.repeat(STILL, 6, axis=0)
+    frames += np.random.default_rng(0).normal(0, 0.01, frames.shape)
+    turns = prepare(binding).solve(frames).turns[:, 7]
+    assert np.linalg.norm(Rotation.from_matrix(turns).as_rotvec(), axis=1).max() < 0.1
