@@ -152,6 +152,7 @@ fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 	$(BIN)/python data_fixtures/make_picture.py
 	$(BIN)/python data_fixtures/make_pose_pictures.py
 	$(BIN)/python data_fixtures/make_quality_pictures.py
+	$(BIN)/python data_fixtures/make_rig_pictures.py
 	$(BIN)/python -m tests.splats_picture data_fixtures/pictures/splats.png
 	@mkdir -p $(OUT)
 	$(BIN)/cageik cage data_fixtures/walker/frames/walker_1.obj -o $(OUT)/built_cage.obj --overwrite

@@ -86,15 +86,15 @@ class JointSolver:
         self._points = solver.rest / self._diagonal
         self._joints = solver.rest_cage / self._diagonal
         self.normals = compute_vertex_normals(binding.rest.polygons, binding.rest.vertices)
-        self._normal_scale = solver.data_scale * NORMAL_LENGTH**2
-        self._pull = self._normal_scale * len(self._points) / len(self._joints) * ROTATION_PULL
+        vertices_per_joint = len(self._points) / len(self._joints)
+        self._pull = solver.data_scale * NORMAL_LENGTH**2 * vertices_per_joint * ROTATION_PULL
         factor = np.linalg.cholesky(self._make_matrix(binding.cage))
         self._inverse_factor = np.linalg.inv(factor)
 
     def solve(self, frames: Floats) -> JointPoses:
         """Return the joints of frames (k, m, 3)."""
         columns, centres, rotations = self.solver.align(frames)
-        turns, moves = self.solve_columns(columns)
+        turns, moves = self.solve_columns(columns, self.change_normals(columns))
         meshes = self.solver.rest + columns_to_frames(self._skin(turns, moves))
         places = self.solver.rest_cage + columns_to_frames(moves)
         whole, shift = rotations[:, None], centres[:, None]
@@ -105,12 +105,17 @@ class JointSolver:
             meshes=meshes @ rotations + shift,
         )
 
-    def solve_columns(self, columns: Floats) -> tuple[Floats, Floats]:
-        """Return the joints for displacements (m, 3k) of frames aligned with the rest pose.
+    def solve_columns(self, columns: Floats, normals: Floats) -> tuple[Floats, Floats]:
+        """Return the joints for displacements of frames aligned with the rest pose.
 
         They are the rotations (k, n, 3, 3) and the displacements of the joints (n, 3k).
+
+        Parameters
+        ----------
+        columns, normals : (m, 3k) float64
+            How vertices and their normals change from the rest pose.
         """
-        turns = self._solve_rotations(columns)
+        turns = self._solve_rotations(columns, normals)
         still = np.zeros((len(self._joints), columns.shape[1]))
         return turns, self.solver.solve_displacements(columns - self._skin(turns, still))
 
@@ -122,10 +127,10 @@ class JointSolver:
         ]
         return frames_to_columns(np.stack(found) - self.normals)
 
-    def _solve_rotations(self, columns: Floats) -> Floats:
+    def _solve_rotations(self, columns: Floats, normals: Floats) -> Floats:
         """Return the rotations of the joints, (k, n, 3, 3)."""
         n, count = len(self._joints), columns.shape[1] // 3
-        data = self._multiply(columns / self._diagonal, self.change_normals(columns))
+        data = self._multiply(columns / self._diagonal, normals)
         changes = np.zeros((3 * n, 3 * count))  # M - 1, row by row
         for _ in range(ROTATION_STEPS):
             right = data.copy()

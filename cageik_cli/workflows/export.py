@@ -191,7 +191,7 @@ def _write_skeleton(
         input_rms=_measure_input_rms(result),
         jobs=count_processors(),
     )
-    places = (block.places for block in rig.blocks())
+    places = iter([rig.places])
     skin = SceneConversion.of_output(animation.scene, settings.to).convert_skin(rig.skin)
     if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
         make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=skin)

@@ -43,6 +43,8 @@ class Rig:
 
     Attributes
     ----------
+    places : (F, n, 3) float64
+        Of the joints, as cages.
     rms, largest : float
         Distances of the skinned mesh from the reconstruction, over all vertices and frames, in
         percent of the diagonal of the rest pose.
@@ -57,6 +59,7 @@ class Rig:
     """
 
     skin: Skin
+    places: Floats
     rms: float
     largest: float
     angles: tuple[float, float]
@@ -142,12 +145,11 @@ def _fit_rig(
     binding = target.binding
     if turns and influences is None and binding.has_offsets:
         influences = _count_influences(binding)
-    keeps_weights = influences is None or (not turns and _has_few(binding, influences))
-    if keeps_weights and not turns:
+    if not turns and (influences is None or _has_few(binding, influences)):
         return _keep_weights(target)
     with error_context("few influences, with the alpha and beta of the result"):
         held = binding.weights
-        if not keeps_weights:
+        if influences is not None:
             settings = FitSettings(influences=influences)
             fitter = Fitter(binding, settings, solve=solve, memory=memory, jobs=jobs)
             sample, strength = fitter.sample([target]), DEFAULT_REGULARIZATION
@@ -230,10 +232,12 @@ def _bind_skin(binding: Binding, weights: SkinWeights) -> Binding:
 def _measure_rig(target: Reconstruction, weights: SkinWeights, pose: Pose) -> Rig:
     """Pose all frames, and measure how far they are from the target."""
     rest = target.binding.rest
-    rotations, turns, squares, largest = [], [], 0.0, 0.0
+    places, rotations, turns = [], [], []
+    squares = largest = 0.0
     normals = _NormalAngles(rest, weights.to_dense(len(target.binding.cage.vertices)))
     for block in target.blocks(FRAMES_PER_RIG_BLOCK):
         posed = pose(block)
+        places.append(posed.places)
         rotations.append(posed.rotations)
         if posed.turns is not None:
             turns.append(posed.turns)
@@ -246,6 +250,7 @@ def _measure_rig(target: Reconstruction, weights: SkinWeights, pose: Pose) -> Ri
     every = np.concatenate(turns) if turns else None
     return Rig(
         skin=Skin(rest, weights, np.concatenate(rotations), every),
+        places=np.concatenate(places),
         rms=percent * float(np.sqrt(squares / count)),
         largest=percent * float(np.sqrt(largest)),
         angles=normals.summarize(),

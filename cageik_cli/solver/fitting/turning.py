@@ -69,12 +69,13 @@ class TurningSystem:
     def add(self, scaled: Floats, scales: Floats) -> None:
         """Add displacements (m, 3k) of frames, which are scaled by `scales`, (3k,)."""
         columns = scaled / scales
-        turns, moves = self._joints.solve_columns(columns)
+        normals = self._joints.change_normals(columns)
+        turns, moves = self._joints.solve_columns(columns, normals)
         lifted = self._joints.lift(turns, moves).reshape(-1, len(scales)) * scales
         self._products += lifted @ lifted.T
         self._moved += float(np.square(moves * scales).sum()) / len(moves)
         self._rounded += float(np.square(self._rounding * scales).sum())
-        normals = self._length * scales * self._joints.change_normals(columns)
+        normals *= self._length * scales
         size = max(1, MAX_ROW_ENTRIES // len(lifted))
         for start in range(0, len(scaled), size):
             rows = slice(start, start + size)

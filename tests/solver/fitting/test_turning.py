@@ -34,7 +34,7 @@ def displacements() -> np.ndarray:
 def expect_system(scales: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The matrices and right-hand sides from where each joint alone would take each vertex."""
     joints, columns = prepare(FEW), displacements()
-    turns, moves = joints.solve_columns(columns)
+    turns, moves = joints.solve_columns(columns, joints.change_normals(columns))
     points, places = joints.solver.rest, joints.solver.rest_cage
     arms = points[:, None] - places
     moved = places + moves.reshape(18, 12, 3).swapaxes(0, 1)
