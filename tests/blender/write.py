@@ -108,7 +108,8 @@ def main(folder: Path) -> None:
     cageik("extract", WALKER / "frames", "--cage", WALKER / "cage.obj", "--output", few,
            "--frames", "0:48:4", "--no-cache", "--fit", "--influences", "8")  # fmt: skip
     for case in SKELETONS:
-        cageik("export", few, folder / case.path, "--skeleton", *options_of(case))
+        words = ("--skeleton", "--joints", "translate", *options_of(case))
+        cageik("export", few, folder / case.path, *words)
         cases.append(asdict(case))
     write_truths(result, few, folder)
     shutil.copyfile(WALKER / "cage.obj", folder / "cage_rest.obj")
