@@ -39,7 +39,11 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 def corner_angles(mesh: TriMesh) -> Floats:
     """Compute the angle at each corner, (f, 3), degrees; 0 where a side has no length."""
-    corner = mesh.vertices[mesh.faces]
+    return measure_angles(mesh.vertices[mesh.faces])
+
+
+def measure_angles(corner: Floats) -> Floats:
+    """Compute the angles of triangles (f, 3, 3), as `corner_angles` does."""
     ahead = corner[:, NEXT] - corner
     back = corner[:, LAST] - corner
     sine = np.sqrt((cross(ahead, back) ** 2).sum(axis=2))

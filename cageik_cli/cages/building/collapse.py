@@ -11,8 +11,17 @@ import numpy as np
 
 from cageik_cli.cages.building.motion import Motion
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import corner_angles, cross
+from cageik_cli.geometry.shape import cross, measure_angles
 from cageik_cli.util.arrays import Floats, Integers
+
+EVENNESS = 1e-4
+"""What an edge costs that is as long as the distances of a quadric: more leaves edges that are more
+equal, and planes that fit less well."""
+
+
+NEEDLE_ANGLE, MAX_NEEDLE_SHARE = 5.0, 0.01
+"""Which share of the faces of a thinned shell may have an angle below this, degrees: characters and
+balls have up to 0.002 of them, tubes and boxes 0.01 to 0.4."""
 
 
 def collapse_edges(cage: TriMesh, count: int, motion: Motion | None) -> TriMesh:
@@ -61,15 +70,17 @@ class _Collapser:
                 self._at[vertex].add(number)
                 self._around[vertex].update(other for other in face if other != vertex)
         self._age = np.zeros(len(cage.vertices), np.int64)
-        self._queue: list[tuple[float, int, int, int, int]] = []
+        self._queue: list[tuple[float, int, int, int, int, int]] = []
+        self._targets: list[Floats] = []  # best places in all poses, (p, 3), of what was queued
         self._push(cage.edges.ends)
 
     def run(self, count: int) -> TriMesh:
         """Collapse until there are `count` vertices."""
         left = len(self._around)
         while left > count and self._queue:
-            _, a, b, age_a, age_b = heapq.heappop(self._queue)
-            if (self._age[a], self._age[b]) == (age_a, age_b) and self._collapse(a, b):
+            _, a, b, age_a, age_b, target = heapq.heappop(self._queue)
+            is_current = (self._age[a], self._age[b]) == (age_a, age_b)
+            if is_current and self._collapse(a, b, self._targets[target]):
                 left -= 1
         faces = np.array(sorted(set().union(*self._at)), np.int64)
         corners = np.array(self._faces, np.int64)[faces]
@@ -78,28 +89,23 @@ class _Collapser:
 
     def _push(self, ends: Integers) -> None:
         """Queue the collapses of edges, (e, 2)."""
-        cost = np.zeros(len(ends))
-        for quadrics, places in zip(self._quadrics, self._places, strict=True):
-            cost += collapse_costs(quadrics, places, ends)[0]
-        for (a, b), value in zip(ends.tolist(), cost.tolist(), strict=True):
-            item = (value, a, b, int(self._age[a]), int(self._age[b]))
+        costs, targets = collapse_costs(self._quadrics, self._places, ends)
+        for (a, b), cost, target in zip(ends.tolist(), costs.tolist(), targets, strict=True):
+            item = (cost, a, b, int(self._age[a]), int(self._age[b]), len(self._targets))
             heapq.heappush(self._queue, item)
+            self._targets.append(target)
 
-    def _collapse(self, a: int, b: int) -> bool:
-        """Merge b into a if the surface stays manifold and its faces keep their shape."""
+    def _collapse(self, a: int, b: int, places: Floats) -> bool:
+        """Merge b into a if the surface stays manifold and its faces keep their shape.
+
+        `places` (p, 3) is where the vertex goes in the poses.
+        """
         common = self._around[a] & self._around[b]
         valence = len(self._around[a]) + len(self._around[b]) - 4
         if len(common) != 2 or min(len(self._around[c]) for c in common) <= 3:
             return False
         if valence > self._max_valence:
             return False
-        ends = np.array([[a, b]])
-        places = np.array(
-            [
-                collapse_costs(quadrics, places, ends)[1][0]
-                for quadrics, places in zip(self._quadrics, self._places, strict=True)
-            ]
-        )
         if not self._keeps_shape(a, b, places[0]):
             return False
         self._merge(a, b, places)
@@ -118,8 +124,7 @@ class _Collapser:
         cosine = (normals[0] * normals[1]).sum(axis=1)
         if (cosine < self._min_cosine * lengths[0] * lengths[1]).any() or lengths[1].min() == 0:
             return False
-        flat = np.arange(3 * len(left)).reshape(-1, 3)
-        angles = [corner_angles(TriMesh(t.reshape(-1, 3), flat)).min() for t in (old, moved)]
+        angles = [measure_angles(t).min() for t in (old, moved)]
         return bool(angles[1] >= min(self._min_angle, angles[0]))
 
     def _merge(self, a: int, b: int, places: Floats) -> None:
@@ -157,21 +162,34 @@ def vertex_quadrics(mesh: TriMesh) -> Floats:
     return quadrics
 
 
-def collapse_costs(quadrics: Floats, vertices: Floats, ends: Integers) -> tuple[Floats, Floats]:
-    """Return cost and best place of every collapse, (e,) and (e, 3)."""
-    total = quadrics[ends[:, 0]] + quadrics[ends[:, 1]]
-    middle = vertices[ends].mean(axis=1)
-    length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+def collapse_costs(quadrics: Floats, places: Floats, ends: Integers) -> tuple[Floats, Floats]:
+    """Return the cost of every collapse, summed over poses, and its best places in them.
+
+    Parameters
+    ----------
+    quadrics : (p, n, 4, 4) float64
+    places : (p, n, 3) float64
+        Of the vertices.
+    ends : (e, 2) int64
+        Vertices that are merged.
+
+    Returns
+    -------
+    (e,), (e, p, 3)
+    """
+    total = quadrics[:, ends[:, 0]] + quadrics[:, ends[:, 1]]
+    start, stop = places[:, ends[:, 0]], places[:, ends[:, 1]]
+    middle, length = (start + stop) / 2, np.linalg.norm(start - stop, axis=2)
     # Where the planes leave a direction open, the middle decides it.
-    size = np.trace(total[:, :3, :3], axis1=1, axis2=2)[:, None, None]
-    matrix = total[:, :3, :3] + (1e-3 * size + 1e-30) * np.eye(3)
-    side = total[:, :3, 3] + (total[:, :3, :3] @ middle[:, :, None])[:, :, 0]
-    step = -np.linalg.solve(matrix, side[:, :, None])[:, :, 0]
-    reach = np.linalg.norm(step, axis=1)
-    step *= np.minimum(1, length / np.maximum(reach, 1e-300))[:, None]
-    places = np.concatenate([middle + step, np.ones((len(ends), 1))], axis=1)
-    cost = np.einsum("ei,eij,ej->e", places, total, places)
-    return cost + 1e-4 * size.ravel() * length**2, places[:, :3]
+    size = np.trace(total[..., :3, :3], axis1=2, axis2=3)
+    matrix = total[..., :3, :3] + (1e-3 * size + 1e-30)[..., None, None] * np.eye(3)
+    side = total[..., :3, 3] + (total[..., :3, :3] @ middle[..., None])[..., 0]
+    step = -np.linalg.solve(matrix, side[..., None])[..., 0]
+    reach = np.linalg.norm(step, axis=2)
+    step *= np.minimum(1, length / np.maximum(reach, 1e-300))[..., None]
+    targets = np.concatenate([middle + step, np.ones((*reach.shape, 1))], axis=2)
+    costs = np.einsum("pei,peij,pej->pe", targets, total, targets) + EVENNESS * size * length**2
+    return costs.sum(axis=0), targets[..., :3].transpose(1, 0, 2)
 
 
 def euler_characteristic(mesh: TriMesh) -> int:
@@ -191,10 +209,17 @@ def list_stages(count: int) -> list[int]:
 
 
 def thin_shell(shell: TriMesh, count: int) -> TriMesh:
-    """Thin a fine shell to `count` vertices by libigl's quick collapses, which are not tested."""
+    """Thin a fine shell to `count` vertices by libigl's quick collapses, which are not tested.
+
+    Quadrics leave needles along tubes and straight edges, which no later collapse can mend: the
+    shortest edges are collapsed there instead.
+    """
+    surface = np.asfortranarray(shell.vertices), np.asfortranarray(shell.faces.astype(np.int32))
     faces = 2 * (count - euler_characteristic(shell))
-    vertices, corners, _, _ = igl.qslim(
-        np.asfortranarray(shell.vertices), np.asfortranarray(shell.faces.astype(np.int32)), faces
-    )
+    for thin in (igl.qslim, igl.decimate):
+        vertices, corners, *_ = thin(*surface, faces)
+        angles = measure_angles(vertices[corners]).min(axis=1)
+        if (angles < NEEDLE_ANGLE).mean() <= MAX_NEEDLE_SHARE:
+            break
     used, corners = np.unique(corners, return_inverse=True)
     return TriMesh(vertices[used], corners.reshape(-1, 3))

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import corner_angles
+from cageik_cli.geometry.shape import measure_angles
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -52,9 +52,12 @@ class Draft:
     ----------
     vertices : (n, 3) float64
     faces : (f, 3) int64
+    volume : float
+        Of the cage as it was given.
     """
 
     def __init__(self, cage: TriMesh, samples: Floats, clearance: float) -> None:
+        self.volume = cage.volume
         self.vertices = cage.vertices.copy()
         self.faces = cage.faces.copy()
         self.clearance = clearance
@@ -91,11 +94,19 @@ class Draft:
 
     def angles(self, edit: Edit) -> Floats:
         """Return corner angles of the faces that an edit adds, (a, 3), degrees."""
-        return corner_angles(self.patch(edit))
+        return measure_angles(self._place_corners(edit))
 
     def angles_before(self, edit: Edit) -> Floats:
         """Return corner angles of the faces that an edit removes, (r, 3), degrees."""
-        return corner_angles(TriMesh(self.vertices, self.faces[edit.removed]))
+        return measure_angles(self.vertices[self.faces[edit.removed]])
+
+    def growth(self, edit: Edit) -> float:
+        """Return the volume that an edit adds, negative where it takes some away."""
+        # Seen from the vertex, the tetrahedra are as small as the edit.
+        here = self.vertices[edit.vertex]
+        before, after = self.vertices[self.faces[edit.removed]], self._place_corners(edit)
+        volumes = [np.linalg.det(corners - here).sum() / 6 for corners in (before, after)]
+        return float(volumes[1] - volumes[0])
 
     def take(self, edit: Edit) -> bool:
         """Make the edit if the cage stays sound; return whether it was made."""
@@ -177,6 +188,12 @@ class Draft:
         vertices = self.vertices[used]
         vertices[used == edit.vertex] = edit.position
         return TriMesh(vertices, faces.reshape(-1, 3))
+
+    def _place_corners(self, edit: Edit) -> Floats:
+        """Return the corners of the faces that an edit adds, (a, 3, 3)."""
+        corners = self.vertices[edit.added]
+        corners[edit.added == edit.vertex] = edit.position
+        return corners
 
     def _stays_apart(self, edit: Edit) -> bool:
         """Return whether new faces meet no face but at the vertices and edges that they share."""

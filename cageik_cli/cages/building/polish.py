@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 
 from cageik_cli.cages.building.draft import Draft, Edit
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import corner_angles, cross
+from cageik_cli.geometry.shape import cross, measure_angles
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -27,6 +27,10 @@ MIN_KEPT_ANGLE = 10.0
 MIN_ANGLE_GAIN = 0.3
 """Degrees that an edit for the angles must win."""
 
+DEGREES_PER_GROWTH = 300.0
+"""Degrees that an edit for the angles must win for as much volume as the cage has: three for one
+percent. Otherwise a round cage grows by a spike for every needle."""
+
 MAX_TRIED_EDITS = 6
 """Edits tried for one face, the best first."""
 
@@ -36,7 +40,7 @@ MAX_SETTLING_STEPS = 5
 
 def mend_angles(draft: Draft, fewest: int) -> int:
     """Edit faces with angles below the goal, the worst first; return the number of edits."""
-    angles = corner_angles(TriMesh(draft.vertices, draft.faces)).min(axis=1)
+    angles = measure_angles(draft.vertices[draft.faces]).min(axis=1)
     worst = np.argsort(angles, kind="stable")
     made = 0
     for face in draft.faces[worst[angles[worst] < MIN_WANTED_ANGLE]]:
@@ -115,9 +119,9 @@ def splits_well(draft: Draft, start: int, stop: int, valence: Integers, angle: f
     if valence[across].max() >= MAX_VALENCE:
         return False
     middle = draft.vertices[[start, stop]].mean(axis=0)
-    points = np.concatenate([draft.vertices, middle[None]])
-    halves = [[end, len(draft.vertices), tip] for tip in across for end in (start, stop)]
-    return bool(corner_angles(TriMesh(points, np.array(halves))).min() >= angle)
+    ends, tips = draft.vertices[[start, stop]], draft.vertices[across]
+    halves = np.array([[end, middle, tip] for tip in tips for end in ends])
+    return bool(measure_angles(halves).min() >= angle)
 
 
 def _pull(draft: Draft, vertex: int, beside: Floats) -> bool:
@@ -148,7 +152,7 @@ def _misfit(draft: Draft, edit: Edit, beside: Floats) -> float:
 
 
 def _take_best(draft: Draft, edits: list[Edit]) -> bool:
-    """Make the edit after which the smallest angle is largest, of those that are sound.
+    """Make the edit that gains most, of those that are sound.
 
     It must win `MIN_ANGLE_GAIN` degrees; the `MAX_TRIED_EDITS` best ones are looked at.
     """
@@ -163,9 +167,13 @@ def _take_best(draft: Draft, edits: list[Edit]) -> bool:
 
 
 def _gain(draft: Draft, edit: Edit) -> float:
-    """Return how much an edit raises the smallest angle where it is, up to the goal, degrees."""
+    """Return how much an edit raises the smallest angle where it is, up to the goal, degrees.
+
+    The volume that it adds to the cage counts against it.
+    """
     after = min(MIN_WANTED_ANGLE, float(draft.angles(edit).min()))
-    return after - float(draft.angles_before(edit).min())
+    price = DEGREES_PER_GROWTH * max(0.0, draft.growth(edit)) / draft.volume
+    return after - float(draft.angles_before(edit).min()) - price
 
 
 def _angle_edits(draft: Draft, face: Integers, fewest: int) -> Iterator[Edit]:

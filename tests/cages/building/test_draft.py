@@ -106,3 +106,16 @@ def test_faces_without_area_give_no_offsets():
     directions, lack = draft.offsets(flat, np.array([[0.0, 0.0, 0.9]]))
     assert np.isfinite(directions).all()
     assert np.isfinite(lack).all()
+
+
+@pytest.mark.parametrize("kind", ["move", "collapse", "flip"])
+def test_an_edit_grows_the_cage_by_the_volume_that_it_adds(draft, kind):
+    start, stop = draft.to_mesh().edges.ends[0].tolist()
+    edit = {
+        "move": move_vertex(draft, start, np.array([1.2, 1.1, 0.9])),
+        "collapse": collapse_edge(draft, start, stop, draft.vertices[start] * 1.1),
+        "flip": flip_edge(draft, start, stop),
+    }[kind]
+    before, grown = draft.to_mesh().volume, draft.growth(edit)
+    draft.apply(edit)
+    assert draft.to_mesh().volume - before == pytest.approx(grown, rel=1e-9, abs=1e-12)
