@@ -178,8 +178,8 @@ class _Builder:
         self._motion: Motion | None = None
         if clip is not None:
             used = model.used_vertices
-            rest = self._demand.to_units(model.vertices[used])
-            self._motion = Motion(rest, self._demand.to_units(clip.frames[:, used]))
+            rest = self._demand.frame.to_units(model.vertices[used])
+            self._motion = Motion(rest, self._demand.frame.to_units(clip.frames[:, used]))
         self._grids: dict[float, DistanceGrid] = {}  # by their cells, measured as they are needed
         self._tried: list[Candidate] = []
 
@@ -268,7 +268,7 @@ class _Builder:
     def _try_shift(self, candidate: Candidate) -> None:
         """Try a candidate with some of its vertices moved to where it misses the clip."""
         assert self._motion is not None
-        cage = TriMesh(self._demand.to_units(candidate.cage.vertices), candidate.cage.faces)
+        cage = TriMesh(self._demand.frame.to_units(candidate.cage.vertices), candidate.cage.faces)
         cage, moved = shift_vertices(cage, self._demand, self._motion)
         recipe = f"{candidate.recipe}, {moved} vertices shifted"
         self._add(self._make_candidate(recipe, cage, candidate.offset, candidate.notes))
@@ -277,8 +277,8 @@ class _Builder:
         self, recipe: str, cage: TriMesh, offset: float, notes: tuple[str, ...]
     ) -> Candidate:
         """Judge a cage as it is after rounding to file units."""
-        placed = TriMesh(self._demand.to_file_units(cage.vertices), cage.faces)
-        back = TriMesh(self._demand.to_units(placed.vertices), cage.faces)
+        placed = TriMesh(self._demand.frame.to_file_units(cage.vertices), cage.faces)
+        back = TriMesh(self._demand.frame.to_units(placed.vertices), cage.faces)
         return Candidate(recipe, placed, judge(back, self._demand), offset, notes=notes)
 
     def _add(self, candidate: Candidate) -> None:
@@ -310,7 +310,7 @@ class _Builder:
             ),
         ):
             if count:
-                points = self._demand.to_file_units(places)
+                points = self._demand.frame.to_file_units(places)
                 texts = (f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in points)
                 notes.append(f"{what} ({count}), at {join_truncated(texts, limit=3)}")
         return tuple(notes)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.cages.building.collapse import euler_characteristic
+from cageik_cli.cages.building.frame import Frame, sort_mesh
 from cageik_cli.cages.faults import find_cage_faults
 from cageik_cli.cages.quality import MIN_ANGLE, find_thin_parts
 from cageik_cli.cages.settings import BuildSettings
@@ -21,14 +22,16 @@ MIN_WIDTH = 1e-7
 
 
 class Demand:
-    """The requirements on a cage, for a model that is moved to the origin, of a diagonal of one.
+    """The requirements on a cage, for a model in its own frame, where its diagonal is one.
 
     Vertices of the model that are in no face are left out: they may be anywhere.
 
     Attributes
     ----------
+    frame : Frame
     surface : TriMesh
-        What it must hold: the faces of the model, those without area made a little wide.
+        What it must hold: the faces of the model, those without area made a little wide; in the
+        frame, as all that follows.
     samples : (s, 3) float64
         Points all over the surface, about 0.01 apart.
     clearance : float
@@ -46,27 +49,20 @@ class Demand:
         if not model.diagonal > 0:
             raise FormatError("the model is one point, expected a surface; give another mesh")
         model = model.drop_unused_vertices()
-        low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
-        self._centre, self._scale = low + (high - low) / 2, model.diagonal
-        self.surface = _widen_slivers(TriMesh(self.to_units(model.vertices), model.faces))
+        self.frame = Frame(model)
+        placed = TriMesh(self.frame.to_units(model.vertices), model.faces)
+        self.surface = _widen_slivers(sort_mesh(placed))
         self.samples = np.empty((0, 3))
         for block in sample_in_blocks(self.surface):
             self.samples = keep_one_per_cell(np.concatenate([self.samples, block]), 0.01)
         self.clearance = settings.clearance
         self.fewest, self.most = int(np.ceil(0.9 * settings.vertices)), settings.vertices
 
-    def to_units(self, points: Floats) -> Floats:
-        """Return places in file units, (..., 3), in units of the surface."""
-        return np.asarray((points - self._centre) / self._scale)
-
-    def to_file_units(self, points: Floats) -> Floats:
-        """Undo the move and the scale of (k, 3) points."""
-        return np.asarray(points * self._scale + self._centre)
-
 
 def keep_one_per_cell(points: Floats, cell: float) -> Floats:
     """Return the first of the points in each cell of a grid, in their order."""
-    cells = np.floor(points / cell).astype(np.int64)
+    # Coordinates of simple shapes are round numbers; sides of cells are not.
+    cells = np.floor(points / cell + 0.3719).astype(np.int64)
     first = np.unique(cells, axis=0, return_index=True)[1]
     return np.asarray(points[np.sort(first)])
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from cageik_cli.cages.building.frame import break_ties
 from cageik_cli.cages.surface_points import sample_in_blocks
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
@@ -117,7 +118,9 @@ def make_shell(grid: DistanceGrid, offset: float, closing: float) -> Shell | Non
     added &= apart > radius  # a bridge is none of the model's hollows or gaps
     is_wide = grid.distance > offset + closing
     hollows, webs = _find_centres(grid, added & is_wide), _find_centres(grid, added & ~is_wide)
-    return Shell(_take_outermost(surface), bridges.mean(axis=1), hollows, webs)
+    surface = _take_outermost(surface)
+    surface = TriMesh(break_ties(surface.vertices), surface.faces)
+    return Shell(surface, bridges.mean(axis=1), hollows, webs)
 
 
 def _compute_field(grid: DistanceGrid, offset: float, closing: float) -> Floats:

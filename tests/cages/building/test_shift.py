@@ -19,11 +19,11 @@ def rod(coarse_grids):
     settings = BuildSettings(40, 0.01)
     cage = build_cage(model, settings).cage
     demand = Demand(model, settings)
-    rest = demand.to_units(model.vertices)
+    rest = demand.frame.to_units(model.vertices)
     x, y, z = rest.T
     bend = np.maximum(z - z.mean(), 0)
     posed = np.stack([x + 2 * bend**2, y, z - bend**2], axis=1)[None]
-    cage = TriMesh(demand.to_units(cage.vertices), cage.faces)
+    cage = TriMesh(demand.frame.to_units(cage.vertices), cage.faces)
     return cage, demand, rest, posed
 
 
