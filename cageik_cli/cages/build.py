@@ -82,6 +82,9 @@ class Candidate:
         On the animation; None where nothing was measured.
     notes : tuple of str
         Changes to the surface of the model, a sentence each.
+    joins_parts : bool
+        Whether its shell joins parts that lie near each other: holes through it are then between
+        them, and else the model's own.
     """
 
     recipe: str
@@ -90,17 +93,28 @@ class Candidate:
     offset: float
     error: float | None = None
     notes: tuple[str, ...] = ()
+    joins_parts: bool = False
 
     @property
     def cost(self) -> float:
         """What speaks against it: the best candidate has the lowest.
 
-        It is the error, or else the offset; a handle costs as much as a tenth of that.
+        It is the error, or else the offset; a hole between parts costs as much as a tenth of that.
         """
         if self.error is not None:
             return self.error
         poor = max(0.0, MIN_FLAWLESS_ANGLE - self.verdict.smallest_angle) / MIN_FLAWLESS_ANGLE
-        return self.offset * (1 + poor + 0.1 * self.verdict.genus)
+        return self.offset * (1 + poor + 0.1 * self._joined_holes)
+
+    @property
+    def is_flawless(self) -> bool:
+        """Return whether it is valid, with good angles and no holes but the model's own."""
+        is_round = self.verdict.smallest_angle >= MIN_FLAWLESS_ANGLE
+        return self.verdict.is_valid and is_round and self._joined_holes == 0
+
+    @property
+    def _joined_holes(self) -> int:
+        return self.verdict.genus * self.joins_parts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,6 +143,23 @@ class BuiltCage:
     chosen: Candidate
     candidates: tuple[Candidate, ...]
     notes: tuple[str, ...]
+
+    @property
+    def reason(self) -> str:
+        """Return why the candidate was taken."""
+        valid = sum(known.verdict.is_valid for known in self.candidates)
+        if self.chosen.error is not None:
+            return f"the smallest error on the animation, of {valid}"
+        if np.isinf(self.chosen.offset):
+            return "no shell gave a valid cage"
+        if self.chosen.is_flawless:
+            return (
+                f"the tightest shell whose cage has angles of {MIN_FLAWLESS_ANGLE:g} degrees or "
+                "more, and no holes but the model's own"
+            )
+        if valid == 1:
+            return "the only shell that gave a valid cage"
+        return "the tightest shell, with small angles and holes counted against it"
 
     def __repr__(self) -> str:
         tried = format_count(len(self.candidates), "candidate")
@@ -191,9 +222,7 @@ class _Builder:
     @property
     def _is_enough(self) -> bool:
         """Whether the ladder can end without a clip, as the rungs that follow are looser."""
-        valid = [candidate.verdict for candidate in self._valid]
-        flawless = any(v.smallest_angle >= MIN_FLAWLESS_ANGLE and v.genus == 0 for v in valid)
-        return flawless or len(valid) >= 2
+        return any(known.is_flawless for known in self._tried) or len(self._valid) >= 2
 
     def run(self, progress: Callable[[int, int], None]) -> BuiltCage:
         """Try the shells, ellipsoids if no shell passes, and shifts for a clip; take the best."""
@@ -244,14 +273,14 @@ class _Builder:
         name = f"shell {100 * offset:.2g} % closed by {100 * closing:.2g} %"
         if motion is not None and len(motion.poses):
             name += f", {len(motion.poses)} poses"
-        notes = self._describe_shell(shell)
+        notes, joins_parts = self._describe_shell(shell), len(shell.webs) > 0
         candidate = self._make_candidate(name, cage, offset, notes)
         if candidate.verdict.is_valid:
             stronger = replace_weak_vertices(cage, self._demand)
             if stronger is not cage:
                 replaced = self._make_candidate(name, stronger, offset, notes)
                 candidate = replaced if replaced.verdict.is_valid else candidate
-        self._add(candidate)
+        self._add(replace(candidate, joins_parts=joins_parts))
 
     def _try_ellipsoids(self) -> None:
         """Try loose cages: an ellipsoid drawn in, and where that fails, as it is."""

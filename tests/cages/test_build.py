@@ -3,13 +3,14 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from cageik_cli.cages import build as build_module
-from cageik_cli.cages.build import Clip, build_cage
+from cageik_cli.cages.build import BuiltCage, Candidate, Clip, build_cage
+from cageik_cli.cages.building.judge import Verdict
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FormatError
 from tests.cages.independent import examine
-from tests.cages.torture import FAST, SLOW
+from tests.cages.torture import FAST, SLOW, torus
 from tests.shapes import ball, box, changed, concave, finer, merged, moved
 
 
@@ -48,6 +49,36 @@ def test_a_built_cage_is_found_fit_by_the_check_that_users_run():
     assert diagnose(built.cage, ball(4)).verdict == "fit"
     assert built.chosen.verdict.smallest_angle >= 10
     assert built.chosen.verdict.largest_valence <= 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tube", "torus"])
+def test_a_round_model_gets_a_tight_cage(name):
+    """A prism of eight sides around a circle has 1.06 times its area, the clearance adds 0.06."""
+    model = torus() if name == "torus" else make_tube()
+    built = build_cage(model, BuildSettings(vertices=60))
+    assert built.cage.volume <= 1.35 * model.volume
+    assert built.chosen.is_flawless
+
+
+def make_tube():
+    """Make a closed tube, four times as long as it is wide."""
+    square = finer(box(), 4)
+    x, y, z = square.vertices.T
+    round_off = np.maximum(np.abs(x), np.abs(y)) / np.maximum(np.hypot(x, y), 1e-9)
+    return changed(square, vertices=np.stack([x * round_off, y * round_off, 4 * z], axis=1))
+
+
+@pytest.mark.slow
+def test_a_model_in_another_order_turned_and_scaled_gets_the_same_cage():
+    model = finer(concave(), 2)
+    order = np.random.default_rng(3).permutation(len(model.vertices))
+    turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    other = TriMesh(0.01 * model.vertices[order] @ turn.T + 5, np.argsort(order)[model.faces])
+    first, second = (build_cage(m, BuildSettings(vertices=30)).cage for m in (model, other))
+    back = (second.vertices - 5) @ turn / 0.01
+    np.testing.assert_allclose(back, first.vertices, rtol=0, atol=1e-3 * model.diagonal)
+    np.testing.assert_array_equal(second.faces, first.faces)
 
 
 @pytest.mark.slow
@@ -127,6 +158,37 @@ def test_every_candidate_is_kept_and_counted(looser):
 def test_the_number_of_threads_does_not_change_sums(looser):
     """Products of several threads are rounded otherwise: every choice is made with one."""
     assert looser[2] == {1}
+
+
+def make_candidate(angle=20.0, genus=0, joins_parts=False, faults=(), **values):
+    verdict = Verdict(faults, genus, 0.004, angle, 8, 0.01)
+    values = {"offset": 0.01, "error": None, **values}
+    return Candidate("a shell", box(), verdict, joins_parts=joins_parts, **values)
+
+
+def test_a_hole_of_the_model_itself_is_no_flaw():
+    ring, joined = (make_candidate(genus=1, joins_parts=joins) for joins in (False, True))
+    assert ring.is_flawless
+    assert not joined.is_flawless
+    assert ring.cost < joined.cost
+    assert not make_candidate(angle=9.0).is_flawless
+    assert not make_candidate(faults=("is open",)).is_flawless
+
+
+@pytest.mark.parametrize(
+    ("chosen", "others", "words"),
+    [
+        ({}, [{"faults": ("is open",)}], "tightest shell whose cage has angles of 10 degrees"),
+        ({"angle": 6.0}, [{"angle": 5.0}], "small angles and holes counted against it"),
+        ({"angle": 6.0}, [{"faults": ("is open",)}], "the only shell"),
+        ({"error": 0.5}, [{"error": 0.6}], "smallest error on the animation, of 2"),
+        ({"offset": np.inf}, [{"faults": ("is open",)}], "no shell gave a valid cage"),
+    ],
+)
+def test_a_choice_has_its_reason(chosen, others, words):
+    best = make_candidate(**chosen)
+    built = BuiltCage(box(), best, (best, *(make_candidate(**other) for other in others)), ())
+    assert words in built.reason
 
 
 def test_a_model_that_is_one_point_is_refused():

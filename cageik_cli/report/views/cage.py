@@ -72,6 +72,7 @@ def list_cage_rows(result: CageResult, is_detailed: bool = False) -> list[tuple[
     rows += [("warning", warning) for warning in built.notes]
     rows += [("note", note) for note in result.notes]
     if is_detailed:
+        rows.append(("chosen for", built.reason))
         rows += [("candidate", _describe_candidate(known)) for known in built.candidates]
     return rows
 
