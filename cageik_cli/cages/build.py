@@ -103,18 +103,17 @@ class Candidate:
         """
         if self.error is not None:
             return self.error
-        poor = max(0.0, MIN_FLAWLESS_ANGLE - self.verdict.smallest_angle) / MIN_FLAWLESS_ANGLE
-        return self.offset * (1 + poor + 0.1 * self._joined_holes)
+        return self.offset * (1 + self._flaws)
 
     @property
     def is_flawless(self) -> bool:
         """Return whether it is valid, with good angles and no holes but the model's own."""
-        is_round = self.verdict.smallest_angle >= MIN_FLAWLESS_ANGLE
-        return self.verdict.is_valid and is_round and self._joined_holes == 0
+        return self.verdict.is_valid and self._flaws == 0
 
     @property
-    def _joined_holes(self) -> int:
-        return self.verdict.genus * self.joins_parts
+    def _flaws(self) -> float:
+        poor = max(0.0, MIN_FLAWLESS_ANGLE - self.verdict.smallest_angle) / MIN_FLAWLESS_ANGLE
+        return poor + 0.1 * self.verdict.genus * self.joins_parts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,19 +146,13 @@ class BuiltCage:
     @property
     def reason(self) -> str:
         """Return why the candidate was taken."""
-        valid = sum(known.verdict.is_valid for known in self.candidates)
         if self.chosen.error is not None:
-            return f"the smallest error on the animation, of {valid}"
+            return "the smallest error on the animation"
         if np.isinf(self.chosen.offset):
             return "no shell gave a valid cage"
         if self.chosen.is_flawless:
-            return (
-                f"the tightest shell whose cage has angles of {MIN_FLAWLESS_ANGLE:g} degrees or "
-                "more, and no holes but the model's own"
-            )
-        if valid == 1:
-            return "the only shell that gave a valid cage"
-        return "the tightest shell, with small angles and holes counted against it"
+            return "the tightest shell whose cage has good angles and no holes between parts"
+        return "the tightest shell, with small angles and holes between parts counted against it"
 
     def __repr__(self) -> str:
         tried = format_count(len(self.candidates), "candidate")
@@ -219,11 +212,6 @@ class _Builder:
         """The candidates that may be handed out."""
         return [candidate for candidate in self._tried if candidate.verdict.is_valid]
 
-    @property
-    def _is_enough(self) -> bool:
-        """Whether the ladder can end without a clip, as the rungs that follow are looser."""
-        return any(known.is_flawless for known in self._tried) or len(self._valid) >= 2
-
     def run(self, progress: Callable[[int, int], None]) -> BuiltCage:
         """Try the shells, ellipsoids if no shell passes, and shifts for a clip; take the best."""
         if self._clip is None:
@@ -242,11 +230,11 @@ class _Builder:
         return self._choose_best()
 
     def _try_shells(self, progress: Callable[[int], None]) -> None:
-        """Try the ladder until it is enough."""
+        """Try the ladder until one is flawless or two are valid: the others are looser."""
         for step, (offset, closing) in enumerate(LADDER):
             self._try_shell(offset, closing)
             progress(step + 1)
-            if self._is_enough:
+            if any(known.is_flawless for known in self._tried) or len(self._valid) == 2:
                 break
 
     def _try_shells_for_clip(self, progress: Callable[[int], None]) -> None:

@@ -176,19 +176,17 @@ def test_a_hole_of_the_model_itself_is_no_flaw():
 
 
 @pytest.mark.parametrize(
-    ("chosen", "others", "words"),
+    ("chosen", "words"),
     [
-        ({}, [{"faults": ("is open",)}], "tightest shell whose cage has angles of 10 degrees"),
-        ({"angle": 6.0}, [{"angle": 5.0}], "small angles and holes counted against it"),
-        ({"angle": 6.0}, [{"faults": ("is open",)}], "the only shell"),
-        ({"error": 0.5}, [{"error": 0.6}], "smallest error on the animation, of 2"),
-        ({"offset": np.inf}, [{"faults": ("is open",)}], "no shell gave a valid cage"),
+        ({}, "whose cage has good angles"),
+        ({"angle": 6.0}, "counted against it"),
+        ({"error": 0.5, "angle": 6.0}, "smallest error"),
+        ({"offset": np.inf}, "no shell"),
     ],
 )
-def test_a_choice_has_its_reason(chosen, others, words):
+def test_a_choice_has_its_reason(chosen, words):
     best = make_candidate(**chosen)
-    built = BuiltCage(box(), best, (best, *(make_candidate(**other) for other in others)), ())
-    assert words in built.reason
+    assert words in BuiltCage(box(), best, (best,), ()).reason
 
 
 def test_a_model_that_is_one_point_is_refused():

@@ -5,6 +5,8 @@ differ, the two are one.
 """
 
 import heapq
+from collections.abc import Callable
+from typing import Any
 
 import igl
 import numpy as np
@@ -14,31 +16,29 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import cross, measure_angles
 from cageik_cli.util.arrays import Floats, Integers
 
-EVENNESS = 1e-4
-"""What an edge costs that is as long as the distances of a quadric: more leaves edges that are more
-equal, and planes that fit less well."""
-
+MIN_EVENNESS, ROUND_EVENNESS = 1e-4, 0.03
+"""What the square of a length costs over that of a distance in a quadric, for shells that quadrics
+keep in shape, and for round ones: more leaves edges that are more equal, and planes that fit less
+well."""
 
 NEEDLE_ANGLE, MAX_NEEDLE_SHARE = 5.0, 0.01
 """Which share of the faces of a thinned shell may have an angle below this, degrees: characters and
 balls have up to 0.002 of them, tubes and boxes 0.01 to 0.4."""
 
 
-def collapse_edges(cage: TriMesh, count: int, motion: Motion | None) -> TriMesh:
+def collapse_edges(
+    cage: TriMesh, count: int, motion: Motion | None, evenness: float = MIN_EVENNESS
+) -> TriMesh:
     """Collapse edges until there are `count` vertices, or none is left that may be collapsed.
 
     The cost of a collapse is the sum over the rest pose and those of the motion, each with its own
     best place, so that vertices stay where any pose bends.
     """
-    # A fine shell hardly tangles: down to this number of vertices, collapses need no test.
-    untested = max(1200, 2 * count)
-    if len(cage.vertices) > 1.5 * untested:
-        cage = thin_shell(cage, untested)
     # Each row of limits is for what those before leave no way to do.
     for angle, valence, cosine in ((6.0, 10, 0.2), (3.0, 11, 0.0), (0.5, 14, -0.3)):
         if len(cage.vertices) > count:
-            collapser = _Collapser(cage, motion, angle=angle, valence=valence, cosine=cosine)
-            cage = collapser.run(count)
+            limits = {"angle": angle, "valence": valence, "cosine": cosine}
+            cage = _Collapser(cage, motion, evenness, **limits).run(count)
     return cage
 
 
@@ -56,8 +56,16 @@ class _Collapser:
     """
 
     def __init__(
-        self, cage: TriMesh, motion: Motion | None, *, angle: float, valence: int, cosine: float
+        self,
+        cage: TriMesh,
+        motion: Motion | None,
+        evenness: float,
+        *,
+        angle: float,
+        valence: int,
+        cosine: float,
     ) -> None:
+        self._evenness = evenness
         self._min_angle, self._max_valence, self._min_cosine = angle, valence, cosine
         carried = [] if motion is None else [motion.carry(cage.vertices)]
         self._places = np.concatenate([cage.vertices[None], *carried])
@@ -89,7 +97,7 @@ class _Collapser:
 
     def _push(self, ends: Integers) -> None:
         """Queue the collapses of edges, (e, 2)."""
-        costs, targets = collapse_costs(self._quadrics, self._places, ends)
+        costs, targets = collapse_costs(self._quadrics, self._places, ends, self._evenness)
         for (a, b), cost, target in zip(ends.tolist(), costs.tolist(), targets, strict=True):
             item = (cost, a, b, int(self._age[a]), int(self._age[b]), len(self._targets))
             heapq.heappush(self._queue, item)
@@ -162,7 +170,9 @@ def vertex_quadrics(mesh: TriMesh) -> Floats:
     return quadrics
 
 
-def collapse_costs(quadrics: Floats, places: Floats, ends: Integers) -> tuple[Floats, Floats]:
+def collapse_costs(
+    quadrics: Floats, places: Floats, ends: Integers, evenness: float = MIN_EVENNESS
+) -> tuple[Floats, Floats]:
     """Return the cost of every collapse, summed over poses, and its best places in them.
 
     Parameters
@@ -188,7 +198,7 @@ def collapse_costs(quadrics: Floats, places: Floats, ends: Integers) -> tuple[Fl
     reach = np.linalg.norm(step, axis=2)
     step *= np.minimum(1, length / np.maximum(reach, 1e-300))[..., None]
     targets = np.concatenate([middle + step, np.ones((*reach.shape, 1))], axis=2)
-    costs = np.einsum("pei,peij,pej->pe", targets, total, targets) + EVENNESS * size * length**2
+    costs = np.einsum("pei,peij,pej->pe", targets, total, targets) + evenness * size * length**2
     return costs.sum(axis=0), targets[..., :3].transpose(1, 0, 2)
 
 
@@ -208,18 +218,32 @@ def list_stages(count: int) -> list[int]:
     return [int(np.ceil(stage)) for stage in counts[::-1]]
 
 
-def thin_shell(shell: TriMesh, count: int) -> TriMesh:
-    """Thin a fine shell to `count` vertices by libigl's quick collapses, which are not tested.
+def thin_shell(shell: TriMesh, count: int) -> tuple[TriMesh, float]:
+    """Thin a shell to `count` vertices by libigl's quick collapses, which are not tested.
 
     Quadrics leave needles along tubes and straight edges, which no later collapse can mend: the
-    shortest edges are collapsed there instead.
+    shortest edges are collapsed there instead, and the rest is to be even, too.
+
+    Returns
+    -------
+    TriMesh
+        The shell itself, if it has hardly more vertices.
+    float
+        The evenness to go on with.
     """
-    surface = np.asfortranarray(shell.vertices), np.asfortranarray(shell.faces.astype(np.int32))
+    if len(shell.vertices) <= 1.5 * count:
+        return shell, MIN_EVENNESS
+    thin = _collapse_quickly(igl.qslim, shell, count)
+    angles = measure_angles(thin.vertices[thin.faces]).min(axis=1)
+    if (angles < NEEDLE_ANGLE).mean() <= MAX_NEEDLE_SHARE:
+        return thin, MIN_EVENNESS
+    return _collapse_quickly(igl.decimate, shell, count), ROUND_EVENNESS
+
+
+def _collapse_quickly(collapse: Callable[..., Any], shell: TriMesh, count: int) -> TriMesh:
     faces = 2 * (count - euler_characteristic(shell))
-    for thin in (igl.qslim, igl.decimate):
-        vertices, corners, *_ = thin(*surface, faces)
-        angles = measure_angles(vertices[corners]).min(axis=1)
-        if (angles < NEEDLE_ANGLE).mean() <= MAX_NEEDLE_SHARE:
-            break
+    vertices, corners, *_ = collapse(
+        np.asfortranarray(shell.vertices), np.asfortranarray(shell.faces.astype(np.int32)), faces
+    )
     used, corners = np.unique(corners, return_inverse=True)
     return TriMesh(vertices[used], corners.reshape(-1, 3))

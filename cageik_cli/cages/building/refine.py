@@ -7,7 +7,7 @@ import igl
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from cageik_cli.cages.building.collapse import collapse_edges, list_stages
+from cageik_cli.cages.building.collapse import collapse_edges, list_stages, thin_shell
 from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.judge import Demand, find_near_points, keep_one_per_cell
 from cageik_cli.cages.building.motion import Motion
@@ -38,10 +38,12 @@ MIN_SAFE_WEIGHT = 0.08
 
 def refine_shell(shell: TriMesh, demand: Demand, motion: Motion | None) -> TriMesh:
     """Make a cage of a shell; the judge decides whether it is valid."""
-    cage = shell
-    for count in list_stages(demand.most):
+    stages = list_stages(demand.most)
+    # A fine shell hardly tangles: down to this number of vertices, collapses need no test.
+    cage, evenness = thin_shell(shell, max(1200, 2 * stages[0]))
+    for count in stages:
         if count < len(cage.vertices):
-            cage = collapse_edges(cage, count, motion)
+            cage = collapse_edges(cage, count, motion, evenness)
         cage = _push_and_relax(cage, demand)
     if len(cage.vertices) > demand.most:
         return cage

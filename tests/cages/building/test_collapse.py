@@ -6,7 +6,9 @@ import pytest
 
 from cageik_cli.cages.building.collapse import (
     MAX_NEEDLE_SHARE,
+    MIN_EVENNESS,
     NEEDLE_ANGLE,
+    ROUND_EVENNESS,
     collapse_costs,
     euler_characteristic,
     thin_shell,
@@ -32,10 +34,19 @@ def test_a_cylinder_is_thinned_without_needles():
         np.asfortranarray(shell.vertices), np.asfortranarray(shell.faces.astype(np.int32)), faces
     )
     assert needle_share(TriMesh(vertices, corners)) > MAX_NEEDLE_SHARE
-    thin = thin_shell(shell, 400)
+    thin, evenness = thin_shell(shell, 400)
+    assert evenness == ROUND_EVENNESS
     assert needle_share(thin) <= MAX_NEEDLE_SHARE
     assert len(thin.vertices) == pytest.approx(400, abs=2)
     assert thin.is_closed
+
+
+def test_a_ball_keeps_what_quadrics_leave_of_it():
+    thin, evenness = thin_shell(ball(4), 400)
+    assert evenness == MIN_EVENNESS
+    assert len(thin.vertices) == pytest.approx(400, abs=2)
+    small = ball(3)
+    assert thin_shell(small, 200) == (small, MIN_EVENNESS)
 
 
 def test_costs_of_poses_add_up():
@@ -44,6 +55,7 @@ def test_costs_of_poses_add_up():
     quadrics = np.stack([vertex_quadrics(TriMesh(pose, mesh.faces)) for pose in poses])
     ends = mesh.edges.ends[:20]
     costs, places = collapse_costs(quadrics, poses, ends)
+    assert (collapse_costs(quadrics, poses, ends, 1.0)[0] > costs).all()
     single = [collapse_costs(quadrics[[k]], poses[[k]], ends) for k in range(2)]
     np.testing.assert_allclose(costs, single[0][0] + single[1][0], rtol=1e-12)
     for k in range(2):
