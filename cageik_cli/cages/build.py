@@ -82,9 +82,8 @@ class Candidate:
         On the animation; None where nothing was measured.
     notes : tuple of str
         Changes to the surface of the model, a sentence each.
-    joins_parts : bool
-        Whether its shell joins parts that lie near each other: holes through it are then between
-        them, and else the model's own.
+    joined_holes : int
+        Holes through it between parts that lie near each other, beside the model's own.
     """
 
     recipe: str
@@ -93,7 +92,7 @@ class Candidate:
     offset: float
     error: float | None = None
     notes: tuple[str, ...] = ()
-    joins_parts: bool = False
+    joined_holes: int = 0
 
     @property
     def cost(self) -> float:
@@ -113,7 +112,7 @@ class Candidate:
     @property
     def _flaws(self) -> float:
         poor = max(0.0, MIN_FLAWLESS_ANGLE - self.verdict.smallest_angle) / MIN_FLAWLESS_ANGLE
-        return poor + 0.1 * self.verdict.genus * self.joins_parts
+        return poor + 0.1 * self.joined_holes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,14 +260,15 @@ class _Builder:
         name = f"shell {100 * offset:.2g} % closed by {100 * closing:.2g} %"
         if motion is not None and len(motion.poses):
             name += f", {len(motion.poses)} poses"
-        notes, joins_parts = self._describe_shell(shell), len(shell.webs) > 0
+        notes = self._describe_shell(shell)
         candidate = self._make_candidate(name, cage, offset, notes)
         if candidate.verdict.is_valid:
             stronger = replace_weak_vertices(cage, self._demand)
             if stronger is not cage:
                 replaced = self._make_candidate(name, stronger, offset, notes)
                 candidate = replaced if replaced.verdict.is_valid else candidate
-        self._add(replace(candidate, joins_parts=joins_parts))
+        holes = (len(shell.webs) > 0) * max(0, candidate.verdict.genus - self._demand.holes)
+        self._add(replace(candidate, joined_holes=holes))
 
     def _try_ellipsoids(self) -> None:
         """Try loose cages: an ellipsoid drawn in, and where that fails, as it is."""
@@ -315,7 +315,7 @@ class _Builder:
     def _describe_shell(self, shell: Shell) -> tuple[str, ...]:
         """Return notes on what the shell closed, and where."""
         notes = []
-        holes = 1 - euler_characteristic(shell.surface) // 2
+        holes = 1 - euler_characteristic(shell.surface) // 2 - self._demand.holes
         is_joined = holes > 0 and len(shell.webs) > 0  # else they are holes of the model itself
         for count, what, places in (
             (len(shell.bridges), "parts of the model that lie apart were joined", shell.bridges),

@@ -160,14 +160,14 @@ def test_the_number_of_threads_does_not_change_sums(looser):
     assert looser[2] == {1}
 
 
-def make_candidate(angle=20.0, genus=0, joins_parts=False, faults=(), **values):
+def make_candidate(angle=20.0, genus=0, joined_holes=0, faults=(), **values):
     verdict = Verdict(faults, genus, 0.004, angle, 8, 0.01)
     values = {"offset": 0.01, "error": None, **values}
-    return Candidate("a shell", box(), verdict, joins_parts=joins_parts, **values)
+    return Candidate("a shell", box(), verdict, joined_holes=joined_holes, **values)
 
 
 def test_a_hole_of_the_model_itself_is_no_flaw():
-    ring, joined = (make_candidate(genus=1, joins_parts=joins) for joins in (False, True))
+    ring, joined = (make_candidate(genus=1, joined_holes=holes) for holes in (0, 1))
     assert ring.is_flawless
     assert not joined.is_flawless
     assert ring.cost < joined.cost

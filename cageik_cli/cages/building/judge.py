@@ -12,7 +12,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.cages.surface_points import sample_in_blocks
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import corner_angles, degenerate_face_mask
+from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
@@ -38,6 +38,8 @@ class Demand:
         How far it must keep off; units of the surface.
     fewest, most : int
         Cage vertices.
+    holes : int
+        Through the parts of the model itself, such as that of a ring; 0 if it is open.
 
     Raises
     ------
@@ -57,6 +59,9 @@ class Demand:
             self.samples = keep_one_per_cell(np.concatenate([self.samples, block]), 0.01)
         self.clearance = settings.clearance
         self.fewest, self.most = int(np.ceil(0.9 * settings.vertices)), settings.vertices
+        self.holes = 0
+        if bounds_volume(placed):
+            self.holes = int(placed.components.max()) + 1 - euler_characteristic(placed) // 2
 
 
 def keep_one_per_cell(points: Floats, cell: float) -> Floats:

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.building.judge import find_near_points, measure_segments
-from tests.shapes import ball, box, changed, moved, octahedron, rotation
+from cageik_cli.cages.building.judge import Demand, find_near_points, measure_segments
+from cageik_cli.cages.settings import BuildSettings
+from tests.cages.torture import torus
+from tests.shapes import ball, box, changed, merged, moved, octahedron, rotation
 
 
 def test_the_distance_of_a_corner_from_a_face_is_found_from_either_side():
@@ -52,3 +54,16 @@ def test_a_turn_of_both_changes_nothing():
     surface, cage = octahedron(0.7), box(1.0)
     both = [changed(mesh, vertices=mesh.vertices @ turn.T) for mesh in (surface, cage)]
     assert find_near_points(*both, 0.5)[0].min() == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("model", "holes"),
+    [
+        (torus(), 1),
+        (merged(torus(), ball(2)), 1),
+        (ball(2), 0),
+        (changed(torus(), faces=torus().faces[1:]), 0),
+    ],
+)
+def test_holes_of_the_model_itself_are_counted(model, holes):
+    assert Demand(model, BuildSettings()).holes == holes
