@@ -37,8 +37,10 @@ def collapse_edges(
     # Each row of limits is for what those before leave no way to do.
     for angle, valence, cosine in ((6.0, 10, 0.2), (3.0, 11, 0.0), (0.5, 14, -0.3)):
         if len(cage.vertices) > count:
-            limits = {"angle": angle, "valence": valence, "cosine": cosine}
-            cage = _Collapser(cage, motion, evenness, **limits).run(count)
+            collapser = _Collapser(
+                cage, motion, evenness, angle=angle, valence=valence, cosine=cosine
+            )
+            cage = collapser.run(count)
     return cage
 
 
