@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages import surface_points as module
-from cageik_cli.cages.building.judge import Demand
+from cageik_cli.cages.building.judge import CELL_SHIFT, Demand
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.cages.surface_points import sample_in_blocks, sample_surface
 from cageik_cli.geometry.mesh import TriMesh
@@ -56,4 +56,4 @@ def test_the_points_of_a_model_are_those_of_one_block(monkeypatch):
     monkeypatch.setattr(module, "MAX_BLOCK_POINTS", 1000)
     found = Demand(needles(50), BuildSettings()).samples
     np.testing.assert_array_equal(found, expected)
-    assert len(np.unique(np.floor(found / 0.01), axis=0)) == len(found)
+    assert len(np.unique(np.floor(found / 0.01 + CELL_SHIFT), axis=0)) == len(found)

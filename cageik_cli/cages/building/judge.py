@@ -20,6 +20,9 @@ from cageik_cli.util.errors import FormatError
 MIN_WIDTH = 1e-7
 """How wide faces without area are made, in diagonals: a distance to a face needs its plane."""
 
+CELL_SHIFT = 0.3719
+"""Where a grid of cells begins, in cells: coordinates of simple shapes are round, its sides not."""
+
 
 class Demand:
     """The requirements on a cage, for a model in its own frame, where its diagonal is one.
@@ -66,8 +69,7 @@ class Demand:
 
 def keep_one_per_cell(points: Floats, cell: float) -> Floats:
     """Return the first of the points in each cell of a grid, in their order."""
-    # Coordinates of simple shapes are round numbers; sides of cells are not.
-    cells = np.floor(points / cell + 0.3719).astype(np.int64)
+    cells = np.floor(points / cell + CELL_SHIFT).astype(np.int64)
     first = np.unique(cells, axis=0, return_index=True)[1]
     return np.asarray(points[np.sort(first)])
 
