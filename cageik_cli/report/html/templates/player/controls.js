@@ -78,7 +78,7 @@ function makeControls(stage) {
     text.textContent = clip.isClip ? describe() : "";
     const wantsInput = ["input", "both"].includes(view.show) || view.colours === "frame";
     note.textContent = wantsInput && !stage.hasInput && !transport.isPlaying ? `No input in this frame; ${listHeld()}.` : "";
-    section.classList.toggle("split", view.show === "both" && stage.hasInput);
+    section.classList.toggle("split", stage.isSplit);
     showScale(find("scale"), stage.scale, clip.colours, ["rms", "frame"].includes(view.colours) && find("colours").selectedOptions[0].textContent);
   });
 }

@@ -65,7 +65,8 @@ const isSoftware = (gl) => /swiftshader|llvmpipe|software|basic render/i.test(gl
 
 class Renderer {
   constructor(canvas, faces, cageEdges) {
-    const gl = this.gl = canvas.getContext("webgl2", { antialias: !isSoftware(document.createElement("canvas").getContext("webgl2")), alpha: false });
+    this.isSlow = isSoftware(document.createElement("canvas").getContext("webgl2"));
+    const gl = this.gl = canvas.getContext("webgl2", { antialias: !this.isSlow, alpha: false });
     if (!gl) throw new Error("no WebGL2");
     this.mesh = this.build(MESH_VERTEX, MESH_FRAGMENT, ["position", "normal", "value", "tint"]);
     this.mark = this.build(MARK_VERTEX, MARK_FRAGMENT, ["position"]);

@@ -42,8 +42,7 @@ class Stage {
     this.measure("draw", () => this.draw());
     this.note("frames", now);
     // To paint texts costs as much as the model, so that they wait while it moves.
-    const isMoving = this.transport.isPlaying || this.modes?.isDragging;
-    if (!isMoving || now - this.toldAt > TELL_EVERY) {
+    if (!this.isMoving || now - this.toldAt > TELL_EVERY) {
       this.toldAt = now;
       for (const listener of this.listeners) listener();
     }
@@ -64,6 +63,11 @@ class Stage {
   }
 
   get frame() { return this.transport.frame; }
+
+  // Whether the input is shown beside the reconstruction.
+  get isSplit() { return this.view.show === "both" && this.hasInput; }
+
+  get isMoving() { return this.transport.isPlaying || this.modes?.isDragging; }
 
   // The number of the frame that is shown.
   get number() { return this.clip.numberOf(this.frame); }
@@ -120,19 +124,20 @@ class Stage {
 
   draw() {
     this.ground = getComputedStyle(this.canvas).backgroundColor.match(/\d+/g).slice(0, 3).map((x) => Number(x) / 255);
-    const canvas = this.canvas, ratio = this.ratio = min(devicePixelRatio, 2);
+    // Without a graphics card, what moves has a quarter of the pixels.
+    const canvas = this.canvas, ratio = this.ratio = min(devicePixelRatio, 2) / (this.renderer.isSlow && this.isMoving ? 2 : 1);
     const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((size) => max(1, round(size * ratio)));
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    const isSplit = this.sizeCamera(), part = isSplit ? width >> 1 : width;
-    if (isSplit) this.drawPart(0, part, height, true);
+    this.sizeCamera();
+    const part = this.isSplit ? width >> 1 : width;
+    if (this.isSplit) this.drawPart(0, part, height, true);
     this.drawPart(width - part, part, height, this.view.show === "input" && this.hasInput);
   }
 
-  // Tells the camera the size of its part of the picture; returns whether there are two.
+  // Tells the camera the size of its part of the picture.
   sizeCamera() {
-    const isSplit = this.view.show === "both" && this.hasInput, { clientWidth, clientHeight } = this.canvas;
-    Object.assign(this.camera, { width: max(1, clientWidth / (isSplit ? 2 : 1)), height: max(1, clientHeight) });
-    return isSplit;
+    const { clientWidth, clientHeight } = this.canvas;
+    Object.assign(this.camera, { width: max(1, clientWidth / (this.isSplit ? 2 : 1)), height: max(1, clientHeight) });
   }
 
   drawPart(left, width, height, isInput) {
@@ -165,7 +170,7 @@ class Stage {
 
   // Where a pixel of the picture is in the part of it that shows the model.
   partOf(x) {
-    return this.view.show === "both" && this.hasInput ? x - this.canvas.clientWidth / 2 : x;
+    return this.isSplit ? x - this.canvas.clientWidth / 2 : x;
   }
 
   reset() {
