@@ -3,6 +3,7 @@
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.util.arrays import Floats
 
 MOMENT_DECIMALS = 5
@@ -23,8 +24,8 @@ WAVES = np.array([[13.7, 17.3, 9.1], [8.9, 14.9, 19.7], [16.1, 7.3, 12.7]])
 class Frame:
     """A model's own frame: its box at the origin, of a diagonal of one, its longest axis first.
 
-    Axes are permuted and turned over, as vertices are spread along them and lean to one side, and
-    stay right-handed. A model that is moved, scaled or turned by 90 degrees has the same
+    Axes are permuted and turned over, as the surface is spread along them and leans to one side,
+    and stay right-handed. A model that is moved, scaled or turned by 90 degrees has the same
     coordinates in it, unless it is symmetric.
     """
 
@@ -33,7 +34,10 @@ class Frame:
         self._centre, self._scale = low + (high - low) / 2, model.diagonal
         self._order, self._signs = np.arange(3), np.ones(3)
         points = self.to_units(model.vertices)
-        spread, lean = ((points**power).mean(axis=0) for power in (2, 3))
+        # By area: the same for vertices that are split where normals or UVs differ.
+        areas = lumped_areas(model)
+        shares = areas / areas.sum() if areas.sum() > 0 else np.full(len(areas), 1 / len(areas))
+        spread, lean = (shares @ points**power for power in (2, 3))
         order = np.argsort(-spread.round(MOMENT_DECIMALS), kind="stable")
         lean = lean.round(MOMENT_DECIMALS)[order]
         signs = np.where(lean < 0, -1.0, 1.0)

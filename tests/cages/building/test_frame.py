@@ -42,6 +42,21 @@ def test_a_model_that_is_moved_has_the_same_coordinates_in_its_frame(model, turn
     np.testing.assert_array_equal(placed.faces, place(model).faces)
 
 
+def test_vertices_that_are_split_do_not_turn_the_frame(model):
+    half = model.faces[: len(model.faces) // 2]
+    corners = np.arange(half.size).reshape(-1, 3) + len(model.vertices)
+    vertices = np.concatenate([model.vertices, model.vertices[half].reshape(-1, 3)])
+    split = TriMesh(vertices, np.concatenate([corners, model.faces[len(half) :]]))
+    found, expected = (Frame(m).to_units(model.vertices) for m in (split, model))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+def test_a_model_without_area_has_a_frame():
+    line = TriMesh(np.array([[0.0, 0, 0], [0, 1, 0], [0, 3, 0]]), np.array([[0, 1, 2]]))
+    units = Frame(line).to_units(line.vertices)
+    np.testing.assert_allclose(np.sort(np.abs(units[[0, 2], 0])), 0.5, rtol=1e-12)
+
+
 def test_an_order_of_vertices_changes_no_bit_of_what_a_cage_must_do(model):
     first, second = (Demand(m, BuildSettings()) for m in (model, shuffle(model)))
     np.testing.assert_array_equal(first.surface.vertices, second.surface.vertices)
