@@ -22,7 +22,7 @@ MAX_OUTSIDE_SHARE = 0.5
 MAX_DENTED_SHARE = 0.1
 """With a larger share of vertices far outside, a cage is of another pose."""
 
-BUILD_REMEDY = "leave out `cage=`, and cageik extract builds one"
+BUILD_REMEDY = "cageik extract builds one if `cage=` is left out"
 """What always helps where a cage is not that of the model."""
 
 OTHER_POSE_REMEDY = (

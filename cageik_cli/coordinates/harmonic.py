@@ -231,6 +231,8 @@ def _raise_order(mesh: BoundaryMesh, points: Floats, accuracy: Accuracy) -> Boun
 
     As far as the unknowns allow, the nearest first.
     """
+    if accuracy.order == 1:
+        return mesh
     panels = mesh.panels
     distance = np.minimum(measure_distances(points, panels.centroids), _measure_gaps(panels))
     room = max(0, accuracy.max_unknowns - mesh.linear_unknowns)

@@ -109,7 +109,7 @@ def test_faults_of_a_cage_of_another_pose_are_not_to_be_mended():
     crossing = TriMesh(corner, CAGE.faces)
     error = refuse(crossing)
     assert "crosses" in str(error)
-    assert "leave out `cage=`" in str(error)
+    assert "extract builds one if `cage=` is left out" in str(error)
     assert "move vertices" not in str(error)
     assert not error.is_repairable
     first, *others = diagnose(crossing, MODEL).findings
