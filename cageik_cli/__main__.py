@@ -15,7 +15,7 @@ def main() -> None:
     sentence and exit code 1. That is the system or the installation, never an input. So does an
     interruption before or after the command.
     """
-    # Its threads wait for each other, which takes long where other programs run: ours do the work.
+    # Threads of the linear algebra wait for each other, which takes long beside other programs.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     try:
         try:

@@ -86,7 +86,7 @@ def _refuse_swap(frames: tuple[str, ...], cage: Path | None) -> None:
 
     if cage is None or not cage.is_dir() or len(frames) != 1:
         return
-    if Path(frames[0]).suffix.lower() in mesh_suffixes():
+    if Path(frames[0]).is_file() and Path(frames[0]).suffix.lower() in mesh_suffixes():
         words = shlex.join([str(cage), "--cage", frames[0]])
         raise click.UsageError(
             f"--cage {cage}: is a folder, expected the file of a cage; if both are swapped, type: "

@@ -182,7 +182,7 @@ def test_clicks_boxes_and_numbers_choose(edit):
     type_in(page, "Cage vertices", "99")
     assert "there is no cage vertex 99; the cage has 80" in page.text_content("[data-cage-said]")
     type_in(page, "Cage vertices", "x")
-    assert "x is not a number" in page.text_content("[data-cage-said]")
+    assert "x is no number or range" in page.text_content("[data-cage-said]")
 
 
 def test_a_selection_grows_and_softens_over_edges(edit, walk):

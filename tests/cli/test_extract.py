@@ -26,6 +26,13 @@ def test_swapped_cage_and_frames_are_told_as_they_are_typed(run, folder):
     assert run(*typed).code == 0
 
 
+def test_a_glob_is_no_cage_that_was_swapped(run, folder):
+    outcome = run("extract", "frames/*.obj", "--cage", "frames")
+    assert outcome.code != 0
+    assert "frames" in outcome.err
+    assert "type: cageik" not in outcome.err
+
+
 def test_the_two_commands_work_as_typed(folder):
     """With the shell's own glob, and nothing else given."""
     line = "-m cageik_cli extract frames/*.obj --cage cage.obj && {0} -m cageik_cli report"

@@ -11,9 +11,10 @@ function checkNumber(k, count, where, thing, owner) {
 // Cage vertices of a list such as "3, 8-12", of so many.
 function parseVertices(text, count) {
   return text.split(/[,;\s]+/).filter(Boolean).flatMap((word) => {
-    const [, from, to = from] = word.match(/^(\d+)(?:-(\d+))?$/) ?? refuse("Cage vertices", `${word} is not a number; expected numbers such as 3, 8-12`);
+    const [, from, to = from] = word.match(/^(\d+)(?:-(\d+))?$/) ?? [];
+    if (!(to - from >= 0)) refuse("Cage vertices", `${word} is no number or range; expected such as 3, 8-12`);
     for (const vertex of [from, to]) checkNumber(Number(vertex), count, "Cage vertices", "cage vertex", "cage");
-    return listOf(max(0, to - from + 1), (k) => Number(from) + k);
+    return listOf(to - from + 1, (k) => Number(from) + k);
   });
 }
 
