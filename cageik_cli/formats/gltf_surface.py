@@ -9,6 +9,7 @@ import numpy as np
 from cageik_cli.formats.gltf_file import GlbFile, Singles
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
+    FALLBACK_NORMAL,
     complete_fans,
     compute_fan_normals,
     compute_vertex_normals,
@@ -67,7 +68,9 @@ class Surface:
     def compute_normals(self, positions: Floats) -> Floats:
         """Compute the normals (m', 3) of the written vertices, for positions (m, 3) of the mesh."""
         if self.fans is None:
-            return compute_vertex_normals(self._shaded, positions)[self.origins]
+            normals = compute_vertex_normals(self._shaded, positions)
+            normals[~normals.any(axis=1)] = FALLBACK_NORMAL  # glTF wants a length of 1
+            return normals[self.origins]
         return compute_fan_normals(self._shaded, positions)[self.fans]
 
     @cached_property

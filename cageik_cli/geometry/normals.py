@@ -12,6 +12,9 @@ from cageik_cli.util.arrays import Floats, Integers
 FALLBACK_NORMAL = (0.0, 0.0, 1.0)
 """The normal where faces have no area."""
 
+CANCELLED_TOL = 1e-6
+"""Area vectors cancel if their sum is at most this share of the sum of their sizes."""
+
 
 def compute_fan_normals(attributes: SurfaceAttributes, positions: Floats) -> Floats:
     """Compute the normals that a mesh was given, at other positions.
@@ -22,7 +25,8 @@ def compute_fan_normals(attributes: SurfaceAttributes, positions: Floats) -> Flo
     """
     fans = attributes.normal_fans
     assert fans is not None
-    return _average_normals(attributes, fans, int(fans.max(initial=-1)) + 1, positions)
+    areas = compute_area_vectors(attributes, positions)
+    return _normalize(_sum_at_corners(attributes, fans, int(fans.max(initial=-1)) + 1, areas))
 
 
 def compute_corner_normals(attributes: SurfaceAttributes, positions: Floats) -> Floats:
@@ -36,8 +40,16 @@ def compute_corner_normals(attributes: SurfaceAttributes, positions: Floats) -> 
 
 
 def compute_vertex_normals(attributes: SurfaceAttributes, positions: Floats) -> Floats:
-    """Compute one normal per vertex, (n, 3), of length 1, as if all its faces shared it."""
-    return _average_normals(attributes, attributes.corners, len(positions), positions)
+    """Compute one normal per vertex, (n, 3), of length 1, as if all its faces shared it.
+
+    It is zero where the area vectors of the faces cancel, as on a surface whose faces are there in
+    both windings: their sum is rounding, and has no direction. What is written needs another.
+    """
+    corners, areas = attributes.corners, compute_area_vectors(attributes, positions)
+    count = len(positions)
+    sums = _sum_at_corners(attributes, corners, count, areas)
+    sizes = _sum_at_corners(attributes, corners, count, _size(areas))
+    return np.where(_size(sums) <= CANCELLED_TOL * sizes, 0.0, _normalize(sums))
 
 
 def shade_smoothly(mesh: TriMesh) -> TriMesh:
@@ -78,18 +90,20 @@ def compute_area_vectors(attributes: SurfaceAttributes, positions: Floats) -> Fl
     return np.asarray(np.add.reduceat(np.cross(points, points[find_next_corners(counts)]), starts))
 
 
-def _average_normals(
-    attributes: SurfaceAttributes, numbers: Integers, count: int, positions: Floats
+def _sum_at_corners(
+    attributes: SurfaceAttributes, numbers: Integers, count: int, values: Floats
 ) -> Floats:
-    """Compute `count` normals, shared by the corners that have their number in `numbers` (c,)."""
-    areas = compute_area_vectors(attributes, positions).T
+    """Sum values of polygons, (p, a), over the corners that have each number, (count, a).
+
+    Corners have their number in `numbers`, (c,).
+    """
     # A corner without a normal counts for one more, which is left out.
     places = np.where(numbers < 0, count, numbers)
     columns = (
         np.bincount(places, np.repeat(along, attributes.corner_counts), count + 1)[:count]
-        for along in areas
+        for along in values.T
     )
-    return _normalize(np.stack(list(columns), axis=1, dtype=np.float64))
+    return np.stack(list(columns), axis=1, dtype=np.float64)
 
 
 def find_next_corners(counts: Integers) -> Integers:
@@ -98,6 +112,11 @@ def find_next_corners(counts: Integers) -> Integers:
     ends = np.cumsum(counts)
     places[ends - 1] = ends - counts
     return places
+
+
+def _size(vectors: Floats) -> Floats:
+    """Return the sums of absolute entries, (n, 1): squares of tiny ones vanish."""
+    return np.asarray(np.abs(vectors).sum(axis=1, keepdims=True))
 
 
 def _normalize(vectors: Floats) -> Floats:

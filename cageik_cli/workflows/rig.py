@@ -259,7 +259,10 @@ def _measure_rig(target: Reconstruction, weights: SkinWeights, pose: Pose) -> Ri
 
 
 class _NormalAngles:
-    """Counts angles between the normals of a skin, (m, n) weights, and those of meshes."""
+    """Counts angles between the normals of a skin, (m, n) weights, and those of meshes.
+
+    A vertex whose faces cancel has no normal, and is left out.
+    """
 
     def __init__(self, rest: TriMesh, weights: Floats) -> None:
         self._rest, self._weights = rest, weights
@@ -274,7 +277,8 @@ class _NormalAngles:
         found = turn_normals(self._normals, self._weights, turns)
         for mesh, shaded in zip(meshes, found, strict=True):
             expected = compute_vertex_normals(self._rest.polygons, mesh)
-            cosines = np.einsum("mx,mx->m", shaded, expected)[self._rest.is_used]
+            is_known = self._normals.any(axis=1) & expected.any(axis=1)
+            cosines = np.einsum("mx,mx->m", shaded, expected)[is_known]
             angles = np.degrees(np.arccos(cosines.clip(-1, 1)))
             self._squares += float(np.square(angles).sum())
             steps = (angles * ANGLES_PER_DEGREE).astype(np.int64)

@@ -203,6 +203,12 @@ def test_hard_edges_of_the_asset_are_kept(tmp_path, rig):
     np.testing.assert_allclose(shaded, own @ ROTATIONS, rtol=0, atol=1e-5)
 
 
+def test_normals_of_a_surface_in_both_windings_have_a_length(tmp_path):
+    both = TriMesh(REST.vertices, np.vstack([REST.faces, REST.faces[:, ::-1]]))
+    found, _ = save(GltfRig, tmp_path / "a.glb", rest=both, turns=TURNS)
+    np.testing.assert_allclose(np.linalg.norm(found.file.attribute("NORMAL"), axis=1), 1, rtol=1e-6)
+
+
 def test_joints_that_only_translate_have_no_normals(tmp_path):
     found, _ = save(GltfRig, tmp_path / "a.glb")
     assert "NORMAL" not in found.file.primitives[0]["attributes"]

@@ -5,13 +5,15 @@ import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
+    FALLBACK_NORMAL,
     complete_fans,
     compute_corner_normals,
+    compute_fan_normals,
     compute_vertex_normals,
 )
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import NONE
-from tests.shapes import ball
+from tests.shapes import ball, merged, rotation
 
 
 def test_normals_of_a_ball_point_outward():
@@ -32,13 +34,23 @@ def test_normals_are_weighted_by_area():
     )
 
 
-@pytest.mark.parametrize("faces", [[[0, 1, 2]], [[0, 1, 2], [0, 2, 1]]])
-def test_a_vertex_without_a_direction_has_some_normal(faces):
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 9.0]])
-    normals = compute_vertex_normals(TriMesh(points, np.array(faces)).polygons, points)
-    np.testing.assert_array_equal(normals[3], [0, 0, 1])
-    if len(faces) == 2:
-        np.testing.assert_array_equal(normals[0], [0, 0, 1])
+@pytest.mark.parametrize("size", [1.0, 1e-90])
+def test_a_vertex_whose_faces_cancel_has_no_normal(size):
+    """A ball in both windings, beside one in one winding, and a vertex without a face."""
+    one, other = ball(), ball()
+    both = TriMesh(one.vertices, np.vstack([one.faces, one.faces[:, ::-1]]))
+    mesh = merged(both, other)
+    points = size * np.vstack([mesh.vertices @ rotation(3), [[9, 9, 9]]])
+    normals = compute_vertex_normals(TriMesh(points, mesh.faces).polygons, points)
+    count = len(one.vertices)
+    np.testing.assert_array_equal(normals[[*range(count), -1]], 0)
+    np.testing.assert_allclose(np.linalg.norm(normals[count:-1], axis=1), 1, rtol=1e-14)
+
+
+def test_a_fan_without_an_area_has_some_normal():
+    attributes = SurfaceAttributes(np.array([3]), np.array([0, 1, 2]), normal_fans=np.arange(3))
+    normals = compute_fan_normals(attributes, np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.0]]))
+    np.testing.assert_array_equal(normals, [FALLBACK_NORMAL] * 3)
 
 
 def test_a_corner_without_a_normal_has_that_of_its_face():

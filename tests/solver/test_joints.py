@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.skin import JointMotion, Skin, compute_skin_weights
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
@@ -175,3 +176,13 @@ def test_noise_at_a_joint_that_hardly_anything_follows_does_not_turn_it(size):
     frames += np.random.default_rng(0).normal(0, 0.01, frames.shape)
     turns = prepare(binding).solve(frames).turns[:, 7]
     assert np.linalg.norm(Rotation.from_matrix(turns).as_rotvec(), axis=1).max() < 0.1
+
+
+def test_a_surface_in_both_windings_turns_by_its_places_alone():
+    """Its normals cancel, and what rounding leaves of them must not turn the joints."""
+    sides = np.vstack([BALL.rest.faces, BALL.rest.faces[:, ::-1]])
+    double = replace(BALL, rest=TriMesh(BALL.rest.vertices, sides))
+    frames = spun(np.repeat(STILL, 7, axis=0), 3)
+    poses = prepare(double).solve(frames)
+    np.testing.assert_allclose(poses.turns - poses.rotations[:, None], 0, atol=1e-9)
+    np.testing.assert_allclose(poses.meshes, frames, rtol=0, atol=1e-9)
