@@ -68,10 +68,11 @@ def make_panels() -> tuple[list[Panel], Integers]:
         panels = [(shape, compute_vertex_normals(rest.polygons, shape)) for shape in shapes]
         normals = compute_vertex_normals(rest.polygons, rest.vertices)
         for rig in rigs:
-            meshes = np.concatenate([block.meshes for block in rig.blocks()])
+            blocks = list(rig.blocks())
+            meshes = np.concatenate([block.meshes for block in blocks])
             weights = rig.skin.weights.to_dense(len(result.cage.vertices))
-            turns = rig.skin.rotations[FRAME] if rig.skin.turns is None else rig.skin.turns[FRAME]
-            turns = np.broadcast_to(turns, (1, weights.shape[1], 3, 3))
+            every = [b.rotations[:, None] if b.turns is None else b.turns for b in blocks]
+            turns = np.broadcast_to(np.concatenate(every)[FRAME, None], (1, weights.shape[1], 3, 3))
             panels.append((meshes[FRAME], turn_normals(normals, weights, turns)[0]))
     for name, (_, found) in zip(("input", "morphs", "translate", "turn"), panels, strict=True):
         angles = np.degrees(np.arccos((found * panels[0][1]).sum(axis=1).clip(-1, 1)))

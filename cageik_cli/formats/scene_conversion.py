@@ -133,7 +133,7 @@ class SceneConversion:
         skin = replace(skin, rest=self.convert_mesh(skin.rest))
         if not self.turns:
             return skin
-        turns = None if skin.turns is None else self.turn.T @ skin.turns @ self.turn
+        turns = None if skin.turns is None else (self.turn.T @ t @ self.turn for t in skin.turns)
         return replace(skin, rotations=self.turn.T @ skin.rotations @ self.turn, turns=turns)
 
     def convert_loaded(self, loaded: LoadedMesh) -> LoadedMesh:

@@ -191,8 +191,8 @@ def _write_skeleton(
         input_rms=_measure_input_rms(result),
         jobs=count_processors(),
     )
-    places = iter([rig.places])
-    skin = SceneConversion.of_output(animation.scene, settings.to).convert_skin(rig.skin)
+    skin, places = rig.stream(turns=settings.joints == "turn")
+    skin = SceneConversion.of_output(animation.scene, settings.to).convert_skin(skin)
     if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
         make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=skin)
     else:

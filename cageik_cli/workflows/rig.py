@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain, tee
 
 import numpy as np
 
@@ -43,8 +44,8 @@ class Rig:
 
     Attributes
     ----------
-    places : (F, n, 3) float64
-        Of the joints, as cages.
+    skin : Skin
+        Without the turns of its joints, which `blocks` has.
     rms, largest : float
         Distances of the skinned mesh from the reconstruction, over all vertices and frames, in
         percent of the diagonal of the rest pose.
@@ -55,16 +56,32 @@ class Rig:
         The largest that the rms distance from the input can be, in the same percent: that of the
         reconstruction and this one, added. None where the input is not known.
     blocks : callable
-        Yields all frames in order.
+        Yields all frames in order, which are posed as they are taken.
     """
 
     skin: Skin
-    places: Floats
     rms: float
     largest: float
     angles: tuple[float, float]
     blocks: Callable[[], Iterator[JointPoses]]
     total: float | None = None
+
+    def stream(self, turns: bool) -> tuple[Skin, Iterator[Floats]]:
+        """Return the skin, and the places of its joints, (k, n, 3), in blocks of all frames.
+
+        With `turns` it has those of its joints: of the frames whose places are taken.
+        """
+        if not turns:
+            return self.skin, (block.places for block in self.blocks())
+        blocks, others = tee(self.blocks())
+        every = (block.turns for block in others if block.turns is not None)
+        skin = replace(self.skin, turns=chain.from_iterable(every))
+        return skin, (block.places for block in blocks)
+
+    @property
+    def figures(self) -> str:
+        """The errors against the reconstruction, in a few characters."""
+        return f"{self.rms:.2g}, {self.largest:.2g} %"
 
     @property
     def message(self) -> str:
@@ -123,8 +140,7 @@ def make_rig(
         progress.note("note", f"{name}: {rig.message}")
         if compares:
             counts = [k for k in (4, 8, 16, 32) if k <= len(target.binding.cage.vertices)]
-            errors = [(k, fit_rig(k)) for k in counts]
-            texts = (f"{k}: {one.rms:.2g}, {one.largest:.2g} %" for k, one in errors)
+            texts = [f"{k}: {fit_rig(k).figures}" for k in counts]  # holds one rig at a time
             progress.note("influences", f"rms and largest error: {'; '.join(texts)}")
     return rig
 
@@ -232,25 +248,20 @@ def _bind_skin(binding: Binding, weights: SkinWeights) -> Binding:
 def _measure_rig(target: Reconstruction, weights: SkinWeights, pose: Pose) -> Rig:
     """Pose all frames, and measure how far they are from the target."""
     rest = target.binding.rest
-    places, rotations, turns = [], [], []
+    rotations = []
     squares = largest = 0.0
     normals = _NormalAngles(rest, weights.to_dense(len(target.binding.cage.vertices)))
     for block in target.blocks(FRAMES_PER_RIG_BLOCK):
         posed = pose(block)
-        places.append(posed.places)
         rotations.append(posed.rotations)
-        if posed.turns is not None:
-            turns.append(posed.turns)
         distances = np.square(posed.meshes - block.meshes).sum(axis=2)
         squares += float(distances.sum())
         largest = max(largest, float(distances.max()))
         normals.add(posed, block.meshes)
     count = target.cages.count * len(rest.vertices)
     percent = 100 / rest.diagonal
-    every = np.concatenate(turns) if turns else None
     return Rig(
-        skin=Skin(rest, weights, np.concatenate(rotations), every),
-        places=np.concatenate(places),
+        skin=Skin(rest, weights, np.concatenate(rotations)),
         rms=percent * float(np.sqrt(squares / count)),
         largest=percent * float(np.sqrt(largest)),
         angles=normals.summarize(),

@@ -44,8 +44,9 @@ def test_parts_are_in_the_other_scene_with_transforms_of_their_own():
 def test_a_skin_moves_its_mesh_as_before():
     model, _ = make_character()
     rotation = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    skin = Skin(model, SkinWeights(np.zeros((1, 1), int), np.ones((1, 1))), rotation[None])
-    converted = TO_FEET.convert_skin(skin)
+    weights, turns = SkinWeights(np.zeros((1, 1), int), np.ones((1, 1))), rotation[None, None]
+    converted = TO_FEET.convert_skin(Skin(model, weights, rotation[None], turns))
+    np.testing.assert_array_equal(list(converted.turns), converted.rotations[None])
     np.testing.assert_allclose(
         converted.rest.vertices @ converted.rotations[0],
         TO_FEET.apply(model.vertices @ rotation),

@@ -1,5 +1,7 @@
 """Results as skeletons, skinned by USD itself: they give what the cages of the results give."""
 
+import gc
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from cageik_cli.store.result import read_binding, read_cages, read_result, read_
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows import export as exporting
+from cageik_cli.workflows import rig as rigs
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from cageik_cli.workflows.rig import make_rig
 from tests.clips import frames_of
@@ -60,12 +63,12 @@ def furthest(path):
     return np.linalg.norm(skinned(path) - expected, axis=2).max() / diagonal
 
 
-def rig(count=None, joints="turn", **changes):
+def rig(count=None, joints="turn", compares=False, **changes):
     result = replace(read_result(Path("cages.h5")), **changes)
     binding = read_binding(result)
     rotations = read_rotations(result) if binding.has_offsets else None
     target = Reconstruction(binding, CageFrames.from_result(result), rotations)
-    words = {"influences": count, "joints": joints, "name": "c.usdc"}
+    words = {"influences": count, "joints": joints, "name": "c.usdc", "compares": compares}
     return make_rig(result, target, ProgressListener(), **words)
 
 
@@ -281,6 +284,43 @@ def test_a_skeleton_of_any_format_moves_as_the_rig(run, folder, suffix):
     else:
         found = skinned("c.usdc")
     np.testing.assert_allclose(found, expected, rtol=0, atol=SINGLE)
+
+
+def test_joints_are_posed_as_they_are_written(run, folder, monkeypatch):
+    """Only those of one block of frames are held."""
+    assert run(*EXTRACT).code == 0
+    monkeypatch.setattr(rigs, "FRAMES_PER_RIG_BLOCK", 2)
+    made, counts = rig(3), []
+
+    def blocks():
+        for block in made.blocks():
+            counts.append(len(block.places))
+            yield block
+
+    skin, places = replace(made, blocks=blocks).stream(turns=True)
+    turns = iter(skin.turns)
+    for k, expected in enumerate(made.blocks()):
+        assert len(counts) == k
+        np.testing.assert_array_equal(next(places), expected.places)
+        for turned in expected.turns:
+            np.testing.assert_array_equal(next(turns), turned)
+    assert counts == [2, 2, 1]
+
+
+def test_rigs_that_are_compared_are_held_one_at_a_time(run, folder, monkeypatch):
+    assert run(*EXTRACT).code == 0
+    held, counts, fit = [], [], rigs._measure_rig
+
+    def measure(*given, **named):
+        gc.collect()
+        counts.append(sum(each() is not None for each in held))
+        made = fit(*given, **named)
+        held.append(weakref.ref(made.skin.rotations))
+        return made
+
+    monkeypatch.setattr(rigs, "_measure_rig", measure)
+    rig(3, compares=True)
+    assert counts == [0, 1, 1]
 
 
 def test_the_stated_angles_are_those_of_the_file(run, folder):

@@ -1,6 +1,6 @@
 """A mesh with skin weights, and the motion of its joints: one per cage vertex, below a root."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,14 +66,15 @@ class Skin:
         m vertices.
     rotations : (F, 3, 3) float64
         R of each frame; `points @ R` turns points of the rest pose to it.
-    turns : (F, n, 3, 3) float64, optional
-        R of each joint; joints that only translate have none, and turn with the whole.
+    turns : iterable of (n, 3, 3) float64, optional
+        R of each joint, frame by frame, which are taken once and in order; joints that only
+        translate have none, and turn with the whole.
     """
 
     rest: TriMesh
     weights: SkinWeights
     rotations: Floats
-    turns: Floats | None = None
+    turns: Iterable[Floats] | None = None
 
 
 class JointMotion:
@@ -98,6 +99,7 @@ class JointMotion:
         self.rest_translations = np.vstack([centre, cage.vertices - centre])
         self.turn_count = 1 if skin.turns is None else len(self.names)
         self._skin, self._frame = skin, 0
+        self._turns = None if skin.turns is None else iter(skin.turns)
         self._last = np.tile([0.0, 0.0, 0.0, 1.0], (self.turn_count, 1))
 
     def advance(self, frames: Floats) -> Iterator[tuple[Floats, Floats]]:
@@ -111,11 +113,11 @@ class JointMotion:
         from scipy.spatial.transform import Rotation
 
         for cage in frames:
-            rotation, turns = self._skin.rotations[self._frame], self._skin.turns
+            rotation = self._skin.rotations[self._frame]
             centre = cage.mean(axis=0)
             local = rotation[None]
-            if turns is not None:
-                local = np.concatenate([local, turns[self._frame] @ rotation.T])
+            if self._turns is not None:
+                local = np.concatenate([local, next(self._turns) @ rotation.T])
             found = Rotation.from_matrix(local.swapaxes(1, 2)).as_quat()
             is_far = np.einsum("jq,jq->j", found, self._last) < 0
             self._last = np.where(is_far[:, None], -found, found)
