@@ -187,6 +187,7 @@ def _write_skeleton(
         influences=settings.influences,
         name=settings.output.path.name,
         joints=settings.joints,
+        is_shaded=True,
         compares=settings.compares,
         input_rms=_measure_input_rms(result),
         jobs=count_processors(),

@@ -49,9 +49,10 @@ class Rig:
     rms, largest : float
         Distances of the skinned mesh from the reconstruction, over all vertices and frames, in
         percent of the diagonal of the rest pose.
-    angles : (float, float)
+    angles : (float, float), optional
         Between the normals that the joints turn and those of the reconstruction, degrees: the
-        root mean square over all vertices and frames, and the 99th percentile.
+        root mean square over all vertices and frames, and the 99th percentile. None where no
+        normals are written, or the joints only translate.
     total : float, optional
         The largest that the rms distance from the input can be, in the same percent: that of the
         reconstruction and this one, added. None where the input is not known.
@@ -62,8 +63,8 @@ class Rig:
     skin: Skin
     rms: float
     largest: float
-    angles: tuple[float, float]
     blocks: Callable[[], Iterator[JointPoses]]
+    angles: tuple[float, float] | None = None
     total: float | None = None
 
     def stream(self, turns: bool) -> tuple[Skin, Iterator[Floats]]:
@@ -86,16 +87,18 @@ class Rig:
     @property
     def message(self) -> str:
         """A sentence for the user."""
-        text = f"up to {self.skin.weights.joints.shape[1]} influences per vertex"
-        shaded = "normals are {:.2g} degrees off (rms), 1 % of them more than {:.2g}"
-        normals = shaded.format(*(round(angle, 2) for angle in self.angles))
-        if self.largest < 1e-6:  # rounding: single precision is coarser
-            return f"{text}; the mesh moves as with the full weights; {normals}"
+        clauses = [f"up to {self.skin.weights.joints.shape[1]} influences per vertex"]
         added = f"it adds an rms of {self.rms:.2g} %, largest {self.largest:.2g} %"
-        if self.total is None:
-            return f"{text}; {added} of the diagonal, against the full weights; {normals}"
-        bound = f"against the input, the rms is at most {self.total:.2g} %"
-        return f"{text}; {added}; {bound}; {normals}"
+        if self.largest < 1e-6:  # rounding: single precision is coarser
+            clauses.append("the mesh moves as with the full weights")
+        elif self.total is None:
+            clauses.append(f"{added} of the diagonal, against the full weights")
+        else:
+            clauses += [added, f"against the input, the rms is at most {self.total:.2g} %"]
+        if self.angles is not None:
+            shaded = "normals are {:.2g} degrees off (rms), 1 % of them more than {:.2g}"
+            clauses.append(shaded.format(*(round(angle, 2) for angle in self.angles)))
+        return "; ".join(clauses)
 
 
 def make_rig(
@@ -106,6 +109,7 @@ def make_rig(
     influences: int | None,
     name: str,
     joints: str = "turn",
+    is_shaded: bool = False,
     compares: bool = False,
     input_rms: float | None = None,
     memory: int = DEFAULT_MEMORY,
@@ -124,6 +128,8 @@ def make_rig(
         What the note on the error is about.
     joints : str
         One of `JOINT_MOTIONS`.
+    is_shaded : bool
+        Whether normals are written, which joints that turn take along: the note says how far off.
     input_rms : float, optional
         Distance of the reconstruction from the input, rms over all vertices and frames, in
         percent of the diagonal, where it is known.
@@ -134,7 +140,7 @@ def make_rig(
         fit_rig = partial(
             _fit_rig, target, turns=joints == "turn", solve=solve, memory=memory, jobs=jobs
         )
-        rig = fit_rig(influences)
+        rig = fit_rig(influences, is_shaded=is_shaded)
         if input_rms is not None:
             rig = replace(rig, total=input_rms + rig.rms)
         progress.note("note", f"{name}: {rig.message}")
@@ -153,6 +159,7 @@ def _fit_rig(
     solve: SolveSettings,
     memory: int,
     jobs: int,
+    is_shaded: bool = False,
 ) -> Rig:
     """Return the rig with the weights of the target, or with few that are fitted again.
 
@@ -180,7 +187,7 @@ def _fit_rig(
             found = solver.solve(block.meshes)
             return JointPoses(found.cages, found.rotations, found.reconstructions)
 
-        return _measure_rig(target, weights, pose)
+        return _measure_rig(target, weights, pose, is_shaded=turns and is_shaded)
 
 
 def check_influences(result: Result, influences: int | None) -> None:
@@ -245,26 +252,30 @@ def _bind_skin(binding: Binding, weights: SkinWeights) -> Binding:
     return replace(binding, weights=dense, has_offsets=True)
 
 
-def _measure_rig(target: Reconstruction, weights: SkinWeights, pose: Pose) -> Rig:
-    """Pose all frames, and measure how far they are from the target."""
+def _measure_rig(
+    target: Reconstruction, weights: SkinWeights, pose: Pose, *, is_shaded: bool = False
+) -> Rig:
+    """Pose all frames, and measure how far they and their normals are from the target."""
     rest = target.binding.rest
     rotations = []
     squares = largest = 0.0
-    normals = _NormalAngles(rest, weights.to_dense(len(target.binding.cage.vertices)))
+    dense = weights.to_dense(len(target.binding.cage.vertices))
+    normals = _NormalAngles(rest, dense) if is_shaded else None
     for block in target.blocks(FRAMES_PER_RIG_BLOCK):
         posed = pose(block)
         rotations.append(posed.rotations)
         distances = np.square(posed.meshes - block.meshes).sum(axis=2)
         squares += float(distances.sum())
         largest = max(largest, float(distances.max()))
-        normals.add(posed, block.meshes)
+        if normals is not None and posed.turns is not None:
+            normals.add(posed.turns, block.meshes)
     count = target.cages.count * len(rest.vertices)
     percent = 100 / rest.diagonal
     return Rig(
         skin=Skin(rest, weights, np.concatenate(rotations)),
         rms=percent * float(np.sqrt(squares / count)),
         largest=percent * float(np.sqrt(largest)),
-        angles=normals.summarize(),
+        angles=None if normals is None else normals.summarize(),
         blocks=lambda: map(pose, target.blocks(FRAMES_PER_RIG_BLOCK)),
     )
 
@@ -281,10 +292,8 @@ class _NormalAngles:
         self._counts = np.zeros(180 * ANGLES_PER_DEGREE + 1, np.int64)
         self._squares = 0.0
 
-    def add(self, posed: JointPoses, meshes: Floats) -> None:
-        """Add the angles of frames, (k, m, 3)."""
-        turns = posed.rotations[:, None] if posed.turns is None else posed.turns
-        turns = np.broadcast_to(turns, (len(turns), self._weights.shape[1], 3, 3))
+    def add(self, turns: Floats, meshes: Floats) -> None:
+        """Add the angles of frames, (k, m, 3), whose joints turn by (k, n, 3, 3)."""
         found = turn_normals(self._normals, self._weights, turns)
         for mesh, shaded in zip(meshes, found, strict=True):
             expected = compute_vertex_normals(self._rest.polygons, mesh)

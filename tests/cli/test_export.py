@@ -149,6 +149,15 @@ def test_a_skeleton_says_what_it_costs(run, result):
     assert total == pytest.approx(own + added, rel=0.1)
 
 
+def test_only_a_file_whose_normals_turn_says_how_far_they_are_off(run, result):
+    for suffix in (".glb", ".usdc"):
+        words = ("export", "cages.h5", f"c{suffix}", "--skeleton", "--influences", "3")
+        assert "degrees off" in run(*words).err
+        outcome = run(*words, "--joints", "translate", "--overwrite")
+        assert "up to 3 influences per vertex" in outcome.err
+        assert "normals" not in outcome.err
+
+
 @pytest.mark.parametrize("suffix", [".obj", ".ply"])
 def test_one_mesh_file_is_the_rest_cage(run, result, suffix):
     outcome = run("export", "cages.h5", f"rest{suffix}")
