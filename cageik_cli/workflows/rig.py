@@ -52,7 +52,7 @@ class Rig:
     angles : (float, float), optional
         Between the normals that the joints turn and those of the reconstruction, degrees: the
         root mean square over all vertices and frames, and the 99th percentile. None where no
-        normals are written, or the joints only translate.
+        normals are written, no vertex has one, or the joints only translate.
     total : float, optional
         The largest that the rms distance from the input can be, in the same percent: that of the
         reconstruction and this one, added. None where the input is not known.
@@ -304,8 +304,10 @@ class _NormalAngles:
             steps = (angles * ANGLES_PER_DEGREE).astype(np.int64)
             self._counts += np.bincount(steps, minlength=len(self._counts))
 
-    def summarize(self) -> tuple[float, float]:
-        """Return the root mean square and the 99th percentile, degrees."""
+    def summarize(self) -> tuple[float, float] | None:
+        """Return the root mean square and the 99th percentile, degrees; None of no angles."""
         done = np.cumsum(self._counts)
+        if not done[-1]:
+            return None
         step = np.searchsorted(done, 0.99 * done[-1])
-        return float(np.sqrt(self._squares / max(1, done[-1]))), float(step / ANGLES_PER_DEGREE)
+        return float(np.sqrt(self._squares / done[-1])), float(step / ANGLES_PER_DEGREE)

@@ -342,6 +342,17 @@ def test_the_stated_angles_are_those_of_the_file(run, folder):
     )
 
 
+def test_a_surface_in_both_windings_has_no_normals_to_speak_of(run, folder, animation, write_obj):
+    faces = np.vstack([animation.rest.faces, animation.rest.faces[:, ::-1]])
+    for k, vertices in enumerate(animation.frames, start=1):
+        write_obj(Path(f"frames/frame_{k}.obj"), vertices, faces)
+    assert run(*EXTRACT).code == 0
+    outcome = run("export", "cages.h5", "c.glb", "--skeleton", "--influences", 3)
+    assert "up to 3 influences per vertex" in outcome.err
+    assert "degrees" not in outcome.err
+    assert rig(3).angles is None
+
+
 @pytest.mark.parametrize("words", [(), ("--influences", 3)])
 def test_a_clip_of_one_frame_is_at_rest(run, folder, words):
     assert run("extract", "frames/frame_1.obj", *EXTRACT[2:], "--no-fit").code == 0
