@@ -32,22 +32,22 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats
 
 NORMAL_LENGTH = 0.0075
-"""ℓ: a normal that is off by a radian counts as a vertex that is off by this share of the diagonal.
+"""A normal off by a radian counts as a vertex off by this share ℓ of the diagonal.
 
 On a dancer, 0.005 has an error that is 2 % smaller, and normals that are 8 % further off.
 """
 
 ROTATION_PULL = 0.03
-"""ρ: of a matrix to the rotation nearest to it, relative to one normal per joint."""
+"""A matrix is pulled to the rotation nearest to it by ρ, relative to one normal per joint."""
 
 ROTATION_SMOOTHNESS = 1e-3
-"""η: of rotations over the cage, in the same measure."""
+"""Rotations are kept smooth over the cage by η, in the same measure as ρ."""
 
 ROTATION_STEPS = 4
-"""Turns of matrices and rotations; more change neither the error nor the normals by 1 %."""
+"""Matrices and rotations take so many turns; more change error and normals by less than 1 %."""
 
 MAX_ROW_ENTRIES = 1 << 22
-"""Entries of the rows that are multiplied at once."""
+"""Rows that are multiplied at once have at most so many entries."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

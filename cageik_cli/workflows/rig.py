@@ -35,7 +35,7 @@ FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
 """Frames that are posed together; constant, because the last digits depend on it."""
 
 ANGLES_PER_DEGREE = 20
-"""Steps per degree in which angles of normals are counted."""
+"""Angles of normals are counted in so many steps per degree."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

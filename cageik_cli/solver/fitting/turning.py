@@ -23,10 +23,10 @@ from cageik_cli.solver.joints import MAX_ROW_ENTRIES, NORMAL_LENGTH, JointSolver
 from cageik_cli.util.arrays import Floats, Integers
 
 TURNING_REGULARIZATION = 0.01
-"""λ of these weights: their frames have no noise that smooth weights would keep out."""
+"""Weights have a λ this small: their frames have no noise that smooth weights would keep out."""
 
 TURNING_ROUNDS = 5
-"""Rounds of joints and weights; of three, the error is 3 to 15 % larger."""
+"""Joints and weights take so many rounds; after three, the error is 3 to 15 % larger."""
 
 
 def fit_turning(
