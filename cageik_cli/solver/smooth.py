@@ -19,7 +19,7 @@ import numpy as np
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fill import FrameTerms, make_bend_bands
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Mask
 
 MIN_WINDOW, MAX_WINDOW = 96, 512
 """Frames per window: as many as have matrices of 64 MiB, within these limits."""
@@ -75,10 +75,10 @@ class TimeSmoother:
         """Return smoothed cages, (F, n, 3), of filled ones, with λ of each track, (2 + n,)."""
         from scipy.linalg import solveh_banded
 
-        if len(cages) < 3 or terms.is_known.sum() < 2:
+        if terms.is_known.sum() < 3:
             return cages
         tracks, shares = self._split(cages), self._measure_shares(terms)
-        weights = weigh_accelerations(tracks)
+        weights = weigh_accelerations(tracks, terms.is_known)
         for k, strength in enumerate(strengths):
             bands = make_bend_bands(strength * weights)
             bands[2] += shares[:, k]
@@ -141,21 +141,26 @@ def choose_strengths(taken: Floats, freedom: Floats, frames: int) -> Floats:
     return np.asarray(STRENGTHS[(scores <= least).argmax(axis=1)])
 
 
-def weigh_accelerations(tracks: Floats) -> Floats:
+def weigh_accelerations(tracks: Floats, is_known: Mask) -> Floats:
     """Return weights of the accelerations of all tracks, (F − 2,): 1, and less around a hit.
 
     A hit is one of the centre, of the rotation, or of the aligned vertices together; so that of a
-    limb, which turns the whole a little, is kept in all of them.
+    limb, which turns the whole a little, is kept in all of them. Frames that were filled tell
+    neither a hit nor what is usual.
     """
     second = np.diff(tracks, 2, axis=0) ** 2
-    weights, extent = np.ones(len(second)), np.sqrt((tracks[:, 2:] ** 2).sum(axis=(1, 2)).max())
+    weights, is_whole = np.ones(len(second)), is_known[:-2] & is_known[1:-1] & is_known[2:]
+    if not is_whole.any():
+        return weights
+    extent = np.sqrt((tracks[is_known, 2:] ** 2).sum(axis=(1, 2)).max())
     for part, size in ((slice(0, 1), extent), (slice(1, 2), 1.0), (slice(2, None), extent)):
         sizes = np.sqrt(second[:, part].sum(axis=(1, 2)))
-        usual = MIN_HIT_RATIO * max(np.median(sizes), MIN_ACCELERATION * size)
+        usual = MIN_HIT_RATIO * max(np.median(sizes[is_whole]), MIN_ACCELERATION * size)
         weights = np.minimum(weights, 1 / np.maximum(1, sizes / usual) ** 4)
     # The acceleration passes through zero within a hit.
     around = np.pad(weights, 1, constant_values=1.0)
-    return np.asarray(np.minimum(np.minimum(around[:-2], around[2:]), weights))
+    weights = np.minimum(np.minimum(around[:-2], around[2:]), weights)
+    return np.where(is_whole, weights, 1.0)
 
 
 def _join(tracks: Floats) -> Floats:

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from cageik_cli import bind
 from cageik_cli.solver import smooth
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fill import FrameTerms
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.fill import FrameTerms, TimeFiller
+from cageik_cli.solver.settings import MAX_SMOOTHING_PERIOD, SolveSettings
 from cageik_cli.solver.smooth import MIN_WINDOW, STRENGTHS, TimeSmoother, choose_strengths
 from tests.shapes import ball, box
 
@@ -151,6 +151,53 @@ def test_a_hit_survives(solver, smoother, vertices):
     found = smoother.smooth(cages, make_terms(cages), smoother.repeat_period(9.0))
     speed = [np.abs(np.diff(one[:, 0, 1])).max() for one in (found, clean)]
     assert speed[0] > 0.95 * speed[1]
+
+
+@pytest.mark.parametrize("gap", [slice(0, 40), slice(40, 80)])
+@pytest.mark.parametrize("frames", [1.0, 9.0, 199.0])
+def test_half_a_clip_without_data_does_not_make_hits_of_the_rest(solver, smoother, gap, frames):
+    """As a gap that is filled has no acceleration, it says nothing of what is usual."""
+    cages = make_cages(solver) + 0.02 * RNG.standard_normal((FRAMES, 8, 3))
+    known = np.ones(FRAMES, bool)
+    known[gap] = False
+    terms = make_terms(cages, is_known=known)
+    filled, strengths = TimeFiller(solver).fill(terms), smoother.repeat_period(frames)
+    found = smoother.smooth(filled, terms, strengths)[known]
+    alone = smoother.smooth(cages[known], make_terms(cages[known]), strengths)
+    np.testing.assert_allclose(found, alone, rtol=0, atol=1e-2 * np.abs(alone - cages[known]).max())
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_few_frames_at_an_end_of_a_window_are_solved(solver, smoother, count):
+    cages, known = make_cages(solver, 512), np.arange(512) < count
+    terms = make_terms(cages, is_known=known)
+    found = smoother.smooth(
+        TimeFiller(solver).fill(terms), terms, smoother.repeat_period(MAX_SMOOTHING_PERIOD)
+    )
+    np.testing.assert_allclose(found[known], cages[known], rtol=0, atol=1e-3)
+
+
+def test_gaps_by_turns_are_smoothed_over(solver, smoother):
+    clean = make_cages(solver, 280)
+    cages = clean + 0.02 * RNG.standard_normal(clean.shape)
+    known = np.arange(280) % 70 < 30
+    terms = make_terms(cages, is_known=known)
+    filled = TimeFiller(solver).fill(terms)
+    found = smoother.smooth(filled, terms, smoother.repeat_period(24))[known] - clean[known]
+    assert np.sqrt((found**2).mean()) < 0.5 * np.sqrt(((cages - clean)[known] ** 2).mean())
+
+
+def test_a_hit_is_not_found_where_frames_are_filled(solver, smoother):
+    tracks = np.zeros((30, 10, 4))
+    tracks[:, 0, 0] = 0.01 * np.arange(30) ** 2
+    tracks[:, 2:, 0] = 1.0
+    tracks[20, 0, 0] += 5
+    known = np.ones(30, bool)
+    assert (smooth.weigh_accelerations(tracks, known)[17:22] < 0.01).all()
+    known[20] = False
+    np.testing.assert_array_equal(smooth.weigh_accelerations(tracks, known)[18:21], 1)
+    known[::2] = False
+    np.testing.assert_array_equal(smooth.weigh_accelerations(tracks, known), 1)
 
 
 def test_windows_give_what_the_whole_gives(solver, smoother, monkeypatch):
