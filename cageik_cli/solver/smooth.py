@@ -86,8 +86,10 @@ class TimeSmoother:
             tracks[:, k] = solveh_banded(bands, right, check_finite=False)
         return _join(tracks)
 
-    def measure_validation(self, cages: Floats) -> tuple[Floats, Floats]:
+    def measure_validation(self, cages: Floats, is_known: Mask) -> tuple[Floats, Floats]:
         """Return what smoothing filled cages, (F, n, 3), with each of `STRENGTHS` takes and leaves.
+
+        Only frames with data count, three of them at least.
 
         Returns
         -------
@@ -98,10 +100,9 @@ class TimeSmoother:
         """
         from scipy.linalg import eigh
 
-        second = np.diff(np.eye(len(cages)), 2, axis=0)
-        bends, basis = eigh(second.T @ second)
+        bends, basis = eigh(_make_bending(is_known))
         bends[:2] = 0
-        tracks = self._split(cages)
+        tracks = self._split(cages)[is_known]
         power = ((basis.T @ tracks.transpose(1, 0, 2)) ** 2).sum(axis=2)
         kept = 1 / (1 + np.maximum(bends, 0)[:, None] * STRENGTHS)
         return power @ (1 - kept) ** 2, kept.sum(axis=0)
@@ -131,10 +132,23 @@ class TimeSmoother:
         return shares
 
 
+def _make_bending(is_known: Mask) -> Floats:
+    """Return D₂ᵀ D₂ of second differences for the k known frames, (k, k), if others bend least."""
+    known = np.flatnonzero(is_known)
+    # What is before the first and behind the last one is straight.
+    inner = np.arange(known[0], known[-1] + 1)
+    second = np.diff(np.eye(len(inner)), 2, axis=0)
+    whole, gaps = second.T @ second, np.flatnonzero(~is_known[inner])
+    known -= known[0]
+    across = whole[np.ix_(gaps, known)]
+    reduced = across.T @ np.linalg.solve(whole[np.ix_(gaps, gaps)], across)
+    return np.asarray(whole[np.ix_(known, known)] - reduced)
+
+
 def choose_strengths(taken: Floats, freedom: Floats, frames: int) -> Floats:
     """Return the λ of least cross-validation of each track, from sums over windows.
 
-    It is the smallest whose score is hardly above the least: see `DOUBTFUL_FRAMES`.
+    `frames` are those with data. It is the smallest whose score is hardly above the least: see `DOUBTFUL_FRAMES`.
     """
     scores = taken / (frames - freedom) ** 2
     least = (1 + (DOUBTFUL_FRAMES / max(frames, 1)) ** 2) * scores.min(axis=1, keepdims=True)

@@ -92,11 +92,12 @@ class TimePass:
             return self._smoother.repeat_period(float(chosen) * self._fps)
         taken, freedom, frames = np.zeros(1), np.zeros(1), 0
         for inner, window, terms in self._read_windows():
-            if len(inner) >= 3:
-                own = slice(inner.start - window.start, inner.stop - window.start)
-                more, free = self._smoother.measure_validation(self._filler.fill(terms)[own])
-                taken, freedom, frames = taken + more, freedom + free, frames + len(inner)
-        return choose_strengths(taken, freedom, frames)
+            own = slice(inner.start - window.start, inner.stop - window.start)
+            known, filled = terms.is_known[own], self._filler.fill(terms)[own]
+            if known.sum() >= 3:
+                more, free = self._smoother.measure_validation(filled, known)
+                taken, freedom, frames = taken + more, freedom + free, frames + int(known.sum())
+        return choose_strengths(taken, freedom, frames) if frames else None
 
     @cached_property
     def _is_fillable(self) -> Mask:

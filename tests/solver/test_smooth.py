@@ -40,8 +40,12 @@ def make_terms(cages, **changes):
     return FrameTerms(**{"cages": cages, "is_known": known, "lost": {}} | changes)
 
 
+def validate(smoother, cages):
+    return smoother.measure_validation(cages, np.ones(len(cages), bool))
+
+
 def smooth_auto(smoother, cages):
-    strengths = choose_strengths(*smoother.measure_validation(cages), len(cages))
+    strengths = choose_strengths(*validate(smoother, cages), len(cages))
     return smoother.smooth(cages, make_terms(cages), strengths)
 
 
@@ -109,14 +113,14 @@ def test_what_trembles_alike_is_found_and_clean_motion_is_spared(solver, smoothe
 
 
 def test_three_frames_are_not_smoothed_by_chance(solver, smoother):
-    strengths = choose_strengths(*smoother.measure_validation(make_cages(solver)[:3]), 3)
+    strengths = choose_strengths(*validate(smoother, make_cages(solver)[:3]), 3)
     np.testing.assert_array_equal(strengths, STRENGTHS[0])
 
 
 def test_what_is_taken_and_left_is_that_of_the_smoothing(solver, smoother, monkeypatch):
     monkeypatch.setattr(smooth, "MIN_HIT_RATIO", 1e9)
     cages = make_cages(solver) + 0.02 * RNG.standard_normal((FRAMES, 8, 3))
-    taken, freedom = smoother.measure_validation(cages)
+    taken, freedom = validate(smoother, cages)
     second = np.diff(np.eye(FRAMES), 2, axis=0)
     moved = np.linalg.inv(np.eye(FRAMES) + STRENGTHS[12] * second.T @ second)
     np.testing.assert_allclose(freedom[12], np.trace(moved), rtol=1e-9)
@@ -126,6 +130,36 @@ def test_what_is_taken_and_left_is_that_of_the_smoothing(solver, smoother, monke
         taken[0, 12], ((centres - moved @ centres) ** 2).sum(), rtol=1e-6, atol=0
     )
     assert (np.diff(taken, axis=1) >= 0).all()
+
+
+def test_frames_that_are_filled_are_no_data_for_validation(solver, smoother):
+    """Against a dense solve over all frames of which only the known ones have weight."""
+    cages = make_cages(solver) + 0.02 * RNG.standard_normal((FRAMES, 8, 3))
+    known = RNG.random(FRAMES) < 0.5
+    known[:5], known[30:50] = False, False
+    taken, freedom = smoother.measure_validation(cages, known)
+    second = np.diff(np.eye(FRAMES), 2, axis=0)
+    share = np.diag(known.astype(float))
+    moved = np.linalg.inv(share + STRENGTHS[12] * second.T @ second) @ share
+    np.testing.assert_allclose(freedom[12], np.trace(moved[known][:, known]), rtol=1e-7)
+    centres = np.einsum("i,tix->tx", smoother._mean, cages)
+    changes = (centres - moved @ centres)[known]
+    np.testing.assert_allclose(taken[0, 12], (changes**2).sum(), rtol=1e-6, atol=0)
+    cages[~known] += 9.0
+    np.testing.assert_allclose(smoother.measure_validation(cages, known)[0][0], taken[0])
+
+
+def test_noise_is_found_if_every_second_frame_is_missing(solver, smoother):
+    clean = make_cages(solver, 2 * FRAMES)
+    cages = clean + 0.02 * RNG.standard_normal((2 * FRAMES, 1, 3))
+    known = np.arange(2 * FRAMES) % 2 == 0
+    terms = make_terms(cages, is_known=known)
+    filled = TimeFiller(solver).fill(terms)
+    strengths = choose_strengths(*smoother.measure_validation(filled, known), FRAMES)
+    assert strengths[0] > 1e3 * STRENGTHS[0]
+    found = smoother.smooth(filled, terms, strengths)
+    errors = [np.sqrt(((one - clean) ** 2).mean()) for one in (found, filled)]
+    assert errors[0] < 0.6 * errors[1]
 
 
 def test_a_vertex_with_little_data_in_a_frame_follows_its_time(solver, smoother):

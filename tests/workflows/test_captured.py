@@ -399,6 +399,33 @@ def test_windows_of_long_clips_change_little(walker, make, monkeypatch):
     assert 0 < np.abs(parts - whole).max() < 0.01 * np.abs(whole - plain).max()
 
 
+def test_windows_with_too_few_frames_to_validate_are_kept(walker, make, monkeypatch):
+    """Of 96 frames, 3 have data, each in a window of its own."""
+    frames = np.full((96, *walker[0].shape[1:]), np.nan)
+    frames[[5, 50, 90]] = walker[0][[1, 4, 7]]
+    options = {"clip": MISSING, "rest": Path("rest/frame_0.obj"), "on_bad_frame": "skip"}
+    write_objs(Path("rest"), walker[0][:1], walker[1])
+    monkeypatch.setattr("cageik_cli.solver.smooth.MIN_WINDOW", 32)
+    monkeypatch.setattr("cageik_cli.solver.smooth.MAX_WINDOW", 32)
+    plain, _ = cages_of(make(frames, "plain", **options))
+    found, _ = cages_of(make(frames, capture=CaptureSettings(smooth="auto"), **options))
+    np.testing.assert_allclose(found, plain, rtol=0, atol=1e-9)
+
+
+def test_noise_of_every_second_frame_is_smoothed(walk, make):
+    frames = np.concatenate([walk[0], walk[0][::-1]])
+    noise = np.random.default_rng(4).standard_normal((len(frames), 1, 3))
+    spoilt = frames + 0.01 * np.linalg.norm(np.ptp(frames[0], axis=0)) * noise
+    spoilt[1::2] = np.nan
+    options = {"clip": MISSING, "rest": Path("rest/frame_0.obj"), "on_bad_frame": "skip"}
+    write_objs(Path("rest"), frames[:1], walk[1])
+    errors = []
+    for capture in (CaptureSettings(), CaptureSettings(smooth="auto")):
+        cages, weights = cages_of(make(spoilt, capture=capture, **options))
+        errors.append(error_to(frames[::2], cages[::2], weights))
+    assert errors[1] < 0.85 * errors[0]
+
+
 @pytest.mark.parametrize("ratio", [1.0, 1.01, 1e300])
 def test_periods_that_cannot_be_smoothed_are_refused(walker, make, ratio):
     """The longest period of a clip with 24 frames per second, and longer ones."""
