@@ -75,16 +75,19 @@ class TimeSmoother:
         """Return smoothed cages, (F, n, 3), of filled ones, with λ of each track, (2 + n,)."""
         from scipy.linalg import solveh_banded
 
-        if terms.is_known.sum() < 3:
-            return cages
-        tracks, shares = self._split(cages), self._measure_shares(terms)
-        weights = weigh_accelerations(tracks, terms.is_known)
+        known, smooth = np.flatnonzero(terms.is_known), cages.copy()
+        if len(known) < 3:
+            return smooth
+        inner = slice(known[0], known[-1] + 1)  # nothing holds what is beyond
+        tracks, shares = self._split(cages[inner]), self._measure_shares(terms)[inner]
+        weights = weigh_accelerations(tracks, terms.is_known[inner])
         for k, strength in enumerate(strengths):
             bands = make_bend_bands(strength * weights)
             bands[2] += shares[:, k]
             right = shares[:, k, None] * tracks[:, k]
             tracks[:, k] = solveh_banded(bands, right, check_finite=False)
-        return _join(tracks)
+        smooth[inner] = _join(tracks)
+        return smooth
 
     def measure_validation(self, cages: Floats, is_known: Mask) -> tuple[Floats, Floats]:
         """Return what smoothing filled cages, (F, n, 3), with each of `STRENGTHS` takes and leaves.
@@ -148,7 +151,8 @@ def _make_bending(is_known: Mask) -> Floats:
 def choose_strengths(taken: Floats, freedom: Floats, frames: int) -> Floats:
     """Return the λ of least cross-validation of each track, from sums over windows.
 
-    `frames` are those with data. It is the smallest whose score is hardly above the least: see `DOUBTFUL_FRAMES`.
+    It is the smallest whose score is hardly above the least, for so many `frames` with data: see
+    `DOUBTFUL_FRAMES`.
     """
     scores = taken / (frames - freedom) ** 2
     least = (1 + (DOUBTFUL_FRAMES / max(frames, 1)) ** 2) * scores.min(axis=1, keepdims=True)
@@ -159,22 +163,20 @@ def weigh_accelerations(tracks: Floats, is_known: Mask) -> Floats:
     """Return weights of the accelerations of all tracks, (F − 2,): 1, and less around a hit.
 
     A hit is one of the centre, of the rotation, or of the aligned vertices together; so that of a
-    limb, which turns the whole a little, is kept in all of them. Frames that were filled tell
-    neither a hit nor what is usual.
+    limb, which turns the whole a little, is kept in all of them. A frame that was filled, which
+    hardly accelerates, tells neither a hit nor what is usual.
     """
     second = np.diff(tracks, 2, axis=0) ** 2
-    weights, is_whole = np.ones(len(second)), is_known[:-2] & is_known[1:-1] & is_known[2:]
-    if not is_whole.any():
-        return weights
+    weights, is_data = np.ones(len(second)), is_known[1:-1]
     extent = np.sqrt((tracks[is_known, 2:] ** 2).sum(axis=(1, 2)).max())
     for part, size in ((slice(0, 1), extent), (slice(1, 2), 1.0), (slice(2, None), extent)):
         sizes = np.sqrt(second[:, part].sum(axis=(1, 2)))
-        usual = MIN_HIT_RATIO * max(np.median(sizes[is_whole]), MIN_ACCELERATION * size)
+        usual = MIN_HIT_RATIO * max(np.median(sizes[is_data]), MIN_ACCELERATION * size)
         weights = np.minimum(weights, 1 / np.maximum(1, sizes / usual) ** 4)
     # The acceleration passes through zero within a hit.
     around = np.pad(weights, 1, constant_values=1.0)
     weights = np.minimum(np.minimum(around[:-2], around[2:]), weights)
-    return np.where(is_whole, weights, 1.0)
+    return np.where(is_data, weights, 1.0)
 
 
 def _join(tracks: Floats) -> Floats:
