@@ -7,7 +7,7 @@ Young 1936). No cage of n points has a smaller error on these vertices. They are
 the error over all vertices is seldom smaller, and a few percent larger.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -146,6 +146,8 @@ class VertexBoundAccumulator:
 class Absences:
     """How many frames in a row each vertex had no weight, counted block by block.
 
+    A frame without data neither ends an absence nor begins one.
+
     Attributes
     ----------
     longest : (m,) int64
@@ -153,19 +155,22 @@ class Absences:
 
     def __init__(self, vertex_count: int) -> None:
         self.longest = np.zeros(vertex_count, np.int64)
-        self._present, self._frames = np.zeros(vertex_count, np.int64), 0
+        # Lengths up to the last frame with data, and the frame behind it.
+        self._present, self._stop = np.zeros(vertex_count, np.int64), 0
         self._long: list[tuple[range, Integers]] = []
 
-    def update(self, kept: "KeptBlock") -> None:
-        """Count the frames of the next block; a vertex of a frame without data is seen in it."""
-        for place in range(len(kept.starts) - 1):
+    def update(self, kept: "KeptBlock", frames: range, skipped: Collection[int]) -> None:
+        """Count the frames of the next block, of which those that are skipped have no data."""
+        for place, frame in enumerate(frames):
+            if frame in skipped:
+                continue
             vertices, weights = kept.get_weights(place)
             gone = vertices[weights == 0]
             before, self._present = self._present, np.zeros_like(self._present)
-            self._present[gone] = before[gone] + 1
+            self._present[gone] = np.where(before > 0, before + frame - self._stop, 0)[gone] + 1
             np.maximum(self.longest, self._present, out=self.longest)
             self._long += self._list_long(np.where(self._present > 0, 0, before))
-            self._frames += 1
+            self._stop = frame + 1
 
     @property
     def has_long(self) -> bool:
@@ -179,9 +184,9 @@ class Absences:
         return np.sort(np.concatenate(found)) if found else np.empty(0, np.int64)
 
     def _list_long(self, lengths: Integers) -> list[tuple[range, Integers]]:
-        """List absences of these lengths, (m,), up to now, that are too long to be bridged."""
+        """List absences of these lengths, (m,), that are too long to be bridged."""
         return [
-            (range(self._frames - int(length), self._frames), np.flatnonzero(lengths == length))
+            (range(self._stop - int(length), self._stop), np.flatnonzero(lengths == length))
             for length in np.unique(lengths[lengths > MAX_BRIDGED_FRAMES])
         ]
 
@@ -221,7 +226,7 @@ class ClipSummary:
             before = 0 if self._kept_counts is None else self._kept_counts
             self._kept_counts = before + block.kept.counts
             self.absences = self.absences or Absences(len(block.kept.counts))
-            self.absences.update(block.kept)
+            self.absences.update(block.kept, range(block.start, block.stop), block.skipped)
         self._rms.append(block.metrics.rms)
         self._bound.update(block.sampled)
 

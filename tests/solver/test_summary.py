@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cageik_cli.solver.captured import KeptBlock
 from cageik_cli.solver.summary import (
     MAX_BOUND_VERTICES,
     MIN_BOUND_VERTICES,
+    Absences,
     DeviationPeaks,
     VertexBoundAccumulator,
     spread_vertices,
@@ -138,3 +140,59 @@ def test_vertices_are_spread_over_the_numbers(count, points, expected):
     assert np.isin(found, numbers).all()
     assert (found[0], found[-1]) == (0, numbers[-1])
     assert np.diff(found).max() <= 3 * (count // expected + 1)
+
+
+def count_absences(weights, skipped=(), size=4):
+    """Absences of weights (F, m), in blocks of `size` frames."""
+    found, weights = Absences(weights.shape[1]), weights.copy()
+    weights[list(skipped)] = 1  # as a block stores them
+    for start in range(0, len(weights), size):
+        block = weights[start : start + size]
+        rows, vertices = np.nonzero(block != 1)
+        starts = np.searchsorted(rows, np.arange(len(block) + 1))
+        kept = KeptBlock(None, starts, vertices, block[rows, vertices], None)
+        found.update(kept, range(start, start + len(block)), skipped)
+    return found
+
+
+def hide(count, *spans):
+    """Weights of one vertex per span, and of one that is seen in all frames."""
+    weights = np.ones((count, len(spans) + 1))
+    for vertex, (first, last) in enumerate(spans):
+        weights[first:last, vertex] = 0
+    return weights
+
+
+@pytest.mark.parametrize("size", [1, 4, 40])
+def test_long_absences_are_found_in_their_frames_only(size):
+    """Over the borders of blocks, at the start and at the end; 10 frames are not long."""
+    spans = [(0, 11), (3, 13), (9, 29), (29, 40)]
+    found = count_absences(hide(40, *spans), size=size)
+    assert found.longest.tolist() == [11, 10, 20, 11, 0]
+    assert found.has_long
+    for frame in range(40):
+        expected = [k for k in (0, 2, 3) if spans[k][0] <= frame < spans[k][1]]
+        assert found.find_long(frame).tolist() == expected
+
+
+def test_a_vertex_that_is_seen_now_and_then_is_not_hidden_for_long():
+    weights = hide(60, (0, 60))
+    weights[10::11] = 1
+    weights[5::11, 0] = 0.3
+    found = count_absences(weights)
+    assert not found.has_long
+    assert all(not len(found.find_long(frame)) for frame in range(60))
+
+
+@pytest.mark.parametrize("size", [1, 4, 100])
+def test_a_skipped_frame_does_not_end_an_absence(size):
+    found = count_absences(hide(110, (5, 105)), range(0, 110, 10), size)
+    assert found.longest.tolist() == [100, 0]
+    assert [frame for frame in range(110) if len(found.find_long(frame))] == list(range(5, 105))
+
+
+def test_skipped_frames_alone_are_no_absence():
+    """Hidden for 6 frames each before and behind a gap, the one before seen behind it."""
+    found = count_absences(hide(40, (4, 10), (30, 36)), range(10, 30))
+    assert found.longest.tolist() == [6, 6, 0]
+    assert not found.has_long
