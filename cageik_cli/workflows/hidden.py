@@ -16,7 +16,7 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.solver.executor import choose_block_size
 from cageik_cli.solver.rigid_fill import RigidFiller
 from cageik_cli.store.checkpoint import Checkpoint
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, InputError
 
 
@@ -33,14 +33,14 @@ def place_hidden(
     filler = RigidFiller(block_solver.solver.binding.rest)
     reads = sequence.blocks(choose_block_size(checkpoint.spec.vertices), jobs)
     for solved, block in zip(checkpoint.blocks(), reads, strict=True):
-        hidden = {
-            place: absences.find_long(solved.start + place)
-            for place in range(len(solved.cages))
-            if solved.start + place not in solved.skipped
-        }
-        if any(map(len, hidden.values())):
+        places = [
+            frame - solved.start
+            for frame in range(solved.start, solved.stop)
+            if frame not in solved.skipped and len(absences.find_long(frame))
+        ]
+        if places:
             with progress.stage("solve"):
-                cages = _solve_placed(block_solver, filler, solved, block, hidden)
+                cages = _solve_placed(block_solver, filler, solved, block, places)
             with progress.stage("measure"):
                 solved = measure_again(block_solver, solved, cages, block)
         output.append(solved)
@@ -51,21 +51,19 @@ def _solve_placed(
     filler: RigidFiller,
     solved: SolvedBlock,
     block: Block,
-    hidden: dict[int, Integers],
+    places: list[int],
 ) -> Floats:
-    """Return the cages of a block whose hidden vertices, by the place of the frame, are placed."""
+    """Return the cages of a block, in whose frames at `places` all that is hidden is placed."""
     assert solved.kept is not None
     solver, cages = block_solver.solver, solved.cages.copy()
     positions, _ = block_solver.complete(block)
-    # Vertices that are missing for a shorter time, or rejected, stay where the cage has them.
+    # What is missing for a shorter time, rejected, or never data tells nothing of the surface.
     shares = solved.kept.expand_weights(positions.shape[1]) * (solver.vertex_weights > 0)
-    for place, vertices in hidden.items():
-        if len(vertices):
-            one, is_hidden = slice(place, place + 1), np.zeros(positions.shape[1], bool)
-            is_hidden[vertices] = True
-            rebuilt = reconstruct_frames(solver.binding, cages[one], solved.rotations[one])[0]
-            seen = rebuilt + shares[place, :, None] * (positions[place] - rebuilt)
-            cages[place] = solver.solve(filler.fill(seen, is_hidden)[None]).cages[0]
+    for place in places:
+        one, share = slice(place, place + 1), shares[place]
+        rebuilt = reconstruct_frames(solver.binding, cages[one], solved.rotations[one])[0]
+        seen = rebuilt + share[:, None] * (positions[place] - rebuilt)
+        cages[place] = solver.solve(filler.fill(seen, share == 0)[None]).cages[0]
     return cages
 
 

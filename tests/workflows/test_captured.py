@@ -160,6 +160,21 @@ def test_a_piece_that_is_hidden_for_long_is_noted(walker, make, first, last, is_
     assert any(note.startswith(text) for note in result.notes) == is_noted
 
 
+def test_what_is_placed_is_all_that_is_hidden_in_a_frame(walker, make, monkeypatch):
+    """Beside a piece that is hidden for long, one for two frames, and one that is never data."""
+    spoilt, used, found = walker[0].copy(), np.ones(1570), []
+    spoilt[1:, :314] = np.nan
+    spoilt[6:8, 400:500] = np.nan
+    used[600:610] = 0
+    np.save("used.npy", used)
+    monkeypatch.setattr(
+        "cageik_cli.workflows.hidden.RigidFiller.fill",
+        lambda self, positions, is_hidden: found.append(is_hidden) or positions,
+    )
+    extract(make(spoilt, clip=MISSING, vertex_weights=Path("used.npy")))
+    np.testing.assert_array_equal(found, np.isnan(spoilt[1:, :, 0]) | (used == 0))
+
+
 @pytest.mark.parametrize("smooth", ["auto", 0.2])
 def test_a_piece_that_is_hidden_in_all_frames_does_not_fly_when_smoothed(walk, make, smooth):
     frames = walk[0]
