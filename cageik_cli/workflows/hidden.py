@@ -73,7 +73,10 @@ def find_rotations(solver: DualLaplacianSolver, cages: Floats) -> Floats:
         return np.tile(np.eye(3), (len(cages), 1, 1))
     weighted = solver.vertex_weights[:, None] * solver.rest
     # The mesh relative to any point will do, as the weighted rest pose sums to zero.
-    return nearest_rotations_by_svd((solver.binding.weights.T @ weighted).T @ cages)
+    moments = (solver.binding.weights.T @ weighted).T
+    turns = nearest_rotations_by_svd(moments @ np.concatenate([solver.rest_cage[None], cages]))
+    # Weights with offsets turn the rest cage, too; without, this is the identity.
+    return np.asarray(turns[0].T @ turns[1:])
 
 
 def measure_again(
