@@ -45,7 +45,7 @@ class FrameTerms:
         Whether a frame has data.
     lost : dict
         By frame, E_t, (n, n), of frames in which vertices weigh less, or are missing, if in no more
-        than `MAX_BRIDGED_FRAMES` in a row.
+        than `MAX_BRIDGED_FRAMES` of `solver.summary` in a row.
     """
 
     cages: Floats
