@@ -48,6 +48,12 @@ MIN_HIT_RATIO = 4.0
 MIN_ACCELERATION = 1e-6
 """Smallest median acceleration, in sizes of the cage per frame²: below it, it may be rounding."""
 
+MIN_REACH = 7.0
+"""Least overlap of windows that are smoothed, in λ^¼ frames.
+
+What is beyond counts less than exp(−7 / √2), which is 0.7 %.
+"""
+
 
 class TimeSmoother:
     """Smoother of the cages of one binding.
@@ -55,7 +61,7 @@ class TimeSmoother:
     Attributes
     ----------
     window, overlap : int
-        Frames per window, and by how many it overlaps the next.
+        Frames per window that is filled, and by how many it overlaps the next.
     """
 
     def __init__(self, solver: DualLaplacianSolver) -> None:
@@ -71,16 +77,24 @@ class TimeSmoother:
         """Return λ of all tracks, (2 + n,), by which motions of a period in frames are halved."""
         return np.full(2 + len(self._mean), (frames / (2 * np.pi)) ** 4)
 
-    def smooth(self, cages: Floats, terms: FrameTerms, strengths: Floats) -> Floats:
-        """Return smoothed cages, (F, n, 3), of filled ones, with λ of each track, (2 + n,)."""
+    def measure_reach(self, strengths: Floats) -> int:
+        """Return by how many frames windows overlap, so that smoothing has no seams."""
+        return max(self.overlap, int(np.ceil(MIN_REACH * strengths.max() ** 0.25)))
+
+    def smooth(self, cages: Floats, shares: Floats, strengths: Floats) -> Floats:
+        """Return smoothed cages, (F, n, 3), of filled ones.
+
+        Shares of the data are those of `measure_shares`, and λ is per track, (2 + n,).
+        """
         from scipy.linalg import solveh_banded
 
-        known, smooth = np.flatnonzero(terms.is_known), cages.copy()
+        is_known, smooth = shares[:, 0] > 0, cages.copy()
+        known = np.flatnonzero(is_known)
         if len(known) < 3:
             return smooth
         inner = slice(known[0], known[-1] + 1)  # nothing holds what is beyond
-        tracks, shares = self._split(cages[inner]), self._measure_shares(terms)[inner]
-        weights = weigh_accelerations(tracks, terms.is_known[inner])
+        tracks, shares = self._split(cages[inner]), shares[inner]
+        weights = weigh_accelerations(tracks, is_known[inner])
         for k, strength in enumerate(strengths):
             bands = make_bend_bands(strength * weights)
             bands[2] += shares[:, k]
@@ -126,8 +140,8 @@ class TimeSmoother:
         tracks[:, 2:, :3] = (cages - centres[:, None]) @ rotations.swapaxes(1, 2)
         return tracks
 
-    def _measure_shares(self, terms: FrameTerms) -> Floats:
-        """Return the share of the data that each track has, (F, 2 + n)."""
+    def measure_shares(self, terms: FrameTerms) -> Floats:
+        """Return the share of the data that each track has, (F, 2 + n); 0 in unknown frames."""
         shares = np.tile(terms.is_known[:, None], 2 + len(self._mean)).astype(float)
         for t, matrix in terms.lost.items():
             share = 1 - np.diag(matrix) / self._share_scale

@@ -69,18 +69,41 @@ class TimePass:
 
     def run(self) -> Iterator[SmoothedFrames]:
         """Yield the frames of all windows, without their overlaps."""
-        strengths, wanted = self.strengths, self._is_known | self._is_fillable
-        for inner, window, terms in self._read_windows():
-            filled = self._filler.fill(terms)
-            if strengths is None:
-                smooth = np.where(terms.is_known[:, None, None], terms.cages, filled)
-            else:
-                smooth = self._smoother.smooth(filled, terms, strengths)
-            smooth = _hold_ends(smooth, terms.is_known)
-            own = slice(inner.start - window.start, inner.stop - window.start)
-            cages, here = smooth[own].copy(), slice(inner.start, inner.stop)
+        wanted = self._is_known | self._is_fillable
+        for inner, cages in self._fill() if self.strengths is None else self._smooth():
+            here = slice(inner.start, inner.stop)
             cages[~wanted[here]] = np.nan
             yield SmoothedFrames(inner.start, cages, (wanted & ~self._is_known)[here])
+
+    def _fill(self) -> Iterator[tuple[range, Floats]]:
+        """Yield the frames of each window and their cages, with gaps filled."""
+        for inner, window, terms in self._read_windows():
+            filled = np.where(terms.is_known[:, None, None], terms.cages, self._filler.fill(terms))
+            own = slice(inner.start - window.start, inner.stop - window.start)
+            yield inner, _hold_ends(filled, terms.is_known)[own]
+
+    def _smooth(self) -> Iterator[tuple[range, Floats]]:
+        """Yield the frames of each window and their cages, filled and smoothed.
+
+        They overlap by more frames than those that are filled, of which all matrices are held.
+        """
+        strengths, n = self.strengths, len(self._solver.rest_cage)
+        assert strengths is not None
+        reach, windows = self._smoother.measure_reach(strengths), self._read_windows()
+        start, cages, shares = 0, np.empty((0, n, 3)), np.empty((0, 2 + n))
+        for inner in self._inner_frames:
+            wide = self._overlap(inner, reach)
+            while start + len(cages) < wide.stop:
+                own, window, terms = next(windows)
+                here = slice(own.start - window.start, own.stop - window.start)
+                filled = _hold_ends(self._filler.fill(terms), terms.is_known)[here]
+                cages = np.concatenate([cages, filled])
+                shares = np.concatenate([shares, self._smoother.measure_shares(terms)[here]])
+            cages, shares = cages[wide.start - start :], shares[wide.start - start :]
+            start = wide.start
+            smooth = self._smoother.smooth(cages[: len(wide)], shares[: len(wide)], strengths)
+            smooth = _hold_ends(smooth, self._is_known[wide.start : wide.stop])
+            yield inner, smooth[inner.start - wide.start : inner.stop - wide.start]
 
     @cached_property
     def strengths(self) -> Floats | None:
@@ -110,16 +133,20 @@ class TimePass:
             is_short[start:stop] = stop - start <= MAX_FILLED_GAP
         return is_short
 
+    @property
+    def _inner_frames(self) -> list[range]:
+        """Frames of all windows, without their overlaps."""
+        size, count = self._smoother.window, self._count
+        step = size - 2 * self._smoother.overlap if count > size else count
+        return [range(start, min(start + step, count)) for start in range(0, count, step)]
+
     def _read_windows(self) -> Iterator[tuple[range, range, FrameTerms]]:
         """Yield the frames of each window without and with overlaps, and their terms."""
-        size, overlap = self._smoother.window, self._smoother.overlap
         absences = self._checkpoint.summary.absences
         assert absences is not None
         blocks, held = self._checkpoint.blocks(), _HeldBlocks(self._solver, absences)
-        step = size - 2 * overlap if self._count > size else self._count
-        for start in range(0, self._count, step):
-            inner = range(start, min(start + step, self._count))
-            window = self._overlap(inner, overlap)
+        for inner in self._inner_frames:
+            window = self._overlap(inner, self._smoother.overlap)
             while held.stop < window.stop:
                 held.add(next(blocks))
             held.drop(window.start)

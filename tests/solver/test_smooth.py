@@ -40,13 +40,17 @@ def make_terms(cages, **changes):
     return FrameTerms(**{"cages": cages, "is_known": known, "lost": {}} | changes)
 
 
+def smooth_terms(smoother, cages, terms, strengths):
+    return smoother.smooth(cages, smoother.measure_shares(terms), strengths)
+
+
 def validate(smoother, cages):
     return smoother.measure_validation(cages, np.ones(len(cages), bool))
 
 
 def smooth_auto(smoother, cages):
     strengths = choose_strengths(*validate(smoother, cages), len(cages))
-    return smoother.smooth(cages, make_terms(cages), strengths)
+    return smooth_terms(smoother, cages, make_terms(cages), strengths)
 
 
 def turn(cages, angles):
@@ -57,7 +61,7 @@ def test_a_body_that_turns_keeps_its_size_and_place(solver, smoother):
     """Once in 24 frames, smoothed with just that period."""
     angles = 2 * np.pi * np.arange(FRAMES) / 24
     cages = turn(np.tile(solver.rest_cage, (FRAMES, 1, 1)), angles)
-    found = smoother.smooth(cages, make_terms(cages), smoother.repeat_period(24))
+    found = smooth_terms(smoother, cages, make_terms(cages), smoother.repeat_period(24))
     inner = slice(24, -24)
     np.testing.assert_allclose(found[inner], cages[inner], rtol=0, atol=5e-3)
     sizes = [np.linalg.norm(one - one.mean(axis=1, keepdims=True)) for one in (found, cages)]
@@ -67,7 +71,7 @@ def test_a_body_that_turns_keeps_its_size_and_place(solver, smoother):
 def test_a_motion_of_the_stated_period_is_halved(solver, smoother):
     shift = 0.1 * np.sin(2 * np.pi * np.arange(240) / 24)[:, None, None] * np.array([1.0, 0, 0])
     cages = solver.rest_cage + shift
-    found = smoother.smooth(cages, make_terms(cages), smoother.repeat_period(24))
+    found = smooth_terms(smoother, cages, make_terms(cages), smoother.repeat_period(24))
     middle = slice(96, 144)
     np.testing.assert_allclose(
         found[middle] - solver.rest_cage, (shift / 2)[middle] + np.zeros((8, 1)), rtol=0, atol=2e-3
@@ -94,7 +98,7 @@ def test_a_track_is_the_minimum_over_all_frames(solver, smoother, monkeypatch):
     strength = smoother.repeat_period(9.0)
     system = np.diag(known.astype(float)) + strength[0] * second.T @ second
     expected = np.linalg.solve(system, known[:, None] * centres[:, 0])
-    found = smoother.smooth(cages, make_terms(cages, is_known=known), strength)
+    found = smooth_terms(smoother, cages, make_terms(cages, is_known=known), strength)
     np.testing.assert_allclose(found.mean(axis=1), expected, rtol=0, atol=1e-9)
 
 
@@ -157,7 +161,7 @@ def test_noise_is_found_if_every_second_frame_is_missing(solver, smoother):
     filled = TimeFiller(solver).fill(terms)
     strengths = choose_strengths(*smoother.measure_validation(filled, known), FRAMES)
     assert strengths[0] > 1e3 * STRENGTHS[0]
-    found = smoother.smooth(filled, terms, strengths)
+    found = smooth_terms(smoother, filled, terms, strengths)
     errors = [np.sqrt(((one - clean) ** 2).mean()) for one in (found, filled)]
     assert errors[0] < 0.6 * errors[1]
 
@@ -170,7 +174,8 @@ def test_a_vertex_with_little_data_in_a_frame_follows_its_time(solver, smoother)
     lost = {40: solver.weigh_data(np.ones(40), rows)}
     strengths = np.full(10, STRENGTHS[2])
     found = [
-        smoother.smooth(spoilt, make_terms(spoilt, lost=one), strengths)[40, 3] - cages[40, 3]
+        smooth_terms(smoother, spoilt, make_terms(spoilt, lost=one), strengths)[40, 3]
+        - cages[40, 3]
         for one in (lost, {})
     ]
     assert np.linalg.norm(found[0]) < 0.8 * np.linalg.norm(found[1])
@@ -182,7 +187,7 @@ def test_a_hit_survives(solver, smoother, vertices):
     hit = 0.8 * np.exp(-(((np.arange(FRAMES) - 40) / 1.2) ** 2))[:, None, None] * [0, 1.0, 0]
     clean[:, vertices] += hit
     cages = clean + 0.005 * RNG.standard_normal(clean.shape)
-    found = smoother.smooth(cages, make_terms(cages), smoother.repeat_period(9.0))
+    found = smooth_terms(smoother, cages, make_terms(cages), smoother.repeat_period(9.0))
     speed = [np.abs(np.diff(one[:, 0, 1])).max() for one in (found, clean)]
     assert speed[0] > 0.95 * speed[1]
 
@@ -196,8 +201,8 @@ def test_half_a_clip_without_data_does_not_make_hits_of_the_rest(solver, smoothe
     known[gap] = False
     terms = make_terms(cages, is_known=known)
     filled, strengths = TimeFiller(solver).fill(terms), smoother.repeat_period(frames)
-    found = smoother.smooth(filled, terms, strengths)[known]
-    alone = smoother.smooth(cages[known], make_terms(cages[known]), strengths)
+    found = smooth_terms(smoother, filled, terms, strengths)[known]
+    alone = smooth_terms(smoother, cages[known], make_terms(cages[known]), strengths)
     np.testing.assert_allclose(found, alone, rtol=0, atol=1e-2 * np.abs(alone - cages[known]).max())
 
 
@@ -205,8 +210,11 @@ def test_half_a_clip_without_data_does_not_make_hits_of_the_rest(solver, smoothe
 def test_a_few_frames_at_an_end_of_a_window_are_solved(solver, smoother, count):
     cages, known = make_cages(solver, 512), np.arange(512) < count
     terms = make_terms(cages, is_known=known)
-    found = smoother.smooth(
-        TimeFiller(solver).fill(terms), terms, smoother.repeat_period(MAX_SMOOTHING_PERIOD)
+    found = smooth_terms(
+        smoother,
+        TimeFiller(solver).fill(terms),
+        terms,
+        smoother.repeat_period(MAX_SMOOTHING_PERIOD),
     )
     np.testing.assert_allclose(found[known], cages[known], rtol=0, atol=1e-3)
 
@@ -217,7 +225,7 @@ def test_gaps_by_turns_are_smoothed_over(solver, smoother):
     known = np.arange(280) % 70 < 30
     terms = make_terms(cages, is_known=known)
     filled = TimeFiller(solver).fill(terms)
-    found = smoother.smooth(filled, terms, smoother.repeat_period(24))[known] - clean[known]
+    found = smooth_terms(smoother, filled, terms, smoother.repeat_period(24))[known] - clean[known]
     assert np.sqrt((found**2).mean()) < 0.5 * np.sqrt(((cages - clean)[known] ** 2).mean())
 
 
@@ -237,7 +245,7 @@ def test_a_jump_survives_where_every_second_frame_is_filled(solver, smoother):
     cages[40:] += [0.0, 2.0, 0.0]
     terms = make_terms(cages, is_known=known)
     filled = TimeFiller(solver).fill(terms)
-    found = smoother.smooth(filled, terms, smoother.repeat_period(9.0))
+    found = smooth_terms(smoother, filled, terms, smoother.repeat_period(9.0))
     assert np.abs((found - cages)[known]).max() < 0.02
 
 
@@ -246,7 +254,7 @@ def test_windows_give_what_the_whole_gives(solver, smoother, monkeypatch):
     cages = make_cages(solver, 400)
     cages += 0.02 * RNG.standard_normal(cages.shape)
     strengths = smoother.repeat_period(6.0)
-    whole = smoother.smooth(cages, make_terms(cages), strengths)
-    part = smoother.smooth(cages[100:300], make_terms(cages[100:300]), strengths)
+    whole = smooth_terms(smoother, cages, make_terms(cages), strengths)
+    part = smooth_terms(smoother, cages[100:300], make_terms(cages[100:300]), strengths)
     inner = slice(MIN_WINDOW // 4, -MIN_WINDOW // 4)
     assert np.abs(part[inner] - whole[100:300][inner]).max() < 1e-2 * np.abs(whole - cages).max()
