@@ -10,6 +10,9 @@ from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 
+POSE_TOL = 1e-9
+"""Frames that differ by a smaller root mean square, in diagonals, are one pose: moves round."""
+
 
 class Motion:
     """A model in its rest pose and in others, each moved rigidly onto the rest pose.
@@ -36,7 +39,8 @@ class Motion:
         aligned = _align(rest, frames)
 
         def measure(pose: Floats) -> Floats:
-            return np.asarray(((aligned - pose) ** 2).sum(axis=(1, 2)))
+            squares = ((aligned - pose) ** 2).sum(axis=2).mean(axis=1)
+            return np.where(squares > POSE_TOL**2, squares, 0.0)
 
         chosen = choose_farthest(min(8, len(frames)), measure(rest), lambda k: measure(aligned[k]))
         self.poses = aligned[chosen]

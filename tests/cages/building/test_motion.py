@@ -37,6 +37,12 @@ def solve(columns, smoothness, motion):
     return ((matrix @ found - target) ** 2).sum()
 
 
+def test_the_rest_pose_is_no_pose_of_a_motion_whatever_moves_round():
+    rest = ball(2, 0.4).vertices
+    frames = np.stack([rest + 7.3, rest + 1e-12 * rest[:, ::-1], 1.1 * rest])
+    assert len(Motion(rest, frames).poses) == 1
+
+
 def test_a_motion_keeps_the_sizes_of_the_displacements():
     rest = ball(1).vertices
     posed = np.stack([rest * 1.5, rest * [1, 1, 2]])
