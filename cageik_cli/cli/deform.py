@@ -27,7 +27,8 @@ from cageik_cli.cli.options.clip import (
     make_morph_settings,
     to_option,
 )
-from cageik_cli.formats.settings import JOINT_MOTIONS, MorphSettings
+from cageik_cli.cli.options.types import JOINTS_TYPE
+from cageik_cli.formats.settings import MorphSettings
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.deform import DeformSettings
@@ -97,10 +98,12 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
     ),
     option(
         "--joints",
-        type=click.Choice(JOINT_MOTIONS),
+        type=JOINTS_TYPE,
         default="turn",
         show_default=True,
-        help="With --influences: move the mesh by joints that turn, or that only translate.",
+        metavar="turn|translate|N",
+        help="With --influences: move the mesh by joints that turn, by joints that only translate, "
+        "or by N that turn.",
         group=HelpGroup.WRITTEN,
     ),
     OptionGroup(

@@ -14,7 +14,8 @@ from cageik_cli.cli.options import (
     refuse_options,
 )
 from cageik_cli.cli.options.clip import MORPH_OPTIONS, SCENE_OPTIONS, check_morph_usage, to_option
-from cageik_cli.formats.settings import JOINT_MOTIONS, MorphSettings
+from cageik_cli.cli.options.types import JOINTS_TYPE
+from cageik_cli.formats.settings import ROOT_MOTIONS, MorphSettings
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.export import ExportSettings
@@ -28,14 +29,15 @@ def make_export_settings(**values: Any) -> "ExportSettings":
     if values["influences"] is not None and not is_skeleton:
         raise click.UsageError("--influences needs --skeleton; give both, or neither")
     if not is_skeleton:
-        refuse_options(("joints",), "{} needs --skeleton; give both, or neither")
+        only = ("joints", "root_motion", "quantize")
+        refuse_options(only, "{} needs --skeleton; give both, or neither")
     if values["guide"] and not values["with_model"]:
         raise click.UsageError("--guide needs --with-model; give both, or neither")
-    has_morphs = values["morphs"] != MorphSettings()
-    if has_morphs and is_skeleton:
+    if values["morphs"].count is not None and is_skeleton:
         raise click.UsageError(
-            "--morphs and --tolerance do not go with --skeleton, which has none; give --influences"
+            "--morphs does not go with --skeleton, which has none; give --influences"
         )
+    has_morphs = values["morphs"] != MorphSettings()
     check_morph_usage("--morphs and --tolerance", has_morphs, values["output"].path)
     return ExportSettings(compares=get_verbosity() > 0, **values)
 
@@ -67,10 +69,25 @@ def make_export_settings(**values: Any) -> "ExportSettings":
     ),
     option(
         "--joints",
-        type=click.Choice(JOINT_MOTIONS),
+        type=JOINTS_TYPE,
         default="turn",
         show_default=True,
-        help="Joints that turn, which programs shade rightly, or that only translate.",
+        metavar="turn|translate|N",
+        help="Joints that turn, which programs shade rightly, or that only translate: one per cage "
+        "vertex. Or N that turn, into which those are merged; with 4 influences if none are given.",
+    ),
+    option(
+        "--root-motion",
+        type=click.Choice(ROOT_MOTIONS),
+        default="keep",
+        show_default=True,
+        help="With --skeleton: the root moves as the whole body, or along the ground, and turns "
+        "about the vertical only.",
+    ),
+    option(
+        "--quantize",
+        is_flag=True,
+        help="With --skeleton: write integers of 8 and 16 bits where they are enough (.glb).",
     ),
     option(
         "--with-model",

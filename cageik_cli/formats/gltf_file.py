@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from math import sqrt
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cageik_cli import __version__
 from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.settings import GLTF_RATE_KEY, Scene
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import OutputError, require_optional
 from cageik_cli.util.files import set_size
 
@@ -23,6 +23,8 @@ MAX_GLB_BYTES = 2**32 - 1
 """Largest size that a GLB file can state."""
 
 Singles = NDArray[np.float32]
+
+Small = TypeVar("Small", np.int8, np.int16)
 
 
 class VectorTargets:
@@ -61,27 +63,44 @@ class GlbFile:
         self._views: list[object] = []
         self._accessors: list[object] = []
 
-    def add_array(self, array: NDArray[Any], use: int | None = None, bounds: bool = False) -> int:
+    def add_array(
+        self,
+        array: NDArray[Any],
+        use: int | None = None,
+        *,
+        bounds: bool = False,
+        is_normalized: bool = False,
+    ) -> int:
         """Add an array, (k,) or (k, width), and return the number of its accessor.
 
         Parameters
         ----------
         array : (k,) or (k, width)
-            float32, uint32, uint16 or uint8; a row takes a multiple of 4 bytes if the array is
-            an attribute of vertices.
+            float32, or integers of 1, 2 or 4 bytes.
         use : int, optional
             What graphics cards use it for: pygltflib's ARRAY_BUFFER or ELEMENT_ARRAY_BUFFER.
         bounds : bool
             State the smallest and largest value.
+        is_normalized : bool
+            Whether integers stand for numbers up to 1, their largest.
         """
+        import pygltflib as gltf
+
         array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
         rows = array.reshape(len(array), -1)
-        start = self._reserve(array.nbytes)
-        self._write_at(start, array)
-        limits = {}
+        limits: dict[str, Any] = {}
         if bounds:
             limits = {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
-        return self._add_accessor(start, rows, use, limits)
+        if is_normalized:
+            limits["normalized"] = True
+        written, stride = rows, None
+        if use == gltf.ARRAY_BUFFER and rows.strides[0] % 4:  # attributes begin at whole words
+            padding = -rows.strides[0] % 4 // rows.itemsize
+            written = np.pad(rows, ((0, 0), (0, padding)))
+            stride = written.strides[0]
+        start = self._reserve(written.nbytes)
+        self._write_at(start, written)
+        return self._add_accessor(start, rows, use, limits, stride)
 
     def reserve_targets(self, target_count: int, vertex_count: int) -> VectorTargets:
         """Reserve a place for vectors of targets."""
@@ -147,9 +166,17 @@ class GlbFile:
         self._data.write(array.data)
 
     def _add_accessor(
-        self, start: int, rows: NDArray[Any], use: int | None, limits: dict[str, list[float]]
+        self,
+        start: int,
+        rows: NDArray[Any],
+        use: int | None,
+        limits: dict[str, Any],
+        stride: int | None = None,
     ) -> int:
-        """Describe `rows` (k, width) that begin at a byte, by a view of their own."""
+        """Describe `rows` (k, width) that begin at a byte, by a view of their own.
+
+        They are `stride` bytes apart, if that is more than they take.
+        """
         import pygltflib as gltf
 
         shapes = {1: gltf.SCALAR, 2: gltf.VEC2, 3: gltf.VEC3, 4: gltf.VEC4, 16: gltf.MAT4}
@@ -158,8 +185,13 @@ class GlbFile:
             "u4": gltf.UNSIGNED_INT,
             "u2": gltf.UNSIGNED_SHORT,
             "u1": gltf.UNSIGNED_BYTE,
+            "i2": gltf.SHORT,
+            "i1": gltf.BYTE,
         }
-        view = gltf.BufferView(buffer=0, byteOffset=start, byteLength=rows.nbytes, target=use)
+        size = rows.nbytes if stride is None else stride * len(rows)
+        view = gltf.BufferView(
+            buffer=0, byteOffset=start, byteLength=size, byteStride=stride, target=use
+        )
         self._views.append(view)
         accessor = gltf.Accessor(
             bufferView=len(self._views) - 1,
@@ -170,6 +202,17 @@ class GlbFile:
         )
         self._accessors.append(accessor)
         return len(self._accessors) - 1
+
+
+def round_to(values: Floats, kind: type[Small]) -> NDArray[Small]:
+    """Round numbers from -1 to 1 to signed integers, of which the largest is 1."""
+    return np.rint(values * np.iinfo(kind).max).astype(kind)
+
+
+def read_rounded(values: NDArray[Any]) -> Floats:
+    """Return the numbers that integers stand for, of which the largest is 1; floats as they are."""
+    size = 1 if values.dtype.kind == "f" else np.iinfo(values.dtype).max
+    return np.asarray(values.astype(np.float64) / size)
 
 
 def describe_excess(size: int) -> str:
@@ -187,32 +230,39 @@ MAX_SPOOL_BYTES = 1 << 25
 class VectorSpool:
     """F frames of m vectors, written frame by frame and read for all frames together.
 
-    They are in a temporary file in `folder`; `vertex_count` is m.
+    They are in a temporary file in `folder`; `vertex_count` is m. Vectors have `width` numbers.
     """
 
-    def __init__(self, folder: Path, vertex_count: int) -> None:
-        self.frame_count, self.vertex_count = 0, vertex_count
+    def __init__(self, folder: Path, vertex_count: int, width: int = 3) -> None:
+        self.frame_count, self.vertex_count, self.width = 0, vertex_count, width
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  # closed by `close`
 
     def append(self, vectors: Singles) -> None:
-        """Write the vectors (m, 3) of the next frame."""
+        """Write the vectors (m, width) of the next frame."""
         self._file.write(np.ascontiguousarray(vectors, np.float32).data)
         self.frame_count += 1
 
     def read_blocks(self, start: int, stop: int) -> Iterator[tuple[int, Floats]]:
-        """Yield the first vertex of each block of vertices, and vectors (F, 3 b) of all frames."""
-        size = max(1, MAX_SPOOL_BYTES // (24 * max(1, self.frame_count)))
+        """Yield the first of each block of b vectors, and their (F, width b) of all frames."""
+        size = max(1, MAX_SPOOL_BYTES // (8 * self.width * max(1, self.frame_count)))
         for first in range(start, stop, size):
             yield first, self._read(first, min(first + size, stop))
+
+    def read_frames(self, start: int, stop: int) -> Floats:
+        """Return the vectors of some frames, (k, m, width)."""
+        block = np.empty((stop - start, self.vertex_count, self.width), np.float32)
+        self._file.seek(4 * self.width * start * self.vertex_count)
+        self._file.readinto(block.data)
+        return block.astype(np.float64)
 
     def close(self) -> None:
         """Delete the temporary file."""
         self._file.close()
 
     def _read(self, start: int, stop: int) -> Floats:
-        block = np.empty((self.frame_count, 3 * (stop - start)), np.float32)
+        block = np.empty((self.frame_count, self.width * (stop - start)), np.float32)
         for frame, row in enumerate(block):
-            self._file.seek(12 * (frame * self.vertex_count + start))
+            self._file.seek(4 * self.width * (frame * self.vertex_count + start))
             self._file.readinto(row.data)
         return block.astype(np.float64)
 
@@ -250,13 +300,14 @@ class GlbWriter(AnimationWriter):
         """Close the temporary files."""
         self._open.close()
 
-    def add_times(self) -> int:
-        """Add the time of each frame, seconds; return the number of the accessor.
+    def add_times(self, frames: Integers | None = None) -> int:
+        """Add the time of each frame, or of some, seconds; return the number of the accessor.
 
         The first is at 0 s: players loop from there, and would wait for a later one in each loop.
         """
         scene = self._animation.scene
-        numbers = scene.frame_step * np.arange(self._animation.frame_count)
+        chosen = np.arange(self._animation.frame_count) if frames is None else frames
+        numbers = scene.frame_step * chosen
         return self._file.add_array(np.asarray(numbers / scene.fps, np.float32), bounds=True)
 
     def make_animation(self, channels: list[object], samplers: list[object]) -> object:

@@ -1,19 +1,31 @@
-"""A cage animation as a skinned glTF: a joint per cage vertex, cage weights as skin weights."""
+"""A cage animation as a skinned glTF: joints that the cage has become, and weights of the mesh."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
+from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton
+from cageik_cli.formats.base.skin import Skin, SkinWeights
 from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
-from cageik_cli.formats.gltf_file import GlbWriter, Singles
+from cageik_cli.formats.gltf_file import GlbWriter, read_rounded, round_to
 from cageik_cli.formats.gltf_nodes import make_part_nodes
 from cageik_cli.formats.gltf_surface import cut_surface
+from cageik_cli.formats.joint_keys import (
+    ROTATION,
+    TRANSLATION,
+    JointKeys,
+    Track,
+    reduce_track,
+    round_track,
+)
+from cageik_cli.formats.posed_skin import PosedSkin, measure_change
 from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
+from cageik_cli.util.text import format_count
 
 SET_SIZE = 4
 """Joints per vertex in one set of attributes; programs read one set or two."""
@@ -21,15 +33,45 @@ SET_SIZE = 4
 MAX_INFLUENCES = 2 * SET_SIZE
 """Joints per vertex that programs read."""
 
+MIN_REACH = 1e-9
+"""A joint that hardly moves a vertex counts as if it moved one by this."""
+
+FIRST_SHARE = 4.0
+"""Each joint may first err by so much of the tolerance: joints above each other seldom add up."""
+
+QUANTIZATION = "KHR_mesh_quantization"
+"""The extension by which positions and normals may be integers; it needs no decoder."""
+
 
 class SkeletonWriter(GlbWriter):
-    """Writes the rest mesh, skinned to joints below a root, where `JointMotion` has them.
+    """Writes the rest mesh, skinned to joints, where `Skeleton` has them.
 
     There are no normals if joints only translate, which would leave them as they are at rest.
+
+    Parameters
+    ----------
+    target : Path
+    animation : Animation
+        Of the joints, whose `rest` has them at rest.
+    is_extracted : bool
+        As of `Skeleton`.
+    tolerance : float, optional
+        How far keys that are left out may move a vertex, percent of the diagonal of the rest pose;
+        no key is left out if absent.
+    is_quantized : bool
+        Whether attributes of vertices and rotations are small integers.
     """
 
-    def __init__(self, target: Path, animation: Animation, skin: Skin) -> None:
-        """Start writing the animation of a cage, whose `rest` is the rest cage, to `target`."""
+    def __init__(
+        self,
+        target: Path,
+        animation: Animation,
+        skin: Skin,
+        *,
+        is_extracted: bool = False,
+        tolerance: float | None = None,
+        is_quantized: bool = False,
+    ) -> None:
         count = skin.weights.joints.shape[1]
         if count > MAX_INFLUENCES:
             raise OutputError(
@@ -37,27 +79,38 @@ class SkeletonWriter(GlbWriter):
                 "from .glb; give `influences=4`, or 8"
             )
         super().__init__(target, animation)
-        self._skin = skin
+        self._skin, self._tolerance, self._is_quantized = skin, tolerance, is_quantized
         if count > SET_SIZE:
             self.notes += (
                 f"three.js and other viewers read {SET_SIZE} joints per vertex, and leave out the "
                 f"weaker ones; `influences={SET_SIZE}` is fitted to that",
             )
-        self._vertices = to_float32(skin.rest.vertices - np.array(animation.origin))
-        self._motion = JointMotion(animation.rest, skin)
-        self._turns: list[Singles] = []
-        (self._places,) = self.open_file(len(self._motion.names), spool_count=1)
+        self._vertices: NDArray[np.float32] = to_float32(
+            skin.rest.vertices - np.array(animation.origin)
+        )
+        self._skeleton = Skeleton(
+            animation.rest.vertices,
+            skin,
+            up_axis=animation.scene.up_axis,
+            is_extracted=is_extracted,
+        )
+        self.open_file(0, spool_count=0)
+        self._bind_places = self._skeleton.bind_places
+        names = self._skeleton.names
+        self._keys = JointKeys(target.parent, len(names), self._skeleton.turn_count)
+        self._open.callback(self._keys.close)
 
     def append(self, frames: Floats) -> None:
-        """Keep the cages of the next k frames, (k, n, 3)."""
-        for places, turns in self._motion.advance(frames):
-            self._places.append(to_float32(places))
-            self._turns.append(turns.astype(np.float32))
+        """Keep the joints of the next k frames, (k, n, 3)."""
+        for places, turns in self._skeleton.advance(frames):
+            self._keys.append(to_float32(places), turns.astype(np.float32))
 
     def complete(self) -> None:
         """Compose the file: nodes of the parts, what turns z up, the root joint, its children."""
         import pygltflib as gltf
 
+        self._attributes = _SkinAttributes(self._vertices, self._skin.weights, self._is_quantized)
+        tracks = self._choose_tracks()
         names = [part.name or "mesh" for part in split_parts(self._skin.rest)]
         nodes, tops, _ = make_part_nodes(names, 0, skin=0)
         self._root = len(nodes) + 1
@@ -66,6 +119,7 @@ class SkeletonWriter(GlbWriter):
             gltf.Mesh(name=name, primitives=primitives[k])
             for k, name in enumerate(choose_short_names(names))
         ]
+        extensions = [QUANTIZATION] if self._is_quantized else []
         self._file.complete(
             scene=0,
             scenes=[gltf.Scene(nodes=[*tops, len(nodes)])],
@@ -73,42 +127,105 @@ class SkeletonWriter(GlbWriter):
             meshes=meshes,
             materials=materials,
             skins=[self._write_skin()],
-            animations=[self.make_animation(**self._write_motion())],
+            animations=[self.make_animation(**self._write_motion(tracks))],
+            extensionsUsed=extensions,
+            extensionsRequired=extensions,
         )
         self._open.close()
 
+    def _choose_tracks(self) -> list[Track]:
+        """Choose the keys, and note what those that are left out and rounding change."""
+        every = np.arange(self._keys.frame_count)
+        tracks = [Track(path, k, every, values) for path, k, values in self._keys.read_tracks()]
+        if self._tolerance is None and not self._is_quantized:
+            return tracks
+        exact = self._pose(
+            self._vertices, self._skin.weights.to_sparse(len(self._animation.rest.vertices))
+        )
+        if self._tolerance is not None:
+            tracks = self._reduce_tracks(exact, self._tolerance / 100 * self._skin.rest.diagonal)
+        written = exact
+        if self._is_quantized:
+            tracks = [round_track(track) for track in tracks]
+            written = self._pose(*self._attributes.decode(len(self._animation.rest.vertices)))
+        self._tell_change(tracks, *measure_change(self._keys, tracks, exact, written))
+        return tracks
+
+    def _reduce_tracks(self, exact: PosedSkin, limit: float) -> list[Track]:
+        """Leave out keys as long as no vertex moves by more than `limit`."""
+        reach = dict(zip((TRANSLATION, ROTATION), exact.measure_reach(), strict=True))
+        share = FIRST_SHARE
+        while True:
+            tracks = [
+                reduce_track(path, k, values, share * limit / max(reach[path][k], MIN_REACH))
+                for path, k, values in self._keys.read_tracks()
+            ]
+            largest = measure_change(self._keys, tracks, exact, exact)[1]
+            if largest <= limit:
+                return tracks
+            share *= min(0.7, 0.9 * limit / largest)
+
+    def _pose(self, vertices: NDArray[np.floating], weights: Any) -> PosedSkin:
+        """Return a skin of this skeleton."""
+        tree = self._skeleton
+        return PosedSkin(vertices, weights, self._bind_places[tree.lead :], tree)
+
+    def _tell_change(self, tracks: list[Track], rms: float, largest: float) -> None:
+        """Note how many keys there are, and what they and rounding change."""
+        percent = 100 / self._skin.rest.diagonal
+        rms, largest = percent * rms, percent * largest
+        count, every = sum(len(t.frames) for t in tracks), len(tracks) * self._keys.frame_count
+        kept = f"{count} of {format_count(every, 'key')} kept, " if self._tolerance else ""
+        rounded = "numbers rounded, " if self._is_quantized else ""
+        note = (
+            f"{kept}{rounded}which moves vertices by an rms of {rms:.2g} %, {largest:.2g} % at most"
+        )
+        if self._skin.error is not None:
+            note += f"; against the input, the rms is at most {self._skin.error + rms:.2g} %"
+        self.notes += (note,)
+
     def _cut_mesh(self) -> tuple[dict[int, list[Any]], list[object]]:
         """Write the mesh with its weights; return the primitives of each part, and materials."""
-        import pygltflib as gltf
-
         rest, is_shaded = self._skin.rest, self._skin.turns is not None
         surface = cut_surface(rest, has_normals=is_shaded)
-        sets = _make_sets(self._skin.weights)
-        normals = to_float32(surface.compute_normals(rest.vertices)) if is_shaded else None
+        arrays = self._attributes.list_arrays(self._skeleton.lead)
+        every = {name: values[surface.origins] for name, values in arrays.items()}
+        if is_shaded:
+            normals = surface.compute_normals(rest.vertices)
+            every["NORMAL"] = (
+                round_to(normals, np.int8) if self._is_quantized else to_float32(normals)
+            )
         primitives: dict[int, list[Any]] = {}
         for primitive in surface.primitives:
-            chosen = surface.origins[primitive.start : primitive.stop]
-            attributes = {}
-            for name, values in {"POSITION": self._vertices, **sets}.items():
-                is_place = name == "POSITION"
-                rows = values[chosen]
-                attributes[name] = self._file.add_array(rows, gltf.ARRAY_BUFFER, bounds=is_place)
-            if normals is not None:
-                rows = normals[primitive.start : primitive.stop]
-                attributes["NORMAL"] = self._file.add_array(rows, gltf.ARRAY_BUFFER)
-            written = surface.write_primitive(self._file, primitive, attributes)
+            rows = slice(primitive.start, primitive.stop)
+            attributes = {name: self._add(name, values[rows]) for name, values in every.items()}
+            written = surface.write_primitive(
+                self._file, primitive, attributes, is_quantized=self._is_quantized
+            )
             primitives.setdefault(primitive.part, []).append(written)
         return primitives, surface.make_materials()
+
+    def _add(self, name: str, values: NDArray[Any]) -> int:
+        """Write an attribute of vertices, and return the number of its accessor."""
+        import pygltflib as gltf
+
+        is_normalized = values.dtype.kind != "f" and not name.startswith("JOINTS")
+        return self._file.add_array(
+            values, gltf.ARRAY_BUFFER, bounds=name == "POSITION", is_normalized=is_normalized
+        )
 
     def _make_nodes(self) -> list[object]:
         import pygltflib as gltf
 
-        names, places = self._motion.names, to_float32(self._motion.rest_translations).tolist()
+        tree = self._skeleton
+        places = to_float32(tree.rest_translations).tolist()
         joints = [
-            gltf.Node(name=name, translation=place)
-            for name, place in zip(names, places, strict=True)
+            gltf.Node(name=name, translation=place, extras={CAGE_KEY: alias} if alias else {})
+            for name, place, alias in zip(tree.names, places, tree.aliases, strict=True)
         ]
-        joints[0].children = list(range(self._root + 1, self._root + len(names)))
+        for k, parent in enumerate(tree.parents.tolist()):
+            if parent >= 0:
+                joints[parent].children.append(self._root + k)
         transform = self.make_node_transform()
         return [
             gltf.Node(name=self._animation.name, children=[self._root], **transform),
@@ -116,49 +233,84 @@ class SkeletonWriter(GlbWriter):
         ]
 
     def _write_skin(self) -> object:
+        """Write the matrices from the vertices, as they are written, to the joints."""
         import pygltflib as gltf
 
-        places = self._motion.bind_places
+        attributes, places = self._attributes, self._bind_places
         matrices = np.tile(np.eye(4), (len(places), 1, 1))
-        matrices[:, 3, :3] = -places  # glTF has them column by column
+        matrices[:, :3, :3] *= attributes.scale
+        matrices[:, 3, :3] = attributes.centre - places  # glTF has them column by column
         inverse = self._file.add_array(to_float32(matrices.reshape(-1, 16)))
         joints = list(range(self._root, self._root + len(places)))
         return gltf.Skin(inverseBindMatrices=inverse, skeleton=self._root, joints=joints)
 
-    def _write_motion(self) -> dict[str, list[object]]:
-        """Write the translations of all joints, and the rotations of those that turn."""
+    def _write_motion(self, tracks: list[Track]) -> dict[str, list[object]]:
+        """Write the keys of the joints; tracks with keys in the same frames share their times."""
         import pygltflib as gltf
 
-        times = self.add_times()
+        inputs: dict[bytes, int] = {}
         channels: list[object] = []
         samplers: list[object] = []
-
-        def add(node: int, path: str, values: NDArray[Any]) -> None:
-            output = self._file.add_array(values.astype(np.float32))
-            target = gltf.AnimationChannelTarget(node=node, path=path)
-            channels.append(gltf.AnimationChannel(sampler=len(samplers), target=target))
-            samplers.append(gltf.AnimationSampler(input=times, output=output))
-
-        for k, turns in enumerate(np.stack(self._turns, axis=1), start=self._root):
-            add(k, "rotation", turns)
-        for first, block in self._places.read_blocks(0, len(self._motion.names)):
-            places = block.reshape(len(block), -1, 3).swapaxes(0, 1)
-            for k, moves in enumerate(places, start=self._root + first):
-                add(k, "translation", moves)
+        for track in tracks:
+            key = track.frames.tobytes()
+            if key not in inputs:
+                inputs[key] = self.add_times(track.frames)
+            is_small = self._is_quantized and track.path == ROTATION
+            values = round_to(track.values, np.int16) if is_small else to_float32(track.values)
+            output = self._file.add_array(values, is_normalized=is_small)
+            node = gltf.AnimationChannelTarget(node=self._root + track.joint, path=track.path)
+            channels.append(gltf.AnimationChannel(sampler=len(samplers), target=node))
+            samplers.append(gltf.AnimationSampler(input=inputs[key], output=output))
         return {"channels": channels, "samplers": samplers}
 
 
-def _make_sets(weights: SkinWeights) -> dict[str, NDArray[Any]]:
-    """Return the joints and weights (m, 4) of each set; the root is joint 0, and weighs nothing."""
-    m, count = weights.joints.shape
-    joint_count = int(weights.joints.max()) + 2
-    kind = np.uint8 if joint_count <= 256 else np.uint16
-    joints = np.zeros((m, count + -count % SET_SIZE), kind)
-    values = np.zeros(joints.shape, np.float32)
-    values[:, :count] = weights.values
-    joints[:, :count] = np.where(values[:, :count] > 0, weights.joints + 1, 0)
-    sets: dict[str, NDArray[Any]] = {}
-    for k in range(joints.shape[1] // SET_SIZE):
-        columns = slice(SET_SIZE * k, SET_SIZE * (k + 1))
-        sets |= {f"JOINTS_{k}": joints[:, columns], f"WEIGHTS_{k}": values[:, columns]}
-    return sets
+class _SkinAttributes:
+    """Positions and weights as they are written, and the scale and centre that they are coded by.
+
+    A vertex is at `centre + scale * code`. Floats have the scale 1.
+    """
+
+    def __init__(self, vertices: NDArray[np.float32], weights: SkinWeights, is_small: bool) -> None:
+        self._weights = weights
+        self.scale, self.centre = 1.0, np.zeros(3)
+        self._positions: NDArray[Any] = vertices
+        self._values: NDArray[Any] = weights.values.astype(np.float32)
+        if is_small:
+            low, high = vertices.min(axis=0).astype(float), vertices.max(axis=0).astype(float)
+            self.centre = (low + high) / 2
+            self.scale = float((high - low).max() / 2) or 1.0
+            self._positions = round_to((vertices - self.centre) / self.scale, np.int16)
+            self._values = _round_weights(weights.values)
+
+    def decode(self, joint_count: int) -> tuple[Floats, Any]:
+        """Return the positions, (m, 3), and the weights, sparse (m, n), that programs read."""
+        positions = self.centre + self.scale * read_rounded(self._positions)
+        values = read_rounded(self._values)
+        return positions, replace(self._weights, values=values).to_sparse(joint_count)
+
+    def list_arrays(self, lead: int) -> dict[str, NDArray[Any]]:
+        """Return positions, and joints and weights (m, 4) of each set; joints begin with `lead`.
+
+        What weighs nothing is of joint 0.
+        """
+        m, count = self._weights.joints.shape
+        joint_count = int(self._weights.joints.max()) + 1 + lead
+        kind = np.uint8 if joint_count <= 256 else np.uint16
+        joints = np.zeros((m, count + -count % SET_SIZE), kind)
+        values = np.zeros(joints.shape, self._values.dtype)
+        values[:, :count] = self._values
+        joints[:, :count] = np.where(self._values > 0, self._weights.joints + lead, 0)
+        arrays = {"POSITION": self._positions}
+        for k in range(joints.shape[1] // SET_SIZE):
+            columns = slice(SET_SIZE * k, SET_SIZE * (k + 1))
+            arrays |= {f"JOINTS_{k}": joints[:, columns], f"WEIGHTS_{k}": values[:, columns]}
+        return arrays
+
+
+def _round_weights(values: Floats) -> NDArray[np.uint8]:
+    """Round weights (m, k) to bytes whose rows sum to 255: those nearest to the next go up."""
+    scaled = 255 * values
+    found = np.floor(scaled)
+    missing = np.rint(255 - found.sum(axis=1, keepdims=True)).astype(np.int64)
+    ranks = np.argsort(np.argsort(found - scaled, axis=1, kind="stable"), axis=1)
+    return np.asarray(found + (ranks < missing)).astype(np.uint8)

@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.formats.gltf_file import GlbFile, Singles
 from cageik_cli.geometry.mesh import TriMesh
@@ -21,6 +22,10 @@ from cageik_cli.util.arrays import Floats, Integers
 
 PLAIN = "plain"
 """The material of triangles without: glTF's own is a metal, black where nothing is mirrored."""
+
+
+MAX_SHORT_VERTICES = 65535
+"""Vertices that indices of 16 bits can name; the last number restarts a strip."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,17 +106,31 @@ class Surface:
         ]
 
     def write_primitive(
-        self, file: GlbFile, primitive: Primitive, attributes: dict[str, int]
+        self,
+        file: GlbFile,
+        primitive: Primitive,
+        attributes: dict[str, int],
+        *,
+        is_quantized: bool = False,
     ) -> Any:
-        """Write the triangles, UVs and colours of a primitive, and return it as pygltflib's."""
+        """Write the triangles, UVs and colours of a primitive, and return it as pygltflib's.
+
+        If it is quantized, they take 16 bits where that is enough.
+        """
         import pygltflib as gltf
 
-        corners = primitive.faces.astype(np.uint32).ravel()
+        is_short = is_quantized and primitive.stop - primitive.start <= MAX_SHORT_VERTICES
+        corners = primitive.faces.astype(np.uint16 if is_short else np.uint32).ravel()
         indices = file.add_array(corners, gltf.ELEMENT_ARRAY_BUFFER)
         for name, values in (("TEXCOORD_0", self.uv), ("COLOR_0", self._colours)):
             if values is not None:
-                rows = values[primitive.start : primitive.stop]
-                attributes = {**attributes, name: file.add_array(rows, gltf.ARRAY_BUFFER)}
+                rows: NDArray[Any] = values[primitive.start : primitive.stop]
+                is_small = is_quantized and rows.min() >= 0 and rows.max() <= 1
+                if is_small:
+                    rows = np.rint(rows.astype(np.float64) * np.iinfo(np.uint16).max)
+                    rows = rows.astype(np.uint16)
+                number = file.add_array(rows, gltf.ARRAY_BUFFER, is_normalized=is_small)
+                attributes = {**attributes, name: number}
         return gltf.Primitive(
             attributes=gltf.Attributes(**attributes), indices=indices, material=primitive.material
         )

@@ -14,6 +14,9 @@ UP_AXES = ("Y", "Z")
 JOINT_MOTIONS = ("turn", "translate")
 """How the joints of a skeleton move: they also turn, as normals do with them, or they do not."""
 
+ROOT_MOTIONS = ("keep", "extract")
+"""How the root of a skeleton moves: with the whole body, or along the ground."""
+
 MAX_FRAME_STEP = 10
 """Frames from one sample of a clip to the next, at most, where times leave them open."""
 

@@ -31,7 +31,7 @@ from cageik_cli.workflows.export import report_skipped_frames, write_converted
 from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, note_on
 from cageik_cli.workflows.moved_meshes import MovedMeshes
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
-from cageik_cli.workflows.rig import check_influences, make_rig
+from cageik_cli.workflows.rig import check_influences, check_joints, make_rig
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
 NO_CAGES = "which has no cages; give them by `cages=`, or give a result"
@@ -63,8 +63,9 @@ class DeformSettings(CommandSettings):
     influences : int, optional
         Cage vertices that move each vertex, at most, with weights that are fitted again to the
         motion of the mesh; the weights that it has if absent.
-    joints : str
-        How the joints of such a skin move, one of `JOINT_MOTIONS`.
+    joints : str or int
+        How the joints of such a skin move, one of `JOINT_MOTIONS`; or how many joints that turn
+        there are.
     compares : bool
         Note the error of other numbers of influences, too.
     """
@@ -84,7 +85,7 @@ class DeformSettings(CommandSettings):
     memory: int = DEFAULT_MEMORY
     jobs: int = 1
     influences: int | None = None
-    joints: str = "turn"
+    joints: str | int = "turn"
     compares: bool = False
     morphs: MorphSettings = field(default_factory=lambda: MorphSettings(has_normals=True))
 
@@ -122,6 +123,7 @@ class _Deformation:
             one.check_writable()
         if settings.influences is not None:
             check_influences(self._source.require_result(NO_SOLVE), settings.influences)
+            check_joints(self._source.require_result(NO_SOLVE), settings.joints)
         clip = self._open_clip()
         self._model = model
         self._binding = self._load_or_compute_binding()

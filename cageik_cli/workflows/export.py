@@ -33,7 +33,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.caged_model import CagedModel
 from cageik_cli.workflows.reconstruction import Reconstruction
-from cageik_cli.workflows.rig import check_influences, make_rig
+from cageik_cli.workflows.rig import check_influences, check_joints, make_rig
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 MAX_EXPORT_BYTES = 1 << 26
@@ -55,8 +55,12 @@ class ExportSettings(CommandSettings):
     influences : int, optional
         Joints per vertex, at most, with weights that are fitted to that; those of the result if
         absent.
-    joints : str
-        How the joints move, one of `JOINT_MOTIONS`.
+    joints : str or int
+        How the joints move, one of `JOINT_MOTIONS`; or how many joints that turn there are.
+    root_motion : str
+        How the root moves, one of `ROOT_MOTIONS`.
+    quantize : bool
+        Write a skeleton in glTF with integers of 8 and 16 bits where they are enough.
     compares : bool
         Note the error of other numbers of influences, too.
     with_model : bool
@@ -64,7 +68,8 @@ class ExportSettings(CommandSettings):
     guide : bool
         With a cage that programs show when they are asked, and never render.
     morphs : MorphSettings
-        How morph targets follow the cages, in a format that has them.
+        How morph targets follow the cages, in a format that has them. The tolerance is that of the
+        keys of a skeleton, too.
     """
 
     result: Path = field(metadata=READ)
@@ -73,7 +78,9 @@ class ExportSettings(CommandSettings):
     to: SceneHints = field(default_factory=SceneHints)
     skeleton: bool = False
     influences: int | None = None
-    joints: str = "turn"
+    joints: str | int = "turn"
+    root_motion: str = "keep"
+    quantize: bool = False
     compares: bool = False
     with_model: bool = False
     guide: bool = False
@@ -192,12 +199,24 @@ def _write_skeleton(
         input_rms=_measure_input_rms(result),
         jobs=count_processors(),
     )
-    skin, places = rig.stream(turns=settings.joints == "turn")
+    animation = replace(animation, rest=rig.cage)
+    skin, places = rig.stream(turns=settings.joints != "translate")
     skin = SceneConversion.of_output(animation.scene, settings.to).convert_skin(skin)
     if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
-        make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=skin)
+        make_writer: WriterFactory = partial(
+            GltfSkeletonWriter,
+            skin=skin,
+            is_extracted=settings.root_motion == "extract",
+            tolerance=settings.morphs.tolerance,
+            is_quantized=settings.quantize,
+        )
     else:
-        make_writer = partial(UsdSkeletonWriter, skin=skin, has_cage=settings.with_model)
+        make_writer = partial(
+            UsdSkeletonWriter,
+            skin=skin,
+            has_cage=settings.with_model,
+            is_extracted=settings.root_motion == "extract",
+        )
         animation = replace(animation, guide=animation.name if settings.guide else "")
     with limit_blas_threads(1):  # the last digits of the cages depend on it
         summary = write_converted(
@@ -246,9 +265,11 @@ def _write_with_model(
 def _read_skeleton(result: Result, settings: ExportSettings) -> Reconstruction:
     """Read what a skin is to follow; refuse what cannot be skinned."""
     check_influences(result, settings.influences)
+    check_joints(result, settings.joints)
     target = CagedModel.of_result(result).read_reconstruction("a skeleton")
     binding = target.binding
-    if settings.influences is None and result.fit is not None and not binding.has_offsets:
+    is_kept = settings.influences is None and not isinstance(settings.joints, int)
+    if is_kept and result.fit is not None and not binding.has_offsets:
         raise SettingError(
             f"{result.path}: its weights are fitted, and negative in places (down to "
             f"{binding.weights.min():.2g}), which skin weights cannot be; give `influences=8`"
@@ -285,6 +306,20 @@ def check_export(settings: ExportSettings) -> None:
         raise SettingError(
             f"{path}: `influences={settings.influences}`, and programs read at most "
             f"{MAX_INFLUENCES} joints per vertex from .glb; give 4, or {MAX_INFLUENCES}"
+        )
+    only_gltf = {
+        "tolerance=": settings.skeleton and settings.morphs.tolerance is not None,
+        "quantize=True": settings.quantize,
+    }
+    for name, is_asked in only_gltf.items():
+        if is_asked and not is_gltf:
+            raise SettingError(
+                f"{path}: `{name}` of a skeleton works with glTF only, expected .glb"
+            )
+    if settings.with_model and isinstance(settings.joints, int):
+        raise SettingError(
+            f"{path}: `joints={settings.joints}` are not the vertices of the cage; leave out "
+            "`with_model=True`, or `joints=`"
         )
     if settings.guide and suffix not in UsdWriter.suffixes:
         raise SettingError(

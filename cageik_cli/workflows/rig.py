@@ -13,18 +13,25 @@ from cageik_cli.coordinates.binding import (
     reconstruct,
     reconstruct_frames,
 )
-from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
+from cageik_cli.formats.base.skin import (
+    Skin,
+    SkinWeights,
+    compute_skin_weights,
+    count_skin_bytes,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.fit import Fitter
+from cageik_cli.solver.fitting.merging import JointTree
 from cageik_cli.solver.fitting.record import DEFAULT_REGULARIZATION, FitSettings
 from cageik_cli.solver.joints import JointPoses, JointSolver, turn_normals
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.result import Result
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import format_bytes
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.reconstruction import RebuiltFrames, Reconstruction
 
@@ -33,6 +40,18 @@ Pose = Callable[[RebuiltFrames], JointPoses]
 
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
 """Frames that are posed together; constant, because the last digits depend on it."""
+
+MAX_PARTS = 12
+"""Parts of the body that joints are grouped in, at most."""
+
+MIN_JOINTS_PER_PART = 4
+"""Joints that a part of the body has on average, at least."""
+
+DEFAULT_INFLUENCES = 4
+"""Influences of fewer joints than the cage has vertices, if no number is given."""
+
+COMPARED_INFLUENCES = (4, 8, 16, 32)
+"""Numbers of influences whose errors are compared."""
 
 ANGLES_PER_DEGREE = 20
 """Angles of normals are counted in so many steps per degree."""
@@ -46,6 +65,8 @@ class Rig:
     ----------
     skin : Skin
         Without the turns of its joints, which `blocks` has.
+    cage : TriMesh
+        Its vertices are the joints at rest.
     rms, largest : float
         Distances of the skinned mesh from the reconstruction, over all vertices and frames, in
         percent of the diagonal of the rest pose.
@@ -61,6 +82,7 @@ class Rig:
     """
 
     skin: Skin
+    cage: TriMesh
     rms: float
     largest: float
     blocks: Callable[[], Iterator[JointPoses]]
@@ -72,11 +94,12 @@ class Rig:
 
         With `turns` it has those of its joints: of the frames whose places are taken.
         """
+        skin = replace(self.skin, error=self.total)
         if not turns:
-            return self.skin, (block.places for block in self.blocks())
+            return skin, (block.places for block in self.blocks())
         blocks, others = tee(self.blocks())
         every = (block.turns for block in others if block.turns is not None)
-        skin = replace(self.skin, turns=chain.from_iterable(every))
+        skin = replace(skin, turns=chain.from_iterable(every))
         return skin, (block.places for block in blocks)
 
     @property
@@ -85,9 +108,22 @@ class Rig:
         return f"{self.rms:.2g}, {self.largest:.2g} %"
 
     @property
+    def line(self) -> str:
+        """What it costs, for a comparison: errors, normals, and bytes of what is written."""
+        joints, weights = len(self.cage.vertices), self.skin.weights.joints.shape[1]
+        size = count_skin_bytes(self.skin, joints)
+        normals = "" if self.angles is None else f", normals {self.angles[0]:.2g} degrees off"
+        return (
+            f"{joints} joints, {weights} influences: {self.rms:.2g} %, largest "
+            f"{self.largest:.2g} %{normals}, about {format_bytes(size)}"
+        )
+
+    @property
     def message(self) -> str:
         """A sentence for the user."""
         clauses = [f"up to {self.skin.weights.joints.shape[1]} influences per vertex"]
+        if self.skin.joints is not None:
+            clauses[0] = f"{len(self.cage.vertices)} joints, {clauses[0]}"
         added = f"it adds an rms of {self.rms:.2g} %, largest {self.largest:.2g} %"
         if self.largest < 1e-6:  # rounding: single precision is coarser
             clauses.append("the mesh moves as with the full weights")
@@ -108,7 +144,7 @@ def make_rig(
     *,
     influences: int | None,
     name: str,
-    joints: str = "turn",
+    joints: str | int = "turn",
     is_shaded: bool = False,
     compares: bool = False,
     input_rms: float | None = None,
@@ -126,10 +162,11 @@ def make_rig(
         the reconstruction, which must not be negative.
     name : str
         What the note on the error is about.
-    joints : str
-        One of `JOINT_MOTIONS`.
+    joints : str or int
+        One of `JOINT_MOTIONS`, or how many joints that turn those of the cage are merged into.
     is_shaded : bool
-        Whether normals are written, which joints that turn take along: the note says how far off.
+        Whether the skin itself is written, with normals, which joints that turn take along: the
+        note says how far off. Its joints are in parts of the body.
     input_rms : float, optional
         Distance of the reconstruction from the input, rms over all vertices and frames, in
         percent of the diagonal, where it is known.
@@ -138,56 +175,99 @@ def make_rig(
         solve = _read_solve_settings(result)
         target = _settle_rest(target)
         fit_rig = partial(
-            _fit_rig, target, turns=joints == "turn", solve=solve, memory=memory, jobs=jobs
+            _fit_rig, target, is_shaded=is_shaded, solve=solve, memory=memory, jobs=jobs
         )
-        rig = fit_rig(influences, is_shaded=is_shaded)
+        rig = fit_rig(influences, joints)
         if input_rms is not None:
             rig = replace(rig, total=input_rms + rig.rms)
         progress.note("note", f"{name}: {rig.message}")
         if compares:
-            counts = [k for k in (4, 8, 16, 32) if k <= len(target.binding.cage.vertices)]
-            texts = [f"{k}: {fit_rig(k).figures}" for k in counts]  # holds one rig at a time
+            n = len(target.binding.cage.vertices)
+            counts = [k for k in COMPARED_INFLUENCES if k <= n]
+            texts = [
+                f"{k}: {fit_rig(k, joints).figures}" for k in counts
+            ]  # holds one rig at a time
             progress.note("influences", f"rms and largest error: {'; '.join(texts)}")
+            for fewer in _list_joint_counts(joints, n):
+                for count in counts[:2]:
+                    progress.note("joints", fit_rig(count, fewer).line)
     return rig
+
+
+def _list_joint_counts(joints: str | int, n: int) -> list[int]:
+    """Return the numbers of joints to compare with N of a cage of `n`: a half and a quarter."""
+    return [n // 2, n // 4] if isinstance(joints, int) and n >= 16 else []
 
 
 def _fit_rig(
     target: Reconstruction,
     influences: int | None,
+    joints: str | int,
     *,
-    turns: bool,
+    is_shaded: bool,
     solve: SolveSettings,
     memory: int,
     jobs: int,
-    is_shaded: bool = False,
 ) -> Rig:
     """Return the rig with the weights of the target, or with few that are fitted again.
 
     Few weights that the target has are made for joints that only translate.
     """
-    binding = target.binding
+    binding, turns = target.binding, joints != "translate"
+    if influences is None and isinstance(joints, int):
+        influences = min(DEFAULT_INFLUENCES, joints)
     if turns and influences is None and binding.has_offsets:
         influences = _count_influences(binding)
     if not turns and (influences is None or _has_few(binding, influences)):
         return _keep_weights(target)
     with error_context("few influences, with the alpha and beta of the result"):
-        held = binding.weights
-        if influences is not None:
+        held, labels, parts = binding, None, None
+        if influences is not None or is_shaded:
             settings = FitSettings(influences=influences)
             fitter = Fitter(binding, settings, solve=solve, memory=memory, jobs=jobs)
-            sample, strength = fitter.sample([target]), DEFAULT_REGULARIZATION
-            held = fitter.limit_influences(sample, strength, influences, turns=turns).weights
-        weights = compute_skin_weights(held)
-        solver = DualLaplacianSolver(_bind_skin(binding, weights), solve)
-        joints = JointSolver(solver) if turns else None
+            sample = fitter.sample([target])
+            if turns and (is_shaded or isinstance(joints, int)):
+                tree = fitter.group_joints(sample)
+                labels = tree.cut(joints) if isinstance(joints, int) else None
+                parts = _group_parts(tree, labels)
+            if influences is not None:
+                held = fitter.limit_influences(
+                    sample, DEFAULT_REGULARIZATION, influences, turns=turns, joints=labels
+                )
+        weights = compute_skin_weights(held.weights)
+        solver = DualLaplacianSolver(_bind_skin(held, weights), solve)
+        poser = JointSolver(solver) if turns else None
 
         def pose(block: RebuiltFrames) -> JointPoses:
-            if joints is not None:
-                return joints.solve(block.meshes)
+            if poser is not None:
+                return poser.solve(block.meshes)
             found = solver.solve(block.meshes)
             return JointPoses(found.cages, found.rotations, found.reconstructions)
 
-        return _measure_rig(target, weights, pose, is_shaded=turns and is_shaded)
+        rig = _measure_rig(target, held.cage, weights, pose, is_shaded=turns and is_shaded)
+        return replace(rig, skin=replace(rig.skin, joints=labels, parts=parts))
+
+
+def _group_parts(tree: JointTree, labels: Integers | None) -> Integers | None:
+    """Return the part of the body of each joint, (n,); None if there are too few joints.
+
+    `labels` are the joints that the vertices of the cage become, if they are fewer.
+    """
+    joints = np.arange(tree.count) if labels is None else labels
+    count = min(MAX_PARTS, (int(joints.max()) + 1) // MIN_JOINTS_PER_PART)
+    if count < 2:
+        return None
+    first = np.unique(joints, return_index=True)[1]  # a part has whole joints: it is a later cut
+    return tree.cut(count)[first]
+
+
+def check_joints(result: Result, joints: str | int) -> None:
+    """Refuse more joints than the cage of a result has vertices."""
+    n = len(result.cage.vertices)
+    if isinstance(joints, int) and not 0 < joints <= n:
+        raise SettingError(
+            f"{result.path}: `joints={joints}`, but the cage has {n} vertices; give 1 to {n}"
+        )
 
 
 def check_influences(result: Result, influences: int | None) -> None:
@@ -243,7 +323,7 @@ def _keep_weights(target: Reconstruction) -> Rig:
         meshes = reconstruct_frames(skinned, block.cages, block.rotations)
         return JointPoses(block.cages, block.rotations, meshes)
 
-    return _measure_rig(target, weights, pose)
+    return _measure_rig(target, target.binding.cage, weights, pose)
 
 
 def _bind_skin(binding: Binding, weights: SkinWeights) -> Binding:
@@ -253,13 +333,18 @@ def _bind_skin(binding: Binding, weights: SkinWeights) -> Binding:
 
 
 def _measure_rig(
-    target: Reconstruction, weights: SkinWeights, pose: Pose, *, is_shaded: bool = False
+    target: Reconstruction,
+    cage: TriMesh,
+    weights: SkinWeights,
+    pose: Pose,
+    *,
+    is_shaded: bool = False,
 ) -> Rig:
     """Pose all frames, and measure how far they and their normals are from the target."""
     rest = target.binding.rest
     rotations = []
     squares = largest = 0.0
-    dense = weights.to_dense(len(target.binding.cage.vertices))
+    dense = weights.to_dense(len(cage.vertices))
     normals = _NormalAngles(rest, dense) if is_shaded else None
     for block in target.blocks(FRAMES_PER_RIG_BLOCK):
         posed = pose(block)
@@ -273,6 +358,7 @@ def _measure_rig(
     percent = 100 / rest.diagonal
     return Rig(
         skin=Skin(rest, weights, np.concatenate(rotations)),
+        cage=cage,
         rms=percent * float(np.sqrt(squares / count)),
         largest=percent * float(np.sqrt(largest)),
         angles=None if normals is None else normals.summarize(),

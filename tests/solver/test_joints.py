@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.base.skin import JointMotion, Skin, compute_skin_weights
+from cageik_cli.formats.base.skeleton import Skeleton
+from cageik_cli.formats.base.skin import Skin, compute_skin_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.geometry.shape import uniform_laplacian
@@ -124,7 +125,7 @@ def test_a_body_that_turns_three_times_has_smooth_quaternions():
     poses = prepare().solve(frames)
     assert_proper(poses.turns)
     skin = Skin(BALL.rest, compute_skin_weights(BALL.weights), poses.rotations, poses.turns)
-    _, turns = zip(*JointMotion(BALL.cage, skin).advance(poses.places), strict=True)
+    _, turns = zip(*Skeleton(BALL.cage.vertices, skin).advance(poses.places), strict=True)
     cosines = np.einsum("fjq,fjq->fj", np.stack(turns)[1:], np.stack(turns)[:-1])
     assert cosines.min() > np.cos(0.5 * 2 * np.pi * 3 / (count - 1) + 0.01)
 

@@ -183,7 +183,8 @@ MORPH_MEMBERS = (
         "--tolerance",
         type=PercentType("a tolerance", "0.01%, of the diagonal"),
         help="Write as few morph targets as bring every vertex in every frame this near, in "
-        "percent of the diagonal, such as 0.01%; fail if that is impossible (.glb).",
+        "percent of the diagonal, such as 0.01%; fail if that is impossible (.glb). With "
+        "--skeleton, as few keys of joints.",
     ),
 )
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from cageik_cli.formats.settings import AUTO, RestFrame, SceneHints
+from cageik_cli.formats.settings import AUTO, JOINT_MOTIONS, RestFrame, SceneHints
 from cageik_cli.formats.timeline import FrameRange, parse_frame_number, parse_frames
 from cageik_cli.util.errors import SettingError
 
@@ -37,6 +37,14 @@ class OrWord(click.ParamType):  # type: ignore[type-arg]  # not subscriptable be
             if not self.expected:
                 raise
         return self.fail(f"{value!r} is not {self.expected}, or {self.word}", param, ctx)
+
+
+JOINTS_TYPE = OrWord(
+    OrWord(click.IntRange(min=1), JOINT_MOTIONS[0]),
+    JOINT_MOTIONS[1],
+    f"a number of joints above 0, {JOINT_MOTIONS[0]}",
+)
+"""How joints move, or how many that turn there are."""
 
 
 class SuffixedPath(click.Path):

@@ -1,13 +1,17 @@
-"""A mesh with skin weights, and the motion of its joints: one per cage vertex, below a root."""
+"""A mesh with skin weights: what a file of a skeleton holds beside the motion of the joints."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 MIN_WEIGHT = 1e-7
 """Smaller weights are dropped: beside a weight of 1, single precision loses them."""
@@ -33,6 +37,15 @@ class SkinWeights:
         matrix = np.zeros((len(self.joints), count))
         np.put_along_axis(matrix, self.joints, self.values, axis=1)
         return matrix
+
+    def to_sparse(self, count: int) -> "sparse.csr_array":
+        """Return the weights as a sparse matrix (m, count) over all joints."""
+        from scipy import sparse
+
+        m, width = self.joints.shape
+        rows = np.repeat(np.arange(m), width)
+        entries = (self.values.ravel(), (rows, self.joints.ravel()))
+        return sparse.csr_array(entries, shape=(m, count))
 
 
 def compute_skin_weights(weights: Floats, block_rows: int = 1 << 14) -> SkinWeights:
@@ -69,57 +82,29 @@ class Skin:
     turns : iterable of (n, 3, 3) float64, optional
         R of each joint, frame by frame, which are taken once and in order; joints that only
         translate have none, and turn with the whole.
+    joints : (c,) int64, optional
+        Which of the n joints each vertex of the cage is; its own if absent.
+    parts : (n,) int64, optional
+        Which part of the body each joint is of; all are below the root if absent.
+    error : float, optional
+        The largest that the rms distance of the mesh from the input can be, percent of the
+        diagonal of the rest pose; None where that is not known.
     """
 
     rest: TriMesh
     weights: SkinWeights
     rotations: Floats
     turns: Iterable[Floats] | None = None
+    joints: Integers | None = None
+    parts: Integers | None = None
+    error: float | None = None
 
 
-class JointMotion:
-    """Places the joints of a skin frame by frame, for a rest cage of n vertices.
+def count_skin_bytes(skin: Skin, joint_count: int) -> int:
+    """Count the bytes that a skin with normals and its motion take in single precision.
 
-    The root is in the mean of the cage's vertices, and turns. Its children are where the cage's
-    vertices are, and turn with it. So a skin of weights S gives
-
-        S c + (X − S C) R,
-
-    with X the rest mesh, c the cage of the frame, C the rest cage and R the rotation of the frame.
-    If S are all the weights of a binding, this is `weights @ cage`, whatever R is. If the skin has
-    turns R_j, its children turn by them instead, and a vertex x of weights s is at
-    Σ_j s_j ((x − C_j) R_j + c_j).
+    Weights are in sets of four, joints are named by 16 bits.
     """
-
-    def __init__(self, cage: TriMesh, skin: Skin) -> None:
-        centre = cage.vertices.mean(axis=0)
-        digits = max(3, len(str(len(cage.vertices) - 1)))
-        self.names = ["root", *(f"cage_{k:0{digits}}" for k in range(len(cage.vertices)))]
-        self.bind_places = np.vstack([centre, cage.vertices])
-        self.rest_translations = np.vstack([centre, cage.vertices - centre])
-        self.turn_count = 1 if skin.turns is None else len(self.names)
-        self._skin, self._frame = skin, 0
-        self._turns = None if skin.turns is None else iter(skin.turns)
-        self._last = np.tile([0.0, 0.0, 0.0, 1.0], (self.turn_count, 1))
-
-    def advance(self, frames: Floats) -> Iterator[tuple[Floats, Floats]]:
-        """Yield the joints of the next k cages, (k, n, 3).
-
-        These are the translations of the root and of its children relative to it, (n + 1, 3), and
-        the quaternions of the first `turn_count` of them, the real part last: of all, or of the
-        root alone. They have the signs that are nearer to the frame before, so that programs which
-        interpolate take the short way.
-        """
-        from scipy.spatial.transform import Rotation
-
-        for cage in frames:
-            rotation = self._skin.rotations[self._frame]
-            centre = cage.mean(axis=0)
-            local = rotation[None]
-            if self._turns is not None:
-                local = np.concatenate([local, next(self._turns) @ rotation.T])
-            found = Rotation.from_matrix(local.swapaxes(1, 2)).as_quat()
-            is_far = np.einsum("jq,jq->j", found, self._last) < 0
-            self._last = np.where(is_far[:, None], -found, found)
-            self._frame += 1
-            yield np.vstack([centre, (cage - centre) @ rotation.T]), self._last
+    sets = -(-skin.weights.joints.shape[1] // 4)
+    surface = (24 + sets * 4 * (4 + 2)) * len(skin.rest.vertices) + 12 * len(skin.rest.faces)
+    return int(surface + joint_count * (12 + 16) * len(skin.rotations))

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
+from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton
+from cageik_cli.formats.base.skin import Skin, SkinWeights
 from cageik_cli.formats.base.writers import (
     Animation,
     AnimationWriter,
@@ -234,23 +235,35 @@ def choose_prim_paths(names: Sequence[str], root: str) -> list[str]:
 
 
 class SkeletonWriter(UsdWriter):
-    """Writes the rest mesh, skinned to joints below a root, where `JointMotion` has them.
+    """Writes the rest mesh, skinned to joints, where `Skeleton` has them.
 
     If the joints turn, a mesh without normals gets those of a smooth surface.
     """
 
     def __init__(
-        self, target: Path, animation: Animation, skin: Skin, has_cage: bool = False
+        self,
+        target: Path,
+        animation: Animation,
+        skin: Skin,
+        *,
+        has_cage: bool = False,
+        is_extracted: bool = False,
     ) -> None:
-        """Start writing the animation of a cage, whose `rest` is the rest cage, to `target`.
+        """Start writing the animation of joints, whose `rest` has them at rest, to `target`.
 
-        With `has_cage`, the cage is beside the mesh.
+        With `has_cage`, they are vertices of a cage, which is beside the mesh. The root is as
+        `Skeleton` has it.
         """
         rest = skin.rest.move(skin.rest.vertices - np.array(animation.origin))
         if skin.turns is not None:
             rest = shade_smoothly(rest)
         to_float32(rest.vertices)  # refused before anything is written
-        self._motion = JointMotion(animation.rest, skin)
+        self._skeleton = Skeleton(
+            animation.rest.vertices,
+            skin,
+            up_axis=animation.scene.up_axis,
+            is_extracted=is_extracted,
+        )
         parts = [replace(part, transform=np.eye(4)) for part in split_parts(rest)]
         names = nest_names([part.name or "mesh" for part in parts], animation.name)
         parts = [replace(part, name=name) for part, name in zip(parts, names, strict=True)]
@@ -261,7 +274,7 @@ class SkeletonWriter(UsdWriter):
             animation = replace(animation, guide=name if animation.guide else "")
         moving = count_frame_bytes(animation.rest) if has_cage else 0
         joint_bytes = 12 + 16  # a translation and a rotation in single precision
-        self.open_stage(target, animation, moving + joint_bytes * len(self._motion.names))
+        self.open_stage(target, animation, moving + joint_bytes * len(self._skeleton.names))
         with capture_diagnostics(OSError):
             meshes = define_parts(self, animation, parts, is_cache=False)
             self._cage_mesh = meshes.pop() if has_cage else None
@@ -274,9 +287,9 @@ class SkeletonWriter(UsdWriter):
         """Write the cages of the next k frames, (k, n, 3)."""
         from pxr import Vt
 
-        turns = np.zeros((len(self._motion.names), 4), np.float32)
+        turns = np.zeros((len(self._skeleton.names), 4), np.float32)
         turns[:, 3] = 1
-        for cage, (places, found) in zip(frames, self._motion.advance(frames), strict=True):
+        for cage, (places, found) in zip(frames, self._skeleton.advance(frames), strict=True):
             time, translations = self.begin_frame(), to_float32(places)
             turns[: len(found)] = found
             with capture_diagnostics(OSError):
@@ -286,19 +299,22 @@ class SkeletonWriter(UsdWriter):
                     self._cage_mesh.write_positions(cage, time)
 
     def _define_skeleton(self) -> None:
-        """Define the root joint, and below it a joint per cage vertex."""
+        """Define the joints, which are named by the paths to them."""
         from pxr import UsdSkel, Vt
 
-        stage, root, motion = self.stage, self.root, self._motion
+        stage, root, tree = self.stage, self.root, self._skeleton
         UsdSkel.Root.Define(stage, root)
         self._place = f"{root}/skeleton"
         while stage.GetPrimAtPath(self._place):  # a part of that name
             self._place += "_"
         skeleton = UsdSkel.Skeleton.Define(stage, self._place)
         animation = UsdSkel.Animation.Define(stage, f"{self._place}/motion")
-        joints = [name if k == 0 else f"root/{name}" for k, name in enumerate(motion.names)]
-        bind, rest = motion.bind_places, motion.rest_translations
+        joints: list[str] = []
+        for name, parent in zip(tree.names, tree.parents, strict=True):
+            joints.append(name if parent < 0 else f"{joints[parent]}/{name}")
+        bind, rest = tree.bind_places, tree.rest_translations
         skeleton.CreateJointsAttr(joints)
+        skeleton.GetPrim().SetCustomDataByKey(CAGE_KEY, Vt.StringArray(tree.aliases))
         skeleton.CreateBindTransformsAttr(Vt.Matrix4dArray.FromNumpy(_make_translations(bind)))
         skeleton.CreateRestTransformsAttr(Vt.Matrix4dArray.FromNumpy(_make_translations(rest)))
         binding = UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
@@ -317,7 +333,8 @@ class SkeletonWriter(UsdWriter):
         binding.CreateSkeletonRel().SetTargets([self._place])
         binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1))
         joints = binding.CreateJointIndicesPrimvar(False, influences)
-        joints.Set(Vt.IntArray.FromNumpy((weights.joints[vertices] + 1).astype(np.int32).ravel()))
+        numbers = (weights.joints[vertices] + self._skeleton.lead).astype(np.int32)
+        joints.Set(Vt.IntArray.FromNumpy(numbers.ravel()))
         values = binding.CreateJointWeightsPrimvar(False, influences)
         values.Set(Vt.FloatArray.FromNumpy(weights.values[vertices].astype(np.float32).ravel()))
 

@@ -10,6 +10,7 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.solver.fitting.alternate import Alternator, CageSolve
 from cageik_cli.solver.fitting.displacements import Displacements
 from cageik_cli.solver.fitting.influences import Influences
+from cageik_cli.solver.fitting.merging import JointTree, merge_joints
 from cageik_cli.solver.fitting.problem import (
     AFFINE_FUNCTIONS,
     WeightProblem,
@@ -29,7 +30,7 @@ from cageik_cli.solver.fitting.systems import SurfaceLaplacian
 from cageik_cli.solver.fitting.turning import fit_turning
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import drop_unused_vertices
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.threads import OrderedMap, limit_blas_threads
 
@@ -167,14 +168,40 @@ class Fitter:
         alternator = self._make_alternator(strength, self._count_threads(sample))
         return alternator.fit(sample.target, self._settings)
 
+    def group_joints(self, sample: Sample) -> JointTree:
+        """Find in which order the joints of the binding's weights are merged best."""
+        solver, target = self._cage_solve.prepare(self._binding.weights), sample.target
+        return JointTree(
+            self._binding.weights,
+            solver.rest,
+            target.blocks(),
+            np.sqrt(target.shares[target.frames]),
+            self._binding.cage.edges.ends,
+        )
+
     def limit_influences(
-        self, sample: Sample, strength: float, count: int, *, turns: bool = False
+        self,
+        sample: Sample,
+        strength: float,
+        count: int,
+        *,
+        turns: bool = False,
+        joints: Integers | None = None,
     ) -> Binding:
         """Fit weights with at most `count` influences to frames that the binding's weights give.
 
-        They are for joints that only move, or for those that turn, too.
+        They are for joints that only move, or for those that turn, too. These may be fewer than
+        the vertices of the cage, each of which becomes one of `joints`, (n,).
         """
         alternator = self._make_alternator(strength, self._count_threads(sample))
+        if joints is not None:
+            merged = merge_joints(self._binding, joints)
+            problem = replace(alternator.problem, rest_weights=merged.weights)
+            cage_solve, weights = replace(self._cage_solve, binding=merged), merged.weights
+            for most in (2 * count, count):  # else the strongest before the fit would decide
+                form = Influences.from_dense(weights, most)
+                weights = fit_turning(problem, cage_solve, sample.target, form)
+            return replace(merged, weights=weights)
         limited = alternator.fit_influences(sample.target, self._binding.weights, count)
         if not turns:
             return limited

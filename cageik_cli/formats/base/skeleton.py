@@ -1,0 +1,139 @@
+"""The joints of a skin as a tree, and their motion: a root, parts of the body, and joints below."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cageik_cli.formats.base.joint_names import name_joints
+from cageik_cli.formats.base.skin import Skin
+from cageik_cli.geometry.rotations import nearest_rotations_by_svd
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.text import number_names
+
+CAGE_KEY = "cage"
+"""Files have the aliases of joints by this key of what is not interpreted."""
+
+MIN_HEADING = 1e-6
+"""A body that is turned over has no heading: the root keeps its last one if less is left of it."""
+
+
+class Skeleton:
+    """The joints of a skin that are at `places`, (n, 3), in its rest pose.
+
+    The root is in the mean of the joints, and turns as the whole does. If it is `extracted`, it is
+    on the ground below that, moves along it and turns about the vertical only, and a joint `body`
+    has the rest of the motion. If the skin has parts, each is a joint in the mean of its own
+    joints, and turns as these do on average. A skin of weights S then gives
+
+        S c + (X − S C) R,
+
+    with X the rest mesh, c the joints of the frame, C those at rest and R the rotation of the
+    frame. If S are all the weights of a binding, this is `weights @ cage`, whatever R is. If the
+    skin has turns R_j, its joints turn by them instead, and a vertex x of weights s is at
+    Σ_j s_j ((x − C_j) R_j + c_j).
+
+    Attributes
+    ----------
+    names : list of str
+        Of J joints, those of the skin last: by their place if they turn, else as in `aliases`.
+    aliases : list of str
+        The vertices of the cage that each joint is, as `cage_012`; empty for the others.
+    parents : (J,) int64
+        Numbers of joints before; -1 for the root.
+    lead : int
+        Number of joints before those of the skin.
+    bind_places, rest_translations : (J, 3) float64
+        In the rest pose: in its space, and relative to the parent.
+    turn_count : int
+        The first of the joints turn, so many.
+    """
+
+    def __init__(
+        self, places: Floats, skin: Skin, *, up_axis: str = "Y", is_extracted: bool = False
+    ) -> None:
+        self._skin, self._up, self._is_extracted = skin, "XYZ".index(up_axis), is_extracted
+        self._floor = float(skin.rest.vertices[:, self._up].min())
+        count, labels = len(places), skin.parts
+        self._members = [] if labels is None else [labels == k for k in range(labels.max() + 1)]
+        heads = ["root", "body"] if is_extracted else ["root"]
+        last = len(heads) - 1
+        self.lead = len(heads) + len(self._members)
+        above = np.full(count, last) if labels is None else len(heads) + labels
+        middle = np.full(len(self._members), last)
+        self.parents = np.concatenate([np.arange(-1, last), middle, above])
+        self.aliases = [*[""] * self.lead, *_list_aliases(skin, count)]
+        own = self.aliases[self.lead :]
+        if skin.turns is not None:
+            parts = np.arange(count) if labels is None else labels
+            owners = skin.weights.joints[:, 0]
+            part_names, own = name_joints(places, parts, owners, skin.rest, up_axis)
+            if labels is None:
+                own = part_names
+            else:
+                heads += part_names
+        self.names = number_names([*heads, *own])
+        self.turn_count = self.lead if skin.turns is None else len(self.names)
+        self._frame, self._heading = 0, 0.0
+        self._turns = None if skin.turns is None else iter(skin.turns)
+        self._last = np.tile([0.0, 0.0, 0.0, 1.0], (self.turn_count, 1))
+        still = np.tile(np.eye(3), (count, 1, 1))
+        self.bind_places = self._place(places, np.eye(3), still)[0]
+        self.rest_translations = self.bind_places.copy()
+        self.rest_translations[1:] -= self.bind_places[self.parents[1:]]
+
+    def advance(self, frames: Floats) -> Iterator[tuple[Floats, Floats]]:
+        """Yield the joints of the next k frames, whose joints of the skin are at (k, n, 3).
+
+        These are translations relative to the parents, (J, 3), and the quaternions of the first
+        `turn_count` joints, the real part last. They have the signs that are nearer to the frame
+        before, so that programs which interpolate take the short way.
+        """
+        from scipy.spatial.transform import Rotation
+
+        for joints in frames:
+            whole = self._skin.rotations[self._frame]
+            turns = (
+                np.tile(whole, (len(joints), 1, 1)) if self._turns is None else next(self._turns)
+            )
+            places, rotations = self._place(joints, whole, turns)
+            back = rotations[self.parents[1:]].swapaxes(1, 2)
+            moves = np.einsum("ja,jab->jb", places[1:] - places[self.parents[1:]], back)
+            local = np.concatenate([rotations[:1], rotations[1:] @ back])[: self.turn_count]
+            found = Rotation.from_matrix(local.swapaxes(1, 2)).as_quat()
+            is_far = np.einsum("jq,jq->j", found, self._last) < 0
+            self._last = np.where(is_far[:, None], -found, found)
+            self._frame += 1
+            yield np.vstack([places[:1], moves]), self._last
+
+    def _place(self, joints: Floats, whole: Floats, turns: Floats) -> tuple[Floats, Floats]:
+        """Return the places (J, 3) and rotations (J, 3, 3) of all joints, in the scene."""
+        centre = joints.mean(axis=0)
+        places, rotations = [centre], [whole]
+        if self._is_extracted:
+            ground = centre.copy()
+            ground[self._up] = self._floor
+            places, rotations = [ground, centre], [self._find_heading(whole), whole]
+        if self._members:
+            places += [joints[chosen].mean(axis=0) for chosen in self._members]
+            sums = np.stack([turns[chosen].sum(axis=0) for chosen in self._members])
+            rotations += list(nearest_rotations_by_svd(sums))
+        return np.vstack([*places, joints]), np.concatenate([np.stack(rotations), turns])
+
+    def _find_heading(self, rotation: Floats) -> Floats:
+        """Return the part of a rotation that is about the vertical (3, 3): its twist."""
+        from scipy.spatial.transform import Rotation
+
+        quaternion = Rotation.from_matrix(rotation.T).as_quat()
+        sine, cosine = quaternion[self._up], quaternion[3]
+        if np.hypot(sine, cosine) > MIN_HEADING:
+            self._heading = 2 * np.arctan2(sine, cosine)
+        turn = Rotation.from_rotvec(self._heading * np.eye(3)[self._up])
+        return np.asarray(turn.as_matrix().T)
+
+
+def _list_aliases(skin: Skin, count: int) -> list[str]:
+    """Return the names of the vertices of the cage that each of `count` joints is."""
+    joints = np.arange(count) if skin.joints is None else skin.joints
+    digits = max(3, len(str(len(joints) - 1)))
+    names = [f"cage_{k:0{digits}}" for k in range(len(joints))]
+    return [" ".join(names[k] for k in np.flatnonzero(joints == j)) for j in range(count)]
