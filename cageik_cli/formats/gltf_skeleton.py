@@ -33,7 +33,7 @@ SET_SIZE = 4
 MAX_INFLUENCES = 2 * SET_SIZE
 """Joints per vertex that programs read."""
 
-MIN_REACH = 1e-9
+MIN_JOINT_REACH = 1e-9
 """A joint that hardly moves a vertex counts as if it moved one by this."""
 
 FIRST_SHARE = 4.0
@@ -157,7 +157,7 @@ class SkeletonWriter(GlbWriter):
         share = FIRST_SHARE
         while True:
             tracks = [
-                reduce_track(path, k, values, share * limit / max(reach[path][k], MIN_REACH))
+                reduce_track(path, k, values, share * limit / max(reach[path][k], MIN_JOINT_REACH))
                 for path, k, values in self._keys.read_tracks()
             ]
             largest = measure_change(self._keys, tracks, exact, exact)[1]

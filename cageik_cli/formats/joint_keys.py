@@ -15,7 +15,8 @@ from cageik_cli.formats.gltf_file import VectorSpool, read_rounded, round_to
 from cageik_cli.util.arrays import Floats, Integers
 
 TRANSLATION, ROTATION = "translation", "rotation"
-WIDTHS = {TRANSLATION: 3, ROTATION: 4}
+TRACK_WIDTHS = {TRANSLATION: 3, ROTATION: 4}
+"""Numbers of a translation, and of a quaternion."""
 
 MIN_SAVED_NUMBERS = 32
 """Numbers that the description of times of their own takes the space of."""
@@ -34,8 +35,8 @@ class JointKeys:
 
     def __init__(self, folder: Path, joint_count: int, turn_count: int) -> None:
         self._spools = {
-            TRANSLATION: VectorSpool(folder, joint_count, WIDTHS[TRANSLATION]),
-            ROTATION: VectorSpool(folder, turn_count, WIDTHS[ROTATION]),
+            TRANSLATION: VectorSpool(folder, joint_count, TRACK_WIDTHS[TRANSLATION]),
+            ROTATION: VectorSpool(folder, turn_count, TRACK_WIDTHS[ROTATION]),
         }
 
     def append(self, places: NDArray[np.float32], turns: NDArray[np.float32]) -> None:
@@ -107,7 +108,7 @@ def reduce_track(path: str, joint: int, values: Floats, allowed: float) -> Track
         if not is_worst.any():
             break
         frames = np.union1d(frames, every[is_worst])
-    width = WIDTHS[path]
+    width = TRACK_WIDTHS[path]
     if (width + 1) * len(frames) + MIN_SAVED_NUMBERS > width * len(every):
         frames = every
     return Track(path, joint, frames, values[frames])
@@ -123,7 +124,7 @@ def round_track(track: Track) -> Track:
 
 def interpolate_moves(start: Floats, end: Floats, shares: Floats) -> Floats:
     """Return points at shares (k,) of the lines between `start` and `end`, (k, 3)."""
-    return np.asarray(start + shares[:, None] * (end - start))
+    return np.asarray((1 - shares[:, None]) * start + shares[:, None] * end)
 
 
 def interpolate_turns(start: Floats, end: Floats, shares: Floats) -> Floats:

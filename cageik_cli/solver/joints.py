@@ -196,18 +196,3 @@ class JointSolver:
         matrix[: 3 * n, : 3 * n] += np.kron(pull, np.eye(3))
         matrix[3 * n :, 3 * n :] += self.solver.smoothness
         return matrix
-
-
-def turn_normals(normals: Floats, weights: Floats, turns: Floats) -> Floats:
-    """Return normals (m, 3) as skins of weights (m, n) turn them by (k, n, 3, 3); of length 1.
-
-    They are (k, m, 3).
-    """
-    count, n = turns.shape[:2]
-    found = np.zeros((len(normals), 3 * count))
-    for axis in range(3):
-        along = turns[:, :, axis].transpose(1, 0, 2).reshape(n, 3 * count)
-        found += normals[:, axis, None] * (weights @ along)
-    frames = columns_to_frames(found)
-    lengths = np.linalg.norm(frames, axis=2, keepdims=True)
-    return np.asarray(np.divide(frames, lengths, out=np.zeros_like(frames), where=lengths > 0))

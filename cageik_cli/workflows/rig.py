@@ -20,15 +20,15 @@ from cageik_cli.formats.base.skin import (
     count_skin_bytes,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.fit import Fitter
-from cageik_cli.solver.fitting.merging import JointTree
+from cageik_cli.solver.fitting.merging import MIN_JOINTS
 from cageik_cli.solver.fitting.record import DEFAULT_REGULARIZATION, FitSettings
-from cageik_cli.solver.joints import JointPoses, JointSolver, turn_normals
+from cageik_cli.solver.joints import JointPoses, JointSolver
 from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.turned_normals import NormalAngles
 from cageik_cli.store.result import Result
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_bytes
@@ -41,20 +41,11 @@ Pose = Callable[[RebuiltFrames], JointPoses]
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
 """Frames that are posed together; constant, because the last digits depend on it."""
 
-MAX_PARTS = 12
-"""Parts of the body that joints are grouped in, at most."""
-
-MIN_JOINTS_PER_PART = 4
-"""Joints that a part of the body has on average, at least."""
-
 DEFAULT_INFLUENCES = 4
 """Influences of fewer joints than the cage has vertices, if no number is given."""
 
 COMPARED_INFLUENCES = (4, 8, 16, 32)
 """Numbers of influences whose errors are compared."""
-
-ANGLES_PER_DEGREE = 20
-"""Angles of normals are counted in so many steps per degree."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,7 +220,7 @@ def _fit_rig(
             if turns and (is_shaded or isinstance(joints, int)):
                 tree = fitter.group_joints(sample)
                 labels = tree.cut(joints) if isinstance(joints, int) else None
-                parts = _group_parts(tree, labels)
+                parts = tree.group_parts(labels)
             if influences is not None:
                 held = fitter.limit_influences(
                     sample, DEFAULT_REGULARIZATION, influences, turns=turns, joints=labels
@@ -248,25 +239,13 @@ def _fit_rig(
         return replace(rig, skin=replace(rig.skin, joints=labels, parts=parts))
 
 
-def _group_parts(tree: JointTree, labels: Integers | None) -> Integers | None:
-    """Return the part of the body of each joint, (n,); None if there are too few joints.
-
-    `labels` are the joints that the vertices of the cage become, if they are fewer.
-    """
-    joints = np.arange(tree.count) if labels is None else labels
-    count = min(MAX_PARTS, (int(joints.max()) + 1) // MIN_JOINTS_PER_PART)
-    if count < 2:
-        return None
-    first = np.unique(joints, return_index=True)[1]  # a part has whole joints: it is a later cut
-    return tree.cut(count)[first]
-
-
 def check_joints(result: Result, joints: str | int) -> None:
-    """Refuse more joints than the cage of a result has vertices."""
+    """Refuse too few joints, and more than the cage of a result has vertices."""
     n = len(result.cage.vertices)
-    if isinstance(joints, int) and not 0 < joints <= n:
+    if isinstance(joints, int) and not MIN_JOINTS <= joints <= n:
         raise SettingError(
-            f"{result.path}: `joints={joints}`, but the cage has {n} vertices; give 1 to {n}"
+            f"{result.path}: `joints={joints}`, but the cage has {n} vertices; give {MIN_JOINTS} "
+            f"to {n}"
         )
 
 
@@ -345,7 +324,7 @@ def _measure_rig(
     rotations = []
     squares = largest = 0.0
     dense = weights.to_dense(len(cage.vertices))
-    normals = _NormalAngles(rest, dense) if is_shaded else None
+    normals = NormalAngles(rest, dense) if is_shaded else None
     for block in target.blocks(FRAMES_PER_RIG_BLOCK):
         posed = pose(block)
         rotations.append(posed.rotations)
@@ -364,36 +343,3 @@ def _measure_rig(
         angles=None if normals is None else normals.summarize(),
         blocks=lambda: map(pose, target.blocks(FRAMES_PER_RIG_BLOCK)),
     )
-
-
-class _NormalAngles:
-    """Counts angles between the normals of a skin, (m, n) weights, and those of meshes.
-
-    A vertex whose faces cancel has no normal, and is left out.
-    """
-
-    def __init__(self, rest: TriMesh, weights: Floats) -> None:
-        self._rest, self._weights = rest, weights
-        self._normals = compute_vertex_normals(rest.polygons, rest.vertices)
-        self._counts = np.zeros(180 * ANGLES_PER_DEGREE + 1, np.int64)
-        self._squares = 0.0
-
-    def add(self, turns: Floats, meshes: Floats) -> None:
-        """Add the angles of frames, (k, m, 3), whose joints turn by (k, n, 3, 3)."""
-        found = turn_normals(self._normals, self._weights, turns)
-        for mesh, shaded in zip(meshes, found, strict=True):
-            expected = compute_vertex_normals(self._rest.polygons, mesh)
-            is_known = self._normals.any(axis=1) & expected.any(axis=1)
-            cosines = np.einsum("mx,mx->m", shaded, expected)[is_known]
-            angles = np.degrees(np.arccos(cosines.clip(-1, 1)))
-            self._squares += float(np.square(angles).sum())
-            steps = (angles * ANGLES_PER_DEGREE).astype(np.int64)
-            self._counts += np.bincount(steps, minlength=len(self._counts))
-
-    def summarize(self) -> tuple[float, float] | None:
-        """Return the root mean square and the 99th percentile, degrees; None of no angles."""
-        done = np.cumsum(self._counts)
-        if not done[-1]:
-            return None
-        step = np.searchsorted(done, 0.99 * done[-1])
-        return float(np.sqrt(self._squares / done[-1])), float(step / ANGLES_PER_DEGREE)

@@ -6,6 +6,7 @@ from pxr import Usd, UsdGeom, UsdSkel
 from scipy.spatial.transform import Rotation
 
 from cageik_cli.formats import gltf_skeleton
+from cageik_cli.formats.base.skeleton import Skeleton
 from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
@@ -15,7 +16,7 @@ from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.solver.joints import turn_normals
+from cageik_cli.solver.turned_normals import turn_normals
 from cageik_cli.util.errors import OutputError
 from tests.clips import frames_of
 from tests.formats.clips import faults_of
@@ -85,6 +86,16 @@ class GltfRig:
         inverse = self.file.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4)
         return [nodes[k]["name"] for k in skin["joints"]], -inverse[:, 3, :3]
 
+    def parents(self):
+        """The names of what each joint is below."""
+        nodes, (skin,) = self.file.json["nodes"], self.file.json["skins"]
+        above = {child: k for k in skin["joints"] for child in nodes[k].get("children", [])}
+        return [nodes[above[k]]["name"] if k in above else None for k in skin["joints"]]
+
+    def aliases(self):
+        nodes, (skin,) = self.file.json["nodes"], self.file.json["skins"]
+        return [nodes[k].get("extras", {}).get("cage", "") for k in skin["joints"]]
+
 
 class UsdRig:
     """What USD says of a stage; `skin` changes it."""
@@ -112,8 +123,15 @@ class UsdRig:
         return np.array([[[*turn.imaginary, turn.real] for turn in turns] for turns in frames])
 
     def joints(self):
-        names = [name.removeprefix("root/") for name in self.skeleton.GetJointsAttr().Get()]
+        names = [name.rpartition("/")[2] for name in self.skeleton.GetJointsAttr().Get()]
         return names, translations(self.skeleton.GetBindTransformsAttr())
+
+    def parents(self):
+        paths = [name.split("/") for name in self.skeleton.GetJointsAttr().Get()]
+        return [path[-2] if len(path) > 1 else None for path in paths]
+
+    def aliases(self):
+        return list(self.skeleton.GetPrim().GetCustomDataByKey("cage"))
 
 
 def translations(attribute):
@@ -125,14 +143,15 @@ def rig(request):
     return request.param
 
 
-def start(rig, path, weights=WEIGHTS["4"], rest=REST, turns=None):
+def start(rig, path, weights=WEIGHTS["4"], rest=REST, turns=None, parts=None, **options):
     animation = Animation(CAGE, len(CAGES), SCENE, "hero")
-    return rig.make(path, animation, Skin(rest, weights, ROTATIONS, turns))
+    skin = Skin(rest, weights, ROTATIONS, turns, parts=parts, error=0.25)
+    return rig.make(path, animation, skin, **options)
 
 
-def save(rig, path, weights=WEIGHTS["4"], size=2, rest=REST, turns=None):
+def save(rig, path, weights=WEIGHTS["4"], size=2, rest=REST, turns=None, **options):
     """Write the skeleton; return what another program reads, and the notes."""
-    writer = start(rig, path, weights, rest, turns)
+    writer = start(rig, path, weights, rest, turns, **options)
     for first in range(0, len(CAGES), size):
         writer.append(CAGES[first : first + size])
     writer.complete()
@@ -172,15 +191,86 @@ def test_the_root_takes_the_short_way(tmp_path, rig):
 @pytest.mark.parametrize("count", ["1", "4", "8"])
 def test_the_mesh_and_its_normals_follow_joints_that_turn(tmp_path, rig, count):
     weights = WEIGHTS[count]
-    dense, arms = weights.to_dense(8), REST.vertices[:, None] - CAGE.vertices
-    alone = np.einsum("mna,fnab->fmnb", arms, TURNS) + CAGES[:, None]
-    expected = np.einsum("mn,fmnb->fmb", dense, alone)
+    dense = weights.to_dense(8)
+    expected = expect_turning(dense)
     found, _ = save(rig, tmp_path / rig.name, weights, turns=TURNS)
     np.testing.assert_allclose(found.skin(), expected, rtol=0, atol=5e-6)
     found, _ = save(rig, tmp_path / f"again_{rig.name}", weights, turns=TURNS)
     normals = compute_vertex_normals(REST.polygons, REST.vertices)
     cosines = np.einsum("fmx,fmx->fm", found.shade(), turn_normals(normals, dense, TURNS))
     assert np.degrees(np.arccos(cosines.clip(-1, 1))).max() < 0.1
+
+
+PARTS = np.array([0, 0, 1, 1, 0, 0, 1, 1])
+"""The lower and the upper corners of the box, as z is up."""
+
+TREES = {
+    "parts": {"parts": PARTS},
+    "extracted": {"is_extracted": True},
+    "both": {"parts": PARTS, "is_extracted": True},
+}
+
+
+def expect_turning(dense, turns=TURNS):
+    arms = REST.vertices[:, None] - CAGE.vertices
+    alone = np.einsum("mna,fnab->fmnb", arms, turns) + CAGES[:, None]
+    return np.einsum("mn,fmnb->fmb", dense, alone)
+
+
+@pytest.mark.parametrize("tree", TREES.values(), ids=TREES)
+def test_no_tree_of_joints_changes_the_mesh(tmp_path, rig, tree):
+    found, _ = save(rig, tmp_path / rig.name, turns=TURNS, **tree)
+    expected = expect_turning(WEIGHTS["4"].to_dense(8))
+    np.testing.assert_allclose(found.skin(), expected, rtol=0, atol=1e-5)
+    turns = save(rig, tmp_path / f"again_{rig.name}", turns=TURNS, **tree)[0].turns()
+    assert (np.einsum("fjq,fjq->fj", turns[1:], turns[:-1]) > 0).all()
+
+
+def test_joints_of_parts_are_below_them_and_named_by_their_place(tmp_path, rig):
+    found, _ = save(rig, tmp_path / rig.name, turns=TURNS, parts=PARTS, is_extracted=True)
+    names, places = found.joints()
+    assert names[:2] == ["root", "body"]
+    assert {name.rpartition("_")[0] for name in names[4:]} == set(names[2:4])
+    above = found.parents()
+    assert above[:4] == [None, "root", "body", "body"]
+    for name, parent in zip(names[4:], above[4:], strict=True):
+        assert name.startswith(parent)
+    np.testing.assert_allclose(places[4:], CAGE.vertices, atol=1e-6)
+    np.testing.assert_allclose(places[2], CAGE.vertices[PARTS == 0].mean(axis=0), atol=1e-6)
+    assert found.aliases() == ["", "", "", "", *(f"cage_00{k}" for k in range(8))]
+
+
+def test_an_extracted_root_stays_on_the_ground_and_upright(tmp_path):
+    """It turns about the vertical alone, and is below the mean of the joints."""
+    skin = Skin(REST, WEIGHTS["4"], ROTATIONS, TURNS)
+    tree = Skeleton(CAGE.vertices, skin, up_axis="Z", is_extracted=True)
+    floor = REST.vertices[:, 2].min()
+    assert tree.bind_places[0, 2] == floor
+    for k, (places, turns) in enumerate(tree.advance(CAGES)):
+        np.testing.assert_allclose(places[0], [*CAGES[k].mean(axis=0)[:2], floor], atol=1e-12)
+        np.testing.assert_allclose(turns[0, :2], 0, atol=1e-12)
+        assert abs(turns[1, 2]) < 1e-12  # the body leans, and does not turn about the vertical
+        both = Rotation.from_quat(turns[0]) * Rotation.from_quat(turns[1])
+        np.testing.assert_allclose(both.as_matrix(), ROTATIONS[k].T, atol=1e-12)
+
+
+def test_a_somersault_keeps_the_heading(tmp_path):
+    """About the side axis the body passes through a half turn, where it has no heading."""
+    turns = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 5), [1, 0, 0])).as_matrix()
+    skin = Skin(REST, WEIGHTS["4"], turns.swapaxes(1, 2))
+    tree = Skeleton(CAGE.vertices, skin, up_axis="Z", is_extracted=True)
+    found = [turns[0] for _, turns in tree.advance(np.repeat(CAGE.vertices[None], 5, axis=0))]
+    np.testing.assert_allclose(found, np.tile([0, 0, 0, 1], (5, 1)), atol=1e-6)
+
+
+def test_three_turns_about_the_vertical_are_three_turns_of_an_extracted_root(tmp_path):
+    angles = np.linspace(0, 6 * np.pi, 40)
+    whole = Rotation.from_rotvec(np.outer(angles, [0, 0, 1])).as_matrix().swapaxes(1, 2)
+    tree = Skeleton(CAGE.vertices, Skin(REST, WEIGHTS["4"], whole), up_axis="Z", is_extracted=True)
+    frames = np.repeat(CAGE.vertices[None], 40, axis=0)
+    found = np.array([turns[0] for _, turns in tree.advance(frames)])
+    steps = 2 * np.arccos((found[1:] * found[:-1]).sum(axis=1).clip(-1, 1))
+    np.testing.assert_allclose(steps, angles[1], atol=1e-6)
 
 
 def test_all_joints_that_turn_take_the_short_way(tmp_path, rig):
@@ -289,6 +379,82 @@ def test_many_joints_have_wider_numbers_in_gltf(tmp_path, joint, kind):
     number = file.primitives[0]["attributes"]["JOINTS_0"]
     assert file.json["accessors"][number]["componentType"] == kind
     np.testing.assert_allclose(file.skinned(0), REST.vertices + up, rtol=0, atol=1e-5)
+
+
+def write_long(path, tolerance=None, is_quantized=False, rest=REST):
+    """A skeleton of 40 frames that move smoothly; the file, the notes, and the mesh, (F, m, 3)."""
+    times = np.arange(40)
+    swing = np.sin(times[:, None] / 12 + np.arange(8))[..., None] * [0.2, 0.5, 0.1]
+    turns = Rotation.from_rotvec(swing.reshape(-1, 3)).as_matrix().reshape(40, 8, 3, 3)
+    cages = CAGE.vertices + 0.3 * swing
+    whole = np.repeat(np.eye(3)[None], 40, axis=0)
+    skin = Skin(rest, WEIGHTS["4"], whole, turns, parts=PARTS, error=0.25)
+    animation = Animation(CAGE, 40, SCENE, "hero")
+    words = {"tolerance": tolerance, "is_quantized": is_quantized}
+    writer = GltfRig.make(path, animation, skin, **words)
+    writer.append(cages)
+    writer.complete()
+    arms = REST.vertices[:, None] - CAGE.vertices
+    alone = np.einsum("mna,fnab->fmnb", arms, turns) + cages[:, None]
+    return Glb(path), writer.notes, np.einsum("mn,fmnb->fmb", WEIGHTS["4"].to_dense(8), alone)
+
+
+def measure_apart(file, expected):
+    """The rms and the largest distance of the skin in a file, percent of the diagonal."""
+    frames = np.array([file.skinned(k) for k in range(len(expected))])
+    apart = np.linalg.norm(frames @ np.linalg.inv(UPRIGHT.T) - expected, axis=2)
+    return [100 * value / REST.diagonal for value in (np.sqrt(np.mean(apart**2)), apart.max())]
+
+
+@pytest.mark.parametrize("tolerance", [0.01, 0.1, 1.0])
+def test_keys_are_left_out_within_a_tolerance(tmp_path, tolerance):
+    whole, notes, expected = write_long(tmp_path / "all.glb")
+    assert notes == (("frame 3 is at 0 s, where players begin; cageik reads its number"),)
+    file, notes, _ = write_long(tmp_path / "a.glb", tolerance)
+    rms, largest = measure_apart(file, expected)
+    assert largest <= tolerance * (1 + 1e-3)
+    assert f"rms of {rms:.2g} %, {largest:.2g} % at most; against the input" in notes[-1]
+    keys = [len(file.array(each["output"])) for each in file.json["animations"][0]["samplers"]]
+    assert f"{sum(keys)} of {len(keys) * 40} keys kept" in notes[-1]
+    assert (len(file.binary) < 0.8 * len(whole.binary)) == (tolerance > 0.01)
+
+
+def test_quantized_skins_are_small_and_near(tmp_path):
+    uv = RANDOM.random((len(REST.faces), 3, 2))
+    rest = paint(REST, uv, np.zeros(len(REST.faces), np.int64), ("skin",))
+    whole, _, _ = write_long(tmp_path / "all.glb", rest=rest)
+    file, notes, expected = write_long(tmp_path / "a.glb", is_quantized=True, rest=rest)
+    assert file.json["extensionsRequired"] == ["KHR_mesh_quantization"]
+    assert "extensionsRequired" not in whole.json or not whole.json["extensionsRequired"]
+    faces = file.faces()
+    frames = np.array([file.skinned(k) for k in range(40)]) @ np.linalg.inv(UPRIGHT.T)
+    apart = np.linalg.norm(frames[:, faces] - expected[:, REST.faces], axis=3)
+    assert 0 < 100 * apart.max() / REST.diagonal < 0.5
+    assert f"{100 * apart.max() / REST.diagonal:.2g} % at most" in notes[-1]
+    np.testing.assert_allclose(
+        file.attribute("TEXCOORD_0")[faces], uv * [1, -1] + [0, 1], atol=1e-5
+    )
+    np.testing.assert_allclose(file.attribute("WEIGHTS_0").sum(axis=1), 1, rtol=0, atol=1e-12)
+    normals = [each.attribute("NORMAL") for each in (file, whole)]
+    np.testing.assert_allclose(*normals, atol=0.5 / 127 + 1e-6)
+    assert len(file.binary) < 0.7 * len(whole.binary)
+    assert file.json["accessors"][file.primitives[0]["indices"]]["componentType"] == 5123
+
+
+def test_uvs_beyond_a_texture_are_not_quantized(tmp_path):
+    uv = 3 * RANDOM.random((len(REST.faces), 3, 2))
+    rest = paint(REST, uv, np.zeros(len(REST.faces), np.int64), ("skin",))
+    file, _, _ = write_long(tmp_path / "a.glb", is_quantized=True, rest=rest)
+    found = file.attribute("TEXCOORD_0")[file.faces()]
+    np.testing.assert_allclose(found, uv * [1, -1] + [0, 1], atol=1e-6)
+
+
+def test_rounding_and_keys_that_are_left_out_are_measured_together(tmp_path):
+    file, notes, expected = write_long(tmp_path / "a.glb", 0.1, is_quantized=True)
+    rms, largest = measure_apart(file, expected)
+    assert "keys kept, numbers rounded, which moves vertices" in notes[-1]
+    assert f"rms of {rms:.2g} %, {largest:.2g} % at most" in notes[-1]
+    assert f"the rms is at most {0.25 + rms:.2g} %" in notes[-1]
 
 
 def test_materials_and_uvs_come_along_in_gltf(tmp_path):

@@ -13,8 +13,9 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.joints import JointSolver, turn_normals
+from cageik_cli.solver.joints import JointSolver
 from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.turned_normals import turn_normals
 from tests.fitted import small_binding
 
 BALL = small_binding()

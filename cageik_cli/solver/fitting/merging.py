@@ -28,6 +28,16 @@ COMPACTNESS = 1e-3
 """A merge that spreads a joint costs this share of the spread, so that a rigid body has parts."""
 
 
+MIN_JOINTS = 3
+"""Joints of a skin, at least: they have the faces of a mesh."""
+
+MAX_PARTS = 12
+"""Parts of the body that joints are grouped in, at most."""
+
+MIN_JOINTS_PER_PART = 4
+"""Joints that a part of the body has on average, at least."""
+
+
 class JointTree:
     """The joints of a skin, and the order in which they are merged.
 
@@ -63,6 +73,16 @@ class JointTree:
         for kept, merged in self._merges[: self.count - count]:
             labels[labels == merged] = kept
         return np.unique(labels, return_inverse=True)[1]
+
+    def group_parts(self, joints: Integers | None = None) -> Integers | None:
+        """Return the part of the body of each of N joints, (N,); None if there are too few.
+
+        `joints`, (n,), is a cut through the tree; all joints if absent.
+        """
+        held = np.arange(self.count) if joints is None else joints
+        first = np.unique(held, return_index=True)[1]
+        count = min(MAX_PARTS, len(first) // MIN_JOINTS_PER_PART)
+        return self.cut(count)[first] if count > 1 else None  # a part has whole joints
 
     def _merge_all(self, edges: set[tuple[int, int]]) -> list[tuple[int, int]]:
         """Merge until one joint is left; the larger number of each pair becomes the smaller."""
@@ -114,7 +134,7 @@ def merge_joints(binding: Binding, joints: Integers) -> Binding:
     """Return a binding to N joints, of which each vertex of the cage becomes one, (n,).
 
     Its cage has the joints as vertices, at the centre of what follows them, and the faces between
-    three of them. A joint of one vertex stays where that is.
+    three of them; if there are none, a strip of all. A joint of one vertex stays where that is.
     """
     count = int(joints.max()) + 1
     chosen = np.eye(count)[joints]
@@ -128,7 +148,8 @@ def merge_joints(binding: Binding, joints: Integers) -> Binding:
     faces = joints[binding.cage.faces]
     first, second, third = faces.T
     kept = faces[(first != second) & (second != third) & (third != first)]
-    cage = TriMesh(places, kept)
+    strip = np.arange(count - 2)[:, None] + np.arange(3)
+    cage = TriMesh(places, kept if len(kept) else strip)
     return replace(binding, cage=cage, weights=weights, has_offsets=True)
 
 

@@ -4,9 +4,9 @@ import json
 import struct
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
-KINDS = {5126: "<f4", 5125: "<u4", 5123: "<u2", 5121: "u1"}
+KINDS = {5126: "<f4", 5125: "<u4", 5123: "<u2", 5122: "<i2", 5121: "u1", 5120: "i1"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
@@ -30,15 +30,20 @@ class Glb:
         accessor = self.json["accessors"][index]
         view = self.json["bufferViews"][accessor["bufferView"]]
         width, kind = WIDTHS[accessor["type"]], np.dtype(KINDS[accessor["componentType"]])
-        assert view.get("byteStride", kind.itemsize * width) == kind.itemsize * width
-        offset, count = accessor.get("byteOffset", 0), accessor["count"] * width
-        assert offset + kind.itemsize * count <= view["byteLength"]
+        size = kind.itemsize * width
+        stride, offset = view.get("byteStride", size), accessor.get("byteOffset", 0)
+        assert stride >= size
+        assert (stride % 4 == 0) or "byteStride" not in view
+        assert offset + stride * (accessor["count"] - 1) + size <= view["byteLength"]
         start = view.get("byteOffset", 0) + offset
         assert start % kind.itemsize == 0
-        found = np.frombuffer(self.binary, kind, count, start).reshape(-1, width)
+        shape, steps = (accessor["count"], width), (stride, kind.itemsize)
+        found = np.ndarray(shape, kind, self.binary, start, steps)
         for name, bound in (("min", found.min(axis=0)), ("max", found.max(axis=0))):
             if name in accessor:
                 np.testing.assert_array_equal(np.array(accessor[name], kind), bound)
+        if accessor.get("normalized"):
+            return np.maximum(found.astype(float) / np.iinfo(kind).max, -1)
         return found
 
     @property
@@ -84,9 +89,22 @@ class Glb:
         (animation,) = self.json["animations"]
         for channel in animation["channels"]:
             sampler = animation["samplers"][channel["sampler"]]
-            value = self.array(sampler["output"])[moment].astype(float)
+            value = self.value(sampler, moment, channel["target"]["path"] == "rotation")
             nodes[channel["target"]["node"]][channel["target"]["path"]] = value
         return [make_matrix(node) for node in nodes]
+
+    def value(self, sampler, moment, turns):
+        """What a sampler gives at a frame, by lines or even turns between its keys."""
+        (animation,) = self.json["animations"]
+        own = self.array(sampler["input"])[:, 0].astype(float)
+        values = self.array(sampler["output"]).astype(float)
+        if len(own) == 1:
+            return values[0]
+        ((fps, step, _),) = animation["extras"].values()
+        time = np.clip(np.float32(moment * step / fps), own[0], own[-1])
+        if turns:
+            return Slerp(own, Rotation.from_quat(values))(time).as_quat()
+        return np.array([np.interp(time, own, column) for column in values.T])
 
     def skinned(self, moment, name="POSITION"):
         """Vertices (m, 3) in the space of the scene, at a key of the animation; or their normals.
