@@ -365,7 +365,7 @@ WRONG = {
         "cages.h5 c.npz --frame-step nan": "nan as the step",
         "cages.h5 c.usd --influences 4": "--influences needs --skeleton",
         "cages.h5 c.usd --joints turn": "--joints needs --skeleton",
-        "cages.h5 c.usd --skeleton --joints bend": "'bend' is not one of",
+        "cages.h5 c.usd --skeleton --joints bend": "'bend' is not a number of joints",
         "cages.h5 c.usd --skeleton --influences 0": "0 is not in the range",
         "cages.h5 c.usda --guide": "--guide needs --with-model",
         "cages.h5 c.usd --morphs 9": "--morphs",

@@ -207,6 +207,57 @@ def test_more_numbers_of_influences_are_compared_when_asked(run, result):
     assert "16: " not in line  # the cage has 8 vertices
 
 
+@pytest.mark.parametrize(
+    ("name", "words", "named"),
+    [
+        ("c.glb", ["--joints", "9"], "--joints 9, but the cage has 8 vertices; give 3 to 8"),
+        ("c.glb", ["--joints", "2"], "give 3 to 8"),
+        ("c.usdc", ["--joints", "4", "--with-model"], "are not the vertices of the cage"),
+        ("c.usdc", ["--tolerance", "0.1"], "--morphs and --tolerance apply to .glb"),
+        ("c.usdc", ["--quantize"], "--quantize of a skeleton works with glTF only"),
+    ],
+)
+def test_options_of_skeletons_that_cannot_be_are_refused(run, result, name, words, named):
+    outcome = run("export", "cages.h5", name, "--skeleton", *words)
+    assert outcome.code != 0
+    assert named in " ".join(outcome.err.split())
+    assert not Path(name).exists()
+
+
+@pytest.mark.parametrize("words", [["--joints", "4"], ["--root-motion", "extract"], ["--quantize"]])
+def test_options_of_skeletons_need_one(run, result, words):
+    outcome = run("export", "cages.h5", "c.glb", *words)
+    assert (outcome.code, "needs --skeleton" in outcome.err) == (2, True)
+
+
+def test_joints_are_a_word_or_a_number(run, result):
+    outcome = run("export", "cages.h5", "c.glb", "--skeleton", "--joints", "bend")
+    assert outcome.code == 2
+    assert "a number of joints above 0, turn, or translate" in outcome.err
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".usda"])
+def test_the_root_can_be_extracted(run, result, suffix):
+    words = ("export", "cages.h5", f"c{suffix}", "--skeleton", "--influences", "4")
+    assert run(*words).code == 0
+    kept = Path(f"c{suffix}").read_bytes()
+    assert run(*words, "--root-motion", "extract", "--overwrite").code == 0
+    found = Path(f"c{suffix}").read_bytes()
+    assert (b"body" in kept, b"body" in found) == (False, True)
+
+
+def test_a_small_skeleton_is_smaller_and_says_what_that_costs(run, result):
+    words = ("export", "cages.h5", "c.glb", "--skeleton", "--influences", "4", "--overwrite")
+    sizes = []
+    for more in (["--tolerance", "5"], ["--quantize", "--tolerance", "5"], ["--quantize"]):
+        outcome = run(*words, *more)
+        assert outcome.code == 0, outcome.err
+        assert ("numbers rounded" in outcome.err) == ("--quantize" in more)
+        assert ("keys kept" in outcome.err) == ("--tolerance" in more)
+        sizes.append(Path("c.glb").stat().st_size)
+    assert max(sizes[1:]) < sizes[0]
+
+
 def test_kinds_of_frames_are_the_writers_own():
     assert set(opening.frame_formats()) == {"obj", "ply"}
     assert opening.DEFAULT_FORMAT in opening.frame_formats()

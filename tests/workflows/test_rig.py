@@ -274,6 +274,38 @@ def test_projected_vertices_start_where_the_cage_has_them(run, folder, animation
     assert furthest("c.usdc") < 0.02
 
 
+@pytest.mark.parametrize("fit", [(), ("--fit",)])
+def test_fewer_joints_move_as_the_rig_does(run, folder, fit):
+    """Four influences are the default then; the note is what the file gives."""
+    assert run(*EXTRACT, *fit).code == 0
+    outcome = run("export", "cages.h5", "c.usdc", "--skeleton", "--joints", 5)
+    assert outcome.code == 0, outcome.err
+    assert "c.usdc: 5 joints, up to 4 influences per vertex" in outcome.err
+    assert "5 joints that move 18 vertices" in outcome.err
+    weights, joints = skin_weights("c.usdc")
+    assert weights.shape[1] <= 4
+    assert set(joints[weights > 0]) <= set(range(1, 6))
+    few = rig(None, joints=5)
+    assert abs(100 * furthest("c.usdc") - few.largest) < 100 * SINGLE
+    assert few.rms > rig(4).rms
+    stage = Usd.Stage.Open("c.usdc")
+    cage = stage.GetPrimAtPath("/cage/skeleton").GetCustomDataByKey("cage")
+    assert sorted(" ".join(cage).split()) == [f"cage_00{k}" for k in range(8)]
+
+
+def test_joints_are_compared_by_their_number(run, folder):
+    frames = [str(path) for path in sorted((WALKER / "frames").glob("*.obj"))[::12]]
+    assert run("extract", *frames, "--close-gaps").code == 0
+    words = ("export", "cages.h5", "c.glb", "--skeleton", "--joints", 12, "-v")
+    lines = [line for line in run(*words).err.splitlines() if line.startswith("  joints")]
+    n = len(read_result(Path("cages.h5")).cage.vertices)
+    starts = [f"{count} joints, {k} influences: " for count in (n // 2, n // 4) for k in (4, 8)]
+    assert len(lines) == len(starts)
+    for line, expected in zip(lines, starts, strict=True):
+        assert expected in line
+        assert "degrees off, about " in line
+
+
 @pytest.mark.parametrize("suffix", [".usdc", ".glb"])
 def test_a_skeleton_of_any_format_moves_as_the_rig(run, folder, suffix):
     assert run(*EXTRACT).code == 0
