@@ -1,6 +1,7 @@
 """A cage animation as a skinned glTF: joints that the cage has become, and weights of the mesh."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from cageik_cli.formats.joint_keys import (
     TRANSLATION,
     JointKeys,
     Track,
+    evaluate_tracks,
     reduce_track,
     round_track,
 )
@@ -38,6 +40,9 @@ MIN_JOINT_REACH = 1e-9
 
 FIRST_SHARE = 4.0
 """Each joint may first err by so much of the tolerance: joints above each other seldom add up."""
+
+MIN_TOLERANCE_SHARE = 1e-4
+"""All keys are kept where less than this share of the tolerance is left: it is rounding."""
 
 QUANTIZATION = "KHR_mesh_quantization"
 """The extension by which positions and normals may be integers; it needs no decoder."""
@@ -133,48 +138,51 @@ class SkeletonWriter(GlbWriter):
         )
         self._open.close()
 
-    def _choose_tracks(self) -> list[Track]:
-        """Choose the keys, and note what those that are left out and rounding change."""
-        every = np.arange(self._keys.frame_count)
-        tracks = [Track(path, k, every, values) for path, k, values in self._keys.read_tracks()]
+    def _choose_tracks(self) -> list[Track] | None:
+        """Choose the keys, None for all, and note what those left out and rounding change."""
         if self._tolerance is None and not self._is_quantized:
-            return tracks
-        exact = self._pose(
-            self._vertices, self._skin.weights.to_sparse(len(self._animation.rest.vertices))
-        )
+            return None
+        keys, count = self._keys, len(self._animation.rest.vertices)
+        exact = self._pose(self._vertices, self._skin.weights.to_sparse(count))
+        tracks, written, read = None, exact, keys.read_frames
         if self._tolerance is not None:
             tracks = self._reduce_tracks(exact, self._tolerance / 100 * self._skin.rest.diagonal)
-        written = exact
         if self._is_quantized:
-            tracks = [round_track(track) for track in tracks]
-            written = self._pose(*self._attributes.decode(len(self._animation.rest.vertices)))
-        self._tell_change(tracks, *measure_change(self._keys, tracks, exact, written))
+            written, read = self._pose(*self._attributes.decode(count)), keys.read_rounded_frames
+            tracks = None if tracks is None else [round_track(track) for track in tracks]
+        if tracks is not None:
+            read = partial(evaluate_tracks, tracks)
+        rms, largest = measure_change(keys, read, exact, written)
+        self._tell_change(tracks, rms, largest)
         return tracks
 
-    def _reduce_tracks(self, exact: PosedSkin, limit: float) -> list[Track]:
-        """Leave out keys as long as no vertex moves by more than `limit`."""
+    def _reduce_tracks(self, exact: PosedSkin, limit: float) -> list[Track] | None:
+        """Leave out keys as long as no vertex moves by more than `limit`; None if that is none."""
         reach = dict(zip((TRANSLATION, ROTATION), exact.measure_reach(), strict=True))
         share = FIRST_SHARE
-        while True:
+        while share > MIN_TOLERANCE_SHARE:
             tracks = [
                 reduce_track(path, k, values, share * limit / max(reach[path][k], MIN_JOINT_REACH))
                 for path, k, values in self._keys.read_tracks()
             ]
-            largest = measure_change(self._keys, tracks, exact, exact)[1]
+            read = partial(evaluate_tracks, tracks)
+            largest = measure_change(self._keys, read, exact, exact)[1]
             if largest <= limit:
                 return tracks
             share *= min(0.7, 0.9 * limit / largest)
+        return None
 
     def _pose(self, vertices: NDArray[np.floating], weights: Any) -> PosedSkin:
         """Return a skin of this skeleton."""
         tree = self._skeleton
         return PosedSkin(vertices, weights, self._bind_places[tree.lead :], tree)
 
-    def _tell_change(self, tracks: list[Track], rms: float, largest: float) -> None:
+    def _tell_change(self, tracks: list[Track] | None, rms: float, largest: float) -> None:
         """Note how many keys there are, and what they and rounding change."""
         percent = 100 / self._skin.rest.diagonal
         rms, largest = percent * rms, percent * largest
-        count, every = sum(len(t.frames) for t in tracks), len(tracks) * self._keys.frame_count
+        every = self._keys.track_count * self._keys.frame_count
+        count = every if tracks is None else sum(len(track.frames) for track in tracks)
         kept = f"{count} of {format_count(every, 'key')} kept, " if self._tolerance else ""
         rounded = "numbers rounded, " if self._is_quantized else ""
         note = (
@@ -244,14 +252,19 @@ class SkeletonWriter(GlbWriter):
         joints = list(range(self._root, self._root + len(places)))
         return gltf.Skin(inverseBindMatrices=inverse, skeleton=self._root, joints=joints)
 
-    def _write_motion(self, tracks: list[Track]) -> dict[str, list[object]]:
-        """Write the keys of the joints; tracks with keys in the same frames share their times."""
+    def _write_motion(self, tracks: list[Track] | None) -> dict[str, list[object]]:
+        """Write the keys of the joints; tracks with keys in the same frames share their times.
+
+        Without tracks, the keys are those of all frames.
+        """
         import pygltflib as gltf
 
         inputs: dict[bytes, int] = {}
         channels: list[object] = []
         samplers: list[object] = []
-        for track in tracks:
+        every = np.arange(self._keys.frame_count)
+        whole = (Track(path, k, every, values) for path, k, values in self._keys.read_tracks())
+        for track in whole if tracks is None else tracks:
             key = track.frames.tobytes()
             if key not in inputs:
                 inputs[key] = self.add_times(track.frames)

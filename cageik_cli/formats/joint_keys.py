@@ -5,7 +5,7 @@ frame that lies furthest off becomes a key, until all are within what is allowed
 Douglas and Peucker 1973).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -49,10 +49,20 @@ class JointKeys:
         """Number of frames."""
         return self._spools[TRANSLATION].frame_count
 
+    @property
+    def track_count(self) -> int:
+        """Number of tracks: one per joint that translates, and one per joint that turns."""
+        return sum(spool.vertex_count for spool in self._spools.values())
+
     def read_frames(self, start: int, stop: int) -> tuple[Floats, Floats]:
         """Return translations (k, J, 3) and quaternions (k, T, 4) of some frames."""
         moves, turns = (spool.read_frames(start, stop) for spool in self._spools.values())
         return moves, turns
+
+    def read_rounded_frames(self, start: int, stop: int) -> tuple[Floats, Floats]:
+        """Return the same, with quaternions as they are read of 16 bits."""
+        moves, turns = self.read_frames(start, stop)
+        return moves, read_rounded(round_to(turns, np.int16))
 
     def read_tracks(self) -> Iterator[tuple[str, int, Floats]]:
         """Yield `TRANSLATION` or `ROTATION`, the joint, and its values in all frames, (F, w)."""
@@ -112,6 +122,15 @@ def reduce_track(path: str, joint: int, values: Floats, allowed: float) -> Track
     if (width + 1) * len(frames) + MIN_SAVED_NUMBERS > width * len(every):
         frames = every
     return Track(path, joint, frames, values[frames])
+
+
+def evaluate_tracks(tracks: Sequence[Track], start: int, stop: int) -> tuple[Floats, Floats]:
+    """Return translations (k, J, 3) and quaternions (k, T, 4) of some frames."""
+    moves, turns = (
+        np.stack([track.evaluate(start, stop) for track in tracks if track.path == path], axis=1)
+        for path in (TRANSLATION, ROTATION)
+    )
+    return moves, turns
 
 
 def round_track(track: Track) -> Track:

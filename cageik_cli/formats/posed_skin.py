@@ -1,17 +1,20 @@
 """A skin as programs pose it from a file: what is left out of the file or rounded is measured."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.skeleton import Skeleton
-from cageik_cli.formats.joint_keys import ROTATION, TRANSLATION, JointKeys, Track
+from cageik_cli.formats.joint_keys import JointKeys
 from cageik_cli.util.arrays import Floats
 
 if TYPE_CHECKING:
     from scipy import sparse
+
+ReadFrames = Callable[[int, int], tuple[Floats, Floats]]
+"""Returns translations (k, J, 3) and quaternions (k, T, 4) of frames from the first number on."""
 
 FRAMES_PER_BLOCK = 16
 """Frames that are posed together."""
@@ -77,22 +80,18 @@ class PosedSkin:
 
 
 def measure_change(
-    keys: JointKeys, tracks: Sequence[Track], exact: PosedSkin, written: PosedSkin
+    keys: JointKeys, read_written: ReadFrames, exact: PosedSkin, written: PosedSkin
 ) -> tuple[float, float]:
     """Return the rms and the largest distance between two skins, in the unit of the scene.
 
-    One is exact, and posed in all frames by the keys; the other is posed by tracks.
+    One is exact, and posed by the keys of all frames; the other by what `read_written` returns.
     """
-    moving = [track for track in tracks if track.path == TRANSLATION]
-    turning = [track for track in tracks if track.path == ROTATION]
     squares = largest = 0.0
     for start in range(0, keys.frame_count, FRAMES_PER_BLOCK):
         stop = min(start + FRAMES_PER_BLOCK, keys.frame_count)
-        found = (
-            np.stack([track.evaluate(start, stop) for track in kind], axis=1)
-            for kind in (moving, turning)
+        apart = written.pose(*read_written(start, stop)) - exact.pose(
+            *keys.read_frames(start, stop)
         )
-        apart = written.pose(*found) - exact.pose(*keys.read_frames(start, stop))
         distances = np.square(apart).sum(axis=2)
         squares += float(distances.sum())
         largest = max(largest, float(distances.max()))

@@ -419,6 +419,24 @@ def test_keys_are_left_out_within_a_tolerance(tmp_path, tolerance):
     assert (len(file.binary) < 0.8 * len(whole.binary)) == (tolerance > 0.01)
 
 
+def test_a_tolerance_that_is_rounding_keeps_all_keys(tmp_path):
+    """Its bytes are those without one; the note says so."""
+    whole, _, _ = write_long(tmp_path / "all.glb")
+    file, notes, _ = write_long(tmp_path / "a.glb", 1e-16)
+    assert file.binary == whole.binary
+    assert f"{22 * 40} of {22 * 40} keys kept, which moves vertices by an rms of 0 %" in notes[-1]
+
+
+def test_merged_joints_name_all_their_vertices(tmp_path, rig):
+    joints = np.array([0, 0, 1, 2, 3, 4, 5, 6, 7])  # of a cage of nine vertices
+    animation = Animation(CAGE, len(CAGES), SCENE, "hero")
+    skin = Skin(REST, WEIGHTS["4"], ROTATIONS, TURNS, joints=joints)
+    writer = rig.make(tmp_path / rig.name, animation, skin)
+    writer.append(CAGES)
+    writer.complete()
+    assert rig(tmp_path / rig.name).aliases()[:3] == ["", "cage_000 cage_001", "cage_002"]
+
+
 def test_quantized_skins_are_small_and_near(tmp_path):
     uv = RANDOM.random((len(REST.faces), 3, 2))
     rest = paint(REST, uv, np.zeros(len(REST.faces), np.int64), ("skin",))
