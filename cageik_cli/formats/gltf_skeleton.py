@@ -320,10 +320,14 @@ class _SkinAttributes:
         return arrays
 
 
-def _round_weights(values: Floats) -> NDArray[np.uint8]:
-    """Round weights (m, k) to bytes whose rows sum to 255: those nearest to the next go up."""
-    scaled = 255 * values
+def _round_weights(values: Floats) -> NDArray[np.uint16]:
+    """Round weights (m, k) to 16 bits whose rows sum to the largest: those next to it go up.
+
+    Eight bits would move a vertex between far joints by more than all else that is rounded.
+    """
+    most = np.iinfo(np.uint16).max
+    scaled = most * values
     found = np.floor(scaled)
-    missing = np.rint(255 - found.sum(axis=1, keepdims=True)).astype(np.int64)
+    missing = np.rint(most - found.sum(axis=1, keepdims=True)).astype(np.int64)
     ranks = np.argsort(np.argsort(found - scaled, axis=1, kind="stable"), axis=1)
-    return np.asarray(found + (ranks < missing)).astype(np.uint8)
+    return np.asarray(found + (ranks < missing)).astype(np.uint16)

@@ -174,7 +174,7 @@ def make_rig(
         progress.note("note", f"{name}: {rig.message}")
         if compares:
             n = len(target.binding.cage.vertices)
-            counts = [k for k in COMPARED_INFLUENCES if k <= n]
+            counts = [k for k in COMPARED_INFLUENCES if k <= len(rig.cage.vertices)]
             texts = [
                 f"{k}: {fit_rig(k, joints).figures}" for k in counts
             ]  # holds one rig at a time
