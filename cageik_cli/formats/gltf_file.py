@@ -24,7 +24,7 @@ MAX_GLB_BYTES = 2**32 - 1
 
 Singles = NDArray[np.float32]
 
-Small = TypeVar("Small", np.int8, np.int16)
+Small = TypeVar("Small", np.int8, np.int16, np.uint16)
 
 
 class VectorTargets:
@@ -205,7 +205,7 @@ class GlbFile:
 
 
 def round_to(values: Floats, kind: type[Small]) -> NDArray[Small]:
-    """Round numbers from -1 to 1 to signed integers, of which the largest is 1."""
+    """Round numbers from -1, or 0, to 1 to integers, of which the largest is 1."""
     return np.rint(values * np.iinfo(kind).max).astype(kind)
 
 

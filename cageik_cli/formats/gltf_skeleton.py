@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton
-from cageik_cli.formats.base.skin import Skin, SkinWeights
+from cageik_cli.formats.base.skin import Skin
 from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
-from cageik_cli.formats.gltf_file import GlbWriter, read_rounded, round_to
+from cageik_cli.formats.gltf_file import GlbWriter, round_to
 from cageik_cli.formats.gltf_nodes import make_part_nodes
+from cageik_cli.formats.gltf_skin import SET_SIZE, SkinAttributes
 from cageik_cli.formats.gltf_surface import cut_surface
 from cageik_cli.formats.joint_keys import (
     ROTATION,
@@ -20,29 +21,27 @@ from cageik_cli.formats.joint_keys import (
     JointKeys,
     Track,
     evaluate_tracks,
+    keep_length,
     reduce_track,
     round_track,
 )
 from cageik_cli.formats.posed_skin import PosedSkin, measure_change
 from cageik_cli.geometry.parts import split_parts
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.text import format_count
 
-SET_SIZE = 4
-"""Joints per vertex in one set of attributes; programs read one set or two."""
-
 MAX_INFLUENCES = 2 * SET_SIZE
 """Joints per vertex that programs read."""
-
-MIN_JOINT_REACH = 1e-9
-"""A joint that hardly moves a vertex counts as if it moved one by this."""
 
 FIRST_SHARE = 4.0
 """Each joint may first err by so much of the tolerance: joints above each other seldom add up."""
 
 MIN_TOLERANCE_SHARE = 1e-4
 """All keys are kept where less than this share of the tolerance is left: it is rounding."""
+
+TRIED_VERTICES = 1000
+"""Vertices on which keys that are left out are tried first, about."""
 
 QUANTIZATION = "KHR_mesh_quantization"
 """The extension by which positions and normals may be integers; it needs no decoder."""
@@ -84,15 +83,14 @@ class SkeletonWriter(GlbWriter):
                 "from .glb; give `influences=4`, or 8"
             )
         super().__init__(target, animation)
+        skin = replace(skin, rest=skin.rest.move(skin.rest.vertices - np.array(animation.origin)))
         self._skin, self._tolerance, self._is_quantized = skin, tolerance, is_quantized
         if count > SET_SIZE:
             self.notes += (
                 f"three.js and other viewers read {SET_SIZE} joints per vertex, and leave out the "
                 f"weaker ones; `influences={SET_SIZE}` is fitted to that",
             )
-        self._vertices: NDArray[np.float32] = to_float32(
-            skin.rest.vertices - np.array(animation.origin)
-        )
+        self._vertices: NDArray[np.float32] = to_float32(skin.rest.vertices)
         self._skeleton = Skeleton(
             animation.rest.vertices,
             skin,
@@ -114,7 +112,7 @@ class SkeletonWriter(GlbWriter):
         """Compose the file: nodes of the parts, what turns z up, the root joint, its children."""
         import pygltflib as gltf
 
-        self._attributes = _SkinAttributes(self._vertices, self._skin.weights, self._is_quantized)
+        self._attributes = SkinAttributes(self._vertices, self._skin.weights, self._is_quantized)
         tracks = self._choose_tracks()
         names = [part.name or "mesh" for part in split_parts(self._skin.rest)]
         nodes, tops, _ = make_part_nodes(names, 0, skin=0)
@@ -142,54 +140,83 @@ class SkeletonWriter(GlbWriter):
         """Choose the keys, None for all, and note what those left out and rounding change."""
         if self._tolerance is None and not self._is_quantized:
             return None
-        keys, count = self._keys, len(self._animation.rest.vertices)
-        exact = self._pose(self._vertices, self._skin.weights.to_sparse(count))
-        tracks, written, read = None, exact, keys.read_frames
-        if self._tolerance is not None:
-            tracks = self._reduce_tracks(exact, self._tolerance / 100 * self._skin.rest.diagonal)
-        if self._is_quantized:
-            written, read = self._pose(*self._attributes.decode(count)), keys.read_rounded_frames
-            tracks = None if tracks is None else [round_track(track) for track in tracks]
-        if tracks is not None:
-            read = partial(evaluate_tracks, tracks)
+        keys, tracks = self._keys, None
+        read = keys.read_rounded_frames if self._is_quantized else keys.read_frames
+        exact, written = self._pose_skins(self._skin.rest.used_vertices)
         rms, largest = measure_change(keys, read, exact, written)
+        if self._tolerance is not None:
+            limit = self._tolerance / 100 * self._skin.rest.diagonal
+            if largest > limit:
+                raise OutputError(
+                    f"rounding to 16 bits moves vertices by up to {self._tell_percent(largest)}, "
+                    f"more than `tolerance={self._tolerance:g}`; leave out `quantize=True`, or "
+                    "give a larger tolerance"
+                )
+            tracks = self._reduce_tracks(exact, written, limit)
+        if tracks is not None:
+            rms, largest = measure_change(keys, partial(evaluate_tracks, tracks), exact, written)
         self._tell_change(tracks, rms, largest)
         return tracks
 
-    def _reduce_tracks(self, exact: PosedSkin, limit: float) -> list[Track] | None:
-        """Leave out keys as long as no vertex moves by more than `limit`; None if that is none."""
+    def _reduce_tracks(
+        self, exact: PosedSkin, written: PosedSkin, limit: float
+    ) -> list[Track] | None:
+        """Leave out keys as long as no vertex moves by more than `limit`; None if that is none.
+
+        A few vertices are looked at first, and all where these hold it.
+        """
         reach = dict(zip((TRANSLATION, ROTATION), exact.measure_reach(), strict=True))
+        used = self._skin.rest.used_vertices
+        few = self._pose_skins(used[:: max(1, len(used) // TRIED_VERTICES)])
         share = FIRST_SHARE
         while share > MIN_TOLERANCE_SHARE:
             tracks = [
-                reduce_track(path, k, values, share * limit / max(reach[path][k], MIN_JOINT_REACH))
+                reduce_track(path, k, values, share * limit / reach[path][k])
                 for path, k, values in self._keys.read_tracks()
             ]
+            keep_length(tracks, self._keys)
+            if self._is_quantized:
+                tracks = [round_track(track) for track in tracks]
             read = partial(evaluate_tracks, tracks)
-            largest = measure_change(self._keys, read, exact, exact)[1]
-            if largest <= limit:
+            for skins in (few, (exact, written)):
+                largest = measure_change(self._keys, read, *skins)[1]
+                if largest > limit:
+                    break
+            else:
                 return tracks
             share *= min(0.7, 0.9 * limit / largest)
         return None
 
-    def _pose(self, vertices: NDArray[np.floating], weights: Any) -> PosedSkin:
-        """Return a skin of this skeleton."""
-        tree = self._skeleton
-        return PosedSkin(vertices, weights, self._bind_places[tree.lead :], tree)
+    def _pose_skins(self, vertices: Integers) -> tuple[PosedSkin, PosedSkin]:
+        """Return some vertices of the skin, as it is and as it is written."""
+        count = len(self._animation.rest.vertices)
+        places = self._bind_places[self._skeleton.lead :]
+        exact = self._vertices, self._skin.weights.to_sparse(count)
+        skins = (exact, self._attributes.decode(count) if self._is_quantized else exact)
+        first, second = (
+            PosedSkin(points[vertices], weights[vertices], places, self._skeleton)
+            for points, weights in skins
+        )
+        return first, second
+
+    def _tell_percent(self, distance: float) -> str:
+        """Return a distance in percent of the diagonal."""
+        return f"{100 * distance / self._skin.rest.diagonal:.2g} %"
 
     def _tell_change(self, tracks: list[Track] | None, rms: float, largest: float) -> None:
         """Note how many keys there are, and what they and rounding change."""
-        percent = 100 / self._skin.rest.diagonal
-        rms, largest = percent * rms, percent * largest
         every = self._keys.track_count * self._keys.frame_count
         count = every if tracks is None else sum(len(track.frames) for track in tracks)
-        kept = f"{count} of {format_count(every, 'key')} kept, " if self._tolerance else ""
-        rounded = "numbers rounded, " if self._is_quantized else ""
+        changes = ["numbers are rounded"] if self._is_quantized else []
+        if self._tolerance is not None:
+            changes.insert(0, f"{count} of {format_count(every, 'key')} are kept")
         note = (
-            f"{kept}{rounded}which moves vertices by an rms of {rms:.2g} %, {largest:.2g} % at most"
+            f"{' and '.join(changes)}, by which vertices are off by an rms of "
+            f"{self._tell_percent(rms)}, {self._tell_percent(largest)} at most"
         )
         if self._skin.error is not None:
-            note += f"; against the input, the rms is at most {self._skin.error + rms:.2g} %"
+            total = self._skin.error + 100 * rms / self._skin.rest.diagonal
+            note += f"; against the input, the rms is at most {total:.2g} %"
         self.notes += (note,)
 
     def _cut_mesh(self) -> tuple[dict[int, list[Any]], list[object]]:
@@ -275,59 +302,3 @@ class SkeletonWriter(GlbWriter):
             channels.append(gltf.AnimationChannel(sampler=len(samplers), target=node))
             samplers.append(gltf.AnimationSampler(input=inputs[key], output=output))
         return {"channels": channels, "samplers": samplers}
-
-
-class _SkinAttributes:
-    """Positions and weights as they are written, and the scale and centre that they are coded by.
-
-    A vertex is at `centre + scale * code`. Floats have the scale 1.
-    """
-
-    def __init__(self, vertices: NDArray[np.float32], weights: SkinWeights, is_small: bool) -> None:
-        self._weights = weights
-        self.scale, self.centre = 1.0, np.zeros(3)
-        self._positions: NDArray[Any] = vertices
-        self._values: NDArray[Any] = weights.values.astype(np.float32)
-        if is_small:
-            low, high = vertices.min(axis=0).astype(float), vertices.max(axis=0).astype(float)
-            self.centre = (low + high) / 2
-            self.scale = float((high - low).max() / 2) or 1.0
-            self._positions = round_to((vertices - self.centre) / self.scale, np.int16)
-            self._values = _round_weights(weights.values)
-
-    def decode(self, joint_count: int) -> tuple[Floats, Any]:
-        """Return the positions, (m, 3), and the weights, sparse (m, n), that programs read."""
-        positions = self.centre + self.scale * read_rounded(self._positions)
-        values = read_rounded(self._values)
-        return positions, replace(self._weights, values=values).to_sparse(joint_count)
-
-    def list_arrays(self, lead: int) -> dict[str, NDArray[Any]]:
-        """Return positions, and joints and weights (m, 4) of each set; joints begin with `lead`.
-
-        What weighs nothing is of joint 0.
-        """
-        m, count = self._weights.joints.shape
-        joint_count = int(self._weights.joints.max()) + 1 + lead
-        kind = np.uint8 if joint_count <= 256 else np.uint16
-        joints = np.zeros((m, count + -count % SET_SIZE), kind)
-        values = np.zeros(joints.shape, self._values.dtype)
-        values[:, :count] = self._values
-        joints[:, :count] = np.where(self._values > 0, self._weights.joints + lead, 0)
-        arrays = {"POSITION": self._positions}
-        for k in range(joints.shape[1] // SET_SIZE):
-            columns = slice(SET_SIZE * k, SET_SIZE * (k + 1))
-            arrays |= {f"JOINTS_{k}": joints[:, columns], f"WEIGHTS_{k}": values[:, columns]}
-        return arrays
-
-
-def _round_weights(values: Floats) -> NDArray[np.uint16]:
-    """Round weights (m, k) to 16 bits whose rows sum to the largest: those next to it go up.
-
-    Eight bits would move a vertex between far joints by more than all else that is rounded.
-    """
-    most = np.iinfo(np.uint16).max
-    scaled = most * values
-    found = np.floor(scaled)
-    missing = np.rint(most - found.sum(axis=1, keepdims=True)).astype(np.int64)
-    ranks = np.argsort(np.argsort(found - scaled, axis=1, kind="stable"), axis=1)
-    return np.asarray(found + (ranks < missing)).astype(np.uint16)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.gltf_file import GlbFile, Singles
+from cageik_cli.formats.gltf_file import GlbFile, Singles, round_to
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
     FALLBACK_NORMAL,
@@ -127,8 +127,7 @@ class Surface:
                 rows: NDArray[Any] = values[primitive.start : primitive.stop]
                 is_small = is_quantized and rows.min() >= 0 and rows.max() <= 1
                 if is_small:
-                    rows = np.rint(rows.astype(np.float64) * np.iinfo(np.uint16).max)
-                    rows = rows.astype(np.uint16)
+                    rows = round_to(rows.astype(np.float64), np.uint16)
                 number = file.add_array(rows, gltf.ARRAY_BUFFER, is_normalized=is_small)
                 attributes = {**attributes, name: number}
         return gltf.Primitive(

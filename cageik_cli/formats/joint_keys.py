@@ -124,6 +124,18 @@ def reduce_track(path: str, joint: int, values: Floats, allowed: float) -> Track
     return Track(path, joint, frames, values[frames])
 
 
+def keep_length(tracks: list[Track], keys: JointKeys) -> None:
+    """Give a track its last key, in place, where no other has a key in the last frame.
+
+    Otherwise the animation would end before.
+    """
+    last = keys.frame_count - 1
+    if not any(track.frames[-1] == last for track in tracks):
+        first = tracks[0]
+        values = np.concatenate([first.values, keys.read_frames(last, last + 1)[0][:, 0]])
+        tracks[0] = Track(first.path, first.joint, np.array([*first.frames, last]), values)
+
+
 def evaluate_tracks(tracks: Sequence[Track], start: int, stop: int) -> tuple[Floats, Floats]:
     """Return translations (k, J, 3) and quaternions (k, T, 4) of some frames."""
     moves, turns = (

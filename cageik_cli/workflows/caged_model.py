@@ -17,7 +17,7 @@ from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.store import result as result_file
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.result import Result, read_result
-from cageik_cli.util.errors import SettingError, error_context
+from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.carry import carry_fit
@@ -216,3 +216,14 @@ def _hold_meshes(
     model = LoadedMesh(rest, {"name": f"the rest pose of {path.name}"}, scene=scene)
     loaded = LoadedMesh(cage, {"name": f"the cage of {path.name}"}, scene=scene)
     return CagedModel(path, LoadedModel(model), loaded, result, stored)
+
+
+def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
+    """Note which frames were skipped, and what is written instead."""
+    if result.gaps:
+        names = join_truncated((result.frames[k] for k in result.gaps), 5)
+        progress.note(
+            "note",
+            f"{len(result.gaps)} of {len(result.frames)} frames skipped ({names}); their "
+            "cages are interpolated, or the nearest at either end of the clip",
+        )

@@ -24,14 +24,14 @@ from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
-from cageik_cli.workflows.caged_model import CagedModel
+from cageik_cli.workflows.caged_model import CagedModel, report_skipped_frames
 from cageik_cli.workflows.carry import carry_fit
 from cageik_cli.workflows.common_scene import CommonScene
-from cageik_cli.workflows.export import report_skipped_frames, write_converted
+from cageik_cli.workflows.export import write_converted
 from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, note_on
 from cageik_cli.workflows.moved_meshes import MovedMeshes
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
-from cageik_cli.workflows.rig import check_influences, check_joints, make_rig
+from cageik_cli.workflows.rig import check_rig, make_rig
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
 NO_CAGES = "which has no cages; give them by `cages=`, or give a result"
@@ -64,8 +64,7 @@ class DeformSettings(CommandSettings):
         Cage vertices that move each vertex, at most, with weights that are fitted again to the
         motion of the mesh; the weights that it has if absent.
     joints : str or int
-        How the joints of such a skin move, one of `JOINT_MOTIONS`; or how many joints that turn
-        there are.
+        How the joints of such a skin move, as in `ExportSettings`.
     compares : bool
         Note the error of other numbers of influences, too.
     """
@@ -122,8 +121,8 @@ class _Deformation:
         for one in outputs:
             one.check_writable()
         if settings.influences is not None:
-            check_influences(self._source.require_result(NO_SOLVE), settings.influences)
-            check_joints(self._source.require_result(NO_SOLVE), settings.joints)
+            result = self._source.require_result(NO_SOLVE)
+            check_rig(result, settings.influences, settings.joints)
         clip = self._open_clip()
         self._model = model
         self._binding = self._load_or_compute_binding()

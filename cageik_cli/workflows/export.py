@@ -12,7 +12,12 @@ from cageik_cli.formats.gltf_skeleton import MAX_INFLUENCES
 from cageik_cli.formats.gltf_skeleton import SkeletonWriter as GltfSkeletonWriter
 from cageik_cli.formats.part_files import PLACEHOLDER, names_parts, split_output
 from cageik_cli.formats.scene_conversion import SceneConversion
-from cageik_cli.formats.settings import MorphSettings, SceneHints
+from cageik_cli.formats.settings import (
+    JOINT_MOTIONS,
+    ROOT_MOTIONS,
+    MorphSettings,
+    SceneHints,
+)
 from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.usd.writer import UsdWriter
 from cageik_cli.formats.write import (
@@ -27,13 +32,13 @@ from cageik_cli.formats.write import (
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.util.arrays import Floats, count_frames
-from cageik_cli.util.errors import SettingError, join_truncated
+from cageik_cli.util.errors import SettingError
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.caged_model import CagedModel
+from cageik_cli.workflows.caged_model import CagedModel, report_skipped_frames
 from cageik_cli.workflows.reconstruction import Reconstruction
-from cageik_cli.workflows.rig import check_influences, check_joints, make_rig
+from cageik_cli.workflows.rig import check_rig, make_rig
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 MAX_EXPORT_BYTES = 1 << 26
@@ -264,8 +269,7 @@ def _write_with_model(
 
 def _read_skeleton(result: Result, settings: ExportSettings) -> Reconstruction:
     """Read what a skin is to follow; refuse what cannot be skinned."""
-    check_influences(result, settings.influences)
-    check_joints(result, settings.joints)
+    check_rig(result, settings.influences, settings.joints)
     target = CagedModel.of_result(result).read_reconstruction("a skeleton")
     binding = target.binding
     is_kept = settings.influences is None and not isinstance(settings.joints, int)
@@ -275,17 +279,6 @@ def _read_skeleton(result: Result, settings: ExportSettings) -> Reconstruction:
             f"{binding.weights.min():.2g}), which skin weights cannot be; give `influences=8`"
         )
     return target
-
-
-def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
-    """Note which frames were skipped, and what is written instead."""
-    if result.gaps:
-        names = join_truncated((result.frames[k] for k in result.gaps), 5)
-        progress.note(
-            "note",
-            f"{len(result.gaps)} of {len(result.frames)} frames skipped ({names}); their "
-            "cages are interpolated, or the nearest at either end of the clip",
-        )
 
 
 def check_export(settings: ExportSettings) -> None:
@@ -298,6 +291,12 @@ def check_export(settings: ExportSettings) -> None:
             f"{path}: `skeleton=True` works with USD and glTF only, expected "
             f"{', '.join(skeleton_suffixes)}"
         )
+    for name, value, known in (
+        ("joints", settings.joints, JOINT_MOTIONS),
+        ("root_motion", settings.root_motion, ROOT_MOTIONS),
+    ):
+        if isinstance(value, str) and value not in known:
+            raise SettingError(f"`{name}={value}`, expected {' or '.join(known)}")
     if is_rest_cage(settings):
         _check_rest_cage(settings)
         return
@@ -312,7 +311,7 @@ def check_export(settings: ExportSettings) -> None:
         "quantize=True": settings.quantize,
     }
     for name, is_asked in only_gltf.items():
-        if is_asked and not is_gltf:
+        if is_asked and not (settings.skeleton and is_gltf):
             raise SettingError(
                 f"{path}: `{name}` of a skeleton works with glTF only, expected .glb"
             )

@@ -22,7 +22,7 @@ from cageik_cli.formats.base.skin import (
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.fit import Fitter
-from cageik_cli.solver.fitting.merging import MIN_JOINTS
+from cageik_cli.solver.fitting.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
 from cageik_cli.solver.fitting.record import DEFAULT_REGULARIZATION, FitSettings
 from cageik_cli.solver.joints import JointPoses, JointSolver
 from cageik_cli.solver.settings import SolveSettings
@@ -113,7 +113,7 @@ class Rig:
     def message(self) -> str:
         """A sentence for the user."""
         clauses = [f"up to {self.skin.weights.joints.shape[1]} influences per vertex"]
-        if self.skin.joints is not None:
+        if self.skin.cage_joints is not None:
             clauses[0] = f"{len(self.cage.vertices)} joints, {clauses[0]}"
         added = f"it adds an rms of {self.rms:.2g} %, largest {self.largest:.2g} %"
         if self.largest < 1e-6:  # rounding: single precision is coarser
@@ -157,7 +157,7 @@ def make_rig(
         One of `JOINT_MOTIONS`, or how many joints that turn those of the cage are merged into.
     is_shaded : bool
         Whether the skin itself is written, with normals, which joints that turn take along: the
-        note says how far off. Its joints are in parts of the body.
+        note says how far off. Its joints are in limbs.
     input_rms : float, optional
         Distance of the reconstruction from the input, rms over all vertices and frames, in
         percent of the diagonal, where it is known.
@@ -180,13 +180,14 @@ def make_rig(
             ]  # holds one rig at a time
             progress.note("influences", f"rms and largest error: {'; '.join(texts)}")
             for fewer in _list_joint_counts(joints, n):
-                for count in counts[:2]:
-                    progress.note("joints", fit_rig(count, fewer).line)
+                for count in COMPARED_INFLUENCES[:2]:
+                    if count <= fewer:
+                        progress.note("joints", fit_rig(count, fewer).line)
     return rig
 
 
 def _list_joint_counts(joints: str | int, n: int) -> list[int]:
-    """Return the numbers of joints to compare with N of a cage of `n`: a half and a quarter."""
+    """Return the numbers of joints to compare with others: a half and a quarter of a cage's `n`."""
     return [n // 2, n // 4] if isinstance(joints, int) and n >= 16 else []
 
 
@@ -212,15 +213,17 @@ def _fit_rig(
     if not turns and (influences is None or _has_few(binding, influences)):
         return _keep_weights(target)
     with error_context("few influences, with the alpha and beta of the result"):
-        held, labels, parts = binding, None, None
-        if influences is not None or is_shaded:
+        held, labels, limbs = binding, None, None
+        is_grouped = is_shaded and len(binding.cage.vertices) >= 2 * MIN_JOINTS_PER_LIMB
+        needs_tree = turns and (is_grouped or isinstance(joints, int))
+        if influences is not None or needs_tree:
             settings = FitSettings(influences=influences)
             fitter = Fitter(binding, settings, solve=solve, memory=memory, jobs=jobs)
             sample = fitter.sample([target])
-            if turns and (is_shaded or isinstance(joints, int)):
+            if needs_tree:
                 tree = fitter.group_joints(sample)
                 labels = tree.cut(joints) if isinstance(joints, int) else None
-                parts = tree.group_parts(labels)
+                limbs = tree.group_limbs(labels)
             if influences is not None:
                 held = fitter.limit_influences(
                     sample, DEFAULT_REGULARIZATION, influences, turns=turns, joints=labels
@@ -236,22 +239,17 @@ def _fit_rig(
             return JointPoses(found.cages, found.rotations, found.reconstructions)
 
         rig = _measure_rig(target, held.cage, weights, pose, is_shaded=turns and is_shaded)
-        return replace(rig, skin=replace(rig.skin, joints=labels, parts=parts))
+        return replace(rig, skin=replace(rig.skin, cage_joints=labels, limbs=limbs))
 
 
-def check_joints(result: Result, joints: str | int) -> None:
-    """Refuse too few joints, and more than the cage of a result has vertices."""
+def check_rig(result: Result, influences: int | None, joints: str | int) -> None:
+    """Refuse too few joints, and more joints or influences than a cage has vertices."""
     n = len(result.cage.vertices)
     if isinstance(joints, int) and not MIN_JOINTS <= joints <= n:
         raise SettingError(
             f"{result.path}: `joints={joints}`, but the cage has {n} vertices; give {MIN_JOINTS} "
             f"to {n}"
         )
-
-
-def check_influences(result: Result, influences: int | None) -> None:
-    """Refuse more influences than the cage of a result has vertices."""
-    n = len(result.cage.vertices)
     if influences is not None and influences > n:
         raise SettingError(
             f"{result.path}: `influences={influences}`, but the cage has {n} vertices; give "
@@ -328,12 +326,12 @@ def _measure_rig(
     for block in target.blocks(FRAMES_PER_RIG_BLOCK):
         posed = pose(block)
         rotations.append(posed.rotations)
-        distances = np.square(posed.meshes - block.meshes).sum(axis=2)
+        distances = np.square(posed.meshes - block.meshes)[:, rest.used_vertices].sum(axis=2)
         squares += float(distances.sum())
         largest = max(largest, float(distances.max()))
         if normals is not None and posed.turns is not None:
             normals.add(posed.turns, block.meshes)
-    count = target.cages.count * len(rest.vertices)
+    count = target.cages.count * len(rest.used_vertices)
     percent = 100 / rest.diagonal
     return Rig(
         skin=Skin(rest, weights, np.concatenate(rotations)),

@@ -12,33 +12,33 @@ BODY = moved(box(1.0), (0, 2, 0))
 HEAD = moved(box(0.5), (0, 3, 0.9))
 LEGS = [moved(box(0.4), (side * 0.6, 0.5, 0)) for side in (1, -1)]
 FIGURE = merged(BODY, HEAD, *LEGS)
-PARTS = np.repeat([0, 1, 2, 3], 8)
+LIMBS = np.repeat([0, 1, 2, 3], 8)
 OWNERS = np.arange(32)
 
 
-def name(rest=FIGURE, up_axis="Y", parts=PARTS):
-    return name_joints(rest.vertices, parts, OWNERS, rest, up_axis)
+def name(rest=FIGURE, up_axis="Y", limbs=LIMBS):
+    return name_joints(rest.vertices, limbs, OWNERS, rest, up_axis)
 
 
-def test_parts_have_the_names_of_their_places():
-    parts, joints = name()
-    assert parts == ["middle", "upper_front", "L_lower", "R_lower"]
+def test_limbs_have_the_names_of_their_places():
+    limbs, joints = name()
+    assert limbs == ["middle", "upper_front", "L_lower", "R_lower"]
     assert len(set(joints)) == 32
-    for k, part in enumerate(parts):
-        assert {j[: -len("_01")] for j in np.array(joints)[k == PARTS]} == {part}
+    for k, limb in enumerate(limbs):
+        assert {j[: -len("_01")] for j in np.array(joints)[k == LIMBS]} == {limb}
 
 
 def test_mirrored_joints_have_the_same_number():
     _, joints = name()
     mirrored = FIGURE.vertices * [-1, 1, 1]
-    for k in np.flatnonzero(PARTS == 2):
+    for k in np.flatnonzero(LIMBS == 2):
         other = int(np.linalg.norm(FIGURE.vertices - mirrored[k], axis=1).argmin())
         assert joints[other] == "R" + joints[k][1:]
 
 
 def test_numbers_begin_at_the_top():
     _, joints = name()
-    body = {joint: FIGURE.vertices[k, 1] for k, joint in enumerate(joints) if PARTS[k] == 0}
+    body = {joint: FIGURE.vertices[k, 1] for k, joint in enumerate(joints) if LIMBS[k] == 0}
     heights = [body[f"middle_{k:02}"] for k in range(1, 9)]
     assert heights == sorted(heights, reverse=True)
 
@@ -54,16 +54,23 @@ def test_names_do_not_depend_on_the_unit(scale):
 
 
 def test_parts_at_one_place_have_numbers_and_parts_without_vertices_have_names():
-    parts, _ = name(parts=np.where(PARTS == 3, 2, PARTS))
-    assert parts == ["middle", "upper_front", "lower"]
+    limbs, _ = name(limbs=np.where(LIMBS == 3, 2, LIMBS))
+    assert limbs == ["middle", "upper_front", "lower"]
     twice = merged(BODY, BODY)
-    parts, _ = name_joints(twice.vertices, PARTS[:16], OWNERS[:16], twice, "Y")
-    assert parts == ["middle", "middle_2"]
+    limbs, _ = name_joints(twice.vertices, LIMBS[:16], OWNERS[:16], twice, "Y")
+    assert limbs == ["middle", "middle_b"]
     places = np.vstack([FIGURE.vertices, [[0.6, 0.1, 0.2]]])
-    own = name_joints(places, np.append(PARTS, 4), OWNERS, FIGURE, "Y")[0]
+    own = name_joints(places, np.append(LIMBS, 4), OWNERS, FIGURE, "Y")[0]
     assert own[4].startswith("L_lower_")
 
 
 def test_a_flat_model_has_names():
     flat = TriMesh(FIGURE.vertices * [1, 0, 1], FIGURE.faces)
-    assert all(part for part in name(flat)[0])
+    assert name(flat)[0] == ["lower", "lower_front", "L_lower", "R_lower"]
+
+
+def test_joints_beyond_the_model_are_at_its_ends():
+    """A joint that no vertex follows may be far below or above it."""
+    places = np.vstack([FIGURE.vertices, [[0, -50, 0.2], [0, 50, 0.2]]])
+    found = name_joints(places, np.append(LIMBS, [4, 5]), OWNERS, FIGURE, "Y")[0]
+    assert [each.partition("_")[0] for each in found[4:]] == ["lower", "upper"]

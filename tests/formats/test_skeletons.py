@@ -1,12 +1,15 @@
 """Skeletons, skinned by USD itself or by the nodes of glTF: they give what the weights give."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom, UsdSkel
 from scipy.spatial.transform import Rotation
 
 from cageik_cli.formats import gltf_skeleton
-from cageik_cli.formats.base.skeleton import Skeleton
+from cageik_cli.formats.base.skeleton import HEADING_LIMITS, Skeleton
 from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
@@ -143,9 +146,9 @@ def rig(request):
     return request.param
 
 
-def start(rig, path, weights=WEIGHTS["4"], rest=REST, turns=None, parts=None, **options):
+def start(rig, path, weights=WEIGHTS["4"], rest=REST, turns=None, limbs=None, **options):
     animation = Animation(CAGE, len(CAGES), SCENE, "hero")
-    skin = Skin(rest, weights, ROTATIONS, turns, parts=parts, error=0.25)
+    skin = Skin(rest, weights, ROTATIONS, turns, limbs=limbs, error=0.25)
     return rig.make(path, animation, skin, **options)
 
 
@@ -201,13 +204,13 @@ def test_the_mesh_and_its_normals_follow_joints_that_turn(tmp_path, rig, count):
     assert np.degrees(np.arccos(cosines.clip(-1, 1))).max() < 0.1
 
 
-PARTS = np.array([0, 0, 1, 1, 0, 0, 1, 1])
+LIMBS = np.array([0, 0, 1, 1, 0, 0, 1, 1])
 """The lower and the upper corners of the box, as z is up."""
 
 TREES = {
-    "parts": {"parts": PARTS},
+    "limbs": {"limbs": LIMBS},
     "extracted": {"is_extracted": True},
-    "both": {"parts": PARTS, "is_extracted": True},
+    "both": {"limbs": LIMBS, "is_extracted": True},
 }
 
 
@@ -226,8 +229,8 @@ def test_no_tree_of_joints_changes_the_mesh(tmp_path, rig, tree):
     assert (np.einsum("fjq,fjq->fj", turns[1:], turns[:-1]) > 0).all()
 
 
-def test_joints_of_parts_are_below_them_and_named_by_their_place(tmp_path, rig):
-    found, _ = save(rig, tmp_path / rig.name, turns=TURNS, parts=PARTS, is_extracted=True)
+def test_joints_of_limbs_are_below_them_and_named_by_their_place(tmp_path, rig):
+    found, _ = save(rig, tmp_path / rig.name, turns=TURNS, limbs=LIMBS, is_extracted=True)
     names, places = found.joints()
     assert names[:2] == ["root", "body"]
     assert {name.rpartition("_")[0] for name in names[4:]} == set(names[2:4])
@@ -236,7 +239,7 @@ def test_joints_of_parts_are_below_them_and_named_by_their_place(tmp_path, rig):
     for name, parent in zip(names[4:], above[4:], strict=True):
         assert name.startswith(parent)
     np.testing.assert_allclose(places[4:], CAGE.vertices, atol=1e-6)
-    np.testing.assert_allclose(places[2], CAGE.vertices[PARTS == 0].mean(axis=0), atol=1e-6)
+    np.testing.assert_allclose(places[2], CAGE.vertices[LIMBS == 0].mean(axis=0), atol=1e-6)
     assert found.aliases() == ["", "", "", "", *(f"cage_00{k}" for k in range(8))]
 
 
@@ -249,18 +252,50 @@ def test_an_extracted_root_stays_on_the_ground_and_upright(tmp_path):
     for k, (places, turns) in enumerate(tree.advance(CAGES)):
         np.testing.assert_allclose(places[0], [*CAGES[k].mean(axis=0)[:2], floor], atol=1e-12)
         np.testing.assert_allclose(turns[0, :2], 0, atol=1e-12)
-        assert abs(turns[1, 2]) < 1e-12  # the body leans, and does not turn about the vertical
+        quaternion = Rotation.from_matrix(ROTATIONS[k].T).as_quat()
+        if np.hypot(*quaternion[2:]) > HEADING_LIMITS[1]:
+            assert abs(turns[1, 2]) < 1e-12  # the body leans, and does not turn about the vertical
         both = Rotation.from_quat(turns[0]) * Rotation.from_quat(turns[1])
         np.testing.assert_allclose(both.as_matrix(), ROTATIONS[k].T, atol=1e-12)
 
 
-def test_a_somersault_keeps_the_heading(tmp_path):
-    """About the side axis the body passes through a half turn, where it has no heading."""
-    turns = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 5), [1, 0, 0])).as_matrix()
-    skin = Skin(REST, WEIGHTS["4"], turns.swapaxes(1, 2))
+@pytest.mark.parametrize("lean", [0, 3, -20])
+def test_a_somersault_keeps_the_heading(tmp_path, lean):
+    """About the side axis the body passes through a half turn, near which it has no heading."""
+    flips = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 49), [1, 0, 0]))
+    whole = (flips * Rotation.from_euler("y", lean, degrees=True)).as_matrix()
+    skin = Skin(REST, WEIGHTS["4"], whole.swapaxes(1, 2))
     tree = Skeleton(CAGE.vertices, skin, up_axis="Z", is_extracted=True)
-    found = [turns[0] for _, turns in tree.advance(np.repeat(CAGE.vertices[None], 5, axis=0))]
-    np.testing.assert_allclose(found, np.tile([0, 0, 0, 1], (5, 1)), atol=1e-6)
+    found = [turns[0] for _, turns in tree.advance(np.repeat(CAGE.vertices[None], 49, axis=0))]
+    steps = [2 * np.arccos(min(1, abs(a @ b))) for a, b in pairwise(found)]
+    assert np.degrees(max(steps)) <= 2 * abs(lean) + 1e-3
+    assert np.degrees(2 * np.arccos(min(1, abs(found[-1][3])))) < 1e-3
+
+
+def test_a_moved_animation_keeps_the_root_on_the_ground(tmp_path, rig):
+    """The joints of `--recentre` are moved already, and so is what their root stands on."""
+    origin = (100.0, 50.0, 7.0)
+    animation = replace(Animation(CAGE, len(CAGES), SCENE, "hero"), origin=origin)
+    rest = REST.move(REST.vertices + np.array(origin))
+    skin = Skin(rest, WEIGHTS["4"], ROTATIONS, TURNS, limbs=LIMBS)
+    writer = rig.make(tmp_path / rig.name, animation, skin, is_extracted=True)
+    writer.append(CAGES)
+    writer.complete()
+    names, places = rig(tmp_path / rig.name).joints()
+    assert places[0, 2] == pytest.approx(REST.vertices[:, 2].min(), abs=1e-5)
+    assert (
+        names == save(rig, tmp_path / f"a_{rig.name}", turns=TURNS, **TREES["both"])[0].joints()[0]
+    )
+
+
+def test_vertices_in_no_face_are_no_ground():
+    far = TriMesh(np.vstack([REST.vertices, [[0, 0, -30.0]]]), REST.faces)
+    weights = SkinWeights(
+        np.vstack([WEIGHTS["4"].joints, WEIGHTS["4"].joints[:1]]),
+        np.vstack([WEIGHTS["4"].values, WEIGHTS["4"].values[:1]]),
+    )
+    tree = Skeleton(CAGE.vertices, Skin(far, weights, ROTATIONS), up_axis="Z", is_extracted=True)
+    assert tree.bind_places[0, 2] == REST.vertices[:, 2].min()
 
 
 def test_three_turns_about_the_vertical_are_three_turns_of_an_extracted_root(tmp_path):
@@ -388,12 +423,16 @@ def write_long(path, tolerance=None, is_quantized=False, rest=REST):
     turns = Rotation.from_rotvec(swing.reshape(-1, 3)).as_matrix().reshape(40, 8, 3, 3)
     cages = CAGE.vertices + 0.3 * swing
     whole = np.repeat(np.eye(3)[None], 40, axis=0)
-    skin = Skin(rest, WEIGHTS["4"], whole, turns, parts=PARTS, error=0.25)
+    skin = Skin(rest, WEIGHTS["4"], whole, turns, limbs=LIMBS, error=0.25)
     animation = Animation(CAGE, 40, SCENE, "hero")
     words = {"tolerance": tolerance, "is_quantized": is_quantized}
     writer = GltfRig.make(path, animation, skin, **words)
     writer.append(cages)
-    writer.complete()
+    try:
+        writer.complete()
+    except OutputError:
+        writer.abandon()
+        raise
     arms = REST.vertices[:, None] - CAGE.vertices
     alone = np.einsum("mna,fnab->fmnb", arms, turns) + cages[:, None]
     return Glb(path), writer.notes, np.einsum("mn,fmnb->fmb", WEIGHTS["4"].to_dense(8), alone)
@@ -415,7 +454,7 @@ def test_keys_are_left_out_within_a_tolerance(tmp_path, tolerance):
     assert largest <= tolerance * (1 + 1e-3)
     assert f"rms of {rms:.2g} %, {largest:.2g} % at most; against the input" in notes[-1]
     keys = [len(file.array(each["output"])) for each in file.json["animations"][0]["samplers"]]
-    assert f"{sum(keys)} of {len(keys) * 40} keys kept" in notes[-1]
+    assert f"{sum(keys)} of {len(keys) * 40} keys are kept" in notes[-1]
     assert (len(file.binary) < 0.8 * len(whole.binary)) == (tolerance > 0.01)
 
 
@@ -424,13 +463,14 @@ def test_a_tolerance_that_is_rounding_keeps_all_keys(tmp_path):
     whole, _, _ = write_long(tmp_path / "all.glb")
     file, notes, _ = write_long(tmp_path / "a.glb", 1e-16)
     assert file.binary == whole.binary
-    assert f"{22 * 40} of {22 * 40} keys kept, which moves vertices by an rms of 0 %" in notes[-1]
+    kept = f"{22 * 40} of {22 * 40} keys are kept, by which vertices are off by an rms of 0 %"
+    assert kept in notes[-1]
 
 
 def test_merged_joints_name_all_their_vertices(tmp_path, rig):
     joints = np.array([0, 0, 1, 2, 3, 4, 5, 6, 7])  # of a cage of nine vertices
     animation = Animation(CAGE, len(CAGES), SCENE, "hero")
-    skin = Skin(REST, WEIGHTS["4"], ROTATIONS, TURNS, joints=joints)
+    skin = Skin(REST, WEIGHTS["4"], ROTATIONS, TURNS, cage_joints=joints)
     writer = rig.make(tmp_path / rig.name, animation, skin)
     writer.append(CAGES)
     writer.complete()
@@ -467,10 +507,30 @@ def test_uvs_beyond_a_texture_are_not_quantized(tmp_path):
     np.testing.assert_allclose(found, uv * [1, -1] + [0, 1], atol=1e-6)
 
 
+def test_rounding_beyond_the_tolerance_is_refused(tmp_path):
+    with pytest.raises(OutputError, match="rounding to 16 bits moves vertices by up to"):
+        write_long(tmp_path / "a.glb", 1e-6, is_quantized=True)
+
+
+def test_a_still_clip_keeps_its_length(tmp_path):
+    still = np.repeat(np.eye(3)[None], 6, axis=0)
+    skin = Skin(REST, WEIGHTS["4"], still, np.tile(np.eye(3), (6, 8, 1, 1)))
+    animation = Animation(CAGE, 6, SCENE, "hero")
+    writer = GltfRig.make(tmp_path / "a.glb", animation, skin, tolerance=0.1)
+    writer.append(np.repeat(CAGE.vertices[None], 6, axis=0))
+    writer.complete()
+    file = Glb(tmp_path / "a.glb")
+    times = [file.array(each["input"]) for each in file.json["animations"][0]["samplers"]]
+    assert max(each.max() for each in times) == pytest.approx(5 / SCENE.fps)
+    assert sum(map(len, times)) == len(times) + 1
+    assert len(open_sequence([str(tmp_path / "a.glb")])) == 6
+
+
 def test_rounding_and_keys_that_are_left_out_are_measured_together(tmp_path):
     file, notes, expected = write_long(tmp_path / "a.glb", 0.1, is_quantized=True)
     rms, largest = measure_apart(file, expected)
-    assert "keys kept, numbers rounded, which moves vertices" in notes[-1]
+    assert largest <= 0.1
+    assert "keys are kept and numbers are rounded, by which vertices are off" in notes[-1]
     assert f"rms of {rms:.2g} %, {largest:.2g} % at most" in notes[-1]
     assert f"the rms is at most {0.25 + rms:.2g} %" in notes[-1]
 

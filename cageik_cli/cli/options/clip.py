@@ -184,7 +184,7 @@ MORPH_MEMBERS = (
         type=PercentType("a tolerance", "0.01%, of the diagonal"),
         help="Write as few morph targets as bring every vertex in every frame this near, in "
         "percent of the diagonal, such as 0.01%; fail if that is impossible (.glb). With "
-        "--skeleton, as few keys of joints.",
+        "--skeleton, leave out keys of joints as long as that holds.",
     ),
 )
 

@@ -1,4 +1,4 @@
-"""The joints of a skin as a tree, and their motion: a root, parts of the body, and joints below."""
+"""The joints of a skin as a tree, and their motion: a root, limbs, and joints below."""
 
 from collections.abc import Iterator
 
@@ -13,8 +13,9 @@ from cageik_cli.util.text import number_names
 CAGE_KEY = "cage"
 """Files have the aliases of joints by this key of what is not interpreted."""
 
-MIN_HEADING = 1e-6
-"""A body that is turned over has no heading: the root keeps its last one if less is left of it."""
+HEADING_LIMITS = (0.3, 0.6)
+"""Cosines of half the lean of a body: it has its heading from the second on, and none below the
+first, where it is turned over and the root keeps its last one."""
 
 
 class Skeleton:
@@ -22,7 +23,7 @@ class Skeleton:
 
     The root is in the mean of the joints, and turns as the whole does. If it is `extracted`, it is
     on the ground below that, moves along it and turns about the vertical only, and a joint `body`
-    has the rest of the motion. If the skin has parts, each is a joint in the mean of its own
+    has the rest of the motion. If the skin has limbs, each is a joint in the mean of its own
     joints, and turns as these do on average. A skin of weights S then gives
 
         S c + (X − S C) R,
@@ -52,8 +53,8 @@ class Skeleton:
         self, places: Floats, skin: Skin, *, up_axis: str = "Y", is_extracted: bool = False
     ) -> None:
         self._skin, self._up, self._is_extracted = skin, "XYZ".index(up_axis), is_extracted
-        self._floor = float(skin.rest.vertices[:, self._up].min())
-        count, labels = len(places), skin.parts
+        self._floor = float(skin.rest.vertices[skin.rest.used_vertices, self._up].min())
+        count, labels = len(places), skin.limbs
         self._members = [] if labels is None else [labels == k for k in range(labels.max() + 1)]
         heads = ["root", "body"] if is_extracted else ["root"]
         last = len(heads) - 1
@@ -64,13 +65,13 @@ class Skeleton:
         self.aliases = [*[""] * self.lead, *_list_aliases(skin, count)]
         own = self.aliases[self.lead :]
         if skin.turns is not None:
-            parts = np.arange(count) if labels is None else labels
+            limbs = np.arange(count) if labels is None else labels
             owners = skin.weights.joints[:, 0]
-            part_names, own = name_joints(places, parts, owners, skin.rest, up_axis)
+            limb_names, own = name_joints(places, limbs, owners, skin.rest, up_axis)
             if labels is None:
-                own = part_names
+                own = limb_names
             else:
-                heads += part_names
+                heads += limb_names
         self.names = number_names([*heads, *own])
         self.turn_count = self.lead if skin.turns is None else len(self.names)
         self._frame, self._heading = 0, 0.0
@@ -125,15 +126,17 @@ class Skeleton:
 
         quaternion = Rotation.from_matrix(rotation.T).as_quat()
         sine, cosine = quaternion[self._up], quaternion[3]
-        if np.hypot(sine, cosine) > MIN_HEADING:
-            self._heading = 2 * np.arctan2(sine, cosine)
+        low, high = HEADING_LIMITS
+        share = np.clip((np.hypot(sine, cosine) - low) / (high - low), 0, 1)
+        step = 2 * np.arctan2(sine, cosine) - self._heading
+        self._heading += share * np.arctan2(np.sin(step), np.cos(step))  # the short way
         turn = Rotation.from_rotvec(self._heading * np.eye(3)[self._up])
         return np.asarray(turn.as_matrix().T)
 
 
 def _list_aliases(skin: Skin, count: int) -> list[str]:
     """Return the names of the vertices of the cage that each of `count` joints is."""
-    joints = np.arange(count) if skin.joints is None else skin.joints
+    joints = np.arange(count) if skin.cage_joints is None else skin.cage_joints
     digits = max(3, len(str(len(joints) - 1)))
     names = [f"cage_{k:0{digits}}" for k in range(len(joints))]
     return [" ".join(names[k] for k in np.flatnonzero(joints == j)) for j in range(count)]

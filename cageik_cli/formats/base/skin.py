@@ -17,6 +17,10 @@ MIN_WEIGHT = 1e-7
 """Smaller weights are dropped: beside a weight of 1, single precision loses them."""
 
 
+JOINT_TEXT_BYTES = 600
+"""Bytes that describe a joint and its motion in a .glb, about."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinWeights:
     """The k influences of each of m vertices, the strongest first.
@@ -82,10 +86,10 @@ class Skin:
     turns : iterable of (n, 3, 3) float64, optional
         R of each joint, frame by frame, which are taken once and in order; joints that only
         translate have none, and turn with the whole.
-    joints : (c,) int64, optional
-        Which of the n joints each vertex of the cage is; its own if absent.
-    parts : (n,) int64, optional
-        Which part of the body each joint is of; all are below the root if absent.
+    cage_joints : (c,) int64, optional
+        Which of the n joints each vertex of the cage has become; its own if absent.
+    limbs : (n,) int64, optional
+        Which limb, a part of the body, each joint is of; all are below the root if absent.
     error : float, optional
         The largest that the rms distance of the mesh from the input can be, percent of the
         diagonal of the rest pose; None where that is not known.
@@ -95,8 +99,8 @@ class Skin:
     weights: SkinWeights
     rotations: Floats
     turns: Iterable[Floats] | None = None
-    joints: Integers | None = None
-    parts: Integers | None = None
+    cage_joints: Integers | None = None
+    limbs: Integers | None = None
     error: float | None = None
 
 
@@ -105,6 +109,7 @@ def count_skin_bytes(skin: Skin, joint_count: int) -> int:
 
     Weights are in sets of four, joints are named by 16 bits.
     """
+    joint_count += 1 if skin.limbs is None else 2 + int(skin.limbs.max())  # the root, and limbs
     sets = -(-skin.weights.joints.shape[1] // 4)
     surface = (24 + sets * 4 * (4 + 2)) * len(skin.rest.vertices) + 12 * len(skin.rest.faces)
-    return int(surface + joint_count * (12 + 16) * len(skin.rotations))
+    return int(surface + joint_count * (JOINT_TEXT_BYTES + 28 * len(skin.rotations)))

@@ -260,7 +260,7 @@ class SkeletonWriter(UsdWriter):
         to_float32(rest.vertices)  # refused before anything is written
         self._skeleton = Skeleton(
             animation.rest.vertices,
-            skin,
+            replace(skin, rest=rest),
             up_axis=animation.scene.up_axis,
             is_extracted=is_extracted,
         )

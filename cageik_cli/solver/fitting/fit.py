@@ -172,7 +172,7 @@ class Fitter:
         """Find in which order the joints of the binding's weights are merged best."""
         solver, target = self._cage_solve.prepare(self._binding.weights), sample.target
         return JointTree(
-            self._binding.weights,
+            self._binding.weights * (solver.vertex_weights > 0)[:, None],
             solver.rest,
             target.blocks(),
             np.sqrt(target.shares[target.frames]),

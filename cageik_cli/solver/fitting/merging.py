@@ -9,7 +9,7 @@ If the vertices x_i of a joint follow it rigidly in all frames, the sum of squar
 the last singular value with the sign of the determinant (Kabsch 1976). It needs only sums over the
 vertices, and those of a merged joint are the sums of both. So joints that are neighbours in the
 cage are merged greedily by how much E grows (Ward 1963). The order of merges is a tree, and each
-number of joints is a cut through it: few joints for a budget, and fewer still as parts of the body.
+number of joints is a cut through it: few joints for a budget, and fewer still as limbs.
 
 A vertex is counted for its strongest joint alone. On a dancer and 24 joints, weights as shares
 give cuts whose error is 13 % larger.
@@ -31,11 +31,11 @@ COMPACTNESS = 1e-3
 MIN_JOINTS = 3
 """Joints of a skin, at least: they have the faces of a mesh."""
 
-MAX_PARTS = 12
-"""Parts of the body that joints are grouped in, at most."""
+MAX_LIMBS = 12
+"""Limbs that joints are grouped in, at most: parts of the body, also a trunk."""
 
-MIN_JOINTS_PER_PART = 4
-"""Joints that a part of the body has on average, at least."""
+MIN_JOINTS_PER_LIMB = 4
+"""Joints that a limb has on average, at least."""
 
 
 class JointTree:
@@ -44,6 +44,7 @@ class JointTree:
     Parameters
     ----------
     weights : (m, n) float64
+        Zero for vertices that do not count.
     rest : (m, 3) float64
     blocks : iterable of (m, 3k) float64
         Displacements of frames from the rest pose. Each frame is scaled by the root of how much
@@ -74,15 +75,15 @@ class JointTree:
             labels[labels == merged] = kept
         return np.unique(labels, return_inverse=True)[1]
 
-    def group_parts(self, joints: Integers | None = None) -> Integers | None:
-        """Return the part of the body of each of N joints, (N,); None if there are too few.
+    def group_limbs(self, joints: Integers | None = None) -> Integers | None:
+        """Return the limb of each of N joints, (N,); None if there are too few.
 
         `joints`, (n,), is a cut through the tree; all joints if absent.
         """
         held = np.arange(self.count) if joints is None else joints
         first = np.unique(held, return_index=True)[1]
-        count = min(MAX_PARTS, len(first) // MIN_JOINTS_PER_PART)
-        return self.cut(count)[first] if count > 1 else None  # a part has whole joints
+        count = min(MAX_LIMBS, len(first) // MIN_JOINTS_PER_LIMB)
+        return self.cut(count)[first] if count > 1 else None  # a limb has whole joints
 
     def _merge_all(self, edges: set[tuple[int, int]]) -> list[tuple[int, int]]:
         """Merge until one joint is left; the larger number of each pair becomes the smaller."""
@@ -140,7 +141,7 @@ def merge_joints(binding: Binding, joints: Integers) -> Binding:
     chosen = np.eye(count)[joints]
     weights = binding.weights @ chosen
     sizes = chosen.sum(axis=0)[:, None]
-    followers = np.maximum(weights, 0)
+    followers = np.maximum(weights, 0) * binding.rest.is_used[:, None]
     mass = followers.sum(axis=0)[:, None]
     centres = followers.T @ binding.rest.vertices / np.where(mass > 0, mass, 1)
     own = chosen.T @ binding.cage.vertices / sizes
@@ -161,7 +162,8 @@ def _sum_moments(weights: Floats, rest: Floats, blocks: Iterable[Floats], scales
     from scipy import sparse
 
     m, n = weights.shape
-    gather = sparse.csr_array((np.ones(m), (weights.argmax(axis=1), np.arange(m))), shape=(n, m))
+    places = weights.argmax(axis=1), np.arange(m)
+    gather = sparse.csr_array((weights.any(axis=1).astype(np.float64), places), shape=(n, m))
     size = float(np.abs(rest).max()) or 1.0
     rest = rest / size
     still = gather @ np.column_stack([np.ones(m), rest, np.square(rest).sum(axis=1)])

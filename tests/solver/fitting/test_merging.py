@@ -1,12 +1,14 @@
-"""Joints that are merged: costs against a direct solve, cuts, parts, and bindings to few joints."""
+"""Joints that are merged: costs against a direct solve, cuts, limbs, and bindings to few joints."""
 
 import numpy as np
 import pytest
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.fitting.fit import Fitter
 from cageik_cli.solver.fitting.merging import JointTree, merge_joints
-from tests.fitted import small_binding, smooth_motion
+from cageik_cli.solver.fitting.record import FitSettings
+from tests.fitted import Frames, small_binding, smooth_motion
 from tests.shapes import ball, merged, moved, rotation
 
 BALL = small_binding()
@@ -83,13 +85,13 @@ def test_bodies_that_move_apart_are_merged_last():
     np.testing.assert_array_equal(grow(binding, frames).cut(2), np.repeat([0, 1], 18))
 
 
-def test_a_rigid_clip_has_parts_that_hang_together():
+def test_a_rigid_clip_has_limbs_that_hang_together():
     frames = np.stack([BALL.rest.vertices @ rotation(k) for k in range(5)])
-    parts = grow(frames=frames).group_parts()
-    assert parts.max() == 18 // 4 - 1
-    for k in range(parts.max() + 1):
-        chosen = np.flatnonzero(parts == k)
-        inside = np.isin(BALL.cage.faces, chosen)
+    limbs = grow(frames=frames).group_limbs()
+    assert limbs.max() == 18 // 4 - 1
+    for k in range(limbs.max() + 1):
+        chosen = np.flatnonzero(limbs == k)
+        inside = np.isin(BALL.cage.faces, chosen).all(axis=1)
         edges = BALL.cage.edges.ends
         kept = edges[np.isin(edges, chosen).all(axis=1)]
         reached = {chosen[0]}
@@ -99,12 +101,12 @@ def test_a_rigid_clip_has_parts_that_hang_together():
         assert inside.any()
 
 
-def test_too_few_joints_have_no_parts():
+def test_too_few_joints_have_no_limbs():
     tree = grow()
-    assert tree.group_parts(tree.cut(7)) is None
-    parts = tree.group_parts(tree.cut(8))
-    assert parts.shape == (8,)
-    assert parts.max() == 1
+    assert tree.group_limbs(tree.cut(7)) is None
+    limbs = tree.group_limbs(tree.cut(8))
+    assert limbs.shape == (8,)
+    assert limbs.max() == 1
 
 
 def test_a_merged_joint_is_in_the_middle_of_what_follows_it():
@@ -142,5 +144,22 @@ def test_one_vertex_of_any_model_can_be_a_joint():
     """A cage whose joints have one follower each costs nothing to merge, and is merged."""
     tiny = TriMesh(BALL.cage.vertices * 0.5, ball(1, 1.0).faces)
     binding = Binding(tiny, BALL.cage, np.eye(18))
-    frames = np.stack([tiny.vertices + k for k in range(3)])
-    assert len(np.unique(grow(binding, frames).cut(4))) == 4
+    moves = np.where(tiny.vertices[:, :1] > 0, 1.0, 0.0) * [0, 0, 1]
+    frames = np.stack([tiny.vertices + k * moves for k in range(3)])
+    found = grow(binding, frames).cut(2)
+    np.testing.assert_array_equal(found == found[tiny.vertices[:, 0].argmax()], moves[:, 2] > 0)
+
+
+def test_vertices_in_no_face_decide_nothing():
+    """One more, far away, changes neither the cuts nor the places of merged joints."""
+    far = np.array([[0.0, -30, 0]])
+    rest = TriMesh(np.vstack([BALL.rest.vertices, far]), BALL.rest.faces)
+    more = Binding(rest, BALL.cage, np.vstack([BALL.weights, np.eye(18)[3:4]]))
+    fitter = Fitter(more, FitSettings(influences=3))
+    frames = np.concatenate([FRAMES, np.tile(far, (len(FRAMES), 1, 1))], axis=1)
+    found = fitter.group_joints(fitter.sample([Frames(frames)])).cut(6)
+    own = Fitter(BALL, FitSettings(influences=3))
+    np.testing.assert_array_equal(found, own.group_joints(own.sample([Frames(FRAMES)])).cut(6))
+    np.testing.assert_allclose(
+        merge_joints(more, found).cage.vertices, merge_joints(BALL, found).cage.vertices, atol=1e-9
+    )
