@@ -3,7 +3,8 @@
     python write.py FOLDER
 
 `FOLDER/cases.json` lists the files and how each is to be read; `FOLDER/TRUTH.npz` has `frames`
-(F, m, 3), `rest` (m, 3) and `faces` (f, 3), computed here from the arrays of the result alone;
+(F, m, 3), `rest` (m, 3) and `faces` (f, 3), computed here from the arrays of the result alone, or,
+of joints that turn, by the skinning of the tests;
 `FOLDER/TRUTH_rest.obj` is the model on which caches are put.
 """
 
@@ -17,6 +18,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 from scipy import sparse
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from tests.formats.gltf.decoded import Glb
 
 WALKER = Path(__file__).resolve().parents[2] / "data_fixtures" / "walker"
 SINGLE = 1e-6
@@ -90,6 +95,13 @@ SKELETONS = (
     Case("gltf", "skeleton_z.glb", "skin", first=0, fps=30, tolerance=SKINNED, **Z_UP),
 )
 
+TURNING = {
+    "turning": (),
+    "travelling": ("--root-motion", "extract"),
+    "small": ("--joints", "20", "--quantize", "--tolerance", "0.1%"),
+}
+"""Skins of joints that turn, and their options."""
+
 
 def main(folder: Path) -> None:
     """Write files, positions and cases into `folder`."""
@@ -111,10 +123,36 @@ def main(folder: Path) -> None:
         words = ("--skeleton", "--joints", "translate", *options_of(case))
         cageik("export", few, folder / case.path, *words)
         cases.append(asdict(case))
+    long = folder / "long.h5"  # as many frames as keys can be left out of
+    cageik("extract", WALKER / "frames", "--cage", WALKER / "cage.obj", "--output", long,
+           "--no-cache")  # fmt: skip
+    for truth, words in TURNING.items():
+        for case in list_turning(truth):
+            chosen = ["--skeleton", "--influences", "4", *words, *options_of(case)]
+            cageik("export", long, folder / case.path, *chosen)
+            cases.append(asdict(case))
+        write_skinned(folder / f"{truth}.glb", long)
     write_truths(result, few, folder)
     shutil.copyfile(WALKER / "cage.obj", folder / "cage_rest.obj")
     shutil.copyfile(WALKER / "frames" / "walker_1.obj", folder / "mesh_rest.obj")
     (folder / "cases.json").write_text(json.dumps(cases, indent=1))
+
+
+def list_turning(truth: str) -> list[Case]:
+    """The files of a skin of joints that turn; those that are quantised are no USD."""
+    cases = [Case("gltf", f"{truth}.glb", truth, first=0, tolerance=SKINNED)]
+    if "--quantize" not in TURNING[truth]:
+        cases.append(Case("usd", f"{truth}.usdc", truth, tolerance=SKINNED))
+    return cases
+
+
+def write_skinned(path: Path, result: Path) -> None:
+    """Write what the tests make of a skinned .glb."""
+    with h5py.File(result) as file:
+        count = len(file["verts"])
+    found = Glb(path)
+    frames = np.array([found.skinned(k) for k in range(count)])
+    np.savez(path.with_suffix(".npz"), frames=frames, rest=frames[0], faces=found.faces())
 
 
 def options_of(case: Case) -> list[str]:
