@@ -14,8 +14,10 @@ cages (`cage_60.obj`, `cage_120.obj`). One line per skin, against the frames of 
 Errors and distances are in percent of the diagonal, angles of normals are rms in degrees, bytes
 are those of the whole clip as .glb. Seconds are of the processor, in two parts: the bind and the
 fit of all weights of the cage, which skins of one cage share, and what the skin takes on top, with
-its joints in all frames. Dem Bones gets frames without the best rigid motion of each, which our
-solve takes away, too.
+its joints in all frames.
+
+Dem Bones gets frames without the best rigid motion of each, which our solve takes away, too, and a
+surface whose components are joined: else its bones stay on few of them.
 """
 
 import importlib.util
@@ -27,6 +29,7 @@ from time import process_time
 
 import h5py
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.formats.base.sequence import ArraySequence
@@ -138,7 +141,7 @@ def measure_bones(name, binding, frames):
     centres, rotations = best_motions(frames, rest.vertices, np.ones(len(rest.vertices)))
     aligned = (frames - centres[:, None]) @ rotations.swapaxes(1, 2)
     start = process_time()
-    found = solve_skinning(rest.vertices, aligned, BONES, faces=rest.faces.tolist())
+    found = solve_skinning(rest.vertices, aligned, BONES, faces=join_components(rest).tolist())
     seconds = process_time() - start
     weights, matrices = found.weights.T, found.transforms
     turns, places = matrices[:, :, :3, :3].swapaxes(2, 3), matrices[:, :, :3, 3]
@@ -152,6 +155,21 @@ def measure_bones(name, binding, frames):
     every = measure(bones, poses, aligned)
     print_line(name, f"{count} bones of Dem Bones", FEW, every, None, None, f"{seconds:.1f}")
     return count
+
+
+def join_components(rest):
+    """The faces, and one from each vertex to the nearest of another component."""
+    labels, (a, b, c) = rest.components, rest.faces.T
+    beside = np.empty(len(labels), np.int64)
+    beside[a], beside[b], beside[c] = b, c, a
+    joined = [rest.faces]
+    for label in np.unique(labels[rest.faces]):
+        inside = np.flatnonzero(labels == label)
+        others = np.flatnonzero((labels != label) & rest.is_used)
+        if len(others):
+            near = others[cKDTree(rest.vertices[others]).query(rest.vertices[inside])[1]]
+            joined.append(np.column_stack([inside, near, beside[near]]))
+    return np.concatenate(joined)
 
 
 def pose_joints(binding, frames, *, turns):
