@@ -57,7 +57,7 @@ FEW = 4
 
 BONES = 24
 REGULARIZATION = 0.03
-"""Of the weights of the cage: what held-out frames choose for these clips."""
+"""Of the weights of the cage; it is stated, so that seconds have no search in them."""
 
 TENTHS = 10
 BLOCK = 16
