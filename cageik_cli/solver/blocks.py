@@ -22,7 +22,7 @@ from cageik_cli.solver.metrics import (
     measure,
     measure_kept,
 )
-from cageik_cli.solver.robust import MAX_REJECTED_WEIGHT, RobustSolver
+from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.solver.summary import DeviationPeaks
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError, FormatError, InputError
@@ -191,8 +191,7 @@ class BlockSolver:
         weights = np.ones(is_data.shape) if solution.weights is None else solution.weights
         if self.robust.tolerances is not None:
             # A small weight that is given is no outlier: only what is taken from it counts.
-            least = MAX_REJECTED_WEIGHT * (1.0 if given is None else given)
-            is_kept = is_data & (weights >= least)
+            is_kept = is_data & (weights >= (1.0 if given is None else given))
         metrics, squares = measure(rest, frames, rebuilt, is_data, is_kept=is_kept)
         kept = KeptBlock.of(
             measure_kept(squares, is_data, is_kept),

@@ -51,7 +51,7 @@ class KeptMetrics:
     missing : int64
         Vertices that are not data.
     rejected : int64
-        Vertices that are data, and were rejected as outliers.
+        Vertices that are data, and weigh less than is given, as outliers.
     rms_kept, max_deviation_kept : float64
         As in `FrameMetrics`, over data that was not rejected.
     """

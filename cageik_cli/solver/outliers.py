@@ -1,11 +1,14 @@
-"""Vertices that are thrown away from the surface around them, as their neighbours tell."""
+"""Vertices that are thrown away from the surface around them, as their neighbours tell.
+
+`has_thrown_vertices` asks frames before any solve, `find_torn_vertices` the residuals of one.
+"""
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.arrays import Floats
+from cageik_cli.geometry.mesh import TriMesh, find_groups
+from cageik_cli.util.arrays import Floats, Mask
 
 MIN_OUTLIER_RATIO = 8.0
 """Vertices are off by themselves that are off by more times as much as their neighbours."""
@@ -62,3 +65,35 @@ def _is_thrown(mesh: TriMesh, changes: Floats) -> bool:
         return False
     around = average_neighbours(mesh, changes)
     return bool((is_large & (changes > MIN_OUTLIER_RATIO * around)).any())
+
+
+def find_torn_vertices(mesh: TriMesh, residuals: Floats, limits: Floats, is_data: Mask) -> Mask:
+    """Return which vertices, (m,), are torn from the surface in a frame.
+
+    The cage is smooth, so that residuals jump only where the data do. Where it cannot follow a
+    quick motion, they are large, but grow from vertex to vertex. So an edge is torn if residuals
+    differ by more than the limits of both ends along it, and vertices are if all ways to the
+    largest part of their component have a torn edge. A lone vertex has no edge that tells: it is.
+
+    Parameters
+    ----------
+    residuals : (m, 3) float64
+        v − H c.
+    limits : (m,) float64
+        Lengths of residuals above which a vertex may be an outlier.
+    is_data : (m,) bool
+        The surface ends at vertices that are not; they are not torn.
+    """
+    count, ends, components = len(limits), mesh.edges.ends, mesh.components
+    if not is_data.all():
+        ends = ends[is_data[ends].all(axis=1)]
+        components = find_groups(ends, count)
+    first, second = ends.T
+    jumps = residuals[first] - residuals[second]
+    allowed = np.maximum(limits[first], limits[second])
+    is_joined = np.einsum("ex,ex->e", jumps, jumps) <= allowed**2
+    parts = components if is_joined.all() else find_groups(ends[is_joined], count)
+    sizes, largest = np.bincount(parts)[parts], np.zeros(count, np.int64)
+    np.maximum.at(largest, components, sizes)
+    largest = largest[components]
+    return is_data & ((sizes < largest) | (largest == 1))

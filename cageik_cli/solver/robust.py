@@ -12,8 +12,9 @@ theirs. It is the limit of the rounds ṽ = H c + ω (v − H c), which keep A b
 a piece is missing.
 
 Weights of outliers follow the residual in tolerances, u = |r_j| / t_j: 1 up to u = 1, then 1/u in
-the first rounds (Huber 1964) and exp(1 − u²) in the others (Welsch; Holland and Welsch 1977). A
-frame without outliers keeps the plain solution, to the last bit.
+the first rounds (Huber 1964) and exp(1 − u²) in the others (Welsch; Holland and Welsch 1977), if
+the vertex is torn from the surface (`solver.outliers`). A frame without outliers keeps the plain
+solution, to the last bit.
 """
 
 import numpy as np
@@ -21,11 +22,9 @@ import numpy as np
 from cageik_cli.coordinates.binding import measure_offsets
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.solver.dual_laplacian import MAX_CONDITION, DualLaplacianSolver, Solution
+from cageik_cli.solver.outliers import find_torn_vertices
 from cageik_cli.util.arrays import Floats, Integers, Workspace
 from cageik_cli.util.errors import NumericalError
-
-MAX_REJECTED_WEIGHT = 0.5
-"""Vertices that are left a smaller share of their given weight are rejected."""
 
 HUBER_ROUNDS = 2
 """First rounds, in which outliers still pull, so that the next start close to the solution."""
@@ -146,6 +145,7 @@ class _WeighedBlock:
 
         Tolerances grow with the frame: where half of the vertices that are data are off by more
         than half a tolerance, the frame is far off as a whole, and they are no outliers for that.
+        Vertices that are not torn from the surface have no limit.
         """
         tolerances = self.robust.tolerances
         is_data = self.given[place] > 0
@@ -154,7 +154,11 @@ class _WeighedBlock:
         residuals = self._residuals[place]
         relative = np.sqrt(np.einsum("jx,jx->j", residuals, residuals)) / tolerances
         middle = np.median(relative if is_data.all() else relative[is_data])
-        return tolerances * max(1.0, 2 * float(middle))
+        limits = tolerances * max(1.0, 2 * float(middle))
+        if ((relative * tolerances > 0.5 * limits) & is_data & ~self._followed[place]).any():
+            is_torn = find_torn_vertices(self.solver.binding.rest, residuals, limits, is_data)
+            limits[~is_torn] = np.inf
+        return limits
 
     def _solve_frame(self, place: int, limits: Floats | None) -> None:
         """Weigh the followed vertices of a frame and solve it, in turn.

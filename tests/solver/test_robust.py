@@ -91,6 +91,29 @@ def test_frames_without_outliers_keep_every_bit(binding, frames):
         np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
 
 
+def push(frames):
+    """Push a side of the ball out, further than the cage follows."""
+    rest = frames[0]
+    ways = np.linalg.norm(rest - rest[0], axis=1)
+    return frames + 0.4 * np.exp(-((ways / 0.8) ** 2))[:, None] * [0.0, 0.0, 1.0]
+
+
+def test_a_quick_motion_keeps_every_bit_and_a_hit_in_it_is_rejected(binding, frames):
+    solver = DualLaplacianSolver(binding, SolveSettings())
+    pushed, limit = push(frames), 0.1
+    plain = solver.solve(pushed)
+    residuals = np.linalg.norm(pushed - plain.reconstructions, axis=2)
+    assert (residuals > limit).any(axis=1).all()
+    cages, robust = plain.cages.copy(), RobustSolver(solver, np.full(frames.shape[1], limit))
+    found = robust.solve(pushed)
+    assert found.weights is None
+    np.testing.assert_array_equal(found.cages, cages)
+    pushed[2, 9] += [0.5, 0.0, 0.0]
+    found = robust.solve(pushed)
+    np.testing.assert_array_equal(np.argwhere(found.weights < 1), [[2, 9]])
+    np.testing.assert_allclose(found.cages, cages, rtol=0, atol=2e-2)
+
+
 def throw(frames, share=0.03):
     """Throw some vertices of some frames 0.3 to 1 away; also which they are."""
     is_out = RNG.random(frames.shape[:2]) < share
