@@ -9,6 +9,10 @@ from cageik_cli.solver.regions import MAX_DEVIATION, MAX_RMS_RATIO, Cause, has_b
 from cageik_cli.store.result import Result
 
 CAUSES = {
+    Cause.SMOOTHING: (
+        "smoothing takes quick motion away",
+        "smoothing: give a shorter period, or `smooth=auto`, which finds the strength",
+    ),
     Cause.LOOSE_CAGE: (
         "the cage is far too loose",
         "cage far too loose: move it closer to the model, or build one of more vertices",

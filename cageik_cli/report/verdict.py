@@ -2,6 +2,7 @@
 
 from cageik_cli.report.notes import MIN_DATA_PER_CAGE_VERTEX, has_outliers
 from cageik_cli.solver.regions import Cause
+from cageik_cli.solver.settings import AUTO_SMOOTHING
 from cageik_cli.store.result import Result, has_weights
 
 MAX_GOOD_RMS = 0.3
@@ -48,6 +49,9 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
     if 2 * rms_percent <= MAX_GOOD_RMS and 2 * max_deviation_percent <= MAX_GOOD_DEVIATION:
         return None
     cause, is_built = _find_worst_cause(result), _has_built_cage(result)
+    if cause == Cause.SMOOTHING:
+        is_auto = result.settings["smooth"] == AUTO_SMOOTHING
+        return None if is_auto else _repeat(f"`smooth={AUTO_SMOOTHING}`")
     if cause == Cause.LOOSE_CAGE and not is_built:
         return _repeat("", f", without {_name_cage_source(result)}: a tighter cage is built")
     if result.fit is None and _allows_fit(result):

@@ -50,10 +50,14 @@ MAX_EDGE_LENGTH = 8.0
 """Cage faces are coarse whose edges are longer than this, percent of the diagonal, and the region.
 """
 
+MAX_UNSMOOTHED_SHARE = 0.8
+"""Smoothing is to blame for a deviation that was less than this share of it before."""
+
 
 class Cause(StrEnum):
     """Why a region is likely to be off."""
 
+    SMOOTHING = "smoothing"
     LOOSE_CAGE = "loose-cage"
     SHARED_LOOP = "shared-loop"
     THIN_FACES = "thin-faces"
@@ -83,6 +87,9 @@ class Evidence:
         Whether the centre is where limbs share a loop of the cage.
     has_loose_cage : bool
         Whether the whole cage is far too loose.
+    unsmoothed_share : float
+        Largest deviation of the worst vertex before the cages were smoothed, as a share of that
+        after; 1 if they were not.
     """
 
     cage_distance: float
@@ -92,12 +99,15 @@ class Evidence:
     edge_length: float
     in_shared_place: bool
     has_loose_cage: bool
+    unsmoothed_share: float = 1.0
 
     def judge(self, size: float) -> Cause:
         """Return the first cause for which there is evidence.
 
         `size` is that of the region; it and other lengths are percent of the diagonal.
         """
+        if self.unsmoothed_share < MAX_UNSMOOTHED_SHARE:
+            return Cause.SMOOTHING
         if self.has_loose_cage:
             return Cause.LOOSE_CAGE
         if self.in_shared_place:
@@ -144,7 +154,7 @@ class Region:
     cause: Cause
     evidence: Evidence
 
-    def judge_again(self, diagonal: float, **known: bool) -> "Region":
+    def judge_again(self, diagonal: float, **known: float) -> "Region":
         """Return the region with more evidence; the diagonal is the rest model's, file units."""
         evidence = replace(self.evidence, **known)
         return replace(self, evidence=evidence, cause=evidence.judge(100 * self.size / diagonal))
@@ -191,6 +201,17 @@ def blame_shared_places(
 def blame_loose_cage(regions: Sequence[Region], diagonal: float) -> tuple[Region, ...]:
     """Judge the causes of regions again, in a cage that is known to be far too loose."""
     return tuple(region.judge_again(diagonal, has_loose_cage=True) for region in regions)
+
+
+def blame_smoothing(
+    regions: Sequence[Region], unsmoothed: DeviationPeaks, diagonal: float
+) -> tuple[Region, ...]:
+    """Judge the causes of regions again, of which deviations before smoothing are known."""
+    blamed = []
+    for region in regions:
+        share = float(unsmoothed.deviations[region.worst_vertex]) / region.max_deviation
+        blamed.append(region.judge_again(diagonal, unsmoothed_share=share))
+    return tuple(blamed)
 
 
 def _group_connected(mesh: TriMesh, chosen: np.ndarray) -> list[Integers]:

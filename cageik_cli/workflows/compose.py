@@ -18,10 +18,11 @@ from cageik_cli.solver.regions import (
     Region,
     blame_loose_cage,
     blame_shared_places,
+    blame_smoothing,
     find_worst_regions,
     has_bad_regions,
 )
-from cageik_cli.solver.summary import MAX_BRIDGED_FRAMES, ClipSummary
+from cageik_cli.solver.summary import MAX_BRIDGED_FRAMES, ClipSummary, DeviationPeaks
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.fit_fields import UnfittedClip
@@ -42,6 +43,8 @@ class ResultComposer:
     ----------
     rest_index : int or None
         The number of the rest pose in the clip; None if it is a file of its own.
+    unsmoothed : DeviationPeaks, optional
+        Of the cages before they were smoothed, if they were.
 
     Raises
     ------
@@ -55,12 +58,15 @@ class ResultComposer:
         binding: Binding,
         sequence: MeshSequence,
         rest_index: int | None,
+        unsmoothed: DeviationPeaks | None = None,
     ) -> None:
         self._checkpoint, self._binding, self._sequence = checkpoint, binding, sequence
         self._summary = summary = checkpoint.summary
         if len(summary.skipped) == len(sequence):
             raise FileAccessError(f"no frame can be read, the first: {summary.skipped[0]}")
         self._regions = find_clip_regions(binding, summary)
+        if unsmoothed is not None:
+            self._regions = blame_smoothing(self._regions, unsmoothed, binding.rest.diagonal)
         self._key_frames = _find_key_frames(binding.rest, rest_index, summary, self._regions)
 
     def write(

@@ -14,6 +14,7 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.executor import MemoryPlan, RunBlocks, run_in_threads
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.robust import RobustSolver
+from cageik_cli.solver.summary import DeviationPeaks
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache_entry import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
@@ -130,7 +131,8 @@ class Extraction:
             self.solve(checkpoint)
             refined = open_refined(self.block_solver, checkpoint, self.settings, self.scene.fps)
             with refined as (complete, self.filled):
-                self.write(complete)
+                is_smoothed = self.settings.capture.smooth is not None
+                self.write(complete, checkpoint.summary.peaks if is_smoothed else None)
         return read_result(self.settings.output)
 
     def open(self) -> None:
@@ -274,8 +276,8 @@ class Extraction:
                     checkpoint.append(block)
                 self.progress.update(block.stop, len(self.sequence))
 
-    def write(self, checkpoint: Checkpoint) -> None:
-        """Compose the result of a checkpoint that holds all frames."""
+    def write(self, checkpoint: Checkpoint, unsmoothed: DeviationPeaks | None) -> None:
+        """Compose the result of a checkpoint that holds all frames, as of `ResultComposer`."""
         settings, solver = self.settings, self.block_solver.solver
         hints = self.common.hints
         assert self.stored is not None
@@ -290,7 +292,9 @@ class Extraction:
         )
         output = settings.output
         with self.progress.stage("write"):
-            composer = ResultComposer(checkpoint, self.binding, self.sequence, self.rest_index)
+            composer = ResultComposer(
+                checkpoint, self.binding, self.sequence, self.rest_index, unsmoothed
+            )
             with open_result_writer(
                 output,
                 header,

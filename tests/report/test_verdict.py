@@ -53,6 +53,18 @@ def test_a_built_cage_is_advised_where_the_given_one_is_far_too_loose(closed):
     assert suggest_step(built, 1.0, 5.0) == FIT
 
 
+@pytest.mark.parametrize(
+    ("period", "step"),
+    [(1.0, "extract again with `smooth=auto` `overwrite=True`"), ("auto", None)],
+)
+def test_less_smoothing_is_advised_where_it_is_to_blame(closed, period, step):
+    (region, *_) = closed.result.regions
+    settings = closed.result.settings | {"smooth": period}
+    regions = (replace(region, cause=Cause.SMOOTHING),)
+    smoothed = replace(closed.result, regions=regions, settings=settings)
+    assert suggest_step(smoothed, 1.0, 5.0) == step
+
+
 def test_nothing_is_advised_for_an_error_that_is_not_seen(closed):
     assert suggest_step(closed.result, 0.4 * MAX_GOOD_RMS, 0.4 * MAX_GOOD_DEVIATION) is None
 

@@ -11,6 +11,7 @@ from cageik_cli.solver.regions import (
     Evidence,
     blame_loose_cage,
     blame_shared_places,
+    blame_smoothing,
     find_worst_regions,
     has_bad_regions,
 )
@@ -102,6 +103,15 @@ def test_a_loose_cage_is_blamed_before_places_that_limbs_share():
     assert loose.evidence.has_loose_cage
 
 
+@pytest.mark.parametrize(("before", "is_blamed"), [(0.79, True), (0.81, False), (1.3, False)])
+def test_smoothing_is_blamed_before_the_cage_if_deviations_were_less(before, is_blamed):
+    deviations = np.where(cap(0, 1), 2.0, 0.0)
+    regions = blame_loose_cage(find_worst_regions(bound(), peaks(deviations)), REST.diagonal)
+    (region,) = blame_smoothing(regions, peaks(before * deviations), REST.diagonal)
+    assert region.cause is (Cause.SMOOTHING if is_blamed else Cause.LOOSE_CAGE)
+    assert region.evidence.unsmoothed_share == pytest.approx(before)
+
+
 def test_a_cage_far_away_is_blamed_and_measured():
     deviations = np.where(cap(0, 1), 1.0, 0.0)
     (region,) = find_worst_regions(bound(), peaks(deviations))
@@ -129,6 +139,7 @@ SOUND = Evidence(
         ("largest_weight", 0.25, 0.9, Cause.WEAK_INFLUENCE),
         ("smallest_angle", 5.0, 0.9, Cause.THIN_FACES),
         ("edge_length", 10.0, 1.1, Cause.COARSE_FACES),
+        ("unsmoothed_share", 0.8, 0.9, Cause.SMOOTHING),
     ],
 )
 def test_each_cause_has_its_limit(name, limit, worse, cause):

@@ -44,6 +44,12 @@ def test_what_is_written_is_read(file):
     assert second == region(size=0.0, cause=Cause.UNKNOWN)
 
 
+def test_regions_of_earlier_versions_were_not_smoothed(file):
+    evidence = {k: v for k, v in asdict(EVIDENCE).items() if k != "unsmoothed_share"}
+    damage(file, evidence=evidence)
+    assert FIELD.read(file, SIZES) == (region(),)
+
+
 def test_none_are_not_the_same_as_not_known(file):
     assert FIELD.read(file, SIZES) is None
     FIELD.write(file, "regions", ())

@@ -17,6 +17,7 @@ from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver import executor
 from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.solver.regions import Cause
 from cageik_cli.solver.settings import MAX_SMOOTHING_PERIOD, CaptureSettings
 from cageik_cli.solver.summary import Absences
 from cageik_cli.store.checkpoint import Checkpoint
@@ -452,6 +453,19 @@ def test_noise_of_every_second_frame_is_smoothed(walk, make):
         cages, weights = cages_of(make(spoilt, capture=capture, **options))
         errors.append(error_to(frames[::2], cages[::2], weights))
     assert errors[1] < 0.85 * errors[0]
+
+
+@pytest.mark.parametrize(("period", "is_blamed"), [(1.0, True), (0.01, False)])
+def test_smoothing_is_to_blame_for_what_it_takes_away(walk, make, period, is_blamed):
+    """A walk of two steps per second, as every second frame has it."""
+    frames = np.concatenate([walk[0][::2], walk[0][::-2]])
+    frames[20] += 0.1 * np.sin(20 * walk[0][0])  # what no cage follows, smoothed or not
+    result = extract(make(frames, capture=CaptureSettings(smooth=period)))
+    causes = {region.cause for region in result.regions}
+    assert (Cause.SMOOTHING in causes) is is_blamed
+    assert ("smoothing takes" in format_text(build_report(result))) is is_blamed
+    shares = [region.evidence.unsmoothed_share for region in result.regions]
+    assert (min(shares) < 0.8) is is_blamed
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1.01, 1e300])
