@@ -72,7 +72,7 @@ def find_torn_vertices(mesh: TriMesh, residuals: Floats, limits: Floats, is_data
 
     The cage is smooth, so that residuals jump only where the data do. Where it cannot follow a
     quick motion, they are large, but grow from vertex to vertex. So an edge is torn if residuals
-    differ by more than the limits of both ends along it, and vertices are if all ways to the
+    differ by more than the mean of its limits along it, and vertices are if all ways to the
     largest part of their component have a torn edge. A lone vertex has no edge that tells: it is.
 
     Parameters
@@ -88,12 +88,10 @@ def find_torn_vertices(mesh: TriMesh, residuals: Floats, limits: Floats, is_data
     if not is_data.all():
         ends = ends[is_data[ends].all(axis=1)]
         components = find_groups(ends, count)
-    first, second = ends.T
-    jumps = residuals[first] - residuals[second]
-    allowed = np.maximum(limits[first], limits[second])
-    is_joined = np.einsum("ex,ex->e", jumps, jumps) <= allowed**2
+    jumps = np.diff(residuals[ends], axis=1)[:, 0]
+    is_joined = np.einsum("ex,ex->e", jumps, jumps) <= limits[ends].mean(axis=1) ** 2
     parts = components if is_joined.all() else find_groups(ends[is_joined], count)
     sizes, largest = np.bincount(parts)[parts], np.zeros(count, np.int64)
     np.maximum.at(largest, components, sizes)
     largest = largest[components]
-    return is_data & ((sizes < largest) | (largest == 1))
+    return np.asarray(is_data & ((sizes < largest) | (largest == 1)))

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -154,7 +155,7 @@ class Region:
     cause: Cause
     evidence: Evidence
 
-    def judge_again(self, diagonal: float, **known: float) -> "Region":
+    def judge_again(self, diagonal: float, **known: Any) -> "Region":
         """Return the region with more evidence; the diagonal is the rest model's, file units."""
         evidence = replace(self.evidence, **known)
         return replace(self, evidence=evidence, cause=evidence.judge(100 * self.size / diagonal))
