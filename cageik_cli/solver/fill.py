@@ -1,11 +1,12 @@
-"""Fill frames and parts of frames without data from those around them in time, by one solve.
+"""Fill parts of frames without data from the frames around them in time, by one solve.
 
 For F frames with cages c_t, normal matrices A_t = A − E_t (`solver.robust`) and right sides b_t,
 
     minimise  Σ_t (c_tᵀ A_t c_t − 2 b_tᵀ c_t)  +  γ Σ_t |c_{t−1} − 2 c_t + c_{t+1}|²,
 
 in the frame of the world. The rotation of a frame is only in its Laplacian term, which b_t holds. A
-frame without data has no term of its own. Missing vertices are then put where that has them.
+frame without data has no term of its own. Missing vertices are then put where that has them. Whole
+frames without data are filled by `solver.smooth`.
 
 Where all A_t are A = U diag(w) Uᵀ, the modes k of A are independent: (w_k I + γ D₂ᵀ D₂) y_k =
 Uᵀ b is a pentadiagonal system over time. Where vertices are missing, this solve is the
@@ -26,11 +27,8 @@ MAX_CONJUGATE_STEPS = 200
 CONJUGATE_TOL = 1e-4
 """Conjugate gradients end at this share of the error of their start, in the norm of the system."""
 
-BRIDGE_LENGTH, GAP_LENGTH = 0.37, 0.01
-"""Lengths in frames, for parts and for whole frames that are filled.
-
-A motion of the whole mesh with a period of 2π times the length would be halved.
-"""
+BRIDGE_LENGTH = 0.37
+"""Length in frames: a motion of the whole mesh with a period of 2π times it would be halved."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +52,7 @@ class FrameTerms:
 
 
 class TimeFiller:
-    """Solver over time of the cages of one binding, which fills what is without data.
+    """Solver over time of the cages of one binding, which fills parts without data.
 
     Parameters
     ----------
@@ -83,36 +81,27 @@ class TimeFiller:
         return float(self._scale * frames**4)
 
     def fill(self, terms: FrameTerms) -> Floats:
-        """Return cages, (F, n, 3), whose missing frames and parts follow those around them in time.
+        """Return cages, (F, n, 3), whose missing parts follow those around them in time.
 
-        Frames that are whole are as they were.
+        Frames that are whole, and those without data, are as they were.
         """
         known, cages = terms.is_known, terms.cages
-        if len(known) < 3 or known.sum() < 2 or (known.all() and not terms.lost):
+        if len(known) < 3 or known.sum() < 2 or not terms.lost:
             return cages
         right = known[:, None, None] * (self._normal @ cages)
-        if not terms.lost:
-            modes = self._factor(known, GAP_LENGTH)
-            return np.where(known[:, None, None], cages, modes.solve(right))
         for t, matrix in terms.lost.items():
             right[t] -= matrix @ cages[t]
-        found = self._solve_conjugate(right, terms)
-        filled = np.where(known[:, None, None], cages, found)
+        found, filled = self._solve_conjugate(right, terms), cages.copy()
         for t, matrix in terms.lost.items():
             mended = self._modes.T @ (right[t] + matrix @ found[t])
             filled[t] = self._modes @ (mended / self._weights[:, None])
         return filled
 
-    def _factor(self, is_known: Mask, length: float) -> "_ModeSolver":
-        """Factor the system with the same matrix A in all known frames."""
-        return _ModeSolver(self._weights, self._modes, is_known, self.convert_length(length))
-
     def _solve_conjugate(self, right: Floats, terms: FrameTerms) -> Floats:
         """Solve with the matrix A − E_t of each frame."""
-        modes, gamma = (
-            self._factor(terms.is_known, self._bridge_length),
-            self.convert_length(self._bridge_length),
-        )
+        gamma = self.convert_length(self._bridge_length)
+        # With the same matrix A in all known frames.
+        modes = _ModeSolver(self._weights, self._modes, terms.is_known, gamma)
 
         def multiply(cages: Floats) -> Floats:
             image = terms.is_known[:, None, None] * (self._normal @ cages)

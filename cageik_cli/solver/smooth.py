@@ -39,6 +39,9 @@ gallop keep 1.01 of their error where the least score itself gives 1.10, and of 
 patches 1.45 of the error is left, with the least score 1.43.
 """
 
+GAP_STRENGTH = 1e-8
+"""Strength λ by which gaps are filled: so small that frames with data hold what is between them."""
+
 MIN_SHARE = 1e-3
 """Smallest share of the data of a cage vertex in a frame with data, so that systems are regular."""
 
@@ -80,6 +83,28 @@ class TimeSmoother:
     def measure_reach(self, strengths: Floats) -> int:
         """Return by how many frames windows overlap, so that smoothing has no seams."""
         return max(self.overlap, int(np.ceil(MIN_REACH * strengths.max() ** 0.25)))
+
+    def fill(self, cages: Floats, is_known: Mask) -> Floats:
+        """Return cages, (F, n, 3), of which frames without data follow those around them.
+
+        What turns between two frames with data turns the shorter way. Frames before the first and
+        behind the last of these stay as they are.
+        """
+        from scipy.linalg import solveh_banded
+
+        known, filled = np.flatnonzero(is_known), cages.copy()
+        if len(known) < 2 or len(known) == np.ptp(known) + 1:
+            return filled
+        inner = np.arange(known[0], known[-1] + 1)
+        is_data = is_known[inner]
+        # A gap is held until its solve, so that quaternions change their sign from data to data.
+        tracks = self._split(cages[np.maximum.accumulate(np.where(is_data, inner, 0))])
+        bands = make_bend_bands(np.full(len(inner) - 2, GAP_STRENGTH))
+        bands[2] += is_data
+        right = is_data[:, None] * tracks.reshape(len(inner), -1)
+        solved = solveh_banded(bands, right, check_finite=False).reshape(tracks.shape)
+        filled[inner[~is_data]] = _join(solved[~is_data])
+        return filled
 
     def smooth(self, cages: Floats, shares: Floats, strengths: Floats) -> Floats:
         """Return smoothed cages, (F, n, 3), of filled ones.

@@ -78,9 +78,13 @@ class TimePass:
     def _fill(self) -> Iterator[tuple[range, Floats]]:
         """Yield the frames of each window and their cages, with gaps filled."""
         for inner, window, terms in self._read_windows():
-            filled = np.where(terms.is_known[:, None, None], terms.cages, self._filler.fill(terms))
+            filled = np.where(terms.is_known[:, None, None], terms.cages, self._fill_terms(terms))
             own = slice(inner.start - window.start, inner.stop - window.start)
             yield inner, _hold_ends(filled, terms.is_known)[own]
+
+    def _fill_terms(self, terms: FrameTerms) -> Floats:
+        """Return the cages of a window whose missing parts, and then whose gaps, are filled."""
+        return self._smoother.fill(self._filler.fill(terms), terms.is_known)
 
     def _smooth(self) -> Iterator[tuple[range, Floats]]:
         """Yield the frames of each window and their cages, filled and smoothed.
@@ -96,7 +100,7 @@ class TimePass:
             while start + len(cages) < wide.stop:
                 own, window, terms = next(windows)
                 here = slice(own.start - window.start, own.stop - window.start)
-                filled = _hold_ends(self._filler.fill(terms), terms.is_known)[here]
+                filled = _hold_ends(self._fill_terms(terms), terms.is_known)[here]
                 cages = np.concatenate([cages, filled])
                 shares = np.concatenate([shares, self._smoother.measure_shares(terms)[here]])
             cages, shares = cages[wide.start - start :], shares[wide.start - start :]
@@ -116,7 +120,7 @@ class TimePass:
         taken, freedom, frames = np.zeros(1), np.zeros(1), 0
         for inner, window, terms in self._read_windows():
             own = slice(inner.start - window.start, inner.stop - window.start)
-            known, filled = terms.is_known[own], self._filler.fill(terms)[own]
+            known, filled = terms.is_known[own], self._fill_terms(terms)[own]
             if known.sum() >= 3:
                 more, free = self._smoother.measure_validation(filled, known)
                 taken, freedom, frames = taken + more, freedom + free, frames + int(known.sum())

@@ -1,4 +1,4 @@
-"""Gaps and missing parts filled over time, against one dense solve of all frames."""
+"""Missing parts filled over time, against one dense solve of all frames."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_missing_parts_are_filled_by_the_minimum_over_all_frames(solver):
     lost = {t: solver.weigh_data(np.ones(40), rows) for t in (3, 12, 13)}
     found = filler.fill(FrameTerms(cages, known, lost))
     np.testing.assert_array_equal(found[20], cages[20])
-    assert np.abs(found[9] - clean[9]).max() < 0.02
+    np.testing.assert_array_equal(found[9], cages[9])
     matrices = [solver.normal * is_known for is_known in known]
     right = known[:, None, None] * (solver.normal @ cages)
     for t, matrix in lost.items():
@@ -49,15 +49,4 @@ def test_missing_parts_are_filled_by_the_minimum_over_all_frames(solver):
     expected = dense_solution(matrices, right, filler.convert_length(BRIDGE_LENGTH))
     for t, matrix in lost.items():
         expected[t] = np.linalg.solve(solver.normal, right[t] + matrix @ expected[t])
-    np.testing.assert_allclose(found[[3, 9, 12, 13]], expected[[3, 9, 12, 13]], rtol=0, atol=1e-7)
-
-
-def test_gaps_alone_are_interpolated_and_others_stay(solver):
-    time = np.arange(FRAMES)[:, None, None]
-    cages = solver.rest_cage + time * np.array([0.1, 0.0, 0.0])
-    known = np.ones(FRAMES, bool)
-    known[10:13] = False
-    spoilt = np.where(known[:, None, None], cages, 0.0)
-    found = TimeFiller(solver).fill(FrameTerms(spoilt, known, {}))
-    np.testing.assert_allclose(found, cages, rtol=0, atol=1e-6)
-    np.testing.assert_array_equal(found[known], cages[known])
+    np.testing.assert_allclose(found[[3, 12, 13]], expected[[3, 12, 13]], rtol=0, atol=1e-7)

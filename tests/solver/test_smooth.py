@@ -68,6 +68,43 @@ def test_a_body_that_turns_keeps_its_size_and_place(solver, smoother):
     np.testing.assert_allclose(*sizes, rtol=1e-12)
 
 
+@pytest.mark.parametrize("gap", [1, 10])
+def test_gaps_of_a_body_that_turns_and_travels_are_filled_without_shrinking(solver, smoother, gap):
+    """It turns once in 24 frames, so that it turns by 165 degrees in the longer gap."""
+    time = np.arange(FRAMES)[:, None, None]
+    cages = turn(np.tile(solver.rest_cage, (FRAMES, 1, 1)), 2 * np.pi * time / 24)
+    cages = cages + time * np.array([0.1, 0.0, 0.0])
+    known = np.ones(FRAMES, bool)
+    known[30 : 30 + gap] = False
+    spoilt = np.where(known[:, None, None], cages, 0.0)
+    found = smoother.fill(spoilt, known)
+    np.testing.assert_array_equal(found[known], cages[known])
+    np.testing.assert_allclose(found, cages, rtol=0, atol=2e-2)
+    sizes = [np.linalg.norm(one - one.mean(axis=1, keepdims=True)) for one in (found, cages)]
+    np.testing.assert_allclose(*sizes, rtol=1e-12)
+
+
+def test_gaps_bend_least_over_time(solver, smoother):
+    """A vertex that moves in the aligned cage, against a dense solve of what is between data."""
+    shift = 0.1 * np.sin(0.3 * np.arange(30.0))
+    cages = solver.rest_cage + np.outer(shift, [1.0, 0.0, 0.0])[:, None]
+    known = np.ones(30, bool)
+    known[[4, 5, 17]] = False
+    second = np.diff(np.eye(30), 2, axis=0)
+    inner, rest = second[:, ~known], second[:, known] @ shift[known]
+    expected = np.linalg.lstsq(inner, -rest, rcond=None)[0]
+    found = smoother.fill(cages, known)[~known] - solver.rest_cage
+    np.testing.assert_allclose(found[..., 0], expected[:, None] + np.zeros(8), rtol=0, atol=1e-7)
+
+
+def test_frames_beyond_the_data_stay(solver, smoother):
+    cages, known = make_cages(solver, 12), np.zeros(12, bool)
+    known[[4, 5, 8]] = True
+    found = smoother.fill(cages, known)
+    np.testing.assert_array_equal(np.delete(found, [6, 7], 0), np.delete(cages, [6, 7], 0))
+    assert np.abs(found[6:8] - cages[6:8]).max() > 1e-3
+
+
 def test_a_motion_of_the_stated_period_is_halved(solver, smoother):
     shift = 0.1 * np.sin(2 * np.pi * np.arange(240) / 24)[:, None, None] * np.array([1.0, 0, 0])
     cages = solver.rest_cage + shift
