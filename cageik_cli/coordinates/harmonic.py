@@ -51,6 +51,13 @@ MAX_ERROR_SAMPLES = 128
 MIN_REFINED_SHARE = 0.6
 """Panels are divided that have this share of the error, the fewest that do."""
 
+STEADY_SHARE = 0.24
+"""Share of the error on the cage that does not change its sign within a panel.
+
+It reaches far inside. On 19 cages, the error at half to four radii of a panel is 0.13 to 0.4 of it,
+wherever the series of degrees does not see it.
+"""
+
 MAX_GAP_RATIO = 1.0
 """Panels that face another nearer than this, in roots of their area, have a higher degree."""
 
@@ -102,7 +109,7 @@ def harmonic_weights(
 
     solution.visit_blocks(points, within, fill, jobs, progress)
     panels = len(solution.boundary.mesh.panels.corners)
-    return Weights(weights, panels, solution.error, solution.measure_surface_error(jobs))
+    return Weights(weights, panels, solution.error, solution.surface_error)
 
 
 class HarmonicSolution:
@@ -120,6 +127,8 @@ class HarmonicSolution:
     boundary : BoundarySolution
     error : float
         Estimate of the mean row L1 error at the points.
+    surface_error : float
+        Mean row L1 error of the weights just inside the cage, over its area.
     scale : float
         A unit of the solution, file units.
     """
@@ -129,18 +138,13 @@ class HarmonicSolution:
         unit = TriMesh(self.to_units(cage.vertices), cage.faces)
         places = self.to_units(points[order_by_place(points)])
         with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
-            self.boundary, self.error = _solve_to_tolerance(
-                unit, places, ACCURACIES[accuracy], pool
-            )
+            self.boundary, error = _solve_to_tolerance(unit, places, ACCURACIES[accuracy], pool)
+            self.surface_error = measure_surface_error(self.boundary, pool)
+        self.error = max(error, STEADY_SHARE * self.surface_error)
 
     def to_units(self, points: Floats) -> Floats:
         """Return places in file units, (m, 3), in those of the solution."""
         return np.asarray((points - self._origin) / self.scale)
-
-    def measure_surface_error(self, jobs: int | None) -> float:
-        """Measure the mean row L1 error of the weights just inside the cage, over its area."""
-        with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
-            return measure_surface_error(self.boundary, pool)
 
     def visit_blocks(
         self,

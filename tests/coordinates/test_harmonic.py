@@ -11,10 +11,16 @@ from cageik_cli.coordinates.bem.boundary_equation import (
     solve_boundary,
 )
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.harmonic import Accuracy, HarmonicSolution, harmonic_weights
+from cageik_cli.coordinates.harmonic import (
+    STEADY_SHARE,
+    Accuracy,
+    HarmonicSolution,
+    harmonic_weights,
+)
 from cageik_cli.coordinates.settings import ACCURACIES
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError, SettingError
+from tests.benchmarks.walked_cages import make_cages
 from tests.shapes import TETRAHEDRON, ball, box, concave, finer, inside, moved, rotation
 
 
@@ -246,6 +252,23 @@ def test_near_edges_the_estimate_is_the_residual_of_the_equations(depth):
     found = harmonic_weights(cage, points)
     error = mean_row_distance(found.values, weights_on(cage, points, 2, 3))
     assert found.error > error / 3
+
+
+@pytest.mark.slow
+def test_the_estimate_is_within_twice_the_error_where_a_series_of_degrees_is_not():
+    """The error on the cage does not all change its sign within a panel, and reaches inside."""
+    cage, model = make_cages()["star"]
+    points = model.vertices[::8]
+    found = harmonic_weights(cage, points)
+    error = mean_row_distance(found.values, harmonic_weights(cage, points, "fine").values)
+    assert error / 2 < found.error < 2 * error
+
+
+def test_a_share_of_the_error_on_the_cage_is_in_the_estimate(monkeypatch):
+    monkeypatch.setattr(harmonic, "measure_surface_error", lambda *_: 0.5)
+    found = harmonic_weights(box(), inside(box(), 20))
+    assert found.error == 0.5 * STEADY_SHARE
+    assert found.surface_error == 0.5
 
 
 def test_panels_far_from_the_sample_do_not_change_the_estimate(monkeypatch):
