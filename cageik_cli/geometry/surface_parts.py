@@ -170,6 +170,15 @@ def is_invertible(matrices: Floats) -> Mask:
     return np.asarray(is_affine & (volumes > MIN_TRANSFORM_VOLUME * columns.prod(axis=1)))
 
 
+def make_part_transform(matrix: Floats) -> Floats:
+    """Return the transform (4, 4) of a part; none if points cannot be moved back from it."""
+    if not np.allclose(matrix[:, 3], [0, 0, 0, 1]) or not np.isfinite(matrix).all():
+        return np.eye(4)
+    affine = matrix.copy()
+    affine[:, 3] = [0, 0, 0, 1]
+    return affine if is_invertible(affine[None])[0] else np.eye(4)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Subdivision:
     """How a renderer is to subdivide the mesh, in the words of USD.

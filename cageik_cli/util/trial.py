@@ -7,7 +7,8 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 
 MIN_TRIAL_BYTES = 768 << 20
@@ -64,6 +65,29 @@ class Trials:
         if not end:
             self._passed.add((words, key))
         return f"is damaged: {library} {end} on it; export it again" if end else ""
+
+    @contextmanager
+    def silence(self) -> Iterator[None]:
+        """Let a library print nothing on the standard error of a process that tries calls.
+
+        It does on some damaged files, before the call raises what is wrong.
+        """
+        if not self.are_wanted:
+            yield
+            return
+        try:
+            kept = os.dup(2)
+        except OSError:  # it is closed
+            yield
+            return
+        try:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, 2)
+            os.close(nowhere)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
     def allow(self, size: int) -> None:
         """Allow the call that is tried here to take memory and time for as many more bytes."""

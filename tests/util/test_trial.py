@@ -77,6 +77,31 @@ def count(path):
         file.write(".")
 
 
+def test_a_library_is_silent_where_calls_are_tried(trials, capfd):
+    with trials.silence():
+        os.write(2, b"from a library")
+    os.write(2, b"from us")
+    with Trials().silence():
+        os.write(2, b", and all if nothing is tried")
+    assert capfd.readouterr().err == "from us, and all if nothing is tried"
+
+
+def test_a_failure_ends_the_silence(trials, capfd):
+    with pytest.raises(ValueError, match="wrong"), trials.silence():
+        raise ValueError("wrong")
+    os.write(2, b"from us")
+    assert capfd.readouterr().err == "from us"
+
+
+def test_a_closed_standard_error_stays_closed(trials, monkeypatch):
+    def refuse(descriptor):
+        raise OSError
+
+    monkeypatch.setattr(os, "dup", refuse)
+    with trials.silence():
+        pass
+
+
 def test_nothing_is_tried_that_is_not_wanted():
     assert Trials().find_fault("abc", abort, "", key="a") == ""
 

@@ -4,8 +4,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from importlib import import_module
-from itertools import chain
+from itertools import chain, takewhile
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import join_meshes
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.geometry.surface_parts import is_invertible
+from cageik_cli.geometry.surface_parts import make_part_transform
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,
@@ -36,6 +37,9 @@ Polygons = tuple[Integers, Integers]
 
 EVEN_STEP_TOL = 1e-4
 """Steps that differ by more than this fraction of their mean are uneven."""
+
+MAX_TRIED_SECONDS = 1.0
+"""Seconds of a processor that frames behind the first are read for in a trial of their file."""
 
 
 class LibraryError(FormatError):
@@ -179,7 +183,7 @@ class SceneReader(ClipFile):
         with error_context(path):
             self.check_file(path)
             self._try_first(path, request)
-            with self.guard() as warnings:
+            with self.guard() as warnings, trials.silence():
                 notes = self._open_clip(path, request)
         self.notes = tuple(f"{path.name}: {note}" for note in (*notes, *warnings))
 
@@ -189,7 +193,7 @@ class SceneReader(ClipFile):
             return
         fault = trials.find_fault(
             self.library,
-            open_scene,
+            try_scene,
             type(self).__module__,
             str(path),
             request.member,
@@ -264,17 +268,20 @@ class SceneReader(ClipFile):
         return join_meshes(meshes, list(self._meshes), transforms)
 
 
-def open_scene(module: str, path: str, member: str | None, exclude: list[str]) -> str | None:
-    """Open the first frame of a file with the reader of a module; return what its library says.
+def try_scene(module: str, path: str, member: str | None, exclude: list[str]) -> str | None:
+    """Read a file with the reader of a module; return what its library says of the first frame.
 
-    It may say so for lack of memory, in a trial.
+    It may say so for lack of memory, in a trial. Other frames are read for `MAX_TRIED_SECONDS`.
     """
     trials.allow(Path(path).stat().st_size)
-    settings = ClipSettings(exclude=tuple(exclude))
+    request = ClipRequest((Path(path),), member, settings=ClipSettings(exclude=tuple(exclude)))
     try:
-        import_module(module).Reader(ClipRequest((Path(path),), member, settings=settings))
+        reader = import_module(module).Reader(request)
     except LibraryError as error:
         return str(error).removeprefix(f"{path}: ")
+    end = process_time() + MAX_TRIED_SECONDS
+    for index in takewhile(lambda _: process_time() < end, range(1, len(reader))):
+        reader.read_positions(index)
     return None
 
 
@@ -284,15 +291,6 @@ def describe_by_part(found: dict[str, list[str]], count: int) -> list[str]:
         sentence if len(names) == count else f"{join_truncated(names)}: {sentence}"
         for sentence, names in found.items()
     ]
-
-
-def make_part_transform(matrix: Floats) -> Floats:
-    """Return the transform (4, 4) of a part; none if points cannot be moved back from it."""
-    if not np.allclose(matrix[:, 3], [0, 0, 0, 1]) or not np.isfinite(matrix).all():
-        return np.eye(4)
-    affine = matrix.copy()
-    affine[:, 3] = [0, 0, 0, 1]
-    return affine if is_invertible(affine[None])[0] else np.eye(4)
 
 
 def read_constant_polygons(
