@@ -1,10 +1,11 @@
 """What captured clips lose: spoilt frames of a real clip against the clean ones, with rivals.
 
-python -m tests.benchmarks.captured DATA [--clip samba] [--cage 120] [--cases noise,all]
+python -m tests.benchmarks.captured DATA [--clip samba] [--cage 120] [--cases noise,all] [--hidden]
 
 DATA holds a folder per clip with CLIP.h5 (`verts`, `tris`) and cage_N.obj. Errors are to the clean
 frames, as multiples of the clean run's; so are accelerations of the cages. Rivals filter the
 vertices, or the cages of the plain solve, over time; frames without data are interpolated first.
+With --hidden, one piece is hidden for 5, 20 and 60 frames, and in all.
 """
 
 import argparse
@@ -17,9 +18,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 from scipy.signal import savgol_filter
+from scipy.spatial import cKDTree
 
 from tests.corruptions import CORRUPTIONS, corrupt
 
+HIDDEN_SHARE = 0.21
 OURS = ("--robust", "--smooth", "auto", "--missing", "--fill-gaps")
 FPS = 24.0
 
@@ -105,6 +108,37 @@ def table(frames: np.ndarray, faces: np.ndarray, folder: Path, cases: list[str])
             )
 
 
+def hide(frames: np.ndarray, count: int) -> np.ndarray:
+    """Hide the piece around a vertex in so many frames in the middle; never in the first frame."""
+    spoilt, size = frames.copy(), round(HIDDEN_SHARE * frames.shape[1])
+    _, piece = cKDTree(frames[0]).query(frames[0][frames.shape[1] // 3], size)
+    start = max(1, (len(frames) - count) // 2)
+    spoilt[start : start + count, piece] = np.nan
+    return spoilt
+
+
+def hidden_table(frames: np.ndarray, faces: np.ndarray, folder: Path) -> None:
+    """Print a line per length and per way to smooth: errors of the frames with something hidden."""
+    with h5py.File(folder / "binding.h5") as file:
+        weights = file["weights"][:]
+    size, (clean, _) = np.linalg.norm(np.ptp(frames[0], axis=0)), run(frames, faces, folder)
+    base = measure(weights, clean, frames)
+    for count in (5, 20, 60, len(frames)):
+        spoilt = hide(frames, count)
+        is_hidden = np.isnan(spoilt[..., 0])
+        some = is_hidden.any(axis=1)
+        for words in (("--missing",), ("--missing", "--smooth", "auto")):
+            cages, _ = run(spoilt, faces, folder, *words)
+            ratio = np.sqrt(measure(weights, cages, frames)[some].mean() / base[some].mean())
+            away = np.linalg.norm(np.stack([weights @ c for c in cages]) - frames, axis=2)
+            own, most = np.sqrt((away[is_hidden] ** 2).mean()), away[is_hidden].max()
+            print(
+                f"hidden {some.sum():3} {' '.join(words):24} error {ratio:6.3f}  hidden vertices "
+                f"{100 * own / size:6.2f} %, at most {100 * most / size:6.2f} %",
+                flush=True,
+            )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path)
@@ -112,6 +146,7 @@ def main() -> None:
     parser.add_argument("--cage", default="120")
     parser.add_argument("--cases", default=",".join(["clean", *(c.name for c in CORRUPTIONS)]))
     parser.add_argument("--weights", default="harmonic,fitted")
+    parser.add_argument("--hidden", action="store_true")
     options = parser.parse_args()
     folder = options.data / options.clip
     with h5py.File(folder / f"{options.clip}.h5") as file:
@@ -128,7 +163,10 @@ def main() -> None:
             fit = ["--fit", work / "clean.npz"] if kind == "fitted" else []
             call("bind", *words, *fit, "--overwrite")
             print(f"== {options.clip}, {options.cage} cage vertices, {kind} weights")
-            table(frames, faces, work, options.cases.split(","))
+            if options.hidden:
+                hidden_table(frames, faces, work)
+            else:
+                table(frames, faces, work, options.cases.split(","))
 
 
 if __name__ == "__main__":
