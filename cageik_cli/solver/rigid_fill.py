@@ -6,6 +6,9 @@ With the rest pose p, the positions x of the vertices that are seen, and a rotat
 
 in turn (Sorkine and Alexa 2007, with the weight 1 per edge). A cage that is solved without a piece
 follows the rest so closely that there it may be anywhere; a surface bends, and does not stretch.
+
+What a cage cannot follow around a piece goes on into it. Residuals r of what is seen are continued
+so that Σ_i |Σ_j (r_i − r_j)|² / d_i is least, with the d_i neighbours j of i.
 """
 
 from typing import Any
@@ -14,7 +17,7 @@ import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.rotations import nearest_rotations_by_entry
-from cageik_cli.util.arrays import Floats, Mask
+from cageik_cli.util.arrays import Floats, Integers, Mask
 
 RIGID_ROUNDS = 20
 """Rounds of rotations and positions: with 60, the error is up to a tenth less."""
@@ -24,7 +27,7 @@ HOLD_WEIGHT = 1e-9
 
 
 class RigidFiller:
-    """Filler of frames of a mesh; the factor of the last hidden vertices is kept."""
+    """Filler of frames of a mesh; the factors of the last hidden vertices are kept."""
 
     def __init__(self, mesh: TriMesh) -> None:
         ends = mesh.edges.ends
@@ -32,6 +35,16 @@ class RigidFiller:
         self._pairs = both[np.argsort(both[:, 0], kind="stable")]
         self._rest, self._is_hidden = mesh.vertices, np.zeros(len(mesh.vertices), bool)
         self._factor: Any = None
+        self._bending = _make_bending(ends, len(mesh.vertices))
+
+    def extend(self, values: Floats, is_hidden: Mask) -> Floats:
+        """Return values (m, 3) whose hidden ones, (m,), continue the others; they may be any."""
+        if not (is_hidden == self._is_hidden).all():
+            self._prepare(is_hidden)
+        extended = values.copy()
+        if self._factor is not None:
+            extended[is_hidden] = self._bend_factor.solve(-self._across @ values[~is_hidden])
+        return extended
 
     def fill(self, positions: Floats, is_hidden: Mask) -> Floats:
         """Return positions (m, 3) whose hidden ones, (m,), are moved; they are the first guess."""
@@ -86,3 +99,19 @@ class RigidFiller:
         rows, columns = (np.concatenate([places, side]) for side in inner.T)
         matrix = sparse.coo_array((entries, (rows, columns)), shape=(count, count))
         self._factor = splu(matrix.tocsc())
+        rows = self._bending[is_hidden]
+        held = HOLD_WEIGHT * sparse.eye_array(rows.shape[0])
+        self._bend_factor = splu((rows[:, is_hidden] + held).tocsc())
+        self._across = rows[:, ~is_hidden]
+
+
+def _make_bending(ends: Integers, count: int) -> Any:
+    """Return the matrix of Σ_i |Σ_j (r_i − r_j)|² / d_i, sparse (m, m), for edges (e, 2)."""
+    from scipy import sparse
+
+    first, second = np.concatenate([ends, ends[:, ::-1]]).T
+    joined = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
+    degrees = np.bincount(first, minlength=count).astype(float)
+    laplacian = sparse.diags_array(degrees) - joined
+    means = sparse.diags_array(1 / np.maximum(degrees, 1))
+    return (laplacian @ means @ laplacian).tocsr()

@@ -1,4 +1,4 @@
-"""What is hidden for long: placed by the surface around it, and these frames solved once more.
+"""What is hidden for long: placed by the surface around it, and these frames solved again.
 
 The clip is read a second time, as its vertices tell how the surface around has moved. What is
 placed is what no motion around it in time tells: see `MAX_BRIDGED_FRAMES`.
@@ -62,8 +62,12 @@ def _solve_placed(
     for place in places:
         one, share = slice(place, place + 1), shares[place]
         rebuilt = reconstruct_frames(solver.binding, cages[one], solved.rotations[one])[0]
-        seen = rebuilt + share[:, None] * (positions[place] - rebuilt)
-        cages[place] = solver.solve(filler.fill(seen, share == 0)[None]).cages[0]
+        left, is_hidden = share[:, None] * (positions[place] - rebuilt), share == 0
+        guess = filler.fill(rebuilt + filler.extend(left, is_hidden), is_hidden)
+        # What the cage misses of the surface around the piece goes on into it.
+        rebuilt = solver.solve(guess[None]).reconstructions[0].copy()
+        guess = rebuilt + filler.extend(guess - rebuilt, is_hidden)
+        cages[place] = solver.solve(guess[None]).cages[0]
     return cages
 
 

@@ -46,3 +46,27 @@ def test_a_part_of_which_nothing_is_seen_stays_and_keeps_its_shape(rest):
     hidden = np.arange(2 * count) >= count
     found = RigidFiller(two).fill(two.vertices, hidden)
     np.testing.assert_allclose(found, two.vertices, rtol=0, atol=1e-5)
+
+
+def test_values_are_continued_as_smoothly_as_they_can_be(rest):
+    """Against a dense least squares over the hidden vertices."""
+    ends, count = rest.edges.ends, len(rest.vertices)
+    values, hidden = np.cos(rest.vertices @ TURN), hide(rest)
+    laplacian = np.zeros((count, count))
+    for first, second in (ends.T, ends[:, ::-1].T):
+        np.add.at(laplacian, (first, first), 1.0)
+        np.add.at(laplacian, (first, second), -1.0)
+    laplacian /= np.sqrt(np.diag(laplacian))[:, None]
+    known = laplacian[:, ~hidden] @ values[~hidden]
+    expected = np.linalg.lstsq(laplacian[:, hidden], -known, rcond=None)[0]
+    found = RigidFiller(rest).extend(np.where(hidden[:, None], 7.0, values), hidden)
+    np.testing.assert_allclose(found[hidden], expected, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(found[~hidden], values[~hidden])
+
+
+def test_equal_values_are_continued_in_any_order_of_masks(rest):
+    filler, values = RigidFiller(rest), np.tile([1.0, -2.0, 3.0], (len(rest.vertices), 1))
+    for share in (0.3, 0.0, 0.1, 0.3):
+        hidden = hide(rest, share) if share else np.zeros(len(rest.vertices), bool)
+        spoilt = np.where(hidden[:, None], 0.0, values)
+        np.testing.assert_allclose(filler.extend(spoilt, hidden), values, rtol=0, atol=1e-5)
