@@ -5,16 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cageik_cli.cages.building.collapse import euler_characteristic
 from cageik_cli.cages.building.judge import Demand, Verdict, judge
 from cageik_cli.cages.building.motion import Motion
 from cageik_cli.cages.building.refine import refine_shell, replace_weak_vertices, wrap_ellipsoid
-from cageik_cli.cages.building.shell import DistanceGrid, Shell, make_shell
+from cageik_cli.cages.building.shell import DistanceGrid, describe_closings, make_shell
 from cageik_cli.cages.building.shift import shift_vertices
+from cageik_cli.cages.building.symmetry import find_symmetry
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import NumericalError, join_truncated
+from cageik_cli.util.errors import NumericalError
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.text import format_count
 from cageik_cli.util.threads import limit_blas_threads
@@ -129,6 +130,8 @@ class BuiltCage:
         All candidates, in the order in which they were tried.
     notes : tuple of str
         Warnings, a sentence each, with places in file units.
+    mirror : Mirror, optional
+        The plane across which it is its own mirror image.
 
     Examples
     --------
@@ -141,6 +144,7 @@ class BuiltCage:
     chosen: Candidate
     candidates: tuple[Candidate, ...]
     notes: tuple[str, ...]
+    mirror: Mirror | None = None
 
     @property
     def reason(self) -> str:
@@ -188,18 +192,33 @@ def build_cage(
     NumericalError
         When no candidate passes; no such model is known.
     """
+    settings = settings or BuildSettings()
     # Sums of several threads are rounded otherwise, and a choice may hang on that.
     with limit_blas_threads(1):
-        return _Builder(model, settings or BuildSettings(), clip).run(progress)
+        mirror = find_symmetry(model, settings.symmetric)
+        if mirror is None:
+            return _Builder(model, settings, clip).run(progress)
+        try:
+            return _Builder(model, settings, clip, mirror).run(progress)
+        except NumericalError:
+            built = _Builder(model, settings, clip).run(progress)
+            note = f"no cage that is symmetric about {mirror} passed the tests: this one is not"
+            return replace(built, notes=(note, *built.notes))
 
 
 class _Builder:
     """The candidates for one model, and what they share."""
 
-    def __init__(self, model: TriMesh, settings: BuildSettings, clip: Clip | None) -> None:
-        self._demand, self._clip = Demand(model, settings), clip
+    def __init__(
+        self,
+        model: TriMesh,
+        settings: BuildSettings,
+        clip: Clip | None,
+        mirror: Mirror | None = None,
+    ) -> None:
+        self._demand, self._clip, self._mirror = Demand(model, settings, mirror), clip, mirror
         self._motion: Motion | None = None
-        if clip is not None:
+        if clip is not None and mirror is None:  # poses would make a cage lopsided
             used = model.used_vertices
             rest = self._demand.frame.to_units(model.vertices[used])
             self._motion = Motion(rest, self._demand.frame.to_units(clip.frames[:, used]))
@@ -213,13 +232,13 @@ class _Builder:
 
     def run(self, progress: Callable[[int, int], None]) -> BuiltCage:
         """Try the shells, ellipsoids if no shell passes, and shifts for a clip; take the best."""
-        if self._clip is None:
+        if self._motion is None:
             rungs, shifts = len(LADDER), 0
             self._try_shells(lambda done: progress(done, rungs))
         else:
             rungs, shifts = 2 * len(LADDER[:MAX_POSED_RUNGS]), MAX_SHIFTED
             self._try_shells_for_clip(lambda done: progress(min(done, rungs), rungs + shifts))
-        if not self._valid:
+        if not self._valid and self._mirror is None:
             self._try_ellipsoids()
         best = sorted(self._valid, key=lambda candidate: candidate.cost)[:shifts]
         for step, candidate in enumerate(best):
@@ -260,7 +279,7 @@ class _Builder:
         name = f"shell {100 * offset:.2g} % closed by {100 * closing:.2g} %"
         if motion is not None and len(motion.poses):
             name += f", {len(motion.poses)} poses"
-        notes = self._describe_shell(shell)
+        notes = describe_closings(shell, self._demand.frame.to_file_units, self._demand.holes)
         candidate = self._make_candidate(name, cage, offset, notes)
         if candidate.verdict.is_valid:
             stronger = replace_weak_vertices(cage, self._demand)
@@ -312,26 +331,6 @@ class _Builder:
             self._grids[cell] = DistanceGrid(self._demand.surface, cell, reach)
         return self._grids[cell]
 
-    def _describe_shell(self, shell: Shell) -> tuple[str, ...]:
-        """Return notes on what the shell closed, and where."""
-        notes = []
-        holes = 1 - euler_characteristic(shell.surface) // 2 - self._demand.holes
-        is_joined = holes > 0 and len(shell.webs) > 0  # else they are holes of the model itself
-        for count, what, places in (
-            (len(shell.bridges), "parts of the model that lie apart were joined", shell.bridges),
-            (len(shell.hollows), "hollows with a narrow opening were filled", shell.hollows),
-            (
-                is_joined * holes,
-                "the cage has holes through it, some perhaps where parts touch and move together",
-                shell.webs,
-            ),
-        ):
-            if count:
-                points = self._demand.frame.to_file_units(places)
-                texts = (f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in points)
-                notes.append(f"{what} ({count}), at {join_truncated(texts, limit=3)}")
-        return tuple(notes)
-
     def _choose_best(self) -> BuiltCage:
         """Take the valid candidate of the least error, or else from the tightest shell."""
         if not self._valid:
@@ -347,4 +346,4 @@ class _Builder:
                 f"the smallest angle is {angle:.2g} degrees, expected {MIN_GOOD_ANGLE:g} or more; "
                 "weights nearby are less accurate",
             )
-        return BuiltCage(best.cage, best, tuple(self._tried), notes)
+        return BuiltCage(best.cage, best, tuple(self._tried), notes, self._mirror)

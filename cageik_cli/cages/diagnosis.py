@@ -26,6 +26,7 @@ from cageik_cli.cages.quality import (
 )
 from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mirror import find_mirror
 from cageik_cli.geometry.part_names import PartShare
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
 from cageik_cli.util.arrays import Floats
@@ -47,6 +48,8 @@ class CageFacts:
         Cubic file units, negative if the faces turn inward; for closed cages.
     smallest_angle : float, optional
         Degrees, over all corners of faces that are not degenerate.
+    symmetry : str, optional
+        The plane across which the cage is its own mirror image.
     """
 
     vertices: int
@@ -56,6 +59,7 @@ class CageFacts:
     volume: float | None
     smallest_angle: float | None
     smallest_angle_face: int | None
+    symmetry: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +194,8 @@ def _measure_cage(cage: TriMesh, is_manifold: bool) -> CageFacts:
     angles = np.where(degenerate_face_mask(cage), np.inf, corner_angles(cage).min(axis=1))
     face = int(angles.argmin())
     measured = bool(np.isfinite(angles[face]))
+    mirror = find_mirror(cage.vertices)
+    is_symmetric = mirror is not None and mirror.mirrors_polygons(cage)
     return CageFacts(
         vertices=len(cage.vertices),
         faces=len(cage.faces),
@@ -198,6 +204,7 @@ def _measure_cage(cage: TriMesh, is_manifold: bool) -> CageFacts:
         volume=cage.volume if closed else None,
         smallest_angle=float(angles[face]) if measured else None,
         smallest_angle_face=face if measured else None,
+        symmetry=str(mirror) if is_symmetric else None,
     )
 
 

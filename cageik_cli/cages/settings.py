@@ -1,6 +1,7 @@
 """Settings of cages that are built or repaired. This module imports no numerics."""
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 from cageik_cli.util.errors import SettingError
 
@@ -17,9 +18,15 @@ MAX_CLEARANCE = 0.2
 """The largest clearance, in diagonals."""
 
 
+SymmetryChoice = Literal["auto", "x", "y", "z", "off"]
+"""About which plane a cage is to be symmetric."""
+
+DEFAULT_SYMMETRY: SymmetryChoice = "off"
+
+
 @dataclass(frozen=True, slots=True)
 class BuildSettings:
-    """The size and the clearance of a cage that is built.
+    """The size, the clearance and the symmetry of a cage that is built.
 
     Attributes
     ----------
@@ -27,10 +34,14 @@ class BuildSettings:
         Vertices of the cage, at most; it has at least nine tenths of them.
     clearance : float
         Its smallest distance from the model, in diagonals of the model.
+    symmetric : {"auto", "x", "y", "z", "off"}
+        About the plane across an axis; about the plane of a model that is its own mirror image; or
+        about none.
     """
 
     vertices: int = 100
     clearance: float = 0.004
+    symmetric: SymmetryChoice = DEFAULT_SYMMETRY
 
     def __post_init__(self) -> None:
         if not MIN_VERTICES <= self.vertices <= MAX_VERTICES:
@@ -42,6 +53,11 @@ class BuildSettings:
             raise SettingError(
                 f"the clearance is {100 * self.clearance:g} % of the diagonal, expected more than "
                 f"0 and at most {100 * MAX_CLEARANCE:g} %"
+            )
+        if self.symmetric not in get_args(SymmetryChoice):
+            raise SettingError(
+                f"symmetric is {self.symmetric!r}, expected one of "
+                f"{', '.join(map(repr, get_args(SymmetryChoice)))}"
             )
 
 

@@ -1,11 +1,11 @@
 """`cageik cage`: a cage around a model."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
-from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cages.settings import BuildSettings, SymmetryChoice
 from cageik_cli.cli.command import GroupedCommand, option
 from cageik_cli.cli.options import (
     PATH_TYPE,
@@ -31,6 +31,14 @@ from cageik_cli.formats.timeline import format_frame_number
 if TYPE_CHECKING:
     from cageik_cli.workflows.cage import CageSettings, RepairCageSettings
 
+symmetric_option = option(
+    "--symmetric",
+    type=click.Choice(get_args(SymmetryChoice)),
+    default=BuildSettings().symmetric,
+    show_default=True,
+    help="Build a cage that is its own mirror image: about the plane of a model that is one "
+    "(auto), or across an axis.",
+)
 BUILD_OPTIONS = OptionGroup(
     "build",
     BuildSettings,
@@ -49,6 +57,7 @@ BUILD_OPTIONS = OptionGroup(
         show_default=True,
         help="Smallest distance between cage and model, in percent of the diagonal.",
     ),
+    symmetric_option,
 )
 
 
@@ -62,7 +71,7 @@ def make_cage_settings(repair: Path | None, **values: Any) -> "CageSettings | Re
             raise click.UsageError("Missing argument 'MODEL' (or '--repair', which names a cage).")
         rest_frame = values.pop("rest_frame") if is_given("rest_frame") else None
         return CageSettings(**{**values, "rest_frame": rest_frame})
-    build_names = ("vertices", "clearance", "rest_frame", "animation")
+    build_names = ("vertices", "clearance", "symmetric", "rest_frame", "animation")
     refuse_options(build_names, "--repair keeps the cage; leave out {}", is_on_command_line)
     if (model is None) == (rest is None):
         raise click.UsageError("--repair needs the model: give it with --rest, or as MODEL")

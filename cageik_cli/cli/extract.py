@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cli.cage import symmetric_option
 from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
@@ -63,6 +64,7 @@ BUILT_CAGE_OPTIONS = OptionGroup(
         show_default=True,
         help="Vertices of the cage that is built, at most.",
     ),
+    symmetric_option,
 )
 
 
@@ -76,7 +78,7 @@ def make_extract_settings(**values: Any) -> "ExtractSettings":
     if values["cage"] is not None or values["binding"] is not None:
         given = "--binding" if values["cage"] is None else "--cage"
         message = "{} is for a cage that is built; leave out {} or " + given
-        refuse_options(("vertices", "cage_output"), message)
+        refuse_options(("vertices", "symmetric", "cage_output"), message)
     return ExtractSettings(**values)
 
 

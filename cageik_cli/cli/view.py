@@ -37,15 +37,15 @@ def make_view_settings(**values: Any) -> "ViewSettings":
 
     target, weight_names = values["target"], sorted(WEIGHT_OPTIONS.option_names)
     if holds_caged_model(target):
-        names = ["cage", "given_in", "exclude", "binding", "vertices", *weight_names]
+        names = ["cage", "given_in", "exclude", "binding", "vertices", "symmetric", *weight_names]
         if is_binding(target):
             _reject(names, "a binding has its cage and weights")
         else:
             _reject([*names, "cage_output"], "a result has its cage and weights")
     elif values["binding"] is not None:
-        _reject(["vertices", *weight_names], "a binding has its cage and weights")
+        _reject(["vertices", "symmetric", *weight_names], "a binding has its cage and weights")
     elif values["cage"] is not None:
-        _reject(["vertices"], "it is for a cage that is built, and --cage gives one")
+        _reject(["vertices", "symmetric"], "it is for a cage that is built, and --cage gives one")
     if values["edits_cage"]:
         names = [
             "binding",

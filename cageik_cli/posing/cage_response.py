@@ -21,7 +21,7 @@ import scipy.linalg
 from scipy.linalg.blas import dgemv
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.constraints import Mirror
+from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.solver.dual_laplacian import MAX_CONDITION, MIN_REFINED_CONDITION
 from cageik_cli.util.arrays import Floats
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, join_truncated
@@ -29,38 +30,6 @@ MIN_FREE_SHARE = 0.5
 
 MAX_REACH_ROWS = 4096
 """Vertices that are looked at together, so that memory does not grow with the model."""
-
-
-@dataclass(frozen=True, eq=False)
-class Mirror:
-    """A mirror plane.
-
-    Attributes
-    ----------
-    normal : (3,) float64
-        Of any length above zero; normalised.
-    point : (3,) float64
-        A point on the plane.
-    """
-
-    normal: Floats
-    point: Floats
-
-    def __post_init__(self) -> None:
-        normal, point = (np.asarray(v, np.float64) for v in (self.normal, self.point))
-        size = np.linalg.norm(normal)
-        if not (size > 0 and np.isfinite(normal).all() and np.isfinite(point).all()):
-            raise HandlesError(
-                f"normal is {normal.tolist()} and point {point.tolist()}, expected finite "
-                "numbers and a normal that is not zero"
-            )
-        object.__setattr__(self, "normal", normal / size)
-        object.__setattr__(self, "point", point)
-
-    def reflect(self, points: Floats) -> Floats:
-        """Return the mirror images of points, (…, 3)."""
-        heights = (points - self.point) @ self.normal
-        return np.asarray(points - 2 * heights[..., None] * self.normal)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

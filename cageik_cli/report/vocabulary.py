@@ -12,6 +12,7 @@ SETTING_MEANINGS = {
     "alpha": "weight of the cage's Laplacian",
     "beta": "weight of the mesh vertices",
     "cage_clearance": "smallest distance of the cage that was built from the model, in diagonals",
+    "cage_symmetric": "plane that the cage that was built is symmetric about, if any",
     "cage_vertices": "vertices of the cage that was built, at most",
     "coordinates": "type of coordinates",
     "fill_gaps": "fill frames without data from those around them",

@@ -11,7 +11,12 @@ from cageik_cli.cages import build as cage_builder
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.build import BuiltCage, Clip
 from cageik_cli.cages.repair import RepairedCage, repair_cage
-from cageik_cli.cages.settings import BuildSettings, RepairSettings
+from cageik_cli.cages.settings import (
+    DEFAULT_SYMMETRY,
+    BuildSettings,
+    RepairSettings,
+    SymmetryChoice,
+)
 from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.choose_parts import order_parts
@@ -153,6 +158,7 @@ def build_cage(
     *,
     vertices: int = BuildSettings().vertices,
     clearance: float = BuildSettings().clearance,
+    symmetric: SymmetryChoice = DEFAULT_SYMMETRY,
     frames: MeshSequence | ArrayLike | None = None,
     jobs: int | None = None,
 ) -> BuiltCage:
@@ -168,6 +174,9 @@ def build_cage(
         Vertices of the cage, at most; it has at least 0.9 times as many.
     clearance : float
         Smallest distance between the cage and the surface, in diagonals of the mesh.
+    symmetric : {"auto", "x", "y", "z", "off"}
+        Build a cage that is its own mirror image: about the plane of a mesh that is one within
+        0.5 % of its diagonal (`auto`), or about the plane across an axis; or any cage.
     frames : MeshSequence, or (F, m, 3) array, optional
         An animation of the mesh, in its units: the cage with the smallest error on it is chosen.
     jobs : int, optional
@@ -194,7 +203,7 @@ def build_cage(
     if frames is not None:
         sequence = as_sequence(frames, mesh)
         clip = make_measured_clip(mesh, len(sequence), sequence.read_frame, jobs)
-    return cage_builder.build_cage(mesh, BuildSettings(vertices, clearance), clip)
+    return cage_builder.build_cage(mesh, BuildSettings(vertices, clearance, symmetric), clip)
 
 
 def make_measured_clip(

@@ -1,7 +1,7 @@
 """Extract the cages of a clip into arrays, without files."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -218,8 +218,7 @@ def _bind_built_cage(clip: MeshSequence | ArrayLike, settings: ExtractSettings) 
         raise SettingError("an array of frames has no faces to build a cage from; give a binding")
     from cageik_cli.workflows.cage import build_cage
 
-    build = settings.build
-    built = build_cage(clip.first, vertices=build.vertices, clearance=build.clearance)
+    built = build_cage(clip.first, **asdict(settings.build))
     bound = bind(clip.first, built.cage, jobs=settings.jobs)
     return replace(bound, notes=built.notes + bound.notes)
 

@@ -163,7 +163,7 @@ class ExtractSettings(CommandSettings):
         weights = self.vertex_weights
         if fit is None and known is not None and known.fit is not None:
             fit = known.fit.settings
-        built = {"cage_vertices": self.build.vertices, "cage_clearance": self.build.clearance}
+        built = {f"cage_{name}": value for name, value in asdict(self.build).items()}
         captured = asdict(self.capture) | {"missing": self.clip.missing}
         return {
             "alpha": self.solve.alpha,

@@ -104,6 +104,54 @@ def test_parts_that_were_joined_are_named_with_their_place():
     assert "(1), at (104, " in note
 
 
+def make_wedge():
+    """A body whose only plane of symmetry is z = 0, without the corners that boxes share."""
+    model = moved(finer(concave(), 2), (0, 0, -0.5))
+    x, y, z = model.vertices.T
+    return changed(model, vertices=np.stack([x, 1.3 * y + 0.2 * x, z], axis=1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turn", [None, 5])
+def test_a_symmetric_model_gets_a_cage_that_is_its_own_mirror_image(turn, monkeypatch):
+    """To the last bit about a coordinate plane, else up to rounding."""
+    monkeypatch.setattr(build_module, "LADDER", ((0.03, 0.06),))
+    model = moved(make_wedge(), turn=turn)
+    built = build_cage(model, BuildSettings(vertices=20, symmetric="auto"))
+    assert_good(built.cage, model, 20)
+    assert diagnose(built.cage, model).verdict == "fit"
+    assert built.mirror is not None
+    assert built.mirror.mirrors_polygons(built.cage)
+    tolerance = 0 if turn is None else 1e-14
+    assert built.mirror.find_pairs(built.cage.vertices, tolerance) is not None
+
+
+@pytest.mark.slow
+def test_a_cage_about_a_plane_that_is_stated_holds_any_model_and_one_for_a_clip_too(monkeypatch):
+    monkeypatch.setattr(build_module, "LADDER", ((0.03, 0.06),))
+    model = moved(make_wedge(), turn=2)
+    clip = Clip(model.vertices[None] * [1, 1, 1.1], lambda cage: cage.volume)
+    built = build_cage(model, BuildSettings(vertices=20, symmetric="y"), clip)
+    assert_good(built.cage, model, 20)
+    assert built.mirror is not None
+    assert built.mirror.mirrors_polygons(built.cage)
+    assert built.chosen.error == built.cage.volume
+
+
+@pytest.mark.slow
+def test_a_cage_that_cannot_be_symmetric_is_not_and_says_so(monkeypatch):
+    """The shell of the symmetric cage is handed out as it is, with too many vertices."""
+    refine = build_module.refine_shell
+    monkeypatch.setattr(build_module, "LADDER", ((0.03, 0.06),))
+    monkeypatch.setattr(
+        build_module, "refine_shell", lambda s, d, m: refine(s, d, m) if d.axis is None else s
+    )
+    built = build_cage(make_wedge(), BuildSettings(vertices=20, symmetric="auto"))
+    assert built.mirror is None
+    assert built.chosen.verdict.is_valid
+    assert "symmetric about the plane z = 0" in built.notes[0]
+
+
 @pytest.mark.slow
 def test_the_candidate_of_the_least_error_is_taken_for_a_clip():
     model = finer(changed(box(), vertices=box().vertices * [0.2, 0.2, 1]), 4)

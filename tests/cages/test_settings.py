@@ -22,6 +22,11 @@ def test_a_clearance_out_of_range_is_refused(clearance, percent):
         BuildSettings(100, clearance)
 
 
+def test_a_plane_that_is_none_is_refused():
+    with pytest.raises(SettingError, match=r"'w'.*'auto', 'x', 'y', 'z', 'off'"):
+        BuildSettings(symmetric="w")
+
+
 @pytest.mark.parametrize("values", [(8, 1e-6), (2000, 0.2)])
 def test_the_limits_themselves_are_taken(values):
     assert (BuildSettings(*values).vertices, BuildSettings(*values).clearance) == values

@@ -3,8 +3,9 @@ import pytest
 import scipy.linalg
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.posing.cage_response import MirroredMap
-from cageik_cli.posing.constraints import CageConstraints, Mirror, free_basis, mirror_pairs
+from cageik_cli.posing.constraints import CageConstraints, free_basis, mirror_pairs
 from cageik_cli.util.errors import HandlesError
 from tests.shapes import ball, box, changed, rotation
 

@@ -96,7 +96,12 @@ def test_progress_is_reported():
 def test_the_record_has_all_candidates():
     result = build_cage_file(CageSettings(FRAME, OUT, SMALL))
     record = json.loads(format_cage_json(result))
-    assert record["settings"] == {"vertices": 20, "clearance_percent": 0.4, "rest_frame": None}
+    assert record["settings"] == {
+        "vertices": 20,
+        "clearance_percent": 0.4,
+        "symmetric": "off",
+        "rest_frame": None,
+    }
     assert record["cage"]["sha256"] == load_mesh(OUT).source["sha256"]
     assert [known["is_valid"] for known in record["candidates"]] == [True]
 

@@ -26,6 +26,10 @@ NEEDLE_ANGLE, MAX_NEEDLE_SHARE = 5.0, 0.01
 balls have up to 0.002 of them, tubes and boxes 0.01 to 0.4."""
 
 
+COLLAPSE_LIMITS = ((6.0, 10, 0.2), (3.0, 11, 0.0), (0.5, 14, -0.3))
+"""Angle, valence and cosine of a `Collapser`; each row is for what those before cannot do."""
+
+
 def collapse_edges(
     cage: TriMesh, count: int, motion: Motion | None, evenness: float = MIN_EVENNESS
 ) -> TriMesh:
@@ -34,17 +38,16 @@ def collapse_edges(
     The cost of a collapse is the sum over the rest pose and those of the motion, each with its own
     best place, so that vertices stay where any pose bends.
     """
-    # Each row of limits is for what those before leave no way to do.
-    for angle, valence, cosine in ((6.0, 10, 0.2), (3.0, 11, 0.0), (0.5, 14, -0.3)):
+    for angle, valence, cosine in COLLAPSE_LIMITS:
         if len(cage.vertices) > count:
-            collapser = _Collapser(
+            collapser = Collapser(
                 cage, motion, evenness, angle=angle, valence=valence, cosine=cosine
             )
             cage = collapser.run(count)
     return cage
 
 
-class _Collapser:
+class Collapser:
     """A mesh in all poses, its quadrics, and a queue of the collapses that are possible.
 
     Parameters
@@ -79,6 +82,7 @@ class _Collapser:
             for vertex in face:
                 self._at[vertex].add(number)
                 self._around[vertex].update(other for other in face if other != vertex)
+        self._left = len(cage.vertices)
         self._age = np.zeros(len(cage.vertices), np.int64)
         self._queue: list[tuple[float, int, int, int, int, int]] = []
         self._targets: list[Floats] = []  # best places in all poses, (p, 3), of what was queued
@@ -86,12 +90,10 @@ class _Collapser:
 
     def run(self, count: int) -> TriMesh:
         """Collapse until there are `count` vertices."""
-        left = len(self._around)
-        while left > count and self._queue:
+        while self._left > count and self._queue:
             _, a, b, age_a, age_b, target = heapq.heappop(self._queue)
-            is_current = (self._age[a], self._age[b]) == (age_a, age_b)
-            if is_current and self._collapse(a, b, self._targets[target]):
-                left -= 1
+            if (self._age[a], self._age[b]) == (age_a, age_b):
+                self._collapse(a, b, self._targets[target])
         faces = np.array(sorted(set().union(*self._at)), np.int64)
         corners = np.array(self._faces, np.int64)[faces]
         used, corners = np.unique(corners, return_inverse=True)
@@ -99,27 +101,31 @@ class _Collapser:
 
     def _push(self, ends: Integers) -> None:
         """Queue the collapses of edges, (e, 2)."""
-        costs, targets = collapse_costs(self._quadrics, self._places, ends, self._evenness)
+        costs, targets = self._weigh(ends)
         for (a, b), cost, target in zip(ends.tolist(), costs.tolist(), targets, strict=True):
             item = (cost, a, b, int(self._age[a]), int(self._age[b]), len(self._targets))
             heapq.heappush(self._queue, item)
             self._targets.append(target)
 
-    def _collapse(self, a: int, b: int, places: Floats) -> bool:
+    def _weigh(self, ends: Integers) -> tuple[Floats, Floats]:
+        """Return the costs of collapses, (e,), and the best places in all poses, (e, p, 3)."""
+        return collapse_costs(self._quadrics, self._places, ends, self._evenness)
+
+    def _collapse(self, a: int, b: int, places: Floats) -> None:
         """Merge b into a if the surface stays manifold and its faces keep their shape.
 
         `places` (p, 3) is where the vertex goes in the poses.
         """
+        if self._stays_manifold(a, b) and self._keeps_shape(a, b, places[0]):
+            self._merge(a, b, places)
+
+    def _stays_manifold(self, a: int, b: int) -> bool:
+        """Return whether a merge leaves a manifold, and no vertex with too many edges."""
         common = self._around[a] & self._around[b]
         valence = len(self._around[a]) + len(self._around[b]) - 4
         if len(common) != 2 or min(len(self._around[c]) for c in common) <= 3:
             return False
-        if valence > self._max_valence:
-            return False
-        if not self._keeps_shape(a, b, places[0]):
-            return False
-        self._merge(a, b, places)
-        return True
+        return valence <= self._max_valence
 
     def _keeps_shape(self, a: int, b: int, place: Floats) -> bool:
         """Return whether faces neither turn over nor become needles in the rest pose."""
@@ -138,6 +144,7 @@ class _Collapser:
         return bool(angles[1] >= min(self._min_angle, angles[0]))
 
     def _merge(self, a: int, b: int, places: Floats) -> None:
+        self._left -= 1
         self._places[:, a] = places
         self._quadrics[:, a] += self._quadrics[:, b]
         for number in self._at[a] & self._at[b]:

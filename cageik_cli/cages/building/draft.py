@@ -134,6 +134,10 @@ class Draft:
         self.faces = np.concatenate([np.delete(self.faces, beside, axis=0), one, other])
         return middle
 
+    def count_split(self, start: int, stop: int) -> int:
+        """Return how many vertices a split of an edge adds."""
+        return 1
+
     def near_samples(self, edit: Edit) -> Floats:
         """Return the samples that an edit may come near to, or leave outside, (k, 3)."""
         around = np.unique(np.concatenate([edit.added, self.faces[edit.removed]]))

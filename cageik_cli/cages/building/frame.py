@@ -27,11 +27,16 @@ class Frame:
     Axes are permuted and turned over, as the surface is spread along them and leans to one side,
     and stay right-handed. A model that is moved, scaled or turned by 90 degrees has the same
     coordinates in it, unless it is symmetric.
+
+    Parameters
+    ----------
+    unit : float, optional
+        In place of the diagonal, file units.
     """
 
-    def __init__(self, model: TriMesh) -> None:
+    def __init__(self, model: TriMesh, unit: float | None = None) -> None:
         low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
-        self._centre, self._scale = low + (high - low) / 2, model.diagonal
+        self._centre, self._scale = low + (high - low) / 2, unit or model.diagonal
         self._order, self._signs = np.arange(3), np.ones(3)
         points = self.to_units(model.vertices)
         # By area: the same for vertices that are split where normals or UVs differ.

@@ -6,12 +6,14 @@ import numpy as np
 
 from cageik_cli.cages.building.collapse import euler_characteristic
 from cageik_cli.cages.building.frame import Frame, sort_mesh
+from cageik_cli.cages.building.symmetry import MirrorFrame, add_image, mirror_points
 from cageik_cli.cages.faults import find_cage_faults
 from cageik_cli.cages.quality import MIN_ANGLE, find_thin_parts
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.cages.surface_points import sample_in_blocks
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
@@ -27,11 +29,14 @@ CELL_SHIFT = 0.3719
 class Demand:
     """The requirements on a cage, for a model in its own frame, where its diagonal is one.
 
-    Vertices of the model that are in no face are left out: they may be anywhere.
+    Vertices of the model that are in no face are left out: they may be anywhere. With a mirror, the
+    cage is to be its own mirror image, and must hold the model and its mirror image.
 
     Attributes
     ----------
-    frame : Frame
+    frame : Frame or MirrorFrame
+    axis : int, optional
+        The one across the mirror plane, which is at 0.
     surface : TriMesh
         What it must hold: the faces of the model, those without area made a little wide; in the
         frame, as all that follows.
@@ -50,16 +55,25 @@ class Demand:
         When all vertices of the model are at one place.
     """
 
-    def __init__(self, model: TriMesh, settings: BuildSettings) -> None:
+    def __init__(
+        self, model: TriMesh, settings: BuildSettings, mirror: Mirror | None = None
+    ) -> None:
         if not model.diagonal > 0:
             raise FormatError("the model is one point, expected a surface; give another mesh")
         model = model.drop_unused_vertices()
-        self.frame = Frame(model)
+        self.axis: int | None = None
+        self.frame: Frame | MirrorFrame = Frame(model)
+        if mirror is not None:
+            self.frame = MirrorFrame(model, mirror)
+            self.axis = self.frame.axis
         placed = TriMesh(self.frame.to_units(model.vertices), model.faces)
-        self.surface = _widen_slivers(sort_mesh(placed))
+        held = placed if self.axis is None else add_image(placed, self.axis)
+        self.surface = _widen_slivers(sort_mesh(held))
         self.samples = np.empty((0, 3))
         for block in sample_in_blocks(self.surface):
             self.samples = keep_one_per_cell(np.concatenate([self.samples, block]), 0.01)
+        if self.axis is not None:
+            self.samples = mirror_points(self.samples, self.axis)
         self.clearance = settings.clearance
         self.fewest, self.most = int(np.ceil(0.9 * settings.vertices)), settings.vertices
         self.holes = 0

@@ -90,9 +90,10 @@ def refill(draft: Draft, count: int) -> None:
         ends = TriMesh(draft.vertices, draft.faces).edges.ends
         length = np.linalg.norm(draft.vertices[ends[:, 0]] - draft.vertices[ends[:, 1]], axis=1)
         valence = draft.count_faces()
-        for start, stop in ends[np.argsort(-length, kind="stable")]:
-            if splits_well(draft, int(start), int(stop), valence, MIN_WANTED_ANGLE):
-                draft.split(int(start), int(stop))
+        for start, stop in ends[np.argsort(-length, kind="stable")].tolist():
+            has_room = draft.count + draft.count_split(start, stop) <= count
+            if has_room and splits_well(draft, start, stop, valence, MIN_WANTED_ANGLE):
+                draft.split(start, stop)
                 break
         else:
             return

@@ -11,12 +11,19 @@ from cageik_cli.cages.building.collapse import collapse_edges, list_stages, thin
 from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.judge import Demand, find_near_points, keep_one_per_cell
 from cageik_cli.cages.building.motion import Motion
+from cageik_cli.cages.building.paired import PairedDraft, collapse_pairs
 from cageik_cli.cages.building.polish import (
     collapse_in_shape,
     lower_valences,
     mend_angles,
     refill,
     tighten,
+)
+from cageik_cli.cages.building.symmetry import (
+    add_image,
+    average_sides,
+    cut_half,
+    reflect,
 )
 from cageik_cli.cages.push import Contacts, move_to_neighbours, push
 from cageik_cli.cages.surface_points import take_evenly
@@ -41,9 +48,15 @@ def refine_shell(shell: TriMesh, demand: Demand, motion: Motion | None) -> TriMe
     stages = list_stages(demand.most)
     # A fine shell hardly tangles: down to this number of vertices, collapses need no test.
     cage, evenness = thin_shell(shell, max(1200, 2 * stages[0]))
+    if demand.axis is not None:
+        cage = add_image(cut_half(cage, demand.axis), demand.axis)
     for count in stages:
-        if count < len(cage.vertices):
+        if count >= len(cage.vertices):
+            pass
+        elif demand.axis is None:
             cage = collapse_edges(cage, count, motion, evenness)
+        else:
+            cage = collapse_pairs(cage, count, demand.axis, evenness)
         cage = _push_and_relax(cage, demand)
     if len(cage.vertices) > demand.most:
         return cage
@@ -60,6 +73,8 @@ def refine_shell(shell: TriMesh, demand: Demand, motion: Motion | None) -> TriMe
 
 def make_draft(cage: TriMesh, demand: Demand, samples: Floats) -> Draft:
     """Return a draft of the cage, whose edits keep a little more than the clearance."""
+    if demand.axis is not None:
+        return PairedDraft(cage, samples, 1.01 * demand.clearance, demand.axis)
     return Draft(cage, samples, 1.01 * demand.clearance)
 
 
@@ -80,23 +95,27 @@ def complete_clearance(
         if len(near) == 0:
             break
         near = keep_one_per_cell(near, 0.5 * demand.clearance)
+        if demand.axis is not None:
+            near = np.concatenate([near, reflect(near, demand.axis)])
         samples = np.concatenate([samples, near])
-        cage = push_off(cage, samples, demand.clearance)
+        cage = push_off(cage, samples, demand)
     return cage, samples
 
 
-def push_off(cage: TriMesh, samples: Floats, clearance: float) -> TriMesh:
+def push_off(cage: TriMesh, samples: Floats, demand: Demand) -> TriMesh:
     """Push the cage off samples; aim at a little more than the clearance, and end with less of it.
 
     The stiffness is low, so that parts of the cage move as a whole.
     """
-    return push(
+    clearance = demand.clearance
+    pushed = push(
         cage,
         lambda moved, _: find_contacts(moved, samples, 1.03 * clearance),
         smoothness=0.05,
         stiffness=0.005,
         enough=(1.03 - 1.015) * clearance,
     )
+    return pushed if demand.axis is None else average_sides(pushed, cage, demand.axis)
 
 
 def find_contacts(cage: TriMesh, samples: Floats, clearance: float) -> Contacts:
@@ -124,15 +143,17 @@ def _push_and_relax(cage: TriMesh, demand: Demand) -> TriMesh:
 
     A cage with more than `MAX_CROSSING_PAIRS` of crossing faces is not worth it.
     """
-    cage = push_off(cage, demand.samples, demand.clearance)
+    cage = push_off(cage, demand.samples, demand)
     before = MAX_CROSSING_PAIRS + 1
     for _ in range(MAX_RELAXED_PUSHES):
         pairs = self_intersections(cage)
         if len(pairs) == 0 or len(pairs) >= before:
             break
         before = len(pairs)
-        vertices = move_to_neighbours(cage, np.unique(cage.faces[pairs]), 0.5)
-        cage = push_off(TriMesh(vertices, cage.faces), demand.samples, demand.clearance)
+        relaxed = cage.move(move_to_neighbours(cage, np.unique(cage.faces[pairs]), 0.5))
+        if demand.axis is not None:
+            relaxed = average_sides(relaxed, cage, demand.axis)
+        cage = push_off(relaxed, demand.samples, demand)
     return cage
 
 

@@ -3,6 +3,7 @@
 It is made on a grid of the distances from the surface.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import igl
@@ -10,12 +11,14 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from cageik_cli.cages.building.collapse import euler_characteristic
 from cageik_cli.cages.building.frame import break_ties
 from cageik_cli.cages.surface_points import sample_in_blocks
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers, Mask
+from cageik_cli.util.errors import join_truncated
 
 MIN_NAMED_NODES = 8
 """Grid nodes of a place that is worth naming."""
@@ -121,6 +124,28 @@ def make_shell(grid: DistanceGrid, offset: float, closing: float) -> Shell | Non
     surface = _take_outermost(surface)
     surface = TriMesh(break_ties(surface.vertices), surface.faces)
     return Shell(surface, bridges.mean(axis=1), hollows, webs)
+
+
+def describe_closings(
+    shell: Shell, to_file_units: Callable[[Floats], Floats], holes: int
+) -> tuple[str, ...]:
+    """Return notes on what a shell closed, and where, around a model with so many holes."""
+    notes = []
+    holes = 1 - euler_characteristic(shell.surface) // 2 - holes
+    is_joined = holes > 0 and len(shell.webs) > 0  # else they are holes of the model itself
+    for count, what, places in (
+        (len(shell.bridges), "parts of the model that lie apart were joined", shell.bridges),
+        (len(shell.hollows), "hollows with a narrow opening were filled", shell.hollows),
+        (
+            is_joined * holes,
+            "the cage has holes through it, some perhaps where parts touch and move together",
+            shell.webs,
+        ),
+    ):
+        if count:
+            texts = (f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in to_file_units(places))
+            notes.append(f"{what} ({count}), at {join_truncated(texts, limit=3)}")
+    return tuple(notes)
 
 
 def _compute_field(grid: DistanceGrid, offset: float, closing: float) -> Floats:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.geometry.camera import Camera
-from cageik_cli.posing.constraints import CageConstraints, Mirror
+from cageik_cli.geometry.mirror import Mirror
+from cageik_cli.posing.constraints import CageConstraints
 from cageik_cli.posing.handles.model import Handle, Handles, HandleSet, Motion, Place
 from cageik_cli.posing.handles.schema import HANDLES_FORMAT, check_schema
 from cageik_cli.util.arrays import Floats

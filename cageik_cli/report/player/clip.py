@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.timeline import Timeline
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.constraints import Mirror, mirror_pairs
 from cageik_cli.report.player.compression import MAX_LEVEL
 from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose_turn
 from cageik_cli.store.result import (
@@ -23,7 +22,6 @@ from cageik_cli.store.result import (
     read_rotations,
 )
 from cageik_cli.util.arrays import Floats, spread_evenly
-from cageik_cli.util.errors import HandlesError
 from cageik_cli.util.text import single_line, to_unicode
 
 UNNAMED_CAGE = "CAGE.obj"
@@ -237,17 +235,3 @@ def find_base_colours(mesh: TriMesh) -> NDArray[np.uint8] | None:
 
 def _to_levels(colours: Floats) -> NDArray[np.uint8]:
     return np.rint(255 * np.clip(np.nan_to_num(colours), 0, 1)).astype(np.uint8)
-
-
-def find_mirror(binding: Binding) -> Mirror | None:
-    """Find an axis across which the cage is its own mirror image; None if there is none."""
-    vertices = binding.cage.vertices
-    for point in (vertices.mean(axis=0), 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))):
-        for normal in np.eye(3):
-            mirror = Mirror(normal, point)
-            try:
-                mirror_pairs(binding.cage, mirror)
-            except HandlesError:
-                continue
-            return mirror
-    return None

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mirror import find_mirror
 from cageik_cli.geometry.part_names import get_parts
+from cageik_cli.posing.constraints import MAX_ASYMMETRY
 from cageik_cli.posing.poser import DEFAULT_POSE_ALPHA
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS, render_template
 from cageik_cli.report.parts import measure_rms
@@ -19,7 +21,6 @@ from cageik_cli.report.player.clip import (
     PlayerClip,
     find_base_colours,
     find_ground,
-    find_mirror,
     load_player_clip,
 )
 from cageik_cli.report.player.compression import (
@@ -98,7 +99,7 @@ def list_features(clip: PlayerClip) -> set[str]:
         "errors": clip.vertex_rms is not None,
         "colours": find_base_colours(clip.binding.rest) is not None,
         "region": clip.focus,
-        "mirror": find_mirror(clip.binding),
+        "mirror": find_mirror(clip.binding.cage.vertices, MAX_ASYMMETRY),
     }
     return {name for name, value in has.items() if value}
 
@@ -166,7 +167,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     rest, cage = clip.binding.rest, clip.binding.cage
     diagonal, origin = rest.diagonal or 1.0, cage.vertices.mean(axis=0)
     chosen, faces = choose_vertices(clip.binding)
-    mirror = find_mirror(clip.binding)
+    mirror = find_mirror(clip.binding.cage.vertices, MAX_ASYMMETRY)
     skin, arrays = pack_skin(clip, chosen, faces, origin)
     arrays |= {
         "cageFaces": cage.faces.astype("<u4"),

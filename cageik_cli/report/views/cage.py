@@ -61,7 +61,7 @@ def list_cage_rows(result: CageResult, is_detailed: bool = False) -> list[tuple[
     built, verdict = result.built, result.built.chosen.verdict
     rows = [
         ("model", f"{result.model.source['name']}: {_count(result.model.mesh)}"),
-        ("cage", f"{_count(built.cage)}, genus {verdict.genus}"),
+        ("cage", f"{_count(built.cage)}, genus {verdict.genus}{_describe_symmetry(built)}"),
         ("clearance", _format_clearance(built.chosen)),
         ("shape", f"smallest angle {verdict.smallest_angle:.3g} degrees, largest valence "
          f"{verdict.largest_valence}"),
@@ -85,10 +85,13 @@ def format_cage_json(result: CageResult) -> str:
             "settings": {
                 "vertices": settings.vertices,
                 "clearance_percent": 100 * settings.clearance,
+                "symmetric": settings.symmetric,
                 "rest_frame": None if result.rest_frame is None else make_whole(result.rest_frame),
             },
             "model": result.model.source,
-            "cage": result.source | _candidate_record(built.chosen),
+            "cage": result.source
+            | _candidate_record(built.chosen)
+            | {"symmetry": None if built.mirror is None else str(built.mirror)},
             "warnings": built.notes,
             "notes": result.notes,
             "candidates": [_candidate_record(known) for known in built.candidates],
@@ -100,9 +103,13 @@ def describe_built_cage(built: "BuiltCage") -> str:
     """Return in one line what was built."""
     verdict = built.chosen.verdict
     return (
-        f"built, {_count(built.cage)}, genus {verdict.genus}, clearance "
+        f"built, {_count(built.cage)}, genus {verdict.genus}{_describe_symmetry(built)}, clearance "
         f"{_format_clearance(built.chosen)}, by {built.chosen.recipe}"
     )
+
+
+def _describe_symmetry(built: "BuiltCage") -> str:
+    return "" if built.mirror is None else f", symmetric about {built.mirror}"
 
 
 def _candidate_record(candidate: "Candidate") -> dict[str, Any]:
@@ -303,6 +310,8 @@ def _cage_rows(facts: CageFacts) -> list[tuple[str, str]]:
     )
     if facts.genus is not None:
         surface += f", genus {facts.genus}"
+    if facts.symmetry is not None:
+        surface += f", symmetric about {facts.symmetry}"
     rows = [
         ("cage", surface),
         ("volume", "not defined" if facts.volume is None else f"{facts.volume:.6g}"),

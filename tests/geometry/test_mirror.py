@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+
+from cageik_cli.geometry.mirror import PAIR_TOL, Mirror, find_mirror
+from cageik_cli.util.errors import HandlesError
+from tests.shapes import ball, box, moved, quad_box, rotation
+
+
+def make_twins(seed: int, on_plane: int = 5) -> np.ndarray:
+    """Make points and their mirror images across x = 0, and some on the plane, in any order."""
+    generator = np.random.default_rng(seed)
+    half, middle = generator.normal(size=(20, 3)), generator.normal(size=(on_plane, 3))
+    points = np.concatenate([half, half * [-1, 1, 1], middle * [0, 1, 1]])
+    return generator.permutation(points)
+
+
+def test_two_reflections_are_none():
+    mirror, points = Mirror([1.0, 2, -2], [0.3, 0, 1]), np.random.default_rng(0).normal(size=(9, 3))
+    images = mirror.reflect(points)
+    np.testing.assert_allclose(mirror.reflect(images), points, rtol=0, atol=1e-14)
+    heights = [(p - mirror.point) @ mirror.normal for p in (points, images)]
+    np.testing.assert_allclose(heights[0], -heights[1], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("normal", [[0.0, 0, 0], [np.nan, 0, 1]])
+def test_a_plane_without_a_direction_is_refused(normal):
+    with pytest.raises(HandlesError, match="normal is"):
+        Mirror(normal, [0.0, 0, 0])
+
+
+def test_a_plane_is_named_by_its_axis_or_by_its_normal():
+    assert str(Mirror([0.0, -2, 0], [5.0, 0.25, 1])) == "the plane y = 0.25"
+    tilted = Mirror([3.0, 4, 0], [0.0, 1, -0.0])
+    assert str(tilted) == "the plane through (0, 1, 0) across (0.6, 0.8, 0)"
+
+
+def test_partners_are_mirror_images():
+    points = make_twins(1)
+    partner = Mirror([1.0, 0, 0], [0.0, 0, 0]).find_pairs(points, tolerance=0)
+    np.testing.assert_array_equal(points[partner], points * [-1, 1, 1])
+    np.testing.assert_array_equal(partner[partner], np.arange(len(points)))
+
+
+def test_points_that_are_no_pairs_have_no_partners():
+    """One point has left; and two points share the image of the third."""
+    mirror, points = Mirror([1.0, 0, 0], [0.0, 0, 0]), make_twins(1)
+    points[np.abs(points[:, 0]).argmax()] += 2 * PAIR_TOL * np.linalg.norm(np.ptp(points, axis=0))
+    assert mirror.find_pairs(points) is None
+    assert mirror.find_pairs(np.array([[1.0, 0, 0], [1, 0, 0], [-1, 0, 0]])) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plane_is_found_wherever_it_is(seed):
+    turn, shift = rotation(seed), np.array([3.0, -1, 7])
+    points = (make_twins(seed) @ turn.T + shift).astype(np.float32).astype(np.float64)
+    mirror = find_mirror(points)
+    assert mirror is not None
+    assert mirror.find_pairs(points) is not None
+    assert abs(mirror.normal @ turn[:, 0]) == pytest.approx(1, abs=1e-6)
+
+
+def test_of_several_planes_the_first_axis_is_taken():
+    mirror = find_mirror(ball(2).vertices)
+    assert mirror is not None
+    np.testing.assert_array_equal(mirror.normal, [1, 0, 0])
+
+
+def test_points_without_a_plane_have_none_even_on_a_sphere():
+    """All points of a sphere are equally far from its centre: every pair is a candidate."""
+    points = np.random.default_rng(2).normal(size=(300, 3))
+    assert find_mirror(points) is None
+    assert find_mirror(points / np.linalg.norm(points, axis=1)[:, None]) is None
+
+
+def test_polygons_are_mirrored_where_triangles_are_not():
+    """The diagonals of a box all run one way; its quads have none."""
+    mirror = Mirror([1.0, 0, 0], [0.0, 0, 0])
+    assert mirror.mirrors_polygons(quad_box())
+    assert not mirror.mirrors_polygons(box())
+    assert not mirror.mirrors_polygons(moved(box(), (0.1, 0, 0)))
