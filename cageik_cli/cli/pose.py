@@ -51,6 +51,11 @@ POSING_OPTIONS: OptionGroup[Any] = OptionGroup(
     ),
     option("--hard", is_flag=True, help="Meet all handles exactly."),
     option(
+        "--mirror",
+        is_flag=True,
+        help="Mirror the edit to the other side, about the plane of a symmetric cage.",
+    ),
+    option(
         "--snap",
         type=PercentType(
             "a percentage",

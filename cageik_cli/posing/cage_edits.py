@@ -9,6 +9,9 @@ import numpy as np
 
 from cageik_cli.formats.timeline import Timeline, format_frame_number
 from cageik_cli.geometry.mesh import MAX_COORDINATE
+from cageik_cli.geometry.mirror import Mirror
+from cageik_cli.posing.constraints import mirror_pairs
+from cageik_cli.posing.edit_target import EditTarget
 from cageik_cli.posing.handles.model import Handles, Motion
 from cageik_cli.posing.handles.placement import check_keyframes, find_full_strength
 from cageik_cli.posing.handles.reader import (
@@ -99,6 +102,22 @@ def _parse_edit(raw: dict[str, Any]) -> CageEdit:
     return CageEdit(raw["name"], tuple(moves.items()), frames, falloff)
 
 
+class MirrorImage:
+    """The mirror images of moves of cage vertices, about a plane that turns with each frame."""
+
+    def __init__(self, mirror: Mirror, target: EditTarget) -> None:
+        self._normal, self._rotations = mirror.normal, target.rotations
+        self.partners = mirror_pairs(target.binding.cage, mirror)
+
+    def reflect(self, moves: Floats, frames: Integers) -> Floats:
+        """Return the mirror images of moves, (k, p, 3), in frames (k,)."""
+        normals = np.broadcast_to(self._normal, (len(frames), 3))
+        if self._rotations is not None:
+            normals = self._normal @ self._rotations[frames]
+        heights = (moves * normals[:, None]).sum(axis=2, keepdims=True)
+        return np.asarray(moves - 2 * heights * normals[:, None])
+
+
 class CageEditLayer:
     """A cage edit, ready to be applied to the frames of a clip or to a single pose.
 
@@ -108,6 +127,9 @@ class CageEditLayer:
         Number of cage vertices.
     timeline : Timeline, optional
         The numbers of the frames of the clip; None for a single pose.
+    image : MirrorImage, optional
+        Partners of its vertices move as their mirror images, unless it moves them itself; vertices
+        that are their own partners stay on the plane.
 
     Attributes
     ----------
@@ -121,7 +143,13 @@ class CageEditLayer:
         When the cage has no such vertex, or the clip no such frame; the message names them.
     """
 
-    def __init__(self, edit: CageEdit, count: int, timeline: Timeline | None) -> None:
+    def __init__(
+        self,
+        edit: CageEdit,
+        count: int,
+        timeline: Timeline | None,
+        image: MirrorImage | None = None,
+    ) -> None:
         self.name = edit.name
         self.vertices = np.array([vertex for vertex, _ in edit.moves], np.int64)
         self._motions = [motion for _, motion in edit.moves]
@@ -137,13 +165,25 @@ class CageEditLayer:
                         )
                     check_keyframes(motion, timeline)
         self._falloff = edit.falloff / (timeline.step if timeline else 1)
+        self._image = image
+        if image is not None:
+            partners = image.partners[self.vertices]
+            self._is_on_plane = partners == self.vertices
+            self._is_copied = ~np.isin(partners, self.vertices)
+            self.vertices = np.concatenate([self.vertices, partners[self._is_copied]])
 
     def displacements(self, frames: Integers) -> Floats:
         """Return the displacements of its vertices in frames (k,), as (k, p, 3)."""
         strength = blend_frames(frames, self._full_strength, self._falloff)
         numbers = self._timeline.numbers(frames)
         offsets = [motion.evaluate(numbers) for motion in self._motions]
-        return np.asarray(strength[:, None, None] * np.stack(offsets, axis=1))
+        moves = strength[:, None, None] * np.stack(offsets, axis=1)
+        if self._image is None:
+            return np.asarray(moves)
+        images = self._image.reflect(moves, frames)
+        on_plane = self._is_on_plane[:, None]
+        moves = np.where(on_plane, (moves + images) / 2, moves)
+        return np.concatenate([moves, images[:, self._is_copied]], axis=1)
 
     def apply(self, frames: Integers, cages: Floats) -> Floats:
         """Return the edited cages, (k, n, 3), of frames (k,).

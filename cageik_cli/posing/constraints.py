@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.mirror import Mirror
+from cageik_cli.geometry.mirror import Mirror, find_mirror
 from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, join_truncated
@@ -47,6 +47,23 @@ class CageConstraints:
 
     locked: tuple[int, ...] = ()
     mirror: Mirror | None = None
+
+
+def require_mirror(cage: TriMesh) -> Mirror:
+    """Return the plane across which a cage is its own mirror image.
+
+    Raises
+    ------
+    HandlesError
+        When there is none.
+    """
+    mirror = find_mirror(cage.vertices, MAX_ASYMMETRY)
+    if mirror is None:
+        raise HandlesError(
+            "the cage is not its own mirror image, which `mirror=True` needs; leave that out, or "
+            "build a cage that is, with `symmetric=auto`"
+        )
+    return mirror
 
 
 def mirror_pairs(cage: TriMesh, mirror: Mirror) -> Integers:

@@ -28,7 +28,7 @@ class EditTarget:
         The mesh that `base_cage` gives exactly, whatever `weights @ base_cage` is. If both are
         zeros, meshes are `weights @ cages`.
     rotations : (F, 3, 3) float64, optional
-        Of the base mesh to each frame: `points @ R`. It does not turn by default.
+        Of the rest pose to each frame: `points @ R`. None for frames that do not turn.
     frame_names : sequence of str, optional
         None for a single pose, whose only frame is 0.
     up_axis : str
@@ -63,7 +63,8 @@ class EditTarget:
     ) -> "EditTarget":
         """Return an animation whose meshes are the reconstructions of a result, `weights @ cages`.
 
-        With the rotations of its frames, (F, 3, 3), they have the offsets of the binding, too.
+        With the rotations of its frames, (F, 3, 3), they have the offsets of the binding, too, and
+        mirror planes turn with them.
         """
         m, n = binding.weights.shape
         base = measure_offsets(binding) if binding.has_offsets else np.zeros((m, 3))
@@ -92,4 +93,6 @@ class EditTarget:
 
     def _turn(self, points: Floats, frames: Integers) -> Floats:
         """Return points of the base mesh, (p, 3), in each frame: (k, p, 3), or as they are."""
-        return points if self.rotations is None else np.asarray(points @ self.rotations[frames])
+        if self.rotations is None or not self.binding.has_offsets:
+            return points
+        return np.asarray(points @ self.rotations[frames])

@@ -1,15 +1,15 @@
 """Layers of edits on a cage animation: each layer starts from the result of those before it."""
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding, reconstruct
 from cageik_cli.posing.anchors import Anchor
-from cageik_cli.posing.cage_edits import CageEditLayer, EditFiles
-from cageik_cli.posing.constraints import CageConstraints, find_reach
+from cageik_cli.posing.cage_edits import CageEditLayer, EditFiles, MirrorImage
+from cageik_cli.posing.constraints import CageConstraints, find_reach, require_mirror
 from cageik_cli.posing.edit_target import EditTarget
 from cageik_cli.posing.handles.model import PosedSurface
 from cageik_cli.posing.handles.placement import place_handles
@@ -30,6 +30,9 @@ class PosingSettings:
         As in `Poser`; `snap`, `allow_conflicts` and `hard` are those of `place_handles`.
     rigidity : int
         Rounds of rigid rotations.
+    mirror : bool
+        Both sides move as mirror images, about the plane of the cage; a handles file that states a
+        plane keeps that.
     """
 
     alpha: float = DEFAULT_POSE_ALPHA
@@ -38,6 +41,7 @@ class PosingSettings:
     snap: float | None = None
     allow_conflicts: bool = False
     hard: bool = False
+    mirror: bool = False
 
     def __post_init__(self) -> None:
         validate_weights(self.alpha, self.beta)
@@ -144,6 +148,8 @@ class LayeredEdit:
 
     Attributes
     ----------
+    mirror : Mirror, optional
+        The plane about which the settings mirror the edit.
     cage_layers : list of CageEditLayer
     layers : list of Layer
         Those of handles.
@@ -153,7 +159,8 @@ class LayeredEdit:
     Raises
     ------
     HandlesError
-        When a handle or a cage edit cannot be placed; the message names its file and it.
+        When a handle or a cage edit cannot be placed; the message names its file and it. When the
+        edit is to be mirrored, and the cage is not its own mirror image.
     NumericalError
         When hard handles conflict.
     """
@@ -161,10 +168,12 @@ class LayeredEdit:
     def __init__(self, files: EditFiles, target: EditTarget, settings: PosingSettings) -> None:
         self.target, self.rigidity, self._files = target, settings.rigidity, files
         self.layers: list[Layer] = []
+        self.mirror = require_mirror(target.binding.cage) if settings.mirror else None
+        image = None if self.mirror is None else MirrorImage(self.mirror, target)
         count, timeline = len(target.binding.cage.vertices), target.timeline
         with self._name_cage_edits():
             edits = files.cage_edits.edits if files.cage_edits else ()
-            self.cage_layers = [CageEditLayer(one, count, timeline) for one in edits]
+            self.cage_layers = [CageEditLayer(one, count, timeline, image) for one in edits]
         with self._name_handles():
             self._place_handles(settings)
 
@@ -182,7 +191,9 @@ class LayeredEdit:
                     hard=settings.hard,
                 )
                 assert handles is not None
-                layer = Layer(name, schedule, binding, handles.constraints, settings)
+                constraints = handles.constraints
+                constraints = replace(constraints, mirror=constraints.mirror or self.mirror)
+                layer = Layer(name, schedule, binding, constraints, settings)
             self.layers.append(layer)
 
     def _name_cage_edits(self) -> AbstractContextManager[None]:

@@ -17,6 +17,7 @@ SETTING_MEANINGS = {
     "coordinates": "type of coordinates",
     "fill_gaps": "fill frames without data from those around them",
     "hard": "meet all handles exactly",
+    "mirror": "both sides of the cage move as mirror images",
     "missing": "take vertices whose position is not a number as missing",
     "outside": "treatment of vertices outside the cage",
     "pose_alpha": "weight of the cage's Laplacian in the edit",

@@ -83,7 +83,7 @@ class _EditRun:
             binding,
             lambda frame: np.asarray(next(read_cages(result, 1, frame))[0]),
             result.frames,
-            self._rotations if binding.has_offsets else None,
+            self._rotations,
             result.scene,
         )
 
@@ -170,6 +170,7 @@ def _build_header(settings: EditSettings, files: EditFiles, result: Result) -> R
         "hard": posing.hard,
         "snap": posing.snap,
         "allow_conflicts": posing.allow_conflicts,
+        **({"mirror": True} if posing.mirror else {}),
     }
     editor = " and ".join(single_line(source["name"]) for source in files.sources.values())
     source = single_line(to_unicode(settings.result.name))

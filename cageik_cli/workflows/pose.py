@@ -140,7 +140,9 @@ def pose_model(
 
 
 def report_placement(edit: LayeredEdit, files: EditFiles, progress: ProgressListener) -> None:
-    """Note how handles were understood."""
+    """Note how handles were understood, and what mirrors the edit."""
+    if edit.mirror is not None:
+        progress.note("mirror", f"both sides move as mirror images about {edit.mirror}")
     for note in edit.notes:
         assert files.handles is not None
         progress.note("note", f"{files.handles.path.name}: {note}")

@@ -25,7 +25,7 @@ from cageik_cli.posing.statistics import PoseStatistics
 from cageik_cli.util.errors import FormatError, HandlesError
 from tests.posing.handles.files import KEYS, read
 from tests.refusals import refused
-from tests.shapes import ball, box
+from tests.shapes import ball, box, moved, octahedron, rotation
 
 COUNT = 12
 NAMES = [f"f_{k}" for k in range(COUNT)]
@@ -240,3 +240,70 @@ def test_a_layer_of_one_pose_ignores_the_number_of_its_frame():
     np.testing.assert_allclose(moves, [[[0.1, 0.2, 0.3]]])
     moves = CageEditLayer(edit, 8, Timeline(3, 7)).displacements(np.arange(3))
     assert moves.shape == (3, 1, 3)
+
+
+def mirrored(target, *edits, handles=None):
+    return LayeredEdit(EditFiles(handles, parse(*edits)), target, PosingSettings(mirror=True))
+
+
+def test_the_partner_of_a_vertex_moves_as_its_mirror_image(binding, cages, clip):
+    """Of the box, 3 and 7 are partners across x."""
+    edit = mirrored(clip, moving())
+    assert str(edit.mirror) == "the plane x = 0"
+    moved = apply(edit, cages) - cages
+    np.testing.assert_allclose(moved[:, 3], np.tile([0.1, 0.2, 0.3], (COUNT, 1)), atol=1e-15)
+    np.testing.assert_allclose(moved[:, 7], np.tile([-0.1, 0.2, 0.3], (COUNT, 1)), atol=1e-15)
+    assert not np.delete(moved, [3, 7], axis=1).any()
+
+
+def test_what_a_file_says_of_both_sides_holds(cages, clip):
+    edit = moving()
+    edit["moves"].append({"vertex": 7, "offset": [0.0, 0, 1]})
+    np.testing.assert_array_equal(
+        apply(mirrored(clip, edit), cages), apply(edit_of(clip, edit), cages)
+    )
+
+
+def test_the_mirror_turns_with_each_frame(binding):
+    """An edit of a turned clip is the turned edit."""
+    turn = np.stack([rotation(seed) for seed in range(COUNT)])
+    turned = EditTarget.of_animation(
+        binding, lambda frame: binding.cage.vertices @ turn[frame], NAMES, turn, Scene(start=0)
+    )
+    cages = binding.cage.vertices @ turn
+    offset = np.array([0.1, 0.2, 0.3])
+    values = (offset @ turn).tolist()
+    key = {"frames": list(range(COUNT)), "values": values}
+    edit = {"name": "a", "moves": [{"vertex": 3, "offset": key}]}
+    moved = apply(mirrored(turned, edit), cages) - cages
+    np.testing.assert_allclose(moved[:, 7], offset * [-1, 1, 1] @ turn, rtol=0, atol=1e-14)
+
+
+def test_a_vertex_of_the_plane_stays_on_it():
+    """An octahedron has four of them across x; they keep their height."""
+    cage = moved(octahedron(3.0), (0.5, 0, 0))
+    binding = bind(ball(levels=1), cage, BindSettings("mean-value"))
+    edit = mirrored(EditTarget.of_model(binding), moving(vertex=2))
+    change = apply(edit, cage.vertices[None]) - cage.vertices
+    np.testing.assert_allclose(change[0, 2], [0, 0.2, 0.3], rtol=0, atol=1e-15)
+    assert np.count_nonzero(change.any(axis=2)) == 1
+
+
+def test_handles_are_mirrored_too_unless_their_file_states_a_plane(clip, tmp_path):
+    point = {"name": "a", "vertex": 1, "offset": [0.0, 0, 0.1]}
+    files = [
+        {"handles": [point]},
+        {"handles": [point], "mirror": {"normal": [0, 1, 0], "point": [0, 0, 0]}},
+    ]
+    normals = []
+    for document in files:
+        edit = LayeredEdit(EditFiles(read(tmp_path, document)), clip, PosingSettings(mirror=True))
+        normals.append(edit.layers[0].poser.constraints.mirror.normal.tolist())
+    assert normals == [[1, 0, 0], [0, 1, 0]]
+
+
+def test_a_cage_that_is_not_its_own_mirror_image_mirrors_nothing(binding):
+    bent = binding.cage.vertices + 0.3 * np.random.default_rng(0).random((8, 3))
+    other = bind(binding.rest, binding.cage.move(bent), BindSettings("mean-value"))
+    with pytest.raises(HandlesError, match="not its own mirror image"):
+        mirrored(EditTarget.of_model(other), moving())
