@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from cageik_cli.geometry.mesh import TriMesh
@@ -98,6 +99,21 @@ def find_mirror(vertices: Floats, tolerance: float = PAIR_TOL) -> Mirror | None:
         if mirror.find_pairs(vertices, tolerance) is not None:
             return mirror
     return None
+
+
+def are_pairs(vertices: Floats, partners: NDArray[np.integer]) -> bool:
+    """Return whether partners, (n,), are each other's mirror images across one plane."""
+    numbers = np.arange(len(vertices))
+    if not np.isin(partners, numbers).all() or (partners[partners] != numbers).any():
+        return False
+    lines = vertices[partners] - vertices
+    length = np.linalg.norm(lines, axis=1)
+    if not length.max() > 0:
+        return False
+    images = Mirror(lines[length.argmax()], vertices.mean(axis=0)).reflect(vertices)
+    away = np.linalg.norm(images - vertices[partners], axis=1).max()
+    # The longest line and the centre are rounded as the vertices are.
+    return bool(away <= 2 * PAIR_TOL * np.linalg.norm(np.ptp(vertices, axis=0)))
 
 
 def _list_planes(vertices: Floats, reach: float) -> Iterator[Mirror]:

@@ -18,6 +18,7 @@ from cageik_cli.formats.base.hdf5 import (
 from cageik_cli.formats.base.hdf5_surface import read_surface, write_surface
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mirror import are_pairs, find_mirror
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context, join_truncated
 from cageik_cli.util.json_files import format_value
@@ -51,12 +52,20 @@ def check_format(file: h5py.File, format_name: str, schema: int, description: st
 
 
 def write_meshes(file: h5py.File, rest: TriMesh, cage: TriMesh) -> None:
-    """Write the rest pose and its cage, as results and bindings have them."""
+    """Write the rest pose and its cage, as results and bindings have them.
+
+    Of a cage that is its own mirror image, the partner of each vertex is written, for others: this
+    program finds pairs by the vertices, as those of cages in other files.
+    """
     file["tris"] = cage.faces.astype(np.int32)
     file["cage/verts"], file["rest/verts"] = cage.vertices, rest.vertices
     file["rest/tris"] = rest.faces.astype(np.int32)
     write_surface(file, "attributes/cage", cage)
     write_surface(file, "attributes/rest", rest)
+    mirror = find_mirror(cage.vertices)
+    partners = None if mirror is None else mirror.find_pairs(cage.vertices)
+    if partners is not None:
+        file["cage/partners"] = partners.astype(np.int32)
 
 
 def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
@@ -79,6 +88,12 @@ def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
     lone = cage.unused_vertices
     if len(lone):
         raise FormatError(f"cage vertex {lone[0]} is in no face of `tris`; write it again")
+    if "cage/partners" in file:
+        partners = read_array(file, "cage/partners", "iu", (len(cage.vertices),))
+        if not are_pairs(cage.vertices, partners):
+            raise FormatError(
+                "`cage/partners` are not mirror images of the vertices of the cage; write it again"
+            )
     rest = read_surface(file, "attributes/rest", rest)
     return rest, read_surface(file, "attributes/cage", cage)
 

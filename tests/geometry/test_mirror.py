@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.mirror import PAIR_TOL, Mirror, find_mirror
+from cageik_cli.geometry.mirror import PAIR_TOL, Mirror, are_pairs, find_mirror
 from cageik_cli.util.errors import HandlesError
 from tests.shapes import ball, box, moved, quad_box, rotation
 
@@ -78,3 +78,16 @@ def test_polygons_are_mirrored_where_triangles_are_not():
     assert mirror.mirrors_polygons(quad_box())
     assert not mirror.mirrors_polygons(box())
     assert not mirror.mirrors_polygons(moved(box(), (0.1, 0, 0)))
+
+
+def test_pairs_are_known_to_be_pairs_and_other_numbers_not():
+    points = make_twins(1) @ rotation(3).T
+    mirror = find_mirror(points)
+    assert mirror is not None
+    partners = mirror.find_pairs(points)
+    assert are_pairs(points, partners)
+    assert are_pairs(points.astype(np.float32).astype(np.float64), partners)
+    swapped = partners.copy()
+    swapped[[0, partners[0]]] = [0, partners[0]]
+    for wrong in (np.roll(partners, 1), swapped, np.arange(len(points)), partners + 1):
+        assert not are_pairs(points, wrong)

@@ -38,6 +38,7 @@ def test_the_schema(path):
         "rest/verts": ("f8", BINDING.rest.vertices),
         "rest/tris": ("i4", BINDING.rest.faces),
         "cage/verts": ("f8", BINDING.cage.vertices),
+        "cage/partners": ("i4", [0, 2, 1, 3]),
         "tris": ("i4", BINDING.cage.faces),
         "weights": ("f8", BINDING.weights),
     }
