@@ -53,6 +53,10 @@ class Mirror:
         normal, point = (", ".join(f"{x + 0.0:.4g}" for x in v) for v in (self.normal, self.point))
         return f"the plane through ({point}) across ({normal})"
 
+    def to_record(self) -> dict[str, list[float]]:
+        """Return the plane as a handles file has it."""
+        return {"normal": self.normal.tolist(), "point": self.point.tolist()}
+
     def reflect(self, points: Floats) -> Floats:
         """Return the mirror images of points, (…, 3)."""
         heights = (points - self.point) @ self.normal

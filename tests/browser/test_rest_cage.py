@@ -11,10 +11,13 @@ import pytest
 from cageik_cli import bind
 from cageik_cli.cages.faults import find_cage_faults
 from cageik_cli.cli import main
+from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.formats.open import load_mesh
+from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.workflows.view.sent_cage import parse_cage
 from tests.browser.players import WALKER, drag, settle
 from tests.browser.test_accessibility import find_violations
+from tests.shapes import QUADS, quad_box
 
 pytestmark = pytest.mark.browser
 
@@ -362,3 +365,66 @@ def test_nothing_is_in_the_way_of_anybody(edit, browser, scheme):
         page.locator("[data-rest-findings] button").click()
         assert find_violations(page) == []
         context.close()
+
+
+@pytest.fixture
+def mirrored(edit, tmp_path):
+    """The page of a box in which both sides are edited; of its vertices, k and k + 4 are pairs."""
+    path = tmp_path / "box.obj"
+    path.write_bytes(encode_exact_obj(quad_box(2.0).vertices, np.array(QUADS)))
+    opened = edit(path, BROKEN / "cage_open" / "frames" / "frame_1.obj")
+    opened.page.locator("[data-rest-mirror]").check()
+    return opened
+
+
+def find_vertices(page):
+    return np.array(page.evaluate("P.stage.cageEditor.mesh.vertices"))
+
+
+def is_symmetric(page):
+    vertices = find_vertices(page)
+    return Mirror([1.0, 0, 0], [0.0, 0, 0]).find_pairs(vertices, 1e-12) is not None
+
+
+def test_both_sides_are_dragged(mirrored):
+    page, before = mirrored.page, quad_box(2.0).vertices
+    choose(page, "vertices", 7)
+    drag_vertex(page, 7, 0, 2.5)
+    moved = find_vertices(page) - before
+    assert moved[7, 0] == pytest.approx(0.5, abs=0.05)
+    assert moved[3, 0] == -moved[7, 0]
+    assert np.count_nonzero(moved.any(axis=1)) == 2
+    assert is_symmetric(page)
+    assert mirrored.errors == []
+
+
+def test_both_sides_are_split_and_placed(mirrored):
+    page = mirrored.page
+    choose(page, "edges", edge_of(page, 6, 7), edge_of(page, 3, 7))
+    press(page, "split")
+    vertices = find_vertices(page)
+    assert len(vertices) == 11  # the edge between 3 and 7 is its own image
+    assert is_symmetric(page)
+    (middle,) = np.flatnonzero(vertices[:, 0] == 0)
+    choose(page, "vertices", int(middle))
+    page.locator("[data-rest-x]").fill("0.4")
+    page.locator("[data-rest-x]").press("Enter")
+    assert find_vertices(page)[middle, 0] == 0  # it stays on the plane
+    choose(page, "vertices", 7)
+    page.locator("[data-rest-y]").fill("2.25")
+    page.locator("[data-rest-y]").press("Enter")
+    assert find_vertices(page)[[3, 7], 1].tolist() == [2.25, 2.25]
+    assert is_symmetric(page)
+    assert mirrored.errors == []
+
+
+def test_a_cage_that_lost_its_symmetry_is_not_mirrored(mirrored):
+    page = mirrored.page
+    page.locator("[data-rest-mirror]").uncheck()
+    choose(page, "vertices", 7)
+    drag_vertex(page, 7, 1, 2.5)
+    page.locator("[data-rest-mirror]").check()
+    choose(page, "edges", 0)
+    press(page, "split")
+    assert len(find_vertices(page)) == 8
+    assert "not its own mirror image" in page.locator("[data-rest-said]").text_content()

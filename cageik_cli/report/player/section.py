@@ -193,7 +193,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "ground": (find_ground(clip) - origin["XYZ".index(clip.up_axis)]) / diagonal,
         "parts": _list_parts(clip),
         "focus": _list_focus(clip, chosen),
-        "mirror": mirror and {"normal": mirror.normal.tolist(), "point": mirror.point.tolist()},
+        "mirror": mirror and mirror.to_record(),
         "colours": list(COLOUR_SCALE),
         "signedColours": list(SIGNED_SCALE),
         "missing": MESH_COLOURS["missing"],

@@ -11,6 +11,8 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.find_files import split_member
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mirror import find_mirror
+from cageik_cli.posing.constraints import MAX_ASYMMETRY
 from cageik_cli.report.player.clip import PlayerClip, make_single_pose
 from cageik_cli.report.player.rest_cage import check_drawn_weights, render_rest_cage_page
 from cageik_cli.util.arrays import Floats
@@ -77,7 +79,13 @@ class RestCageSession:
 
     def render_page(self) -> str:
         """Render the page, with the cage to begin with."""
-        cage = encode_cage(self._cage, name=self._name, most=MAX_EDITED_VERTICES)
+        mirror = find_mirror(self._cage.vertices, MAX_ASYMMETRY)
+        cage = encode_cage(
+            self._cage,
+            name=self._name,
+            most=MAX_EDITED_VERTICES,
+            mirror=None if mirror is None else mirror.to_record(),
+        )
         return render_rest_cage_page(self._clip, "apply" if self.can_apply else "", cage)
 
     def check(self, data: bytes) -> Answer:

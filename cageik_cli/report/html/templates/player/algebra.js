@@ -125,3 +125,21 @@ function nearestRotation(a, out) {
   out[3] = 2 * (x * y + w * z); out[4] = w * w - x * x + y * y - z * z; out[5] = 2 * (y * z - w * x);
   out[6] = 2 * (x * z - w * y); out[7] = 2 * (y * z + w * x); out[8] = w * w - x * x - y * y + z * z;
 }
+
+// How far partners may be from mirror images, in diameters of the cage.
+const MAX_ASYMMETRY = 1e-3;
+
+// The partner of each vertex across a mirror; null if the cage is not symmetric.
+function findPartners(cage, { normal, point }) {
+  const count = cage.length / 3, [, radius] = enclose(cage), partners = new Int32Array(count);
+  for (let i = 0; i < count; i++) {
+    const p = pointOf(cage, i), image = minus(p, scale(normal, 2 * dot(minus(p, point), normal)));
+    let best = Infinity;
+    for (let k = 0; k < count; k++) {
+      const away = norm(minus(image, pointOf(cage, k)));
+      if (away < best) { best = away; partners[i] = k; }
+    }
+    if (best > MAX_ASYMMETRY * 2 * radius) return null;
+  }
+  return partners.every((k, i) => partners[k] === i) ? partners : null;
+}

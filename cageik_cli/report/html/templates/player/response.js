@@ -1,6 +1,6 @@
 // The answer of a cage to its anchors: the minimum of posing/poser.py, by the steps of
 // posing/cage_response.py, with the constraints of posing/constraints.py.
-const FREE_TOLERANCE = 1e-9, MAX_ASYMMETRY = 1e-3;
+const FREE_TOLERANCE = 1e-9;
 
 // Components of the cage, each of length one; `rings` are the neighbours of its vertices.
 function listComponents(rings) {
@@ -19,21 +19,6 @@ function listComponents(rings) {
     components.push(one);
   });
   return components;
-}
-
-// The partner of each vertex across a mirror; null if the cage is not symmetric.
-function findPartners(cage, { normal, point }) {
-  const count = cage.length / 3, [, radius] = enclose(cage), partners = new Int32Array(count);
-  for (let i = 0; i < count; i++) {
-    const p = pointOf(cage, i), image = minus(p, scale(normal, 2 * dot(minus(p, point), normal)));
-    let best = Infinity;
-    for (let k = 0; k < count; k++) {
-      const away = norm(minus(image, pointOf(cage, k)));
-      if (away < best) { best = away; partners[i] = k; }
-    }
-    if (best > MAX_ASYMMETRY * 2 * radius) return null;
-  }
-  return partners.every((k, i) => partners[k] === i) ? partners : null;
 }
 
 // One coordinate of all cage vertices; `sign` is -1 for that across a mirror.

@@ -113,6 +113,14 @@ class CageEditor extends Past {
     this.choose("faces", this.mesh.link(this.some("face", faces)));
   }
 
+  // Chooses the mirror images of what is chosen, too.
+  reflect(partners) {
+    const { mesh, kind, chosen } = this, elements = kind === "vertices" ? [...mesh.vertices.keys()].map((k) => [k]) : mesh[kind === "edges" ? kind : "polygons"];
+    const keyOf = (corners) => [...corners].sort().join(), numbers = new Map(elements.map((corners, k) => [keyOf(corners), k]));
+    const images = [...chosen].map((k) => numbers.get(keyOf(elements[k].map((one) => partners[one]))));
+    this.choose(kind, [...chosen, ...images.filter((k) => k !== undefined)]);
+  }
+
   all() { this.choose(this.kind, this.mesh[this.kind === "faces" ? "polygons" : this.kind].keys()); }
 
   some(noun, found) {
@@ -169,7 +177,7 @@ class CageService {
 extensions.push((stage) => {
   const given = document.getElementById("player-rest");
   if (!given) return;
-  const { clip, camera } = stage, { vertices, polygons, most } = JSON.parse(given.textContent), { diagonal, applyUrl } = clip;
+  const { clip, camera } = stage, { vertices, polygons, most, mirror } = JSON.parse(given.textContent), { diagonal, applyUrl } = clip;
   const editor = stage.history = stage.cageEditor = new CageEditor(new CageMesh(vertices, polygons), most), panel = new Panel(stage, "rest", "rest-", editor);
   const service = stage.cageService = new CageService(() => stage.request(true));
   let trial = null, grip = null, box = null, picked = null, drawnEdges = null;
@@ -189,6 +197,24 @@ extensions.push((stage) => {
   });
 
   stage.travel = (name) => edit(name);
+
+  // Both sides are edited: the partner of each vertex, or null.
+  const findSides = () => {
+    if (!panel.find("mirror").checked) return null;
+    return findPartners(Float64Array.from(shown().vertices.flat()), mirror) ?? refuse("mirror", "the cage is not its own mirror image any more; undo what made it so, or switch Mirror off");
+  };
+  // What `factor` 2 mirrors, and 1 puts on the plane.
+  const across = (vector, factor) => minus(vector, scale(mirror.normal, factor * dot(vector, mirror.normal)));
+  const heightOf = (place) => dot(minus(place, mirror.point), mirror.normal);
+  // Moves of vertices and of their partners; the side of the first leads.
+  const moveSides = (mesh, moved, offset, sides) => {
+    if (!sides) return mesh.move(moved, offset);
+    const leading = Math.sign(heightOf(mesh.vertices[moved[0]])) || 1;
+    return mesh.place([...new Set(moved.flatMap((k) => [k, sides[k]]))].map((k) => {
+      const isLeading = Math.sign(heightOf(mesh.vertices[k])) === leading;
+      return [k, add(mesh.vertices[k], sides[k] === k ? across(offset, 1) : isLeading ? offset : across(offset, 2))];
+    }));
+  };
 
   // The element under a pixel, or -1.
   const hit = (x, y, event) => {
@@ -222,15 +248,17 @@ extensions.push((stage) => {
       const click = isChosen ? () => choose(k, isAdding(event)) : null;
       if (!isChosen) choose(k, isAdding(event));
       const follow = followPointer(camera, x, y, middleOf(k), AXES[panel.find("axis").value]);
-      grip = { before: editor.snapshot(), mesh: shown(), vertices: editor.vertices, follow, click };
+      const first = editor.kind === "vertices" ? [k] : editor.kind === "edges" ? shown().edges[k] : shown().polygons[k];
+      grip = { before: editor.snapshot(), mesh: shown(), vertices: [...first, ...editor.vertices], sides: null, follow, click };
+      panel.act(() => { grip.sides = findSides(); });
       return true;
     },
     drag(x, y) {
       if (box) { box.to = [x, y]; stage.request(); return; }
-      const { mesh, vertices: moved, follow } = grip;
+      const { mesh, vertices: moved, sides, follow } = grip;
       grip.click = null;
       grip.isMoved = true;
-      put(mesh.move(moved, scale(follow(x, y), diagonal)));
+      put(moveSides(mesh, [...new Set(moved)], scale(follow(x, y), diagonal), sides));
       // The model stays, unless it is tried how it follows.
       if (!trial) stage.renderer.uploadCage(stage.drawnCage());
       stage.request(Boolean(trial));
@@ -316,7 +344,12 @@ extensions.push((stage) => {
     skin.deform(Float64Array.from(points().flat()), [1, 0, 0, 0, 1, 0, 0, 0, 1], out);
     return true;
   };
-  for (const name of ["split", "collapse", "turn", "subdivide", "relax", "remove", "fill", "flip", "orient", "separate", "link", "all"]) panel.listen(name, () => edit(name));
+  for (const name of ["split", "collapse", "turn", "subdivide", "relax", "remove", "fill", "flip", "orient", "separate", "link", "all"]) panel.listen(name, () => {
+    const sides = findSides();
+    if (sides && name === "collapse" && editor.kind === "vertices") refuse("collapse", "would join both sides; choose edges, or switch Mirror off");
+    if (sides) editor.reflect(sides);
+    edit(name);
+  });
   panel.listen("inflate", () => edit("inflate", panel.numberOf("amount") / 100 * diagonal, panel.find("along").value === "model" ? directionsFromModel(editor.mesh, stage, clip) : undefined));
   for (const kind of KINDS) panel.listen(kind, () => editor.turnTo(kind));
   panel.listen("solve", () => service.solve(editor.mesh));
@@ -325,7 +358,9 @@ extensions.push((stage) => {
   panel.listenToPoint("", (k, value) => {
     const [vertex] = editor.vertices, place = [...shown().vertices[vertex]];
     place[k] = value;
-    const next = shown().place([[vertex, place]]);
+    const sides = findSides(), partner = sides?.[vertex] ?? vertex, height = sides ? heightOf(place) : 0;
+    if (sides && partner === vertex) place.splice(0, 3, ...minus(place, scale(mirror.normal, height)));
+    const next = shown().place([[vertex, place], ...partner === vertex ? [] : [[partner, minus(place, scale(mirror.normal, 2 * height))]]]);
     if (trial) { trial = next; return; }
     editor.set(next);
     changed();
@@ -335,6 +370,7 @@ extensions.push((stage) => {
     try { tell(await followJob(await service.send(applyUrl, editor.mesh), tell)); } catch (error) { tell(error.message); }
   });
   panel.find("apply").hidden = !applyUrl;
+  panel.find("mirror").parentElement.hidden = !mirror;
   stage.modes.add(mode);
   stage.listeners.push(() => showRest(panel, { service, stage, findings: findings(), goTo, picked, trial, solved: solved(), shown: shown() }));
   changed();
