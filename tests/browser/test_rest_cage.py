@@ -426,5 +426,6 @@ def test_a_cage_that_lost_its_symmetry_is_not_mirrored(mirrored):
     page.locator("[data-rest-mirror]").check()
     choose(page, "edges", 0)
     press(page, "split")
+    settle(page)
     assert len(find_vertices(page)) == 8
     assert "not its own mirror image" in page.locator("[data-rest-said]").text_content()
