@@ -7,7 +7,7 @@ from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
 from tests.cages.test_faults import pinched
 from tests.cages.torture import torus
-from tests.shapes import ball, box, changed, concave, finer, moved, octahedron
+from tests.shapes import ball, box, changed, concave, finer, moved, octahedron, quad_box
 
 pytestmark = pytest.mark.usefixtures("coarse_panels")
 
@@ -45,6 +45,12 @@ def test_facts_of_a_box_around_a_ball():
     strongest = harmonic_weights(box(), rest.vertices, "preview").values.max(axis=0)
     assert facts.weakest_weights == pytest.approx(tuple(np.sort(strongest)[:3]))
     np.testing.assert_allclose(strongest[list(facts.weakest_vertices)], facts.weakest_weights)
+
+
+def test_the_plane_of_a_symmetric_cage_is_stated():
+    """The diagonals of a box are not mirrored; its quads are, and so is a ball."""
+    facts = [diagnose(cage).cage.symmetry for cage in (quad_box(), ball(1), box(), concave())]
+    assert facts == ["the plane x = 0", "the plane x = 0", None, None]
 
 
 def test_an_inward_cage_is_usable():

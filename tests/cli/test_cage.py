@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import h5py
 import pytest
 
 from tests.shapes import octahedron
@@ -42,6 +43,20 @@ def test_json_on_stdout_is_alone_there(run):
     assert any("shifted" in known["recipe"] for known in record["candidates"])
     assert record["cage"]["error_percent"] > 0
     assert "error " in outcome.err
+
+
+def test_a_symmetric_cage_says_so_and_the_check_of_it_too(run):
+    outcome = run(*TYPED, "--symmetric", "auto", "--json", "record.json")
+    assert "20 vertices, 36 triangles, genus 0, symmetric about the plane x = 0\n" in outcome.err
+    record = json.loads(Path("record.json").read_text())
+    assert record["settings"]["symmetric"] == "auto"
+    assert record["cage"]["symmetry"] == "the plane x = 0"
+    outcome = run("check", "--cage", "built.obj", "frames", "-v")
+    assert "genus 0, symmetric about the plane x = 0\n" in outcome.out + outcome.err
+    assert run("extract", "frames", "--cage-vertices", "20", "--symmetric", "x").code == 0
+    with h5py.File("cages.h5") as file:
+        assert "cage/partners" in file
+        assert json.loads(file.attrs["settings"])["cage_symmetric"] == "x"
 
 
 @pytest.mark.parametrize("spelt", ["2%", "2 %", "2", "2.0"])

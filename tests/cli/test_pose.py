@@ -10,6 +10,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from cageik_cli.formats.open import load_mesh
+from cageik_cli.geometry.mirror import find_mirror
 from cageik_cli.posing.edits import LayeredEdit
 from cageik_cli.store.result import read_result, read_weights
 from tests.assets import parse_asset
@@ -55,6 +56,31 @@ def test_a_model_is_posed(run, handles, animation):
     np.testing.assert_allclose(moved[[3, 7, 11, 15]], 0, rtol=0, atol=1e-5)
     np.testing.assert_array_equal(posed.faces, animation.rest.faces)
     assert not np.allclose(load_mesh(Path("cage_posed.obj")).mesh.vertices, animation.cage.vertices)
+
+
+def test_an_edit_is_mirrored(run, handles, animation):
+    """The cage is a box: what a handle moves on one side moves on the other."""
+    handles(LIFT)
+    outcome = run(*REST, "--cage-out", "cage_posed.obj", "--mirror", "-v")
+    assert (
+        "\n  mirror         both sides move as mirror images about the plane x = 0\n" in outcome.err
+    )
+    cage, posed = animation.cage.vertices, load_mesh(Path("cage_posed.obj")).mesh.vertices
+    mirror = find_mirror(cage)
+    partners = mirror.find_pairs(cage)
+    np.testing.assert_allclose(mirror.reflect(posed), posed[partners], rtol=0, atol=1e-8)
+    assert np.abs(posed - cage).max() > 0.05
+
+
+def test_an_edit_of_a_clip_is_mirrored_and_recorded(run, handles, clip):
+    Path("edits.json").write_text(
+        json.dumps({"edits": [{"name": "a", "moves": [{"vertex": 0, "offset": [0.1, 0, 0]}]}]})
+    )
+    words = ("pose", "cages.h5", "--cage-edits", "edits.json", "-o", "edited.h5", "--mirror")
+    assert run(*words).code == 0
+    moved = cages("edited.h5") - cages("cages.h5")
+    assert (moved.any(axis=2).sum(axis=1) == 2).all()
+    assert read_result(Path("edited.h5")).settings["mirror"] is True
 
 
 def test_all_that_was_written_is_named(run, handles):
