@@ -96,8 +96,24 @@ class Layer:
         starts = target.anchor_positions(self.schedule.anchors, frames, cages)
         with _set_context(self.name):
             moves = self.schedule.displacements(frames, starts)
-        edited = self.poser.edit_cages(cages, moves[:, self._acts], self._rigidity)
+        turns = None
+        if target.rotations is not None and self.poser.constraints.mirror is not None:
+            turns = target.rotations[frames]
+        edited = self._edit(cages, moves[:, self._acts], turns)
         return edited, starts, starts + moves
+
+    def _edit(self, cages: Floats, moves: Floats, turns: Floats | None) -> Floats:
+        """Return cages (k, n, 3) whose anchors move, (k, l, 3).
+
+        With turns of the rest pose to each, (k, 3, 3), its mirror plane turns along.
+        """
+        if turns is None:
+            return self.poser.edit_cages(cages, moves, self._rigidity)
+        back = turns.transpose(0, 2, 1)
+        local = cages @ back
+        edited = self.poser.edit_cages(local, moves @ back, self._rigidity)
+        is_moved = (edited != local).any(axis=(1, 2), keepdims=True)
+        return np.where(is_moved, cages + (edited - local) @ turns, cages)
 
 
 def _set_context(name: str) -> AbstractContextManager[None]:

@@ -8,6 +8,7 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.settings import Scene
+from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.posing.cage_edits import EditFiles
 from cageik_cli.posing.edit_target import EditTarget
 from cageik_cli.posing.edits import LayeredEdit, PosingSettings
@@ -142,3 +143,31 @@ def test_a_too_large_ratio_of_weights_is_refused():
     with pytest.raises(SettingError, match=r"alpha is 1e\+300, .* 1e-300"):
         PosingSettings(1e300, 1e-300)
     assert PosingSettings(1e-300, 1e300).beta == 1e300
+
+
+def test_the_mirror_of_handles_turns_with_each_frame(binding, tmp_path):
+    """An edit of a turned clip is the turned edit; frames without a move keep their bits."""
+    turns = np.stack([rotation(seed) for seed in range(COUNT)])
+    cages = binding.cage.vertices @ turns
+    offset = np.array([0.1, 0.2, 0.3])
+    values = (offset @ turns).tolist()
+    document = {
+        "handles": [
+            {"name": "a", "vertex": 1, "offset": {"frames": [*range(COUNT)], "values": values}}
+        ],
+        "mirror": {"normal": [1, 0, 0], "point": [0, 0, 0]},
+        "frames": [1, COUNT - 1],
+    }
+    files = EditFiles(read(tmp_path, document))
+    target = EditTarget.of_animation(
+        binding, lambda frame: cages[frame], NAMES, turns, Scene(start=0)
+    )
+    for rounds in (0, 5):
+        edit = LayeredEdit(files, target, PosingSettings(rigidity=rounds))
+        edited = edit.apply(np.arange(COUNT), cages)[0]
+        np.testing.assert_array_equal(edited[0], cages[0])
+        back = edited[1:] @ turns[1:].transpose(0, 2, 1) - binding.cage.vertices
+        np.testing.assert_allclose(back, np.broadcast_to(back[0], back.shape), rtol=0, atol=1e-8)
+        partners = Mirror([1.0, 0, 0], [0.0, 0, 0]).find_pairs(binding.cage.vertices)
+        np.testing.assert_allclose(back[0][partners], back[0] * [-1, 1, 1], rtol=0, atol=1e-8)
+        assert np.abs(back).max() > 0.1

@@ -131,15 +131,10 @@ const MAX_ASYMMETRY = 1e-3;
 
 // The partner of each vertex across a mirror; null if the cage is not symmetric.
 function findPartners(cage, { normal, point }) {
-  const count = cage.length / 3, [, radius] = enclose(cage), partners = new Int32Array(count);
-  for (let i = 0; i < count; i++) {
-    const p = pointOf(cage, i), image = minus(p, scale(normal, 2 * dot(minus(p, point), normal)));
-    let best = Infinity;
-    for (let k = 0; k < count; k++) {
-      const away = norm(minus(image, pointOf(cage, k)));
-      if (away < best) { best = away; partners[i] = k; }
-    }
-    if (best > MAX_ASYMMETRY * 2 * radius) return null;
-  }
+  const points = listPoints(cage), [, radius] = enclose(cage);
+  const partners = points.map((p) => {
+    const image = minus(p, scale(normal, 2 * dot(minus(p, point), normal))), away = points.map((q) => norm(minus(image, q))), best = min(...away);
+    return best > MAX_ASYMMETRY * 2 * radius ? -1 : away.indexOf(best);
+  });
   return partners.every((k, i) => partners[k] === i) ? partners : null;
 }

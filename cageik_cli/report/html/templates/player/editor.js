@@ -121,7 +121,8 @@ class Editor extends Past {
     let cage = this.movedCage(frame);
     for (const layer of this.layers.slice(0, count)) {
       if (!layer.poser) continue;
-      const moves = this.displace(layer, frame, cage);
+      const moves = this.displace(layer, frame, cage), { normal } = this.shared;
+      layer.poser.normal = normal && turn(normal, this.clip.rotation(frame));
       if (moves.some(Boolean)) cage = layer.poser.edit(cage, moves, this.roundsNow);
     }
     return cage;
