@@ -25,7 +25,6 @@ NEEDLE_ANGLE, MAX_NEEDLE_SHARE = 5.0, 0.01
 """Which share of the faces of a thinned shell may have an angle below this, degrees: characters and
 balls have up to 0.002 of them, tubes and boxes 0.01 to 0.4."""
 
-
 COLLAPSE_LIMITS = ((6.0, 10, 0.2), (3.0, 11, 0.0), (0.5, 14, -0.3))
 """Angle, valence and cosine of a `Collapser`; each row is for what those before cannot do."""
 

@@ -51,9 +51,7 @@ def refine_shell(shell: TriMesh, demand: Demand, motion: Motion | None) -> TriMe
     if demand.axis is not None:
         cage = add_image(cut_half(cage, demand.axis), demand.axis)
     for count in stages:
-        if count >= len(cage.vertices):
-            pass
-        elif demand.axis is None:
+        if demand.axis is None:
             cage = collapse_edges(cage, count, motion, evenness)
         else:
             cage = collapse_pairs(cage, count, demand.axis, evenness)

@@ -22,7 +22,6 @@ several, and scans are not exact."""
 MAX_PLANE_STEPS = 12
 """Steps in which a plane is refined, at most."""
 
-
 MIN_PLANE_DISTANCE = 1e-3
 """How near to the plane a vertex of a cage may be that is not on it, in units of the frame."""
 
@@ -58,12 +57,10 @@ class _PlaneSearch:
     def place_across(self, axis: int) -> Mirror:
         """Return the plane across an axis: through the origin, unless another fits better."""
         normal = np.eye(3)[axis]
-        origin, other = (
-            Mirror(normal, np.zeros(3)),
-            self._refine(Mirror(normal, self._centre), True),
-        )
-        found = [self._measure(mirror) for mirror in (origin, other)]
-        return origin if found[0] <= max(MAX_MODEL_ASYMMETRY / 2, 1.2 * found[1]) else other
+        origin = Mirror(normal, np.zeros(3))
+        other = self._refine(Mirror(normal, self._centre), keeps_normal=True)
+        enough = max(MAX_MODEL_ASYMMETRY / 2, 1.2 * self._measure(other))
+        return origin if self._measure(origin) <= enough else other
 
     def find_best(self) -> tuple[Mirror, float]:
         """Return the plane of the least asymmetry, and that, in diagonals.
@@ -83,8 +80,9 @@ class _PlaneSearch:
         through = [Mirror(axis, self._centre) for axis in (*axes, *self._axes)]
         is_near = [self._find_images(mirror)[1].mean() < limit for mirror in through]
         near = [mirror for mirror, is_kept in zip(through, is_near, strict=True) if is_kept]
-        moved = [self._refine(m, True) for m in near if np.count_nonzero(m.normal) == 1]
-        refined = [self._refine(mirror, False) for mirror in near]
+        across = [mirror for mirror in near if np.count_nonzero(mirror.normal) == 1]
+        moved = [self._refine(mirror, keeps_normal=True) for mirror in across]
+        refined = [self._refine(mirror, keeps_normal=False) for mirror in near]
         return [*(Mirror(axis, np.zeros(3)) for axis in axes), *moved, *refined]
 
     def _measure(self, mirror: Mirror) -> float:
@@ -99,7 +97,7 @@ class _PlaneSearch:
         closest = closest_points(self._surface, mirror.reflect(self._few))
         return closest.position, closest.distance
 
-    def _refine(self, mirror: Mirror, keeps_normal: bool) -> Mirror:
+    def _refine(self, mirror: Mirror, *, keeps_normal: bool) -> Mirror:
         """Move the plane between points and the surface beside their mirror images.
 
         The best plane for pairs p, q is that across n, the eigenvector of Σ p qᵀ + q pᵀ, both
@@ -149,6 +147,7 @@ class MirrorFrame:
             self._turn = np.roll(np.eye(3), -across, axis=0)
         else:
             self._turn = np.linalg.qr(np.column_stack([mirror.normal, np.eye(3)]))[0].T
+            self._turn[2] *= np.linalg.det(self._turn)  # right-handed: faces stay outward
         self._offset = np.array([float(self._turn[0] @ mirror.point), 0.0, 0.0])
         placed = TriMesh(self._to_plane(model.vertices), model.faces)
         # Boxes around a model that is turned, or has its image beside it, have other diagonals.
@@ -211,7 +210,7 @@ def average_sides(mesh: TriMesh, before: TriMesh, axis: int) -> TriMesh:
 
 
 def take_half(mesh: TriMesh, axis: int) -> TriMesh:
-    """Return the part above the plane of a mesh that no edge crosses it."""
+    """Return the part above the plane of a mesh no edge of which crosses it."""
     is_above = (mesh.vertices[:, axis] >= 0)[mesh.faces].all(axis=1)
     return TriMesh(mesh.vertices, mesh.faces[is_above]).drop_unused_vertices()
 

@@ -78,12 +78,14 @@ def test_a_frame_mirrors_to_the_last_bit_about_a_coordinate_plane():
     np.testing.assert_allclose(frame.to_units(places), points, rtol=0, atol=1e-14)
 
 
-def test_a_frame_mirrors_up_to_rounding_about_any_plane():
-    mirror = Mirror([1.0, 2, -2], [3.0, 0, 1])
+@pytest.mark.parametrize("normal", [[1.0, 2, -2], [-1, 2, 2], [0, -3, 1], [1, -1, 0]])
+def test_a_frame_mirrors_up_to_rounding_about_any_plane(normal):
+    mirror = Mirror(normal, [3.0, 0, 1])
     frame = MirrorFrame(moved(ball(1), (4, 5, 6)), mirror)
     points = np.random.default_rng(0).normal(size=(50, 3))
     places, images = (frame.to_file_units(p) for p in (points, reflect(points, frame.axis)))
     np.testing.assert_allclose(images, mirror.reflect(places), rtol=0, atol=4e-15 * 20)
+    assert np.linalg.det(frame.to_units(np.eye(3)) - frame.to_units(np.zeros(3))) > 0
     np.testing.assert_allclose(frame.to_units(places), points, rtol=0, atol=1e-14)
 
 
