@@ -27,6 +27,9 @@ more, the trees of libigl are faster, and worth their import."""
 MAX_BOXED_PAIRS = 500_000_000
 """The same for closest points, which compare few faces: those in near boxes."""
 
+MAX_UNSORTED_PAIRS = 20_000
+"""Pairs up to which all are compared as they come: to sort points and faces would take longer."""
+
 FACES_PER_BOX = 8
 """Faces that share a box, as in the compiled core."""
 
@@ -196,9 +199,10 @@ def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
 
         squares, face, position = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)
         return ClosestPoints(mesh, np.sqrt(squares), face.astype(np.int64), position)
-    order = order_by_place(points)
+    is_sorted = len(mesh.faces) * len(points) > MAX_UNSORTED_PAIRS
+    order = order_by_place(points) if is_sorted else np.arange(len(points))
     places, vertices, squares = points[order], _as_rows(mesh.vertices), np.empty(len(points))
-    faces, boxes = _box_faces(mesh)
+    faces, boxes = _box_faces(mesh, is_sorted)
     face, position = np.empty(len(points), np.int64), np.empty((len(points), 3))
 
     def fill(block: slice) -> None:
@@ -206,6 +210,8 @@ def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
         compiled.kernel.closest_points(places[block], vertices, faces, boxes, *results)
 
     run_blocks(fill, len(points), MAX_THREAD_POINTS)
+    if not is_sorted:
+        return ClosestPoints(mesh, np.sqrt(squares), face, position)
     back = np.argsort(order)
     return ClosestPoints(mesh, np.sqrt(squares[back]), face[back], position[back])
 
@@ -218,11 +224,11 @@ def _as_rows(values: Floats) -> Floats:
     return np.ascontiguousarray(values, np.float64)
 
 
-def _box_faces(mesh: TriMesh) -> tuple[Integers, tuple[Integers, Floats]]:
-    """Return the faces, neighbours together, (f, 3); their numbers, and boxes, (b, 2, 3)."""
+def _box_faces(mesh: TriMesh, is_sorted: bool) -> tuple[Integers, tuple[Integers, Floats]]:
+    """Return the faces, (f, 3), neighbours together if sorted; their numbers; boxes (b, 2, 3)."""
     a, b, c = (np.take(mesh.vertices, mesh.faces[:, k], axis=0) for k in range(3))
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    order = order_by_place(low + high)
+    order = order_by_place(low + high) if is_sorted else np.arange(len(low))
     starts = np.arange(0, len(order), FACES_PER_BOX)
     low = np.minimum.reduceat(np.take(low, order, axis=0), starts)
     high = np.maximum.reduceat(np.take(high, order, axis=0), starts)

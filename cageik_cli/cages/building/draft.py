@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import igl
 import igl.predicates
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import measure_angles
-from cageik_cli.geometry.surface import closest_points, winding_numbers
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.geometry.shape import cross, measure_angles
+from cageik_cli.geometry.surface import ClosestPoints, closest_points, winding_numbers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +61,7 @@ class Draft:
         self.faces = cage.faces.copy()
         self.clearance = clearance
         self.samples = samples
-        self._tree = cKDTree(samples)
+        self._columns = np.ascontiguousarray(samples.T)
 
     @property
     def count(self) -> int:
@@ -140,26 +139,23 @@ class Draft:
 
     def near_samples(self, edit: Edit) -> Floats:
         """Return the samples that an edit may come near to, or leave outside, (k, 3)."""
-        around = np.unique(np.concatenate([edit.added, self.faces[edit.removed]]))
+        around = np.concatenate([edit.added.ravel(), self.faces[edit.removed].ravel()])
         corners = np.concatenate([self.vertices[around], edit.position[None]])
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        middle, radius = (low + high) / 2, np.linalg.norm(high - low) / 2
-        near = self.samples[self._tree.query_ball_point(middle, radius + self.clearance)]
-        inside = ((near > low - self.clearance) & (near < high + self.clearance)).all(axis=1)
-        return np.asarray(near[inside])
+        low, high = corners.min(axis=0) - self.clearance, corners.max(axis=0) + self.clearance
+        near = np.flatnonzero((self._columns[0] > low[0]) & (self._columns[0] < high[0]))
+        for axis in (1, 2):
+            place = self._columns[axis, near]
+            near = near[(place > low[axis]) & (place < high[axis])]
+        return self.samples[near]
 
     def keeps_clear(self, edit: Edit) -> bool:
         """Return whether new faces keep off the samples, and none changes sides."""
         samples = self.near_samples(edit)
         if len(samples) == 0:
             return True
-        patch = self.patch(edit)
-        if closest_points(patch, samples).distance.min() < self.clearance:
+        if closest_points(self.patch(edit), samples).distance.min() < self.clearance:
             return False
-        # Old and new faces together bound what an edit sweeps over.
-        before = TriMesh(self.vertices, self.faces[edit.removed])
-        change = winding_numbers(patch, samples) - winding_numbers(before, samples)
-        return bool((np.abs(change) < 0.5).all())
+        return not self._find_swept(edit, samples).any()
 
     def offsets(self, edit: Edit, samples: Floats) -> tuple[Floats, Floats]:
         """Return how the moved vertex moves the faces at it against samples, and what they lack.
@@ -167,31 +163,46 @@ class Draft:
         Returns
         -------
         (k, 3)
-            The outward normal of the nearest face times the vertex's share in the nearest point.
+            The outward direction at the nearest point, times the vertex's share in that point.
         (k,)
             The clearance less the distance, which is negative outside.
         """
         if len(samples) == 0:
             return np.empty((0, 3)), np.empty(0)
-        patch = self.patch(edit)
-        signed, face, nearest, normal = igl.signed_distance(
-            samples, patch.vertices, patch.faces, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
-        )
-        triangles = patch.faces[face]
-        a, b, c = (np.ascontiguousarray(patch.vertices[triangles[:, k]]) for k in range(3))
-        weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), a, b, c)
-        # A face without area has neither: it says nothing about where to move.
-        weights, normal = (np.where(np.isfinite(part), part, 0.0) for part in (weights, normal))
-        moved = np.searchsorted(np.unique(edit.added), edit.vertex)
-        share = (weights.reshape(-1, 3) * (triangles == moved)).sum(axis=1)
-        return share[:, None] * normal, signed + self.clearance
+        nearest = closest_points(self.patch(edit), samples)
+        # A sample that the edit sweeps over is outside now, and the face must come back to it.
+        sign = np.where(self._find_swept(edit, samples), 1.0, -1.0)
+        towards = (sign / np.maximum(nearest.distance, 1e-300))[:, None]
+        direction = towards * (samples - nearest.position)
+        share = self._measure_shares(edit, nearest)
+        return share[:, None] * direction, sign * nearest.distance + self.clearance
 
     def patch(self, edit: Edit) -> TriMesh:
-        """Return the faces that an edit adds."""
-        used, faces = np.unique(edit.added, return_inverse=True)
-        vertices = self.vertices[used]
-        vertices[used == edit.vertex] = edit.position
-        return TriMesh(vertices, faces.reshape(-1, 3))
+        """Return the faces that an edit adds, each with corners of its own."""
+        corners = self._place_corners(edit).reshape(-1, 3)
+        return TriMesh(corners, np.arange(len(corners)).reshape(-1, 3))
+
+    def _measure_shares(self, edit: Edit, nearest: ClosestPoints) -> Floats:
+        """Return the barycentric share of the moved vertex in points of the added faces, (k,)."""
+        is_moved = edit.added == edit.vertex
+        turned = np.take_along_axis(
+            edit.added, (is_moved.argmax(axis=1)[:, None] + np.arange(3)) % 3, axis=1
+        )
+        b, c = self.vertices[turned[:, 1]], self.vertices[turned[:, 2]]
+        normal = cross(b - edit.position, c - edit.position)
+        square = (normal * normal).sum(axis=1)
+        # A face without area, or without the vertex, says nothing about where to move.
+        known = is_moved.any(axis=1) & (square > 1e-300)
+        normal = np.where(known[:, None], normal, 0) / np.where(known, square, 1)[:, None]
+        face, at = nearest.face, nearest.position
+        return np.asarray((normal[face] * cross(b[face] - at, c[face] - at)).sum(axis=1))
+
+    def _find_swept(self, edit: Edit, samples: Floats) -> Mask:
+        """Return the samples that an edit sweeps over: old and new faces together bound that."""
+        vertices = np.concatenate([self.vertices, edit.position[None]])
+        added = np.where(edit.added == edit.vertex, len(self.vertices), edit.added)
+        faces = np.concatenate([added, self.faces[edit.removed][:, ::-1]])
+        return np.abs(winding_numbers(TriMesh(vertices, faces), samples)) >= 0.5
 
     def _place_corners(self, edit: Edit) -> Floats:
         """Return the corners of the faces that an edit adds, (a, 3, 3)."""

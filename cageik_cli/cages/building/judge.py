@@ -230,11 +230,15 @@ def _find_near_edges(
     # On the way from one end to the other, a distance falls no faster than the way goes on.
     near = (of_vertex[ends].sum(axis=1) - length) / 2 < limit
     start, stop = start[near], stop[near]
-    low, high = np.minimum(start, stop) - limit, np.maximum(start, stop) + limit
+    low, high = np.minimum(start, stop).T - limit, np.maximum(start, stop).T + limit
+    low, high = np.ascontiguousarray(low), np.ascontiguousarray(high)
     found, places = [np.empty(0)], [np.empty((0, 3))]
     for a, b in cage.vertices[cage.edges.ends]:
-        meets = ((low <= np.maximum(a, b)) & (high >= np.minimum(a, b))).all(axis=1)
-        if meets.any():
+        first, last = np.minimum(a, b), np.maximum(a, b)
+        meets = np.flatnonzero((low[0] <= last[0]) & (high[0] >= first[0]))
+        for axis in (1, 2):
+            meets = meets[(low[axis, meets] <= last[axis]) & (high[axis, meets] >= first[axis])]
+        if len(meets):
             distance, place = measure_segments(start[meets], stop[meets], a, b)
             found.append(distance[distance < limit])
             places.append(place[distance < limit])

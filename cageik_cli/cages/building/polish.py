@@ -281,6 +281,8 @@ def settle(draft: Draft, edit: Edit) -> Edit:
             break
         step = least_move(directions[short], lack[short] + 0.01 * draft.clearance)
         edit = Edit(edit.removed, edit.added, edit.vertex, edit.position + step)
+        # What is far from all new faces stays so.
+        samples = samples[lack > -3 * lack.max() - draft.clearance]
     return edit
 
 

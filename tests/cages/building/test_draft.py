@@ -10,6 +10,7 @@ from cageik_cli.cages.building.polish import (
     settle,
 )
 from cageik_cli.cages.faults import find_cage_faults
+from cageik_cli.geometry.surface import closest_points
 from tests.shapes import ball, box, finer, octahedron
 
 
@@ -95,6 +96,17 @@ def test_the_least_move_is_the_shortest_that_is_enough():
     )
     against = np.array([[1.0, 0, 0], [-1, 0, 0]])
     np.testing.assert_array_equal(least_move(against, np.array([1.0, 1])), np.zeros(3))
+
+
+def test_a_sample_that_an_edit_sweeps_over_lacks_its_distance_and_the_clearance(draft):
+    """The middle of a side of the cube goes to 0.5; one sample is left outside, one keeps clear."""
+    middle = vertex_at(draft, (1, 0, 0))
+    edit = move_vertex(draft, middle, np.array([0.5, 0, 0]))
+    directions, lack = draft.offsets(edit, np.array([[0.9, 0, 0], [0.2, 0, 0]]))
+    nearest = closest_points(draft.patch(edit), np.array([[0.9, 0, 0], [0.2, 0, 0]]))
+    np.testing.assert_allclose(lack, draft.clearance + nearest.distance * [1, -1], rtol=1e-12)
+    assert (directions[:, 0] > 0).all()
+    assert np.linalg.norm(directions, axis=1).max() <= 1 + 1e-12
 
 
 def test_faces_without_area_give_no_offsets():
