@@ -36,10 +36,7 @@ FINE_GRID, COARSE_GRID = (0.007, 0.04), (0.014, 0.13)
 """Cells of the grids, and how far their distances are exact, in diagonals: as far as the offset and
 the closing of the shells that are made on them, and some cells."""
 
-MAX_POSED_RUNGS = 3
-"""Rungs of the ladder that are tried for an animation; the others only if all of them fail."""
-
-MAX_SHIFTED = 3
+MAX_SHIFTED = 2
 """The best candidates whose vertices are shifted to where they miss an animation."""
 
 MIN_FLAWLESS_ANGLE = 10.0
@@ -178,9 +175,9 @@ def build_cage(
     model : TriMesh
         Any triangles: open, in pieces, crossing themselves, without area.
     clip : Clip, optional
-        An animation of the model that the cage is for. The tightest shells are then tried, without
-        and with its poses, and looser ones if all of them fail; vertices of the best cages are
-        shifted to where the error is; the smallest error wins.
+        An animation of the model that the cage is for. Shells are then tried with its poses, from
+        tight to loose, until two cages are valid; their vertices are shifted to where the error is;
+        the smallest error wins.
         Without a clip, the first flawless candidate is taken, or the better of the first two.
     progress : callable
         Called with (candidates done, candidates) after every one.
@@ -232,12 +229,8 @@ class _Builder:
 
     def run(self, progress: Callable[[int, int], None]) -> BuiltCage:
         """Try the shells, ellipsoids if no shell passes, and shifts for a clip; take the best."""
-        if self._motion is None:
-            rungs, shifts = len(LADDER), 0
-            self._try_shells(lambda done: progress(done, rungs))
-        else:
-            rungs, shifts = 2 * len(LADDER[:MAX_POSED_RUNGS]), MAX_SHIFTED
-            self._try_shells_for_clip(lambda done: progress(min(done, rungs), rungs + shifts))
+        rungs, shifts = len(LADDER), 0 if self._motion is None else MAX_SHIFTED
+        self._try_shells(lambda done: progress(done, rungs + shifts))
         if not self._valid and self._mirror is None:
             self._try_ellipsoids()
         best = sorted(self._valid, key=lambda candidate: candidate.cost)[:shifts]
@@ -248,37 +241,23 @@ class _Builder:
         return self._choose_best()
 
     def _try_shells(self, progress: Callable[[int], None]) -> None:
-        """Try the ladder until one is flawless or two are valid: the others are looser."""
+        """Try the ladder until no other shell can be better, or two cages are valid."""
         for step, (offset, closing) in enumerate(LADDER):
+            is_tightest = self._clip is None and any(c.cost <= offset for c in self._valid)
+            if is_tightest or len(self._valid) == 2:
+                break
             self._try_shell(offset, closing)
             progress(step + 1)
-            if any(known.is_flawless for known in self._tried) or len(self._valid) == 2:
-                break
 
-    def _try_shells_for_clip(self, progress: Callable[[int], None]) -> None:
-        """Try the first rungs with the poses and without, and others while none is valid."""
-        done = 0
-        for offset, closing in LADDER[:MAX_POSED_RUNGS]:
-            for motion in (self._motion, None):
-                self._try_shell(offset, closing, motion)
-                done += 1
-                progress(done)
-        for offset, closing in LADDER[MAX_POSED_RUNGS:]:
-            if self._valid:
-                break
-            self._try_shell(offset, closing)
-            done += 1
-            progress(done)
-
-    def _try_shell(self, offset: float, closing: float, motion: Motion | None = None) -> None:
+    def _try_shell(self, offset: float, closing: float) -> None:
         """Try a cage made of a shell, if the grid carries it; a motion keeps vertices it needs."""
         shell = make_shell(self._find_grid(offset), offset, closing)
         if shell is None:
             return
-        cage = refine_shell(shell.surface, self._demand, motion)
+        cage = refine_shell(shell.surface, self._demand, self._motion)
         name = f"shell {100 * offset:.2g} % closed by {100 * closing:.2g} %"
-        if motion is not None and len(motion.poses):
-            name += f", {len(motion.poses)} poses"
+        if self._motion is not None and len(self._motion.poses):
+            name += f", {len(self._motion.poses)} poses"
         notes = describe_closings(shell, self._demand.frame.to_file_units, self._demand.holes)
         candidate = self._make_candidate(name, cage, offset, notes)
         if candidate.verdict.is_valid:

@@ -139,7 +139,7 @@ def cage_command(
     with show_progress(not quiet, None, settings.overwrite) as progress:
         if isinstance(settings, CageSettings):
             if settings.animation and not (quiet or progress.is_drawn):
-                click.echo("measuring cages on frames, which takes a minute or more", err=True)
+                click.echo("measuring cages on frames, which takes half a minute or more", err=True)
             built = build_cage_file(settings, progress)
             rows = list_cage_rows(built, is_detailed=get_verbosity() > 0)
             record, rest_options = format_cage_json(built), _name_rest(settings, built.rest_frame)

@@ -65,7 +65,7 @@ MAX_GAP_RATIO = 1.0
 def harmonic_weights(
     cage: TriMesh,
     points: Floats,
-    accuracy: str = "standard",
+    accuracy: str | Accuracy = "standard",
     jobs: int | None = None,
     progress: Callable[[int, int], None] = ignore_progress,
 ) -> Weights:
@@ -77,8 +77,8 @@ def harmonic_weights(
         Closed, manifold, outward, of one component (`cages.faults.validate_cage`).
     points : (m, 3)
         Inside or on the cage, file units. A point on it gets barycentric weights.
-    accuracy : str
-        One of `ACCURACIES`.
+    accuracy : str or Accuracy
+        One of `ACCURACIES`, or limits of another.
     jobs : int, optional
         Threads; the number of processors by default. They do not change the result.
     progress : callable
@@ -133,13 +133,17 @@ class HarmonicSolution:
         A unit of the solution, file units.
     """
 
-    def __init__(self, cage: TriMesh, points: Floats, accuracy: str, jobs: int | None) -> None:
+    def __init__(
+        self, cage: TriMesh, points: Floats, accuracy: str | Accuracy, jobs: int | None
+    ) -> None:
+        limits = ACCURACIES[accuracy] if isinstance(accuracy, str) else accuracy
         self._origin, self.scale = cage.vertices.mean(axis=0), cage.diagonal
         unit = TriMesh(self.to_units(cage.vertices), cage.faces)
         places = self.to_units(points[order_by_place(points)])
         with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
-            self.boundary, error = _solve_to_tolerance(unit, places, ACCURACIES[accuracy], pool)
-            self.surface_error = measure_surface_error(self.boundary, pool)
+            self.boundary, error = _solve_to_tolerance(unit, places, limits, pool)
+            is_measured = np.isfinite(limits.tolerance)  # else no error is asked for
+            self.surface_error = measure_surface_error(self.boundary, pool) if is_measured else 0.0
         self.error = max(error, STEADY_SHARE * self.surface_error)
 
     def to_units(self, points: Floats) -> Floats:
@@ -179,9 +183,9 @@ class HarmonicSolution:
                 progress(done, len(chosen))
 
 
-def check_request(cage: TriMesh, accuracy: str) -> None:
+def check_request(cage: TriMesh, accuracy: str | Accuracy) -> None:
     """Refuse an unknown accuracy, and a cage with too many faces; raises as `harmonic_weights`."""
-    if accuracy not in ACCURACIES:
+    if isinstance(accuracy, str) and accuracy not in ACCURACIES:
         raise SettingError(f"accuracy is {accuracy!r}, expected one of {', '.join(ACCURACIES)}")
     if len(cage.faces) > MAX_HARMONIC_FACES:
         raise CageError(

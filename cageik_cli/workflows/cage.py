@@ -164,7 +164,7 @@ def build_cage(
 ) -> BuiltCage:
     """Build a cage around a mesh, as `cageik cage` does.
 
-    The same input gives the same cage. It takes some 10 seconds, and with `frames` about a minute.
+    The same input gives the same cage. It takes some 5 seconds, and with `frames` half a minute.
 
     Parameters
     ----------

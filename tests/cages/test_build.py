@@ -181,7 +181,6 @@ def looser():
     with pytest.MonkeyPatch.context() as patch, threadpool_limits(2, user_api="blas"):
         patch.setattr(build_module, "COARSE_GRID", (0.03, 0.13))
         patch.setattr(build_module, "LADDER", ((0.03, 0.04), (0.04, 0.08)))
-        patch.setattr(build_module, "MAX_POSED_RUNGS", 1)
         patch.setattr(build_module, "MAX_SHIFTED", 0)
         patch.setattr(
             build_module, "make_shell", lambda *a: None if a[1] == 0.03 else make_shell(*a)

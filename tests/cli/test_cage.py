@@ -37,7 +37,7 @@ def test_quiet_and_verbose(run):
 
 def test_json_on_stdout_is_alone_there(run):
     outcome = run(*TYPED, "--json", "-", "--for", "frames")
-    assert outcome.err.startswith("measuring cages on frames, which takes a minute or more\n")
+    assert outcome.err.startswith("measuring cages on frames, which takes half a minute or more\n")
     record = json.loads(outcome.out)
     assert [known["is_valid"] for known in record["candidates"][:1]] == [True]
     assert any("shifted" in known["recipe"] for known in record["candidates"])

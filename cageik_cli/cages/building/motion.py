@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES, harmonic_weights
+from cageik_cli.coordinates.settings import Accuracy
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import choose_farthest
 from cageik_cli.geometry.shape import uniform_laplacian
@@ -12,6 +13,9 @@ from cageik_cli.util.arrays import Floats, Integers
 
 POSE_TOL = 1e-9
 """Frames that differ by a smaller root mean square, in diagonals, are one pose: moves round."""
+
+UNREFINED = Accuracy(np.inf, 1, 0.0, 9000)
+"""The accuracy of weights by which edits are compared: no face of the cage is divided for it."""
 
 
 class Motion:
@@ -136,7 +140,7 @@ class EditGains:
         if squares is not None:
             self.splits = _choose_splits(cage, motion.points, squares, split_share)
         divided = split_edges(cage, self.splits)
-        weights = harmonic_weights(divided, motion.points, "preview").values
+        weights = harmonic_weights(divided, motion.points, UNREFINED).values
         hats, own = weights[:, count:], weights[:, :count].copy()
         for side in range(2):
             np.add.at(own.T, self.splits[:, side], 0.5 * hats.T)

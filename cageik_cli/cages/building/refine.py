@@ -56,7 +56,8 @@ def refine_shell(shell: TriMesh, demand: Demand, motion: Motion | None) -> TriMe
         else:
             cage = collapse_pairs(cage, count, demand.axis, evenness)
         cage = _push_and_relax(cage, demand)
-    if len(cage.vertices) > demand.most:
+    # What crosses now is not disentangled by any edit that follows.
+    if len(cage.vertices) > demand.most or len(self_intersections(cage)):
         return cage
     cage, samples = complete_clearance(cage, demand, demand.samples, rounds=1)
     draft = make_draft(cage, demand, samples)

@@ -8,8 +8,6 @@ from cageik_cli.cages.building.motion import EditGains, Motion
 from cageik_cli.cages.building.polish import (
     MIN_KEPT_ANGLE,
     collapse_in_shape,
-    lower_valences,
-    mend_angles,
     splits_well,
     tighten,
 )
@@ -18,7 +16,7 @@ from cageik_cli.cages.quality import find_thin_parts
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
-SKIPPED = ((0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (2, 1), (1, 2), (3, 0), (0, 3))
+SKIPPED = ((0, 0), (1, 0), (0, 1))
 """How many of the best splits and collapses are left out, after each round of one that failed."""
 
 
@@ -44,8 +42,6 @@ def shift_vertices(cage: TriMesh, demand: Demand, motion: Motion) -> tuple[TriMe
             count = (count + 1) // 2
         elif failures + 1 < len(SKIPPED):
             failures += 1
-        elif shifter.try_polish():
-            failures = 0
         else:
             break
     cage, _ = complete_clearance(shifter.cage, demand, samples)
@@ -53,7 +49,7 @@ def shift_vertices(cage: TriMesh, demand: Demand, motion: Motion) -> tuple[TriMe
 
 
 def count_rounds(vertices: int) -> int:
-    """Return how many rounds a cage gets, so that all take minutes: 80, of 300 vertices or less.
+    """Return how many rounds a cage gets, for their time: 80, of 300 vertices or less.
 
     The time of a round grows with the cube of their number.
     """
@@ -80,25 +76,17 @@ class _Shifter:
         """Move up to `count` vertices, without some best edits; return whether the error fell."""
         draft = make_draft(self.cage, self._demand, self._samples)
         made = _Round(draft, self._gains).run(count, skipped, self._demand.most)
-        if made == 0 or not self._accept(draft.to_mesh(), share=1.0):
+        if made == 0 or not self._accept(draft.to_mesh()):
             return False
         self.moved += made
         return True
 
-    def try_polish(self) -> bool:
-        """Improve the angles and the fit; return whether that lowered the error enough."""
-        draft = make_draft(self.cage, self._demand, self._samples)
-        tighten(draft, draft.samples)
-        mend_angles(draft, draft.count)
-        lower_valences(draft)
-        return self._accept(draft.to_mesh(), share=0.995)
-
-    def _accept(self, cage: TriMesh, share: float) -> bool:
-        """Take a cage in the place of the last if its error is below a share of the last one's."""
+    def _accept(self, cage: TriMesh) -> bool:
+        """Take a cage in the place of the last if its error is less."""
         if not _is_no_thinner(cage, self.cage):
             return False
         gains = EditGains(cage, self._motion, self._gains.squares)
-        if not gains.error < share * self._gains.error:
+        if not gains.error < self._gains.error:
             return False
         self.cage, self._gains = cage, gains
         return True
