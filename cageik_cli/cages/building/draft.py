@@ -12,6 +12,9 @@ from cageik_cli.geometry.shape import cross, measure_angles
 from cageik_cli.geometry.surface import ClosestPoints, closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
+MIN_FOLD_COSINE = -0.94
+"""Between the normals of two faces at a side, at least: they are 20 degrees apart, and no fin."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edit:
@@ -109,7 +112,7 @@ class Draft:
 
     def take(self, edit: Edit) -> bool:
         """Make the edit if the cage stays sound; return whether it was made."""
-        if not (self.keeps_clear(edit) and self._stays_apart(edit)):
+        if not (self._stays_open(edit) and self.keeps_clear(edit) and self._stays_apart(edit)):
             return False
         self.apply(edit)
         return True
@@ -210,15 +213,37 @@ class Draft:
         corners[edit.added == edit.vertex] = edit.position
         return corners
 
+    def _stays_open(self, edit: Edit) -> bool:
+        """Return whether no two faces at a side are folded onto each other, more than before."""
+        vertices = self.vertices.copy()
+        vertices[edit.vertex] = edit.position
+        rest = np.delete(self.faces, edit.removed, axis=0)
+        beside = rest[np.isin(rest, edit.added).sum(axis=1) >= 2]
+        after = _find_sharpest_fold(vertices, edit.added, beside)
+        if after >= MIN_FOLD_COSINE:
+            return True
+        return after >= _find_sharpest_fold(self.vertices, self.faces[edit.removed], beside)
+
     def _stays_apart(self, edit: Edit) -> bool:
         """Return whether new faces meet no face but at the vertices and edges that they share."""
         vertices = self.vertices.copy()
         vertices[edit.vertex] = edit.position
         rest = np.delete(self.faces, edit.removed, axis=0)
-        return _keep_apart(vertices, edit.added, rest)
+        return keep_apart(vertices, edit.added, rest)
 
 
-def _keep_apart(vertices: Floats, added: Integers, others: Integers) -> bool:
+def _find_sharpest_fold(vertices: Floats, faces: Integers, beside: Integers) -> float:
+    """Return the least cosine between normals of `faces`, and of these and others at a side."""
+    others = np.concatenate([faces, beside])
+    corners = vertices[others]
+    normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    shared = (faces[:, None, :, None] == others[None, :, None]).any(axis=3).sum(axis=2)
+    cosines = normals[: len(faces)] @ normals.T
+    return float(cosines[shared == 2].min(initial=1.0))
+
+
+def keep_apart(vertices: Floats, added: Integers, others: Integers) -> bool:
     """Return whether `added` faces meet each other and `others` at shared vertices alone.
 
     It is exact, and quick for a handful of faces. What is left to `geometry/intersections.py`,

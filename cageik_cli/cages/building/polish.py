@@ -27,8 +27,8 @@ MIN_KEPT_ANGLE = 10.0
 MIN_ANGLE_GAIN = 0.3
 """Degrees that an edit for the angles must win."""
 
-DEGREES_PER_GROWTH = 300.0
-"""Degrees that an edit for the angles must win for as much volume as the cage has: three for one
+DEGREES_PER_GROWTH = 400.0
+"""Degrees that an edit for the angles must win for as much volume as the cage has: four for one
 percent. Otherwise a round cage grows by a spike for every needle."""
 
 MAX_TRIED_EDITS = 6

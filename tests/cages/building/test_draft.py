@@ -44,6 +44,14 @@ def test_a_move_that_makes_faces_meet_is_not_made(draft):
     assert not empty.take(move_vertex(empty, middle, np.array([-1.5, 0.1, 0.2])))
 
 
+def test_a_move_that_folds_faces_onto_each_other_is_not_made():
+    """The upper half of an octahedron goes down into the lower one."""
+    draft = Draft(octahedron(1.0), np.full((1, 3), 50.0), 0.01)
+    top = vertex_at(draft, (0, 0, 1))
+    assert not draft.take(move_vertex(draft, top, np.array([0, 0, -0.95])))
+    assert draft.take(move_vertex(draft, top, np.array([0, 0, -0.3])))
+
+
 def test_a_split_changes_neither_volume_nor_soundness(draft):
     start, stop = draft.faces[0, :2]
     before = draft.to_mesh()
