@@ -54,8 +54,8 @@ MIN_REFINED_SHARE = 0.6
 STEADY_SHARE = 0.24
 """Share of the error on the cage that does not change its sign within a panel.
 
-It reaches far inside. On 19 cages, the error at half to four radii of a panel is 0.13 to 0.4 of it,
-wherever the series of degrees does not see it.
+It reaches far inside: on 16 cages, the error at half a radius of a panel is 0.07 to 0.45 of it, in
+the middle 0.2. With a larger share, estimates of balls and tori are above twice their error.
 """
 
 MAX_GAP_RATIO = 1.0
