@@ -50,8 +50,11 @@ class Mirror:
         if np.count_nonzero(self.normal) == 1:
             axis = int(np.abs(self.normal).argmax())
             return f"the plane {'xyz'[axis]} = {self.point[axis] + 0.0:.4g}"
-        normal, point = (", ".join(f"{x + 0.0:.4g}" for x in v) for v in (self.normal, self.point))
-        return f"the plane through ({point}) across ({normal})"
+        # The same words for the same plane: its point nearest to the origin, and one of its sides.
+        normal = self.normal * np.sign(self.normal[np.abs(self.normal).argmax()])
+        foot = normal * (normal @ self.point)
+        words = [", ".join(f"{x + 0.0:.4g}" for x in v) for v in (foot, normal)]
+        return f"the plane through ({words[0]}) across ({words[1]})"
 
     def to_record(self) -> dict[str, list[float]]:
         """Return the plane as a handles file has it."""
