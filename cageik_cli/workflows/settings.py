@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
 
-from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cages.settings import DEFAULT_SYMMETRY, BuildSettings
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.find_files import list_input_files, split_member
@@ -163,7 +163,12 @@ class ExtractSettings(CommandSettings):
         weights = self.vertex_weights
         if fit is None and known is not None and known.fit is not None:
             fit = known.fit.settings
-        built = {f"cage_{name}": value for name, value in asdict(self.build).items()}
+        built: dict[str, Any] = {
+            "cage_vertices": self.build.vertices,
+            "cage_clearance": self.build.clearance,
+        }
+        if self.build.symmetric != DEFAULT_SYMMETRY:  # so that earlier results are those of it
+            built["cage_symmetric"] = self.build.symmetric
         captured = asdict(self.capture) | {"missing": self.clip.missing}
         return {
             "alpha": self.solve.alpha,

@@ -203,6 +203,12 @@ extensions.push((stage) => {
     if (!panel.find("mirror").checked) return null;
     return findPartners(Float64Array.from(shown().vertices.flat()), mirror) ?? refuse("mirror", "the cage is not its own mirror image any more; undo what made it so, or switch Mirror off");
   };
+  const editSides = (name, ...words) => {
+    const sides = findSides();
+    if (sides && name === "collapse" && editor.kind === "vertices") refuse("collapse", "would join both sides; choose edges, or switch Mirror off");
+    if (sides) editor.reflect(sides);
+    edit(name, ...words);
+  };
   // What `factor` 2 mirrors, and 1 puts on the plane.
   const across = (vector, factor) => minus(vector, scale(mirror.normal, factor * dot(vector, mirror.normal)));
   const heightOf = (place) => dot(minus(place, mirror.point), mirror.normal);
@@ -344,13 +350,8 @@ extensions.push((stage) => {
     skin.deform(Float64Array.from(points().flat()), [1, 0, 0, 0, 1, 0, 0, 0, 1], out);
     return true;
   };
-  for (const name of ["split", "collapse", "turn", "subdivide", "relax", "remove", "fill", "flip", "orient", "separate", "link", "all"]) panel.listen(name, () => {
-    const sides = findSides();
-    if (sides && name === "collapse" && editor.kind === "vertices") refuse("collapse", "would join both sides; choose edges, or switch Mirror off");
-    if (sides) editor.reflect(sides);
-    edit(name);
-  });
-  panel.listen("inflate", () => edit("inflate", panel.numberOf("amount") / 100 * diagonal, panel.find("along").value === "model" ? directionsFromModel(editor.mesh, stage, clip) : undefined));
+  for (const name of ["split", "collapse", "turn", "subdivide", "relax", "remove", "fill", "flip", "orient", "separate", "link", "all"]) panel.listen(name, () => editSides(name));
+  panel.listen("inflate", () => editSides("inflate", panel.numberOf("amount") / 100 * diagonal, panel.find("along").value === "model" ? directionsFromModel(editor.mesh, stage, clip) : undefined));
   for (const kind of KINDS) panel.listen(kind, () => editor.turnTo(kind));
   panel.listen("solve", () => service.solve(editor.mesh));
   panel.listen("try", (input) => { trial = input.checked ? editor.mesh : null; });
