@@ -7,6 +7,7 @@ import numpy as np
 
 from cageik_cli.cages.building.judge import Demand, Verdict, judge
 from cageik_cli.cages.building.motion import Motion
+from cageik_cli.cages.building.quads import describe_few_quads, make_quads
 from cageik_cli.cages.building.refine import refine_shell, replace_weak_vertices, wrap_ellipsoid
 from cageik_cli.cages.building.shell import DistanceGrid, describe_closings, make_shell
 from cageik_cli.cages.building.shift import shift_vertices
@@ -214,6 +215,7 @@ class _Builder:
         mirror: Mirror | None = None,
     ) -> None:
         self._demand, self._clip, self._mirror = Demand(model, settings, mirror), clip, mirror
+        self._has_quads = settings.quads
         self._motion: Motion | None = None
         if clip is not None and mirror is None:  # poses would make a cage lopsided
             used = model.used_vertices
@@ -237,6 +239,8 @@ class _Builder:
         for step, candidate in enumerate(best):
             self._try_shift(candidate)
             progress(rungs + step + 1, rungs + shifts)
+        if self._has_quads and self._valid:
+            self._make_quads()
         progress(rungs + shifts, rungs + shifts)
         return self._choose_best()
 
@@ -288,11 +292,22 @@ class _Builder:
         recipe = f"{candidate.recipe}, {moved} vertices shifted"
         self._add(self._make_candidate(recipe, cage, candidate.offset, candidate.notes))
 
+    def _make_quads(self) -> None:
+        """Leave the best candidate alone, with quads in the place of its triangles."""
+        best = min(self._valid, key=lambda candidate: candidate.cost)
+        placed = best.cage.move(self._demand.frame.to_units(best.cage.vertices))
+        cage = make_quads(placed, self._demand)
+        notes = (*best.notes, *describe_few_quads(cage))
+        made = self._make_candidate(f"{best.recipe}, quads", cage, best.offset, notes)
+        if made.verdict.is_valid:
+            self._tried = [c for c in self._tried if not c.verdict.is_valid]
+        self._add(replace(made, joined_holes=best.joined_holes))
+
     def _make_candidate(
         self, recipe: str, cage: TriMesh, offset: float, notes: tuple[str, ...]
     ) -> Candidate:
         """Judge a cage as it is after rounding to file units."""
-        placed = TriMesh(self._demand.frame.to_file_units(cage.vertices), cage.faces)
+        placed = cage.move(self._demand.frame.to_file_units(cage.vertices))
         back = TriMesh(self._demand.frame.to_units(placed.vertices), cage.faces)
         return Candidate(recipe, placed, judge(back, self._demand), offset, notes=notes)
 

@@ -37,11 +37,14 @@ class BuildSettings:
     symmetric : {"auto", "x", "y", "z", "off"}
         About the plane across an axis; about the plane of a model that is its own mirror image; or
         about none.
+    quads : bool
+        Whether pairs of triangles become quads, which hold the model by either diagonal.
     """
 
     vertices: int = 100
     clearance: float = 0.004
     symmetric: SymmetryChoice = DEFAULT_SYMMETRY
+    quads: bool = False
 
     def __post_init__(self) -> None:
         if not MIN_VERTICES <= self.vertices <= MAX_VERTICES:

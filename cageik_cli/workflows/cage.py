@@ -94,7 +94,9 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     with progress.stage("cage"), error_context(model.source["name"]):
         built = cage_builder.build_cage(model.mesh, settings.build, clip, progress.update)
     with progress.stage("write"):
-        data = encode_exact_obj(built.cage.vertices, built.cage.faces)
+        polygons = built.cage.polygons
+        rings = np.split(polygons.corners, polygons.starts[1:])
+        data = encode_exact_obj(built.cage.vertices, rings)
         write_bytes(settings.output, data, settings.overwrite)
     source = describe_source(Path(settings.output.name), data)
     return CageResult(settings.output, source, model, settings.build, built, rest_frame)
@@ -159,6 +161,7 @@ def build_cage(
     vertices: int = BuildSettings().vertices,
     clearance: float = BuildSettings().clearance,
     symmetric: SymmetryChoice = DEFAULT_SYMMETRY,
+    quads: bool = BuildSettings().quads,
     frames: MeshSequence | ArrayLike | None = None,
     jobs: int | None = None,
 ) -> BuiltCage:
@@ -177,6 +180,8 @@ def build_cage(
     symmetric : {"auto", "x", "y", "z", "off"}
         Build a cage that is its own mirror image: about the plane of a mesh that is one within
         0.5 % of its diagonal (`auto`), or about the plane across an axis; or any cage.
+    quads : bool
+        Whether most triangles become quads, as the attributes of the cage tell.
     frames : MeshSequence, or (F, m, 3) array, optional
         An animation of the mesh, in its units: the cage with the smallest error on it is chosen.
     jobs : int, optional
@@ -203,7 +208,8 @@ def build_cage(
     if frames is not None:
         sequence = as_sequence(frames, mesh)
         clip = make_measured_clip(mesh, len(sequence), sequence.read_frame, jobs)
-    return cage_builder.build_cage(mesh, BuildSettings(vertices, clearance, symmetric), clip)
+    settings = BuildSettings(vertices, clearance, symmetric, quads)
+    return cage_builder.build_cage(mesh, settings, clip)
 
 
 def make_measured_clip(

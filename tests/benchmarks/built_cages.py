@@ -1,11 +1,12 @@
 """How good built cages are, by an independent checker, and how well they express an animation.
 
-    python -m tests.benchmarks.built_cages FOLDER [FOLDER ...]
+    python -m tests.benchmarks.built_cages [--counts 60,120,300] FOLDER [FOLDER ...]
 
 A folder holds a model (`model.obj`) or a packed clip (`NAME.h5` with `verts`, `tris` and `rest`),
 and cages to compare with (`cage_60.obj`, ...). Each model gets cages of 60, 120 and 300 vertices;
-each clip gets two of each, without and with the animation, and their errors with harmonic weights
-on all frames are divided by that of the given cage. One line per cage.
+each clip gets two of each, without and with the animation, and their errors with harmonic weights,
+and with weights fitted to the clip, on all frames are divided by those of the given cage. One line
+per cage.
 """
 
 import sys
@@ -24,23 +25,30 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.fitting.fit import Fitter
+from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.workflows.cage import make_measured_clip
+from cageik_cli.workflows.extract_arrays import extract
 from tests.cages.independent import examine
+from tests.fitted import Frames
 
 COUNTS = (60, 120, 300)
 CLEARANCE = 0.004
 BLOCK = 16
 
 
-def main(*folders):
+def main(*words):
     """Print one line per cage."""
+    counts, folders = COUNTS, words
+    if words[0] == "--counts":
+        counts, folders = [int(word) for word in words[1].split(",")], words[2:]
     print("| model | n | vertices | genus | clearance | angle | valence | volume | seconds | fit |")
-    for count in COUNTS:
+    for count in counts:
         for folder in map(Path, folders):
             model, frames = read_folder(folder)
             given = folder / f"cage_{count}.obj"
-            known = measure_error(model, load_mesh(given).mesh, frames) if given.exists() else None
+            known = measure_errors(model, load_mesh(given).mesh, frames) if given.exists() else None
             measure_cage(folder.name, model, count, frames=None, clip=frames, known=known)
             if frames is not None:
                 measure_cage(f"{folder.name} --for", model, count, frames, frames, known)
@@ -72,13 +80,15 @@ def measure_cage(name, model, count, frames, clip, known):
         f"{opinion.largest_valence} | {volume} | {seconds:.1f} | {diagnose(cage, model).verdict} |"
     )
     if known is not None:
-        error = measure_error(model, cage, clip)
-        line += f" error {error:.4f} %, given {known:.4f} %, ratio {error / known:.3f} |"
+        for name, error, given in zip(
+            ("harmonic", "fitted"), measure_errors(model, cage, clip), known, strict=True
+        ):
+            line += f" {name} {error:.4f} %, given {given:.4f} %, ratio {error / given:.3f} |"
     print(line, *opinion.faults, built.chosen.recipe, flush=True)
 
 
-def measure_error(model, cage, frames):
-    """Return the rms distance on all frames, percent of the diagonal, harmonic weights."""
+def measure_errors(model, cage, frames):
+    """The rms distance on all frames, percent of the diagonal: harmonic, and fitted to them."""
     binding = bind(model, cage)
     solver = DualLaplacianSolver(binding, SolveSettings())
     total = 0.0
@@ -86,7 +96,10 @@ def measure_error(model, cage, frames):
         block = frames[start : start + BLOCK].astype(float)
         cages = solver.solve(block).cages
         total += ((reconstruct(binding.weights, cages) - block) ** 2).sum()
-    return 100 * np.sqrt(total / (len(frames) * len(model.vertices))) / model.diagonal
+    rms = 100 * np.sqrt(total / (len(frames) * len(model.vertices))) / model.diagonal
+    frames = np.asarray(frames, float)
+    fitted = Fitter(binding, FitSettings(), jobs=1).fit([Frames(frames)])
+    return rms, extract(frames, fitted).rms_percent
 
 
 if __name__ == "__main__":

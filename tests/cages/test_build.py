@@ -236,6 +236,32 @@ def test_a_choice_has_its_reason(chosen, words):
     assert words in BuiltCage(box(), best, (best,), ()).reason
 
 
+def build_quads(monkeypatch, cage_of):
+    """A cage for which quads are wanted, in a build that takes a ready one for each shell."""
+    patched = {
+        "refine_shell": lambda _, demand, __: TriMesh(
+            demand.frame.to_units(ball(1, 1.5).vertices), ball(1).faces
+        ),
+        "make_quads": cage_of,
+    }
+    for name, function in patched.items():
+        monkeypatch.setattr(build_module, name, function)
+    return build_cage(ball(3), BuildSettings(vertices=len(ball(1).vertices), quads=True))
+
+
+def test_few_quads_are_noted(monkeypatch, coarse_grids):
+    built = build_quads(monkeypatch, lambda cage, _: cage)
+    (note,) = (note for note in built.notes if "quads" in note)
+    assert note.startswith("0 % of the faces are quads, expected 70 % or more")
+    assert built.chosen.recipe.endswith(", quads")
+
+
+def test_triangles_are_kept_if_the_quads_are_not_valid(monkeypatch, coarse_grids):
+    built = build_quads(monkeypatch, lambda cage, _: cage.flip())
+    assert not built.chosen.recipe.endswith(", quads")
+    assert built.candidates[-1].recipe.endswith(", quads")
+
+
 def test_a_model_that_is_one_point_is_refused():
     with pytest.raises(FormatError, match="the model is one point, expected a surface"):
         build_cage(TriMesh(np.ones((3, 3)), [[0, 1, 2]]))

@@ -29,6 +29,16 @@ def test_the_next_command_has_the_same_rest_pose(run, words):
     assert run("extract", "frames", "--cage", "built.obj", *words, "-q").code == 0
 
 
+def test_quads_are_written_as_quads_and_found_fit(run):
+    outcome = run(*TYPED, "--quads")
+    faces = [line for line in Path("built.obj").read_text().splitlines() if line.startswith("f ")]
+    quads = sum(len(line.split()) == 5 for line in faces)
+    assert quads > 0
+    assert f"20 vertices, {quads} quads, {len(faces) - quads} triangles" in outcome.err
+    assert run("check", "--cage", "built.obj", "frames").code == 0
+    assert run("extract", "frames", "--cage", "built.obj", "-q").code == 0
+
+
 def test_quiet_and_verbose(run):
     assert run(*TYPED, "-q").err == ""
     outcome = run(*TYPED, "-v", "--overwrite")

@@ -100,6 +100,7 @@ def test_the_record_has_all_candidates():
         "vertices": 20,
         "clearance_percent": 0.4,
         "symmetric": "off",
+        "quads": False,
         "rest_frame": None,
     }
     assert record["cage"]["sha256"] == load_mesh(OUT).source["sha256"]

@@ -86,6 +86,7 @@ def format_cage_json(result: CageResult) -> str:
                 "vertices": settings.vertices,
                 "clearance_percent": 100 * settings.clearance,
                 "symmetric": settings.symmetric,
+                "quads": settings.quads,
                 "rest_frame": None if result.rest_frame is None else make_whole(result.rest_frame),
             },
             "model": result.model.source,
@@ -119,6 +120,7 @@ def _candidate_record(candidate: "Candidate") -> dict[str, Any]:
         "recipe": candidate.recipe,
         "vertices": len(candidate.cage.vertices),
         "faces": len(candidate.cage.faces),
+        "quads": _count_quads(candidate.cage),
         "genus": verdict.genus,
         "clearance_percent": clearance if np.isfinite(clearance) else None,
         "smallest_angle": verdict.smallest_angle,
@@ -135,7 +137,15 @@ def _finite_or_none(value: float | None) -> float | None:
 
 
 def _count(mesh: TriMesh) -> str:
-    return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles"
+    triangles, quads = len(mesh.faces), _count_quads(mesh)
+    faces = (
+        f"{quads} quads, {triangles - 2 * quads} triangles" if quads else f"{triangles} triangles"
+    )
+    return f"{len(mesh.vertices)} vertices, {faces}"
+
+
+def _count_quads(mesh: TriMesh) -> int:
+    return int(np.count_nonzero(mesh.polygons.corner_counts == 4))
 
 
 def _count_valid(built: "BuiltCage") -> str:
