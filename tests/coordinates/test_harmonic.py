@@ -302,6 +302,13 @@ def test_points_on_a_cage_far_from_the_origin_are_on_it(shift):
     np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-12)
 
 
+def test_without_a_tolerance_no_face_of_the_cage_is_divided():
+    cage, points = finer(concave(), 1), inside(finer(concave(), 1), 100)
+    tight, loose = (Accuracy(tolerance, 1, 0.0, 9000) for tolerance in (1e-3, np.inf))
+    assert harmonic_weights(cage, points, tight).panels > len(cage.faces)
+    assert harmonic_weights(cage, points, loose).panels == len(cage.faces)
+
+
 def test_an_unknown_accuracy_is_refused():
     with pytest.raises(SettingError, match="accuracy is 'good'"):
         harmonic_weights(box(), np.zeros((1, 3)), "good")
