@@ -9,7 +9,12 @@ from cageik_cli.cages.building.judge import Demand, Verdict, judge
 from cageik_cli.cages.building.motion import Motion
 from cageik_cli.cages.building.quads import describe_few_quads, make_quads
 from cageik_cli.cages.building.refine import refine_shell, replace_weak_vertices, wrap_ellipsoid
-from cageik_cli.cages.building.shell import DistanceGrid, describe_closings, make_shell
+from cageik_cli.cages.building.shell import (
+    DistanceGrid,
+    describe_closings,
+    joins_parts,
+    make_shell,
+)
 from cageik_cli.cages.building.shift import shift_vertices
 from cageik_cli.cages.building.symmetry import find_symmetry
 from cageik_cli.cages.settings import BuildSettings
@@ -262,15 +267,20 @@ class _Builder:
         name = f"shell {100 * offset:.2g} % closed by {100 * closing:.2g} %"
         if self._motion is not None and len(self._motion.poses):
             name += f", {len(self._motion.poses)} poses"
-        notes = describe_closings(shell, self._demand.frame.to_file_units, self._demand.holes)
+        notes = describe_closings(
+            shell,
+            self._demand.frame.to_file_units,
+            self._demand.holes,
+            is_closed=self._demand.is_closed,
+        )
         candidate = self._make_candidate(name, cage, offset, notes)
         if candidate.verdict.is_valid:
             stronger = replace_weak_vertices(cage, self._demand)
             if stronger is not cage:
                 replaced = self._make_candidate(name, stronger, offset, notes)
                 candidate = replaced if replaced.verdict.is_valid else candidate
-        holes = (len(shell.webs) > 0) * max(0, candidate.verdict.genus - self._demand.holes)
-        self._add(replace(candidate, joined_holes=holes))
+        holes = max(0, candidate.verdict.genus - self._demand.holes)
+        self._add(replace(candidate, joined_holes=joins_parts(shell, self._demand.is_closed) * holes))
 
     def _try_ellipsoids(self) -> None:
         """Try loose cages: an ellipsoid drawn in, and where that fails, as it is."""

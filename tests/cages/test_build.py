@@ -5,6 +5,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from cageik_cli.cages import build as build_module
 from cageik_cli.cages.build import BuiltCage, Candidate, Clip, build_cage
 from cageik_cli.cages.building.judge import Verdict
+from cageik_cli.cages.building.shell import Shell
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
@@ -260,6 +261,25 @@ def test_triangles_are_kept_if_the_quads_are_not_valid(monkeypatch, coarse_grids
     built = build_quads(monkeypatch, lambda cage, _: cage.flip())
     assert not built.chosen.recipe.endswith(", quads")
     assert built.candidates[-1].recipe.endswith(", quads")
+
+
+def test_a_hole_around_a_closed_model_is_one_between_parts_also_without_a_web(
+    monkeypatch, coarse_grids
+):
+    ring, none = torus(1.0, 0.3, 10, 6), np.empty((0, 3))
+    patched = {
+        "make_shell": lambda *_: Shell(ring, none, none, none),
+        "refine_shell": lambda _, demand, __: ring.move(demand.frame.to_units(ring.vertices)),
+        "replace_weak_vertices": lambda cage, _: cage,
+    }
+    for name, function in patched.items():
+        monkeypatch.setattr(build_module, name, function)
+    model = moved(ball(2), (1, 0, 0), 0.2)
+    built = build_cage(model, BuildSettings(vertices=len(ring.vertices)))
+    assert [candidate.joined_holes for candidate in built.candidates] == [1]
+    assert any(note.endswith("touch and move together (1)") for note in built.notes)
+    opened = TriMesh(model.vertices, model.faces[1:])
+    assert build_cage(opened, BuildSettings(vertices=len(ring.vertices))).chosen.joined_holes == 0
 
 
 def test_a_model_that_is_one_point_is_refused():

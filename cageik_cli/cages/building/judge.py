@@ -46,6 +46,8 @@ class Demand:
         How far it must keep off; units of the surface.
     fewest, most : int
         Cage vertices.
+    is_closed : bool
+        Whether the model bounds a volume, so that its own holes are known.
     holes : int
         Through the parts of the model itself, such as that of a ring; 0 if it is open.
 
@@ -76,8 +78,8 @@ class Demand:
             self.samples = mirror_points(self.samples, self.axis)
         self.clearance = settings.clearance
         self.fewest, self.most = int(np.ceil(0.9 * settings.vertices)), settings.vertices
-        self.holes = 0
-        if bounds_volume(placed):
+        self.holes, self.is_closed = 0, bounds_volume(placed)
+        if self.is_closed:
             self.holes = int(placed.components.max()) + 1 - euler_characteristic(placed) // 2
 
 

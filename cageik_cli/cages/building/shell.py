@@ -127,12 +127,12 @@ def make_shell(grid: DistanceGrid, offset: float, closing: float) -> Shell | Non
 
 
 def describe_closings(
-    shell: Shell, to_file_units: Callable[[Floats], Floats], holes: int
+    shell: Shell, to_file_units: Callable[[Floats], Floats], holes: int, *, is_closed: bool
 ) -> tuple[str, ...]:
     """Return notes on what a shell closed, and where, around a model with so many holes."""
     notes = []
     holes = 1 - euler_characteristic(shell.surface) // 2 - holes
-    is_joined = holes > 0 and len(shell.webs) > 0  # else they are holes of the model itself
+    is_joined = holes > 0 and joins_parts(shell, is_closed)
     for count, what, places in (
         (len(shell.bridges), "parts of the model that lie apart were joined", shell.bridges),
         (len(shell.hollows), "hollows with a narrow opening were filled", shell.hollows),
@@ -143,9 +143,18 @@ def describe_closings(
         ),
     ):
         if count:
-            texts = (f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in to_file_units(places))
-            notes.append(f"{what} ({count}), at {join_truncated(texts, limit=3)}")
+            texts = [f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in to_file_units(places)]
+            where = f", at {join_truncated(texts, limit=3)}" if texts else ""
+            notes.append(f"{what} ({count}){where}")
     return tuple(notes)
+
+
+def joins_parts(shell: Shell, is_closed: bool) -> bool:
+    """Return whether holes of a shell that are none of the model's are between its parts.
+
+    Those of a closed model are known; of an open one, a web tells.
+    """
+    return is_closed or len(shell.webs) > 0
 
 
 def _compute_field(grid: DistanceGrid, offset: float, closing: float) -> Floats:
