@@ -280,7 +280,9 @@ class _Builder:
                 replaced = self._make_candidate(name, stronger, offset, notes)
                 candidate = replaced if replaced.verdict.is_valid else candidate
         holes = max(0, candidate.verdict.genus - self._demand.holes)
-        self._add(replace(candidate, joined_holes=joins_parts(shell, self._demand.is_closed) * holes))
+        self._add(
+            replace(candidate, joined_holes=joins_parts(shell, self._demand.is_closed) * holes)
+        )
 
     def _try_ellipsoids(self) -> None:
         """Try loose cages: an ellipsoid drawn in, and where that fails, as it is."""
