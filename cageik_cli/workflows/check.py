@@ -5,7 +5,7 @@ from pathlib import Path
 
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
-from cageik_cli.report.views.cage import CheckResult
+from cageik_cli.report.views.check import CheckResult
 from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.mesh_source import load_rest, load_source
 from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest

@@ -3,7 +3,8 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from cageik_cli.cages import build as build_module
-from cageik_cli.cages.build import BuiltCage, Candidate, Clip, build_cage
+from cageik_cli.cages.build import BuiltCage, build_cage
+from cageik_cli.cages.building.candidate import Candidate, Clip
 from cageik_cli.cages.building.judge import Verdict
 from cageik_cli.cages.building.shell import Shell
 from cageik_cli.cages.diagnosis import diagnose

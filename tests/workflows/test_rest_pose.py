@@ -8,7 +8,8 @@ import pytest
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.report.views.cage import format_cage_json, format_check_text
+from cageik_cli.report.views.cage import format_cage_json
+from cageik_cli.report.views.check import format_check_text
 from cageik_cli.util.errors import CheckpointError
 from cageik_cli.workflows import rest_pose as module
 from cageik_cli.workflows.cage import CageSettings, build_cage_file
