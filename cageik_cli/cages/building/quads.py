@@ -260,9 +260,10 @@ def _find_failing(cage: TriMesh, quads: Integers, demand: Demand, angle: float) 
         bad = _find_bad_faces(cut, demand, angle)
         of_quad = (bad - fixed) // 2 if cut is turned else bad // 2
         of_quad = of_quad[(of_quad >= 0) & (of_quad < len(quads))]
-        if len(of_quad) == 0:  # what is at fault is beside quads, or else they all are
-            shared = np.isin(quads, cut.faces[bad]).sum(axis=1)
-            of_quad = np.flatnonzero(shared >= min(2, shared.max()))
+        if len(of_quad) == 0:  # what is at fault is beside quads
+            of_quad = np.flatnonzero(np.isin(quads, cut.faces[bad]).any(axis=1))
+        if len(of_quad) == 0:
+            return np.ones(len(quads), bool)
         failing[of_quad] = True
     return failing
 
