@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import click
 
 from cageik_cli.cages.settings import BuildSettings, SymmetryChoice
-from cageik_cli.cli.command import GroupedCommand, option
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
 from cageik_cli.cli.options import (
     PATH_TYPE,
     OptionGroup,
@@ -31,14 +31,20 @@ from cageik_cli.formats.timeline import format_frame_number
 if TYPE_CHECKING:
     from cageik_cli.workflows.cage import CageSettings, RepairCageSettings
 
-symmetric_option = option(
-    "--symmetric",
-    type=click.Choice(get_args(SymmetryChoice)),
-    default=BuildSettings().symmetric,
-    show_default=True,
-    help="Build a cage that is its own mirror image: about the plane of a model that is one "
-    "(auto), or across an axis.",
-)
+
+def make_symmetric_option(group: HelpGroup | None = None) -> Any:
+    """Make the option of symmetric cages, in a group of the help."""
+    return option(
+        "--symmetric",
+        type=click.Choice(get_args(SymmetryChoice)),
+        default=BuildSettings().symmetric,
+        show_default=True,
+        help="Build a cage that is its own mirror image: about the plane of a model that is one "
+        "(auto), or across an axis.",
+        group=group,
+    )
+
+
 BUILD_OPTIONS = OptionGroup(
     "build",
     BuildSettings,
@@ -57,7 +63,7 @@ BUILD_OPTIONS = OptionGroup(
         show_default=True,
         help="Smallest distance between cage and model, in percent of the diagonal.",
     ),
-    symmetric_option,
+    make_symmetric_option(),
     option(
         "--quads",
         is_flag=True,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.cli.cage import symmetric_option
+from cageik_cli.cli.cage import make_symmetric_option
 from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
@@ -64,7 +64,7 @@ BUILT_CAGE_OPTIONS = OptionGroup(
         show_default=True,
         help="Vertices of the cage that is built, at most.",
     ),
-    symmetric_option,
+    make_symmetric_option(HelpGroup.SOLVE),
 )
 
 

@@ -6,7 +6,6 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
@@ -18,6 +17,9 @@ precision."""
 
 MAX_TRIED_PLANES = 2000
 """Planes that are tried for one cage; more only arise where all vertices are on a few spheres."""
+
+MAX_COMPARED = 1 << 18
+"""Distances that are computed at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,7 @@ class Mirror:
         tolerance : float
             How far partners may be from mirror images, in diagonals of the box around all.
         """
-        distance, partner = cKDTree(vertices).query(self.reflect(vertices))
+        distance, partner = _find_nearest(vertices, self.reflect(vertices))
         diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
         is_pair = partner[partner] == np.arange(len(partner))
         if distance.max() > tolerance * diagonal or not is_pair.all():
@@ -98,14 +100,29 @@ def find_mirror(vertices: Floats, tolerance: float = PAIR_TOL) -> Mirror | None:
     the partner of a vertex off the plane is one that is as far from the centre, and few are. Of
     several planes, those across the axes come first.
     """
-    tree, few = cKDTree(vertices), vertices[:: -(-len(vertices) // 8)]
+    few = vertices[:: -(-len(vertices) // 8)]
     reach = tolerance * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     for mirror in islice(_list_planes(vertices, reach), MAX_TRIED_PLANES):
-        if tree.query(mirror.reflect(few))[0].max() > reach:
+        if _find_nearest(vertices, mirror.reflect(few))[0].max() > reach:
             continue
         if mirror.find_pairs(vertices, tolerance) is not None:
             return mirror
     return None
+
+
+def _find_nearest(points: Floats, queries: Floats) -> tuple[Floats, Integers]:
+    """Return the distances of queries (q, 3) from the nearest of points (n, 3), and which it is.
+
+    Without scipy: every result is looked through for pairs, and a warm run shall not import it.
+    """
+    distances, nearest = np.empty(len(queries)), np.empty(len(queries), np.int64)
+    size = max(1, MAX_COMPARED // len(points))
+    for start in range(0, len(queries), size):
+        rows = slice(start, start + size)
+        squares = np.square(queries[rows, None] - points).sum(axis=2)
+        nearest[rows] = squares.argmin(axis=1)
+        distances[rows] = np.sqrt(squares.min(axis=1))
+    return distances, nearest
 
 
 def are_pairs(vertices: Floats, partners: NDArray[np.integer]) -> bool:
