@@ -45,6 +45,8 @@ the closing of the shells that are made on them, and some cells."""
 MAX_SHIFTED = 2
 """The best candidates whose vertices are shifted to where they miss an animation."""
 
+NO_QUADS = "no cage with quads passed the tests: this one is of triangles"
+
 MIN_GOOD_ANGLE = 5.0
 """Smaller angles of a cage that is built, degrees, are noted."""
 
@@ -243,6 +245,9 @@ class _Builder:
         made = self._make_candidate(f"{best.recipe}, quads", cage, best.offset, notes)
         if made.verdict.is_valid:
             self._tried = [c for c in self._tried if not c.verdict.is_valid]
+        else:
+            kept = replace(best, notes=(*best.notes, NO_QUADS))
+            self._tried = [kept if c is best else c for c in self._tried]
         self._add(replace(made, joined_holes=best.joined_holes))
 
     def _make_candidate(

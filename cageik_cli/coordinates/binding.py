@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cageik_cli.coordinates.carried import CarriedChange
     from cageik_cli.solver.fitting.record import FitRecord
 
-ALGORITHM_VERSIONS = {"harmonic": 9, "mean-value": 4}
+ALGORITHM_VERSIONS = {"harmonic": 10, "mean-value": 4}
 """Raise a number when weights, notes or refusals change, so that caches are not used."""
 
 

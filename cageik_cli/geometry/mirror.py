@@ -16,7 +16,8 @@ PAIR_TOL = 1e-6
 precision."""
 
 MAX_TRIED_PLANES = 2000
-"""Planes that are tried for one cage; more only arise where all vertices are on a few spheres."""
+"""Planes that are tried for one cage; more arise where many vertices are
+as far from the centre, within the tolerance."""
 
 MAX_COMPARED = 1 << 18
 """Distances that are computed at once."""
@@ -131,12 +132,14 @@ def are_pairs(vertices: Floats, partners: NDArray[np.integer]) -> bool:
     if not np.isin(partners, numbers).all() or (partners[partners] != numbers).any():
         return False
     lines = vertices[partners] - vertices
-    length = np.linalg.norm(lines, axis=1)
-    if not length.max() > 0:
+    if not lines.any():
         return False
-    images = Mirror(lines[length.argmax()], vertices.mean(axis=0)).reflect(vertices)
+    centre = vertices.mean(axis=0)
+    middles = (vertices[partners] + vertices) / 2 - centre
+    # Images about the plane of normal n are off by nᵀ (4 MᵀM − LᵀL) n and a constant, squared.
+    normal = np.linalg.eigh(4 * middles.T @ middles - lines.T @ lines)[1][:, 0]
+    images = Mirror(normal, centre).reflect(vertices)
     away = np.linalg.norm(images - vertices[partners], axis=1).max()
-    # The longest line and the centre are rounded as the vertices are.
     return bool(away <= 2 * PAIR_TOL * np.linalg.norm(np.ptp(vertices, axis=0)))
 
 

@@ -26,8 +26,9 @@ from cageik_cli.util.files import open_input, open_locked, remove_locked, set_si
 from cageik_cli.util.text import format_count
 
 CHECKPOINT_START = b"cageik.partial "
-CHECKPOINT_MAGIC = CHECKPOINT_START + b"7\n"
-"""Raise its number when the spec or the bytes of blocks change, so that older ones are refused."""
+CHECKPOINT_MAGIC = CHECKPOINT_START + b"8\n"
+"""Raise its number when the spec, the bytes of blocks or the solve change, so that older ones are
+refused."""
 
 _RECORD_HEADER = struct.Struct("<QI")  # length and checksum of what follows
 

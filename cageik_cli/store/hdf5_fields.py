@@ -64,7 +64,7 @@ def write_meshes(file: h5py.File, rest: TriMesh, cage: TriMesh) -> None:
     write_surface(file, "attributes/rest", rest)
     mirror = find_mirror(cage.vertices)
     partners = None if mirror is None else mirror.find_pairs(cage.vertices)
-    if partners is not None:
+    if partners is not None and are_pairs(cage.vertices, partners):  # as it is read
         file["cage/partners"] = partners.astype(np.int32)
 
 

@@ -8,8 +8,9 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
+from threading import Lock
 
 MIN_TRIAL_BYTES = 768 << 20
 """Memory that a trial may take besides a multiple of its files; a quarter of it are libraries."""
@@ -41,6 +42,8 @@ class Trials:
         self.are_wanted = False
         self.allowed_bytes: int | None = None
         self._passed: set[tuple[str, str]] = set()
+        self._lock, self._silences = Lock(), 0
+        self._kept: int | None = None
 
     def find_fault(
         self, library: str, call: Callable[..., str | None], *arguments: object, key: str
@@ -75,19 +78,26 @@ class Trials:
         if not self.are_wanted:
             yield
             return
+        self._change_silence(1)
         try:
-            kept = os.dup(2)
-        except OSError:  # it is closed
-            yield
-            return
-        try:
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, 2)
-            os.close(nowhere)
             yield
         finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+            self._change_silence(-1)
+
+    def _change_silence(self, step: int) -> None:
+        """Count one more, or one less, that wants silence: the last gives standard error back."""
+        with self._lock:
+            self._silences += step
+            if step > 0 and self._silences == 1:
+                with suppress(OSError):  # it is closed
+                    self._kept = os.dup(2)
+                    nowhere = os.open(os.devnull, os.O_WRONLY)
+                    os.dup2(nowhere, 2)
+                    os.close(nowhere)
+            elif self._silences == 0 and self._kept is not None:
+                os.dup2(self._kept, 2)
+                os.close(self._kept)
+                self._kept = None
 
     def allow(self, size: int) -> None:
         """Allow the call that is tried here to take memory and time for as many more bytes."""

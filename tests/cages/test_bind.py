@@ -78,7 +78,7 @@ def test_the_version_of_an_algorithm_changes_with_its_weights():
         coordinates(concave(), corner).values[0, [0, 4, 8]]
         for coordinates in (harmonic_weights, mean_value_weights)
     )
-    assert ALGORITHM_VERSIONS == {"harmonic": 9, "mean-value": 4}
+    assert ALGORITHM_VERSIONS == {"harmonic": 10, "mean-value": 4}
     np.testing.assert_allclose(harmonic, HARMONIC, rtol=0, atol=1e-6)
     np.testing.assert_allclose(mean_value, MEAN_VALUE, rtol=0, atol=1e-12)
 

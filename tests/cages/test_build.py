@@ -261,6 +261,7 @@ def test_few_quads_are_noted(monkeypatch, coarse_grids):
 def test_triangles_are_kept_if_the_quads_are_not_valid(monkeypatch, coarse_grids):
     built = build_quads(monkeypatch, lambda cage, _: cage.flip())
     assert not built.chosen.recipe.endswith(", quads")
+    assert "this one is of triangles" in built.notes[-1]
     assert built.candidates[-1].recipe.endswith(", quads")
 
 

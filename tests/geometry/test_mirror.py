@@ -91,3 +91,16 @@ def test_pairs_are_known_to_be_pairs_and_other_numbers_not():
     swapped[[0, partners[0]]] = [0, partners[0]]
     for wrong in (np.roll(partners, 1), swapped, np.arange(len(points)), partners + 1):
         assert not are_pairs(points, wrong)
+
+
+@pytest.mark.parametrize("thickness", [0.1, 0.8, 2.0])
+def test_pairs_of_thin_noisy_points_are_pairs(thickness):
+    """Lines between partners are short there, and each alone shows the plane badly."""
+    for seed in range(30):
+        points = make_twins(seed) * [thickness / 2, 1, 1]
+        size = np.linalg.norm(np.ptp(points, axis=0))
+        noise = np.random.default_rng(seed).uniform(-1, 1, points.shape)
+        points = points + 0.2 * PAIR_TOL * size * noise
+        partners = Mirror([1, 0, 0], points.mean(axis=0)).find_pairs(points)
+        assert partners is not None
+        assert are_pairs(points, partners)

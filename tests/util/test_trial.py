@@ -111,3 +111,15 @@ def test_a_process_that_cannot_be_started_is_no_fault(trials, monkeypatch):
     assert trials.find_fault("abc", abort, "", key="a") == ""
     monkeypatch.setattr(sys, "executable", "")
     assert trials.find_fault("abc", abort, "", key="a") == ""
+
+
+def test_two_threads_give_standard_error_back(trials, capfd):
+    """The first that ends leaves the other silent; the last ends the silence."""
+    first, second = trials.silence(), trials.silence()
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    os.write(2, b"of a library\n")
+    second.__exit__(None, None, None)
+    os.write(2, b"of the program\n")
+    assert capfd.readouterr().err == "of the program\n"

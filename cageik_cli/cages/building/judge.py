@@ -78,8 +78,9 @@ class Demand:
             self.samples = mirror_points(self.samples, self.axis)
         self.clearance = settings.clearance
         self.fewest, self.most = int(np.ceil(0.9 * settings.vertices)), settings.vertices
-        self.holes, self.is_closed = 0, bounds_volume(placed)
-        if self.is_closed:
+        # Of a model and its image, the holes are not known.
+        self.holes, self.is_closed = 0, mirror is None and bounds_volume(placed)
+        if bounds_volume(placed):
             self.holes = int(placed.components.max()) + 1 - euler_characteristic(placed) // 2
 
 

@@ -15,7 +15,7 @@ POSE_TOL = 1e-9
 """Frames that differ by a smaller root mean square, in diagonals, are one pose: moves round."""
 
 UNREFINED = Accuracy(np.inf, 1, 0.0, 9000)
-"""The accuracy of weights by which edits are compared: no face of the cage is divided for it."""
+"""The accuracy of weights by which edits are compared: no face is divided for an error."""
 
 
 class Motion:

@@ -16,8 +16,8 @@ MAX_ROUGH_ASYMMETRY = 0.02
 """The same on average, for a plane that is worth refining."""
 
 ASYMMETRY_TIE = 1e-4
-"""Planes whose asymmetry differs by less, in diagonals, are equally good: simple shapes have
-several, and scans are not exact."""
+"""Asymmetries are rounded to it, in diagonals: simple shapes have several planes, and scans are not
+exact."""
 
 MAX_PLANE_STEPS = 12
 """Steps in which a plane is refined, at most."""

@@ -1,7 +1,7 @@
 """A cage that was checked, and with a rest pose in it, as text and as JSON."""
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts
 from cageik_cli.cages.quality import MIN_CLEARANCE, MIN_INFLUENCE
@@ -11,9 +11,6 @@ from cageik_cli.geometry.part_names import get_parts, name_vertex
 from cageik_cli.report.check_marks import FaultMark, list_marks
 from cageik_cli.report.views.cage import format_cage_record
 from cageik_cli.util.text import format_block, format_count, format_row
-
-if TYPE_CHECKING:  # the builder is slow to import
-    pass
 
 
 @dataclass(frozen=True, slots=True, eq=False)
