@@ -93,13 +93,18 @@ def test_a_failure_ends_the_silence(trials, capfd):
     assert capfd.readouterr().err == "from us"
 
 
-def test_a_closed_standard_error_stays_closed(trials, monkeypatch):
+def test_a_closed_standard_error_stays_closed(trials, monkeypatch, capfd):
+    """Nothing is put in its place: what is written goes where it went."""
+
     def refuse(descriptor):
         raise OSError
 
-    monkeypatch.setattr(os, "dup", refuse)
-    with trials.silence():
-        pass
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "dup", refuse)
+        with trials.silence():
+            os.write(2, b"within, ")
+        os.write(2, b"and after")
+    assert capfd.readouterr().err == "within, and after"
 
 
 def test_nothing_is_tried_that_is_not_wanted():

@@ -55,7 +55,12 @@ def test_settings_out_of_range_are_refused(settings, named):
 
 
 def test_settings_at_the_ends_of_their_ranges_pass():
-    FilmSettings((MIN_FILM_SIDE, MAX_FILM_SIDE), MAX_FILM_SECONDS)
+    settings = FilmSettings((MIN_FILM_SIDE, MAX_FILM_SIDE), MAX_FILM_SECONDS)
+    assert (*settings.film_size, settings.film_seconds) == (
+        MIN_FILM_SIDE,
+        MAX_FILM_SIDE,
+        MAX_FILM_SECONDS,
+    )
 
 
 def test_a_film_shows_the_frames_of_deform(closed):
