@@ -38,7 +38,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.caged_model import CagedModel, report_skipped_frames
 from cageik_cli.workflows.reconstruction import Reconstruction
-from cageik_cli.workflows.rig import check_rig, make_rig
+from cageik_cli.workflows.rig import check_rig, make_rig, measure_input_rms
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 MAX_EXPORT_BYTES = 1 << 26
@@ -201,7 +201,7 @@ def _write_skeleton(
         joints=settings.joints,
         is_shaded=True,
         compares=settings.compares,
-        input_rms=_measure_input_rms(result),
+        input_rms=measure_input_rms(result),
         jobs=count_processors(),
     )
     animation = replace(animation, rest=rig.cage)
@@ -228,14 +228,6 @@ def _write_skeleton(
             settings.output, settings.to, animation, places, progress, make_writer
         )
     return replace(summary, unit=f"joints that move {len(result.rest.vertices)} vertices")
-
-
-def _measure_input_rms(result: Result) -> float | None:
-    """Return the rms of a result, percent; None if it is not that of all vertices and frames."""
-    rms = result.metrics.rms
-    if result.edited_from or not (np.isfinite(rms).all() and np.isfinite(result.vertex_rms).all()):
-        return None
-    return 100 * float(np.sqrt(np.mean(np.square(rms)))) / result.rest.diagonal
 
 
 def _write_with_model(
@@ -300,7 +292,28 @@ def check_export(settings: ExportSettings) -> None:
     if is_rest_cage(settings):
         _check_rest_cage(settings)
         return
-    is_gltf = suffix in GltfSkeletonWriter.suffixes
+    _check_skeleton(settings)
+    if settings.guide and suffix not in UsdWriter.suffixes:
+        raise SettingError(
+            f"{path}: `guide=True` works with USD only, expected {', '.join(UsdWriter.suffixes)}"
+        )
+    has_parts = names_parts(path)
+    if has_parts and (settings.skeleton or not settings.with_model):
+        what = "a skeleton" if settings.skeleton else "a cage"
+        raise SettingError(
+            f"{path}: {what} has no parts; leave {PLACEHOLDER} out of the name, or write the parts "
+            "of the model by cageik deform"
+        )
+    if settings.with_model:
+        _check_with_model(settings)
+    if not has_parts:
+        settings.output.check_writable()
+
+
+def _check_skeleton(settings: ExportSettings) -> None:
+    """Refuse what a skeleton, or its format, cannot have."""
+    path = settings.output.path
+    is_gltf = path.suffix.lower() in GltfSkeletonWriter.suffixes
     if is_gltf and settings.influences is not None and settings.influences > MAX_INFLUENCES:
         raise SettingError(
             f"{path}: `influences={settings.influences}`, and programs read at most "
@@ -320,27 +333,18 @@ def check_export(settings: ExportSettings) -> None:
             f"{path}: `joints={settings.joints}` are not the vertices of the cage; leave out "
             "`with_model=True`, or `joints=`"
         )
-    if settings.guide and suffix not in UsdWriter.suffixes:
+
+
+def _check_with_model(settings: ExportSettings) -> None:
+    """Refuse a format that cannot hold a cage and its model."""
+    path = settings.output.path
+    if not (settings.output.find_writer().keeps_parts or names_parts(path)):
         raise SettingError(
-            f"{path}: `guide=True` works with USD only, expected {', '.join(UsdWriter.suffixes)}"
+            f"{path}: `with_model=True` works with formats of several meshes, expected .usdc, "
+            f".abc, .glb or .obj, or a file of each by {PLACEHOLDER} in the name"
         )
-    has_parts = names_parts(path)
-    if has_parts and (settings.skeleton or not settings.with_model):
-        what = "a skeleton" if settings.skeleton else "a cage"
+    if settings.skeleton and path.suffix.lower() in GltfSkeletonWriter.suffixes:
         raise SettingError(
-            f"{path}: {what} has no parts; leave {PLACEHOLDER} out of the name, or write the parts "
-            "of the model by cageik deform"
+            f"{path}: a skeleton in glTF is the model alone, without the cage; leave out "
+            "`with_model=True`, or write .usdc, which holds both"
         )
-    if settings.with_model:
-        if not (settings.output.find_writer().keeps_parts or has_parts):
-            raise SettingError(
-                f"{path}: `with_model=True` works with formats of several meshes, expected .usdc, "
-                f".abc, .glb or .obj, or a file of each by {PLACEHOLDER} in the name"
-            )
-        if settings.skeleton and is_gltf:
-            raise SettingError(
-                f"{path}: a skeleton in glTF is the model alone, without the cage; leave out "
-                "`with_model=True`, or write .usdc, which holds both"
-            )
-    if not has_parts:
-        settings.output.check_writable()

@@ -179,16 +179,11 @@ def make_rig(
                 f"{k}: {fit_rig(k, joints).figures}" for k in counts
             ]  # holds one rig at a time
             progress.note("influences", f"rms and largest error: {'; '.join(texts)}")
-            for fewer in _list_joint_counts(joints, n):
+            for fewer in (n // 2, n // 4) if isinstance(joints, int) and n >= 16 else ():
                 for count in COMPARED_INFLUENCES[:2]:
                     if count <= fewer:
                         progress.note("joints", fit_rig(count, fewer).line)
     return rig
-
-
-def _list_joint_counts(joints: str | int, n: int) -> list[int]:
-    """Return the numbers of joints to compare with others: a half and a quarter of a cage's `n`."""
-    return [n // 2, n // 4] if isinstance(joints, int) and n >= 16 else []
 
 
 def _fit_rig(
@@ -255,6 +250,14 @@ def check_rig(result: Result, influences: int | None, joints: str | int) -> None
             f"{result.path}: `influences={influences}`, but the cage has {n} vertices; give "
             f"{n} or less"
         )
+
+
+def measure_input_rms(result: Result) -> float | None:
+    """Return the rms of a result, percent; None if it is not that of all vertices and frames."""
+    rms = result.metrics.rms
+    if result.edited_from or not (np.isfinite(rms).all() and np.isfinite(result.vertex_rms).all()):
+        return None
+    return 100 * float(np.sqrt(np.mean(np.square(rms)))) / result.rest.diagonal
 
 
 def _read_solve_settings(result: Result) -> SolveSettings:
