@@ -27,6 +27,10 @@ MIN_KEPT_ANGLE = 10.0
 MIN_ANGLE_GAIN = 0.3
 """Degrees that an edit for the angles must win."""
 
+ANGLE_DECIMALS = 2
+"""Digits of angles and of their gains, degrees, by which faces and edits are ordered: many are
+alike, and rounding is not to choose between them."""
+
 DEGREES_PER_GROWTH = 400.0
 """Degrees that an edit for the angles must win for as much volume as the cage has: four for one
 percent. Otherwise a round cage grows by a spike for every needle."""
@@ -41,7 +45,7 @@ MAX_SETTLING_STEPS = 5
 def mend_angles(draft: Draft, fewest: int) -> int:
     """Edit faces with angles below the goal, the worst first; return the number of edits."""
     angles = measure_angles(draft.vertices[draft.faces]).min(axis=1)
-    worst = np.argsort(angles, kind="stable")
+    worst = np.argsort(angles.round(ANGLE_DECIMALS), kind="stable")
     made = 0
     for face in draft.faces[worst[angles[worst] < MIN_WANTED_ANGLE]]:
         if (draft.faces == face).all(axis=1).any():
@@ -153,12 +157,12 @@ def _misfit(draft: Draft, edit: Edit, beside: Floats) -> float:
 
 
 def _take_best(draft: Draft, edits: list[Edit]) -> bool:
-    """Make the edit that gains most, of those that are sound.
+    """Make the edit that gains most, of those that are sound; of equally good ones, the first.
 
     It must win `MIN_ANGLE_GAIN` degrees; the `MAX_TRIED_EDITS` best ones are looked at.
     """
-    gains = [_gain(draft, edit) for edit in edits]
-    for k in np.argsort(gains, kind="stable")[::-1][:MAX_TRIED_EDITS]:
+    gains = np.array([_gain(draft, edit) for edit in edits])
+    for k in np.argsort(-gains.round(ANGLE_DECIMALS), kind="stable")[:MAX_TRIED_EDITS]:
         if gains[k] < MIN_ANGLE_GAIN:
             return False
         edit = settle(draft, edits[k]) if len(edits[k].added) != 2 else edits[k]
@@ -206,7 +210,7 @@ def _moves(draft: Draft, vertex: int) -> Iterator[Edit]:
     corners = draft.vertices[draft.faces[around]]
     normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
     normal /= max(np.linalg.norm(normal), 1e-300)
-    across = cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    across = cross(normal, np.eye(3)[np.abs(normal).round(4).argmin()])  # the first of those alike
     across /= np.linalg.norm(across)
     along = cross(normal, across)
     here = draft.vertices[vertex]

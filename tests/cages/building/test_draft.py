@@ -6,10 +6,12 @@ from cageik_cli.cages.building.polish import (
     collapse_edge,
     flip_edge,
     least_move,
+    mend_angles,
     move_vertex,
     settle,
 )
 from cageik_cli.cages.faults import find_cage_faults
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points
 from tests.shapes import ball, box, finer, octahedron
 
@@ -139,3 +141,20 @@ def test_an_edit_grows_the_cage_by_the_volume_that_it_adds(draft, kind):
     before, grown = draft.to_mesh().volume, draft.growth(edit)
     draft.apply(edit)
     assert draft.to_mesh().volume - before == pytest.approx(grown, rel=1e-9, abs=1e-12)
+
+
+def test_rounding_does_not_choose_between_edits_that_mend_a_needle_alike():
+    """On a plane, many moves of a vertex make its angles as large as they are wanted."""
+    cube = finer(box(), 2)
+    cage = TriMesh(
+        cube.vertices + 0.45 * (cube.vertices == [1, 0, 0]).all(axis=1)[:, None] * [0, 1, 0],
+        cube.faces,
+    )
+    found = []
+    for seed in range(5):
+        noise = 1e-8 * np.random.default_rng(seed).uniform(-1, 1, cage.vertices.shape)
+        draft = Draft(cage.move(cage.vertices + noise), ball(2, 0.2).vertices, 0.05)
+        assert mend_angles(draft, draft.count) > 0
+        found.append(draft.vertices)
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], rtol=0, atol=1e-6)
