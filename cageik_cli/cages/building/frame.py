@@ -1,14 +1,33 @@
 """The frame in which a cage is built: the same one however a file states the surface."""
 
+from itertools import permutations, product
+
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.util.arrays import Floats
 
-MOMENT_DECIMALS = 5
-"""Digits of the moments that order and direct the axes, in units of the frame: what differs by less
-is a tie, and the axes stay as they are."""
+MOMENT_TIE_TOL = 1e-5
+"""Moments of the surface that differ by less are a tie, in units of the frame."""
+
+MOMENT_POWERS = tuple(
+    powers
+    for degree in (2, 3, 4)
+    for powers in product((4, 3, 2, 1, 0), repeat=3)
+    if sum(powers) == degree
+)
+"""Of the coordinates in the moments that tell the axes: a model whose moments are all the same when
+it is turned is taken to be symmetric."""
+
+TURNS = tuple(
+    (order, signs)
+    for order in permutations(range(3))
+    for signs in product((1.0, -1.0), repeat=3)
+    if np.linalg.det(np.eye(3)[list(order)] * np.array(signs)[:, None]) > 0
+)
+"""The 24 ways to permute axes and turn them over that are turns, as orders and signs; the first
+leaves them as they are."""
 
 PLACE_DECIMALS = 6
 """Digits of a position that decide which vertex comes first: single precision has seven."""
@@ -38,17 +57,9 @@ class Frame:
         low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
         self._centre, self._scale = low + (high - low) / 2, unit or model.diagonal
         self._order, self._signs = np.arange(3), np.ones(3)
-        points = self.to_units(model.vertices)
         # By area: the same for vertices that are split where normals or UVs differ.
-        areas = lumped_areas(model)
-        shares = areas / areas.sum() if areas.sum() > 0 else np.full(len(areas), 1 / len(areas))
-        spread, lean = (shares @ points**power for power in (2, 3))
-        order = np.argsort(-spread.round(MOMENT_DECIMALS), kind="stable")
-        lean = lean.round(MOMENT_DECIMALS)[order]
-        signs = np.where(lean < 0, -1.0, 1.0)
-        if np.linalg.det(np.eye(3)[order] * signs[:, None]) < 0:
-            signs[np.abs(lean).argmin()] *= -1
-        self._order, self._signs = order, signs
+        order, signs = _choose_turn(self.to_units(model.vertices), lumped_areas(model))
+        self._order, self._signs = np.array(order), np.array(signs)
 
     def to_units(self, points: Floats) -> Floats:
         """Return places in file units, (..., 3), in units of the frame."""
@@ -60,6 +71,31 @@ class Frame:
         turned = np.empty_like(points)
         turned[:, self._order] = points * self._signs
         return np.asarray(turned * self._scale + self._centre)
+
+
+def _choose_turn(points: Floats, areas: Floats) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Return the turn that makes moments largest, each where those before it leave a choice.
+
+    The first is the spread along x, then come that along y, how far all axes lean, and the others.
+    """
+    shares = areas / areas.sum() if areas.sum() > 0 else np.full(len(areas), 1 / len(areas))
+    moments = {powers: float(shares @ (points**powers).prod(axis=1)) for powers in MOMENT_POWERS}
+    left = np.arange(len(TURNS))
+    for values in np.array([_turn_moments(moments, *turn) for turn in TURNS]).T:
+        left = left[values[left] > values[left].max() - MOMENT_TIE_TOL]
+    return TURNS[left[0]]
+
+
+def _turn_moments(
+    moments: dict[tuple[int, ...], float], order: tuple[int, ...], signs: tuple[float, ...]
+) -> list[float]:
+    """Return the moments of a turned model in the order in which they decide."""
+    turned = {}
+    for powers in moments:
+        before = tuple(powers[order.index(axis)] for axis in range(3))
+        turned[powers] = float(np.prod(np.power(signs, powers))) * moments[before]
+    lean = turned[3, 0, 0] + turned[0, 3, 0] + turned[0, 0, 3]
+    return [turned[2, 0, 0], turned[0, 2, 0], lean, *turned.values()]
 
 
 def sort_mesh(mesh: TriMesh) -> TriMesh:

@@ -2,8 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from cageik_cli.cages.building.frame import MAX_UNEVENNESS, Frame, break_ties, sort_mesh
+from cageik_cli.cages.building.frame import (
+    MAX_UNEVENNESS,
+    TURNS,
+    Frame,
+    break_ties,
+    sort_mesh,
+)
 from cageik_cli.cages.building.judge import Demand
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
@@ -40,6 +47,16 @@ def test_a_model_that_is_moved_has_the_same_coordinates_in_its_frame(model, turn
     placed = place(shuffle(changed))
     np.testing.assert_allclose(placed.vertices, place(model).vertices, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(placed.faces, place(model).faces)
+
+
+@pytest.mark.parametrize(("order", "signs"), TURNS)
+def test_a_letter_that_is_turned_over_reads_as_the_letter_in_its_frame(order, signs):
+    """An S is the same when turned by 180 degrees, and leans to no side; turned over it is a Z."""
+    x, y, z = finer(box(), 2).vertices.T
+    letter = TriMesh(np.stack([3 * x, y + x**3 - 3 * x, z / 2], axis=1), finer(box(), 2).faces)
+    turned = TriMesh(letter.vertices[:, order] * signs, letter.faces)
+    found, expected = (Frame(m).to_units(m.vertices) for m in (turned, letter))
+    assert cKDTree(expected).query(found)[0].max() < 1e-12
 
 
 def test_vertices_that_are_split_do_not_turn_the_frame(model):
