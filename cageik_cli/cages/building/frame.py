@@ -29,15 +29,20 @@ TURNS = tuple(
 """The 24 ways to permute axes and turn them over that are turns, as orders and signs; the first
 leaves them as they are."""
 
+PLACE_STEP = 2.0**-30
+"""Places are rounded to multiples of it, in units of the frame. It is far more than the rounding of
+double precision, and far less than a clearance; round numbers are no odd multiples of its half."""
+
 PLACE_DECIMALS = 6
 """Digits of a position that decide which vertex comes first: single precision has seven."""
 
-MAX_UNEVENNESS = 1e-5
-"""How far points are moved so that no two edges of a symmetric shape are equally long, in units of
-the frame: rounding is a hundred times less, and it would decide otherwise."""
+MAX_UNEVENNESS = 3e-5
+"""How far points are moved so that no two edges of a symmetric shape are equally long, and no plane
+is flat, in units of the frame: otherwise, the last digits of a file would decide."""
 
-WAVES = np.array([[13.7, 17.3, 9.1], [8.9, 14.9, 19.7], [16.1, 7.3, 12.7]])
-"""Wave vectors of these moves, per unit of the frame: no two are alike along any axis."""
+WAVES = np.array([[68.5, 86.5, 45.5], [44.5, 74.5, 98.5], [80.5, 36.5, 63.5]])
+"""Wave vectors of these moves, per unit of the frame: no two are alike along any axis. Waves are as
+long as ten cells of a shell's grid, and bend a plane over one by more than single precision."""
 
 
 class Frame:
@@ -96,6 +101,14 @@ def _turn_moments(
         turned[powers] = float(np.prod(np.power(signs, powers))) * moments[before]
     lean = turned[3, 0, 0] + turned[0, 3, 0] + turned[0, 0, 3]
     return [turned[2, 0, 0], turned[0, 2, 0], lean, *turned.values()]
+
+
+def round_places(points: Floats) -> Floats:
+    """Return places in the frame, (k, 3), without the rounding of the file's coordinates.
+
+    All choices of the builder are then the same, however the model was moved, turned or scaled.
+    """
+    return np.asarray(np.round(points / PLACE_STEP) * PLACE_STEP)
 
 
 def sort_mesh(mesh: TriMesh) -> TriMesh:

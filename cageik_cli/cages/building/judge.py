@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.cages.building.collapse import euler_characteristic
-from cageik_cli.cages.building.frame import Frame, sort_mesh
+from cageik_cli.cages.building.frame import Frame, round_places, sort_mesh
 from cageik_cli.cages.building.symmetry import MirrorFrame, add_image, mirror_points
 from cageik_cli.cages.faults import find_cage_faults
 from cageik_cli.cages.quality import MIN_ANGLE, find_thin_parts
@@ -68,7 +68,7 @@ class Demand:
         if mirror is not None:
             self.frame = MirrorFrame(model, mirror)
             self.axis = self.frame.axis
-        placed = TriMesh(self.frame.to_units(model.vertices), model.faces)
+        placed = TriMesh(round_places(self.frame.to_units(model.vertices)), model.faces)
         held = placed if self.axis is None else add_image(placed, self.axis)
         self.surface = _widen_slivers(sort_mesh(held))
         self.samples = np.empty((0, 3))

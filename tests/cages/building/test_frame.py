@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 
 from cageik_cli.cages.building.frame import (
     MAX_UNEVENNESS,
+    PLACE_STEP,
     TURNS,
     Frame,
     break_ties,
@@ -74,10 +75,21 @@ def test_a_model_without_area_has_a_frame():
     np.testing.assert_allclose(np.sort(np.abs(units[[0, 2], 0])), 0.5, rtol=1e-12)
 
 
-def test_an_order_of_vertices_changes_no_bit_of_what_a_cage_must_do(model):
-    first, second = (Demand(m, BuildSettings()) for m in (model, shuffle(model)))
+@pytest.mark.parametrize("change", ["order", "turn", "place", "scale"])
+def test_no_change_of_the_file_changes_a_bit_of_what_a_cage_must_do(model, change):
+    changed = {
+        "order": lambda: shuffle(model),
+        "turn": lambda: TriMesh(model.vertices @ TURN.T, model.faces),
+        "place": lambda: TriMesh(model.vertices + np.array([5.1, -3.3, 2.7]), model.faces),
+        "scale": lambda: TriMesh(0.01 * model.vertices, model.faces),
+    }[change]()
+    first, second = (Demand(m, BuildSettings()) for m in (model, changed))
     np.testing.assert_array_equal(first.surface.vertices, second.surface.vertices)
+    np.testing.assert_array_equal(first.surface.faces, second.surface.faces)
     np.testing.assert_array_equal(first.samples, second.samples)
+    np.testing.assert_allclose(
+        first.surface.vertices, place(model).vertices, rtol=0, atol=PLACE_STEP
+    )
 
 
 def test_the_axes_of_a_cube_stay_as_they_are():
@@ -102,3 +114,11 @@ def test_ties_are_broken_by_more_than_rounding_and_less_than_a_shape_shows():
     assert np.abs(broken - ring).max() <= MAX_UNEVENNESS
     lengths = np.linalg.norm(broken - np.roll(broken, 1, axis=0), axis=1)
     assert np.diff(np.sort(lengths)).min() > 1e-9
+
+
+def test_a_plane_is_bumpy_over_the_cells_of_a_grid_by_more_than_single_precision():
+    side = 0.007 * np.arange(60)
+    x, y = np.meshgrid(side, side, indexing="ij")
+    height = break_ties(np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3))[:, 2].reshape(60, 60)
+    bumps = np.abs(height[1:-1] - (height[:-2] + height[2:]) / 2)
+    assert np.median(bumps) > 50 * np.finfo(np.float32).eps / 4
