@@ -98,6 +98,16 @@ def concave() -> TriMesh:
     return prism(outline, [[0, 1, 3], [1, 2, 3], [0, 3, 5], [3, 4, 5]])
 
 
+def letter_c(gap: float) -> TriMesh:
+    """A rod of four sides that is bent into a ring; its ends are `gap` diagonals apart."""
+    rod = finer(box(), 4)
+    x, y, z = rod.vertices.T
+    turn = np.pi + x * (np.pi - gap * 3.72 / 2)
+    bent = np.stack([(1 + 0.3 * y) * np.cos(turn), 0.3 * z, (1 + 0.3 * y) * np.sin(turn)], axis=1)
+    ring = changed(rod, vertices=bent)
+    return ring if ring.volume > 0 else ring.flip()
+
+
 def prism(outline, cap) -> TriMesh:
     """A body from z = 0 to 1 over a polygon that goes around to the left, cut into `cap`."""
     count, outline, cap = len(outline), np.array(outline, float), np.array(cap)

@@ -23,6 +23,10 @@ from cageik_cli.util.errors import join_truncated
 MIN_NAMED_NODES = 8
 """Grid nodes of a place that is worth naming."""
 
+MIN_NAMED_DEPTH = 0.5
+"""How far beyond the offset a place that is worth naming reaches, in cells of the grid: what is
+closed there otherwise is the rounding of the shell to nodes, which no gap made."""
+
 MAX_JOINED_PARTS = 400
 """Parts that are joined, at most: joining them takes the square of their number."""
 
@@ -120,7 +124,8 @@ def make_shell(grid: DistanceGrid, offset: float, closing: float) -> Shell | Non
     added = (field < 0) & _reach(grid.distance > offset)
     added &= apart > radius  # a bridge is none of the model's hollows or gaps
     is_wide = grid.distance > offset + closing
-    hollows, webs = _find_centres(grid, added & is_wide), _find_centres(grid, added & ~is_wide)
+    beyond = offset + MIN_NAMED_DEPTH * grid.cell
+    hollows, webs = (_find_centres(grid, added & w, beyond) for w in (is_wide, ~is_wide))
     surface = _take_outermost(surface)
     surface = TriMesh(break_ties(surface.vertices), surface.faces)
     return Shell(surface, bridges.mean(axis=1), hollows, webs)
@@ -178,14 +183,18 @@ def _reach(free: Mask) -> Mask:
     return np.asarray(parts == parts[0, 0, 0])
 
 
-def _find_centres(grid: DistanceGrid, chosen: Mask) -> Floats:
-    """Return centres of connected parts, (k, 3), the largest first, that are worth naming."""
+def _find_centres(grid: DistanceGrid, chosen: Mask, beyond: float) -> Floats:
+    """Return centres of connected parts, (k, 3), the largest first, that are worth naming.
+
+    They have `MIN_NAMED_NODES`, one of which is `beyond` that distance from the surface.
+    """
     parts, count = ndimage.label(chosen)
     if count == 0:
         return np.empty((0, 3))
     sizes = np.bincount(parts.ravel())[1:]
+    deepest = ndimage.maximum(grid.distance, parts, np.arange(count) + 1)
     order = np.argsort(-sizes, kind="stable")
-    order = order[sizes[order] >= MIN_NAMED_NODES]
+    order = order[(sizes[order] >= MIN_NAMED_NODES) & (np.asarray(deepest)[order] > beyond)]
     centres = ndimage.center_of_mass(chosen, parts, order + 1)
     return grid.positions(np.array(centres).reshape(-1, 3))
 

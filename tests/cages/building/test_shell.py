@@ -4,12 +4,13 @@ import pytest
 from cageik_cli.cages.building.collapse import euler_characteristic
 from cageik_cli.cages.building.shell import (
     DistanceGrid,
+    describe_closings,
     make_shell,
     measure_segment_distance,
 )
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from tests.cages.torture import sheet, torus
-from tests.shapes import ball, changed, merged, moved
+from tests.shapes import ball, changed, letter_c, merged, moved
 
 
 def shell_of(mesh, offset=0.05, closing=0.05, cell=0.03):
@@ -87,3 +88,18 @@ def test_distances_from_segments_are_exact_as_far_as_they_are_needed():
 def test_without_segments_all_nodes_are_infinitely_far():
     grid = DistanceGrid(ball(1), 0.1, 0.3)
     assert np.isinf(measure_segment_distance(grid, np.zeros((0, 2, 3)), 0.3)).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gap", "count"), [(0.003, 0), (0.02, 1)])
+def test_a_slit_is_named_where_it_is_and_rounding_to_the_grid_nowhere(gap, count):
+    """A slit that is narrower than the offset has no node that the shell would not hold anyway."""
+    letter = letter_c(gap)
+    grid = DistanceGrid(moved(letter, scale=1 / letter.diagonal), 0.007, 0.04)
+    shell = make_shell(grid, 0.006, 0.010)
+    assert euler_characteristic(shell.surface) == 0
+    assert len(shell.webs) == count
+    assert all(np.linalg.norm(web - [1 / letter.diagonal, 0, 0]) < 0.1 for web in shell.webs)
+    (note,) = describe_closings(shell, lambda places: places, 0, is_closed=True)
+    assert "(1)" in note
+    assert (", at (" in note) == (count > 0)
