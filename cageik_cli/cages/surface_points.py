@@ -38,9 +38,7 @@ def sample_in_blocks(
     """
     corners = surface.vertices[surface.faces]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normals, axis=1).sum() / 2
-    spacing = max(spacing, float(np.sqrt(area / max_points)))
+    spacing = find_spacing(surface, spacing, max_points)
     parts = np.ceil(np.minimum(sides / spacing, max_points**0.5)).astype(np.int64)
     points = [surface.vertices]
     for count in np.unique(parts[parts > 1]).tolist():
@@ -51,6 +49,11 @@ def sample_in_blocks(
                 yield np.concatenate(points)
                 points = []
     yield np.concatenate([np.empty((0, 3)), *points])
+
+
+def find_spacing(surface: TriMesh, spacing: float = 0.01, max_points: int = 150_000) -> float:
+    """Return how far apart the points of `sample_in_blocks` are on a face, at most."""
+    return max(spacing, float(np.sqrt(surface.face_areas.sum() / max_points)))
 
 
 def divide_triangles(corners: Floats, parts: int) -> Floats:

@@ -15,7 +15,7 @@ MIN_ALTITUDE_RATIO = 1.7453e-7
 """Smallest altitude of a face over its longest side, as of a needle with an angle of 1e-5 degrees.
 Below it the face has no plane; the estimate of the error of weights is 3 times too small there."""
 
-NEXT, LAST = [1, 2, 0], [2, 0, 1]
+NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 """The corner, or the axis, after and before each."""
 
 MAX_SEARCHED_FACES = 256
@@ -30,11 +30,13 @@ def lumped_areas(mesh: TriMesh) -> Floats:
 
 
 def cross(a: Floats, b: Floats) -> Floats:
-    """Compute cross products over the last axis, as `np.cross` does, in a third of its time.
+    """Compute cross products over the last axis of arrays of one shape.
 
-    Builders of cages take them thousands of times for a few faces.
+    `np.cross` takes five times as long; builders of cages need thousands for a few faces.
     """
-    return np.asarray(a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT])
+    a, b = a.T, b.T
+    forward = a.take(NEXT, axis=0) * b.take(LAST, axis=0)
+    return np.asarray((forward - a.take(LAST, axis=0) * b.take(NEXT, axis=0)).T)
 
 
 def corner_angles(mesh: TriMesh) -> Floats:
@@ -44,8 +46,8 @@ def corner_angles(mesh: TriMesh) -> Floats:
 
 def measure_angles(corner: Floats) -> Floats:
     """Compute the angles of triangles (f, 3, 3), as `corner_angles` does."""
-    ahead = corner[:, NEXT] - corner
-    back = corner[:, LAST] - corner
+    ahead = corner.take(NEXT, axis=1) - corner
+    back = corner.take(LAST, axis=1) - corner
     sine = np.sqrt((cross(ahead, back) ** 2).sum(axis=2))
     return np.asarray(np.degrees(np.arctan2(sine, (ahead * back).sum(axis=2))))
 

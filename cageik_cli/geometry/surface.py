@@ -30,6 +30,9 @@ MAX_BOXED_PAIRS = 500_000_000
 MAX_UNSORTED_PAIRS = 20_000
 """Pairs up to which all are compared as they come: to sort points and faces would take longer."""
 
+MAX_UNSORTED_FACES = 24
+"""Faces up to which the same holds: they are in too few boxes for any to be passed over."""
+
 FACES_PER_BOX = 8
 """Faces that share a box, as in the compiled core."""
 
@@ -194,45 +197,63 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
     """Find the point of `mesh` nearest to each of `points`, (m, 3), which are valid positions."""
-    if not _can_compare(mesh, points, MAX_BOXED_PAIRS):
+    return ClosestPoints(mesh, *measure_closest(mesh.vertices, mesh.faces, points))
+
+
+def measure_closest(
+    vertices: Floats, faces: Integers, points: Floats
+) -> tuple[Floats, Integers, Floats]:
+    """Find closest points as `closest_points` does, in faces of arrays that are known to be valid.
+
+    Builders of cages do so thousands of times for a few faces, which a mesh would check each time.
+
+    Returns
+    -------
+    (m,), (m,), (m, 3)
+        Distances, faces and positions.
+    """
+    if not _can_compare(faces, points, MAX_BOXED_PAIRS):
         import igl
 
-        squares, face, position = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)
-        return ClosestPoints(mesh, np.sqrt(squares), face.astype(np.int64), position)
-    is_sorted = len(mesh.faces) * len(points) > MAX_UNSORTED_PAIRS
+        squares, face, position = igl.point_mesh_squared_distance(points, vertices, faces)
+        return np.sqrt(squares), face.astype(np.int64), position
+    is_sorted = len(faces) > MAX_UNSORTED_FACES and len(faces) * len(points) > MAX_UNSORTED_PAIRS
     order = order_by_place(points) if is_sorted else np.arange(len(points))
-    places, vertices, squares = points[order], _as_rows(mesh.vertices), np.empty(len(points))
-    faces, boxes = _box_faces(mesh, is_sorted)
-    face, position = np.empty(len(points), np.int64), np.empty((len(points), 3))
+    places, vertices = (points[order] if is_sorted else _as_rows(points)), _as_rows(vertices)
+    faces, boxes = _box_faces(vertices, faces, is_sorted)
+    squares, face = np.empty(len(points)), np.empty(len(points), np.int64)
+    position = np.empty((len(points), 3))
 
     def fill(block: slice) -> None:
         results = squares[block], face[block], position[block]
         compiled.kernel.closest_points(places[block], vertices, faces, boxes, *results)
 
-    run_blocks(fill, len(points), MAX_THREAD_POINTS)
+    run_blocks(fill, len(points), max(MAX_THREAD_POINTS, MAX_THREAD_PAIRS // max(1, len(faces))))
     if not is_sorted:
-        return ClosestPoints(mesh, np.sqrt(squares), face, position)
+        return np.sqrt(squares), face, position
     back = np.argsort(order)
-    return ClosestPoints(mesh, np.sqrt(squares[back]), face[back], position[back])
+    return np.sqrt(squares[back]), face[back], position[back]
 
 
-def _can_compare(mesh: TriMesh, points: Floats, most: int) -> bool:
-    return compiled.kernel is not None and len(mesh.faces) * len(points) <= most
+def _can_compare(faces: Integers, points: Floats, most: int) -> bool:
+    return compiled.kernel is not None and len(faces) * len(points) <= most
 
 
 def _as_rows(values: Floats) -> Floats:
     return np.ascontiguousarray(values, np.float64)
 
 
-def _box_faces(mesh: TriMesh, is_sorted: bool) -> tuple[Integers, tuple[Integers, Floats]]:
+def _box_faces(
+    vertices: Floats, faces: Integers, is_sorted: bool
+) -> tuple[Integers, tuple[Integers, Floats]]:
     """Return the faces, (f, 3), neighbours together if sorted; their numbers; boxes (b, 2, 3)."""
-    a, b, c = (np.take(mesh.vertices, mesh.faces[:, k], axis=0) for k in range(3))
+    a, b, c = (np.take(vertices, faces[:, k], axis=0) for k in range(3))
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     order = order_by_place(low + high) if is_sorted else np.arange(len(low))
     starts = np.arange(0, len(order), FACES_PER_BOX)
     low = np.minimum.reduceat(np.take(low, order, axis=0), starts)
     high = np.maximum.reduceat(np.take(high, order, axis=0), starts)
-    return mesh.faces[order], (order, np.stack([low, high], axis=1))
+    return faces[order], (order, np.stack([low, high], axis=1))
 
 
 def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]:
@@ -253,12 +274,17 @@ def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]
 
 def winding_numbers(mesh: TriMesh, points: Floats) -> Floats:
     """Compute how often the surface winds around each point, (m,): 1 inside, 0 outside."""
-    if not _can_compare(mesh, points, MAX_WINDING_PAIRS):
+    return measure_winding(mesh.vertices, mesh.faces, points)
+
+
+def measure_winding(vertices: Floats, faces: Integers, points: Floats) -> Floats:
+    """Compute winding numbers of arrays that are known to be valid, as `measure_closest` does."""
+    if not _can_compare(faces, points, MAX_WINDING_PAIRS):
         import igl
 
-        return np.asarray(igl.winding_number(mesh.vertices, mesh.faces, points), np.float64).ravel()
-    winding, places, vertices = np.empty(len(points)), _as_rows(points), _as_rows(mesh.vertices)
-    faces = np.ascontiguousarray(mesh.faces)
+        return np.asarray(igl.winding_number(vertices, faces, points), np.float64).ravel()
+    winding, places, vertices = np.empty(len(points)), _as_rows(points), _as_rows(vertices)
+    faces = np.ascontiguousarray(faces)
 
     def fill(block: slice) -> None:
         compiled.kernel.winding_numbers(places[block], vertices, faces, winding[block])

@@ -124,7 +124,7 @@ def test_of_faces_that_are_equally_close_the_first_is_named():
 def test_faces_in_far_boxes_are_not_looked_at():
     """A box that says that its faces are far hides them."""
     mesh = ball(2)
-    faces, (names, boxes) = surface._box_faces(mesh, is_sorted=True)
+    faces, (names, boxes) = surface._box_faces(mesh.vertices, mesh.faces, is_sorted=True)
     points = 1.01 * mesh.vertices[:64]
     squares, nearest = np.empty(64), np.empty(64, np.int64)
     arguments = points, mesh.vertices, faces
@@ -194,7 +194,7 @@ def test_the_compiled_functions_refuse_what_does_not_fit():
     points, mesh = np.zeros((4, 3)), box()
     vertices, beyond = mesh.vertices, mesh.faces + 1
     distances, results = np.empty(4), (np.empty(4, np.int64), np.empty((4, 3)))
-    faces, (names, boxes) = surface._box_faces(mesh, is_sorted=True)
+    faces, (names, boxes) = surface._box_faces(mesh.vertices, mesh.faces, is_sorted=True)
     closest = compiled.kernel.closest_points
     for wanted, says in (
         ((beyond, (names, boxes), distances), "faces: number 8, expected 0 to 7"),

@@ -143,8 +143,8 @@ class Collapser:
         cosine = (normals[0] * normals[1]).sum(axis=1)
         if (cosine < self._min_cosine * lengths[0] * lengths[1]).any() or lengths[1].min() == 0:
             return False
-        angles = [measure_angles(t).min() for t in (old, moved)]
-        return bool(angles[1] >= min(self._min_angle, angles[0]))
+        angle = measure_angles(moved).min()
+        return bool(angle >= self._min_angle or angle >= measure_angles(old).min())
 
     def _merge(self, a: int, b: int, places: Floats) -> None:
         self._left -= 1

@@ -9,7 +9,7 @@ import numpy as np
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import cross, measure_angles
-from cageik_cli.geometry.surface import ClosestPoints, closest_points, winding_numbers
+from cageik_cli.geometry.surface import measure_closest, measure_winding
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
 MIN_FOLD_COSINE = -0.94
@@ -64,7 +64,8 @@ class Draft:
         self.faces = cage.faces.copy()
         self.clearance = clearance
         self.samples = samples
-        self._columns = np.ascontiguousarray(samples.T)
+        self._order = np.argsort(samples[:, 0], kind="stable")
+        self._columns = np.ascontiguousarray(samples[self._order].T)
 
     @property
     def count(self) -> int:
@@ -145,18 +146,18 @@ class Draft:
         around = np.concatenate([edit.added.ravel(), self.faces[edit.removed].ravel()])
         corners = np.concatenate([self.vertices[around], edit.position[None]])
         low, high = corners.min(axis=0) - self.clearance, corners.max(axis=0) + self.clearance
-        near = np.flatnonzero((self._columns[0] > low[0]) & (self._columns[0] < high[0]))
-        for axis in (1, 2):
-            place = self._columns[axis, near]
-            near = near[(place > low[axis]) & (place < high[axis])]
-        return self.samples[near]
+        start = int(self._columns[0].searchsorted(low[0], "right"))
+        stop = int(self._columns[0].searchsorted(high[0], "left"))
+        y, z = self._columns[1:, start:stop]
+        is_near = (y > low[1]) & (y < high[1]) & (z > low[2]) & (z < high[2])
+        return self.samples[np.sort(self._order[start:stop][is_near])]
 
     def keeps_clear(self, edit: Edit) -> bool:
         """Return whether new faces keep off the samples, and none changes sides."""
         samples = self.near_samples(edit)
         if len(samples) == 0:
             return True
-        if closest_points(self.patch(edit), samples).distance.min() < self.clearance:
+        if self.measure_distances(edit, samples).min() < self.clearance:
             return False
         return not self._find_swept(edit, samples).any()
 
@@ -172,44 +173,48 @@ class Draft:
         """
         if len(samples) == 0:
             return np.empty((0, 3)), np.empty(0)
-        nearest = closest_points(self.patch(edit), samples)
+        distance, face, position = self._find_closest(edit, samples)
         # A sample that the edit sweeps over is outside now, and the face must come back to it.
         sign = np.where(self._find_swept(edit, samples), 1.0, -1.0)
-        towards = (sign / np.maximum(nearest.distance, 1e-300))[:, None]
-        direction = towards * (samples - nearest.position)
-        share = self._measure_shares(edit, nearest)
-        return share[:, None] * direction, sign * nearest.distance + self.clearance
+        towards = (sign / np.maximum(distance, 1e-300))[:, None]
+        direction = towards * (samples - position)
+        share = self._measure_shares(edit, face, position)
+        return share[:, None] * direction, sign * distance + self.clearance
 
-    def patch(self, edit: Edit) -> TriMesh:
-        """Return the faces that an edit adds, each with corners of its own."""
+    def measure_distances(self, edit: Edit, samples: Floats) -> Floats:
+        """Return how far samples are from the faces that an edit adds, (k,)."""
+        return self._find_closest(edit, samples)[0]
+
+    def _find_closest(self, edit: Edit, samples: Floats) -> tuple[Floats, Integers, Floats]:
+        """Return the distances, faces and positions on the faces that an edit adds."""
         corners = self._place_corners(edit).reshape(-1, 3)
-        return TriMesh(corners, np.arange(len(corners)).reshape(-1, 3))
+        return measure_closest(corners, np.arange(len(corners)).reshape(-1, 3), samples)
 
-    def _measure_shares(self, edit: Edit, nearest: ClosestPoints) -> Floats:
+    def _measure_shares(self, edit: Edit, face: Integers, at: Floats) -> Floats:
         """Return the barycentric share of the moved vertex in points of the added faces, (k,)."""
         is_moved = edit.added == edit.vertex
         turned = np.take_along_axis(
             edit.added, (is_moved.argmax(axis=1)[:, None] + np.arange(3)) % 3, axis=1
         )
-        b, c = self.vertices[turned[:, 1]], self.vertices[turned[:, 2]]
+        b, c = (self.vertices.take(turned[:, k], axis=0) for k in (1, 2))
         normal = cross(b - edit.position, c - edit.position)
         square = (normal * normal).sum(axis=1)
         # A face without area, or without the vertex, says nothing about where to move.
         known = is_moved.any(axis=1) & (square > 1e-300)
         normal = np.where(known[:, None], normal, 0) / np.where(known, square, 1)[:, None]
-        face, at = nearest.face, nearest.position
-        return np.asarray((normal[face] * cross(b[face] - at, c[face] - at)).sum(axis=1))
+        b, c = (corner.take(face, axis=0) for corner in (b, c))
+        return np.asarray((normal[face] * cross(b - at, c - at)).sum(axis=1))
 
     def _find_swept(self, edit: Edit, samples: Floats) -> Mask:
         """Return the samples that an edit sweeps over: old and new faces together bound that."""
         vertices = np.concatenate([self.vertices, edit.position[None]])
         added = np.where(edit.added == edit.vertex, len(self.vertices), edit.added)
         faces = np.concatenate([added, self.faces[edit.removed][:, ::-1]])
-        return np.abs(winding_numbers(TriMesh(vertices, faces), samples)) >= 0.5
+        return np.abs(measure_winding(vertices, faces, samples)) >= 0.5
 
     def _place_corners(self, edit: Edit) -> Floats:
         """Return the corners of the faces that an edit adds, (a, 3, 3)."""
-        corners = self.vertices[edit.added]
+        corners = self.vertices.take(edit.added, axis=0)
         corners[edit.added == edit.vertex] = edit.position
         return corners
 

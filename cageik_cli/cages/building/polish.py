@@ -153,7 +153,7 @@ def _pull(draft: Draft, vertex: int, beside: Floats) -> bool:
 
 def _misfit(draft: Draft, edit: Edit, beside: Floats) -> float:
     """Return mean square of the samples' distance from the faces of an edit."""
-    return float(np.mean(closest_points(draft.patch(edit), beside).distance ** 2))
+    return float(np.mean(draft.measure_distances(edit, beside) ** 2))
 
 
 def _take_best(draft: Draft, edits: list[Edit]) -> bool:
@@ -177,8 +177,10 @@ def _gain(draft: Draft, edit: Edit) -> float:
     The volume that it adds to the cage counts against it.
     """
     after = min(MIN_WANTED_ANGLE, float(draft.angles(edit).min()))
-    price = DEGREES_PER_GROWTH * max(0.0, draft.growth(edit)) / draft.volume
-    return after - float(draft.angles_before(edit).min()) - price
+    gain = after - float(draft.angles_before(edit).min())
+    if gain < MIN_ANGLE_GAIN:  # too little without the price
+        return gain
+    return gain - DEGREES_PER_GROWTH * max(0.0, draft.growth(edit)) / draft.volume
 
 
 def _angle_edits(draft: Draft, face: Integers, fewest: int) -> Iterator[Edit]:

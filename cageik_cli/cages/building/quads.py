@@ -203,7 +203,7 @@ def _push_cuts(cage: TriMesh, quads: Integers, samples: Floats, clearance: float
 
     def find(moved: TriMesh, _: float) -> Contacts:
         both = [
-            find_contacts(cut, samples, 1.03 * clearance)
+            find_contacts(cut, samples, 1.03 * clearance)[0]
             for cut in (moved, _turn_diagonals(moved, quads))
         ]
         names = ("corners", "weights", "direction", "missing")

@@ -107,9 +107,21 @@ def push_off(cage: TriMesh, samples: Floats, demand: Demand) -> TriMesh:
     The stiffness is low, so that parts of the cage move as a whole.
     """
     clearance = demand.clearance
+    depths = np.full(len(samples), -np.inf)
+
+    def find(moved: TriMesh, longest: float) -> Contacts | None:
+        nonlocal depths
+        # No point of the cage moves further than its vertices: what is deeper is no contact.
+        depths -= longest
+        near = np.flatnonzero(depths < 1.03 * clearance)
+        if len(near) == 0:
+            return None
+        contacts, depths[near] = find_contacts(moved, samples[near], 1.03 * clearance)
+        return contacts
+
     pushed = push(
         cage,
-        lambda moved, _: find_contacts(moved, samples, 1.03 * clearance),
+        find,
         smoothness=0.05,
         stiffness=0.005,
         enough=(1.03 - 1.015) * clearance,
@@ -117,8 +129,8 @@ def push_off(cage: TriMesh, samples: Floats, demand: Demand) -> TriMesh:
     return pushed if demand.axis is None else average_sides(pushed, cage, demand.axis)
 
 
-def find_contacts(cage: TriMesh, samples: Floats, clearance: float) -> Contacts:
-    """Return the samples with less than the clearance."""
+def find_contacts(cage: TriMesh, samples: Floats, clearance: float) -> tuple[Contacts, Floats]:
+    """Return the samples with less than the clearance; and how deep inside each sample is, (s,)."""
     signed, face, nearest, normal = igl.signed_distance(
         samples, cage.vertices, cage.faces, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
     )
@@ -134,7 +146,7 @@ def find_contacts(cage: TriMesh, samples: Floats, clearance: float) -> Contacts:
     direction = (samples[close] - nearest[close]) * np.sign(signed[close])[:, None]
     length = np.linalg.norm(direction, axis=1, keepdims=True)
     direction = np.where(length > 1e-9, direction / np.maximum(length, 1e-9), normal[close])
-    return Contacts(corners, weights, direction, signed[close] + clearance)
+    return Contacts(corners, weights, direction, signed[close] + clearance), -signed
 
 
 def _push_and_relax(cage: TriMesh, demand: Demand) -> TriMesh:

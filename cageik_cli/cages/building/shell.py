@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from cageik_cli.cages.building.collapse import euler_characteristic
 from cageik_cli.cages.building.frame import break_ties
-from cageik_cli.cages.surface_points import sample_in_blocks
+from cageik_cli.cages.surface_points import find_spacing, sample_in_blocks
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.geometry.surface import closest_points
@@ -44,7 +44,7 @@ class DistanceGrid:
     Attributes
     ----------
     distance : (nx, ny, nz) float64
-        Exact up to the reach, beyond it at least the reach.
+        At most the true ones, and exact as far as they were measured.
     origin : (3,) float64
         Place of the first node.
     cell : float
@@ -58,24 +58,34 @@ class DistanceGrid:
         size = high - low + 2 * reach
         self.cell = cell = max(cell, float(np.cbrt(size.prod() / max_nodes)))
         self.origin = low - reach - 2 * cell
-        coarse = self._measure_coarsely(surface, np.ceil(size / cell).astype(np.int64) + 5)
-        # A point of the surface is in a cell, a node of it at most this far.
-        slack = np.sqrt(3) * cell
-        near = np.argwhere(coarse < reach + 2 * slack)
-        self.distance = np.maximum(coarse - 2 * slack, reach)
-        self.distance[tuple(near.T)] = closest_points(surface, self.positions(near)).distance
+        self._surface = surface
+        self.distance = self._measure_coarsely(np.ceil(size / cell).astype(np.int64) + 5)
+        self._is_exact = np.zeros(self.distance.shape, bool)
+
+    def measure(self, reach: float) -> None:
+        """Make the distances exact that are below the reach."""
+        chosen = ~self._is_exact & (self.distance < reach)
+        places = self.positions(np.argwhere(chosen))
+        if len(places):
+            self.distance[chosen] = closest_points(self._surface, places).distance
+        self._is_exact |= chosen
 
     def positions(self, nodes: Integers) -> Floats:
         """Return places of nodes (k, 3)."""
         return np.asarray(self.origin + self.cell * nodes)
 
-    def _measure_coarsely(self, surface: TriMesh, shape: Integers) -> Floats:
-        """Return distance from every node to the nearest node beside a point of the surface."""
+    def _measure_coarsely(self, shape: Integers) -> Floats:
+        """Return what every node is from the surface at least, by the nodes nearest to its samples.
+
+        These are half the diagonal of a cell from a sample, at most; and samples are the corners of
+        triangles that cover the surface, with sides up to their spacing.
+        """
         free = np.ones(tuple(shape), bool)
-        for samples in sample_in_blocks(surface):
+        for samples in sample_in_blocks(self._surface):
             node = np.rint((samples - self.origin) / self.cell).astype(np.int64)
             free[tuple(node.T)] = False
-        return np.asarray(self.cell * ndimage.distance_transform_edt(free))
+        slack = np.sqrt(3) / 2 * self.cell + find_spacing(self._surface) / np.sqrt(3)
+        return np.asarray(self.cell * ndimage.distance_transform_edt(free) - slack)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +120,8 @@ def make_shell(grid: DistanceGrid, offset: float, closing: float) -> Shell | Non
     closing : float
         Gaps that are narrower than twice the sum of both are closed.
     """
+    # A body ends within a cell of the nodes that decide where; marching cubes look at no others.
+    grid.measure(offset + closing + 2 * grid.cell)
     field = _compute_field(grid, offset, closing)
     bridges = find_bridges(grid, field < 0)
     if bridges is None:

@@ -55,6 +55,7 @@ def test_parts_that_lie_apart_are_joined_where_they_are_nearest():
 
 def test_distances_on_the_grid_are_those_from_the_surface():
     grid = DistanceGrid(ball(4), 0.05, 0.3)
+    grid.measure(0.3)
     nodes = np.argwhere(grid.distance < 0.3)
     expected = np.abs(np.linalg.norm(grid.positions(nodes), axis=1) - 0.5)
     np.testing.assert_allclose(grid.distance[tuple(nodes.T)], expected, atol=0.003)
