@@ -66,7 +66,7 @@ def push(
     enough : float
         Pushes end when no contact misses more, file units; or what is missing most does not shrink.
     """
-    form = _make_form(cage, smoothness, stiffness)
+    form = make_form(cage, smoothness, stiffness)
     longest, deepest = 0.0, [np.inf] * MAX_FRUITLESS_PUSHES
     for _ in range(MAX_PUSHES):
         contacts = find_contacts(cage, longest)
@@ -75,13 +75,13 @@ def push(
         deepest.append(float(contacts.missing.max()))
         if deepest[-1] > 0.9 * deepest[-1 - MAX_FRUITLESS_PUSHES]:
             break
-        moves = _solve_moves(contacts, form)
+        moves = _limit_moves(contacts, form)
         longest = float(np.linalg.norm(moves, axis=1).max())
         cage = TriMesh(cage.vertices + moves, cage.faces)
     return cage
 
 
-def _make_form(cage: TriMesh, smoothness: float, stiffness: float) -> sparse.csc_array:
+def make_form(cage: TriMesh, smoothness: float, stiffness: float) -> sparse.csc_array:
     """Return the matrix of the quadratic form in the moves of all vertices, (3n, 3n)."""
     count, ends = len(cage.vertices), cage.edges.ends
     rows = np.repeat(np.arange(len(ends)), 2)
@@ -91,24 +91,31 @@ def _make_form(cage: TriMesh, smoothness: float, stiffness: float) -> sparse.csc
     return sparse.csc_array(sparse.kron(form, sparse.eye_array(3)))
 
 
-def _solve_moves(contacts: Contacts, form: sparse.csc_array) -> Floats:
+def _limit_moves(contacts: Contacts, form: sparse.csc_array) -> Floats:
+    """Solve for moves; no vertex moves further than `MAX_PUSH_STEP` times what is missing most."""
+    # Deep contacts count for more: where many points are nearly there, one may not be.
+    moves = solve_moves(contacts, contacts.missing / contacts.missing.max() + 0.1, form)
+    length = np.linalg.norm(moves, axis=1, keepdims=True)
+    longest = MAX_PUSH_STEP * contacts.missing.max()
+    return np.asarray(moves * np.minimum(1, longest / np.maximum(length, longest)))
+
+
+def solve_moves(contacts: Contacts, weight: Floats, form: sparse.csc_array) -> Floats:
     """Solve for the move of every vertex, (n, 3): least squares of what is missing, and `form`.
 
-    No vertex moves further than `MAX_PUSH_STEP` times the largest distance that is missing.
+    Parameters
+    ----------
+    weight : (k,)
+        Of each contact.
     """
     count, size = len(contacts.missing), form.shape[0]
     rows = np.repeat(np.arange(count), 9)
     columns = 3 * np.repeat(contacts.corners, 3, axis=1) + np.tile(np.arange(3), 3)
     values = contacts.weights[:, :, None] * contacts.direction[:, None]
     to_heights = sparse.csc_array((values.ravel(), (rows, columns.ravel())), shape=(count, size))
-    # Deep contacts count for more: where many points are nearly there, one may not be.
-    weight = contacts.missing / contacts.missing.max() + 0.1
     normal = to_heights.T @ (to_heights * weight[:, None]) + form
     moves = splu(sparse.csc_matrix(normal)).solve(to_heights.T @ (weight * contacts.missing))
-    moves = moves.reshape(-1, 3)
-    length = np.linalg.norm(moves, axis=1, keepdims=True)
-    longest = MAX_PUSH_STEP * contacts.missing.max()
-    return np.asarray(moves * np.minimum(1, longest / np.maximum(length, longest)))
+    return np.asarray(moves.reshape(-1, 3))
 
 
 def move_to_neighbours(cage: TriMesh, chosen: Integers, step: float) -> Floats:

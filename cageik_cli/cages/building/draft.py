@@ -113,10 +113,14 @@ class Draft:
 
     def take(self, edit: Edit) -> bool:
         """Make the edit if the cage stays sound; return whether it was made."""
-        if not (self._stays_open(edit) and self.keeps_clear(edit) and self._stays_apart(edit)):
+        if not self.allows(edit):
             return False
         self.apply(edit)
         return True
+
+    def allows(self, edit: Edit) -> bool:
+        """Return whether the cage stays sound by an edit."""
+        return self._stays_open(edit) and self.keeps_clear(edit) and self._stays_apart(edit)
 
     def apply(self, edit: Edit) -> None:
         """Make the edit, untested."""
@@ -297,16 +301,19 @@ def _pierce(vertices: Floats, faces: Integers, first: Integers, second: Integers
     if not doubtful.any():
         return False
     if ((before == 0) & (behind == 0)).any():
-        return _meet_exactly(vertices, np.concatenate([faces[first], faces[second]]))
+        return _meet_exactly(vertices, faces[first], faces[second])
     p, q, a, b, c = (points[doubtful] for points in (p, q, a, b, c))
     turns = np.stack([_orient(p, q, *pair) for pair in ((a, b), (b, c), (c, a))])
     return bool(((turns.min(axis=0) >= 0) | (turns.max(axis=0) <= 0)).any())
 
 
-def _meet_exactly(vertices: Floats, faces: Integers) -> bool:
-    """Return whether any two faces meet improperly; for faces that share a plane, too."""
-    used, local = np.unique(np.unique(faces, axis=0), return_inverse=True)
-    return len(self_intersections(TriMesh(vertices[used], local.reshape(-1, 3)))) > 0
+def _meet_exactly(vertices: Floats, first: Integers, second: Integers) -> bool:
+    """Return whether pairs of faces, (k, 3) each, meet improperly; also if they share a plane."""
+    both, number = np.unique(np.concatenate([first, second]), axis=0, return_inverse=True)
+    used, local = np.unique(both, return_inverse=True)
+    pairs = self_intersections(TriMesh(vertices[used], local.reshape(-1, 3)))
+    asked = np.sort(number.reshape(2, -1).T)
+    return bool((pairs[:, None] == asked).all(axis=2).any())
 
 
 def _orient(a: Floats, b: Floats, c: Floats, d: Floats) -> Integers:

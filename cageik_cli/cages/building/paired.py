@@ -158,6 +158,7 @@ class PairedDraft(Draft):
         is_own_image = set(_find_rows(self.faces, images)) == set(edit.removed.tolist())
         if is_own_image and len(edit.removed) == 2:
             return False  # an edge on the plane that is flipped crosses it
+        is_move = np.array_equal(edit.added, self.faces[edit.removed])
         if not super().take(edit):
             return False
         if is_own_image:
@@ -169,7 +170,7 @@ class PairedDraft(Draft):
             added = self._partner[edit.added][:, ::-1]
             removed = np.array(_find_rows(self.faces, images))
             image = Edit(removed, added, partner, position)
-        return image is not None and super().take(image) and self._is_manifold()
+        return image is not None and super().take(image) and (is_move or self._is_manifold())
 
     def _keeps_side(self, edit: Edit) -> bool:
         """Return whether a vertex stays on its side of the plane, and off it."""
