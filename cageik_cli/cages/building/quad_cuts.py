@@ -76,7 +76,9 @@ def _find_all_contacts(
     cage: TriMesh, quads: Integers, samples: Floats, clearance: float
 ) -> Contacts:
     """Return the samples with less than the clearance from either cut."""
-    both = [find_contacts(cut, samples, clearance)[0] for cut in (cage, turn_diagonals(cage, quads))]
+    both = [
+        find_contacts(cut, samples, clearance)[0] for cut in (cage, turn_diagonals(cage, quads))
+    ]
     names = ("corners", "weights", "direction", "missing")
     return Contacts(*(np.concatenate([getattr(found, name) for found in both]) for name in names))
 
