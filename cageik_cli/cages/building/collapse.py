@@ -21,9 +21,9 @@ MIN_EVENNESS, ROUND_EVENNESS = 1e-4, 0.03
 keep in shape, and for round ones: more leaves edges that are more equal, and planes that fit less
 well."""
 
-NEEDLE_ANGLE, MAX_NEEDLE_SHARE = 5.0, 0.01
+NEEDLE_ANGLE, MAX_NEEDLE_SHARE = 5.0, 0.013
 """Which share of the faces of a thinned shell may have an angle below this, degrees: characters and
-balls have up to 0.002 of them, tubes and boxes 0.01 to 0.4."""
+balls have up to 0.004 of them, sheets and cones 0.011, tubes and boxes 0.016 to 0.4."""
 
 COLLAPSE_LIMITS = ((6.0, 10, 0.2), (3.0, 11, 0.0), (0.5, 14, -0.3))
 """Angle, valence and cosine of a `Collapser`; each row is for what those before cannot do."""

@@ -36,13 +36,13 @@ double precision, and far less than a clearance; round numbers are no odd multip
 PLACE_DECIMALS = 6
 """Digits of a position that decide which vertex comes first: single precision has seven."""
 
-MAX_UNEVENNESS = 5e-5
+MAX_UNEVENNESS = 1e-4
 """How far points are moved so that no two edges of a symmetric shape are equally long, and no plane
 is flat, in units of the frame: otherwise, the last digits of a file would decide."""
 
-WAVES = np.array([[102.7, 129.7, 68.3], [66.7, 111.7, 147.7], [120.7, 54.7, 95.3]])
+WAVES = np.array([[68.5, 86.5, 45.5], [44.5, 74.5, 98.5], [80.5, 36.5, 63.5]])
 """Wave vectors of these moves, per unit of the frame: no two are alike along any axis. Waves are as
-long as six cells of a shell's grid, and bend a plane over one by more than single precision."""
+long as ten cells of a shell's grid, and bend a plane over one by more than single precision."""
 
 
 class Frame:
