@@ -3,7 +3,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from cageik_cli.cages import build as build_module
-from cageik_cli.cages.build import BuiltCage, build_cage
+from cageik_cli.cages.build import LADDER, BuiltCage, build_cage
 from cageik_cli.cages.building.candidate import Candidate, Clip
 from cageik_cli.cages.building.judge import Verdict
 from cageik_cli.cages.building.shell import Shell
@@ -152,6 +152,16 @@ def test_a_cage_that_cannot_be_symmetric_is_not_and_says_so(monkeypatch):
     assert built.mirror is None
     assert built.chosen.verdict.is_valid
     assert "symmetric about the plane z = 0" in built.notes[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("symmetric", ["off", "z"])
+def test_a_flat_model_gets_a_cage_of_the_tightest_shell(symmetric):
+    """Both sheets of the cage are pushed off it at once, and do not follow each other."""
+    triangle = TriMesh([[0, 0, 0], [1, 0, 0], [0.5, 0.7, 0]], [[0, 1, 2]])
+    built = build_cage(triangle, BuildSettings(60, symmetric=symmetric))
+    assert [candidate.offset for candidate in built.candidates] == [LADDER[0][0]]
+    assert built.chosen.verdict.faults == ()
 
 
 @pytest.mark.slow

@@ -154,7 +154,7 @@ class Draft:
         stop = int(self._columns[0].searchsorted(high[0], "left"))
         y, z = self._columns[1:, start:stop]
         is_near = (y > low[1]) & (y < high[1]) & (z > low[2]) & (z < high[2])
-        return self.samples[np.sort(self._order[start:stop][is_near])]
+        return np.asarray(self.samples[np.sort(self._order[start:stop][is_near])])
 
     def keeps_clear(self, edit: Edit) -> bool:
         """Return whether new faces keep off the samples, and none changes sides."""

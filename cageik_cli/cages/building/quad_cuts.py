@@ -5,9 +5,9 @@ Quads are (q, 4) corners; the diagonal that the cage has is from the first corne
 
 import numpy as np
 
+from cageik_cli.cages.building.contacts import find_contacts
 from cageik_cli.cages.building.judge import Demand, find_near_points, judge
 from cageik_cli.cages.building.pairing import HALVES
-from cageik_cli.cages.building.refine import find_contacts
 from cageik_cli.cages.push import Contacts, make_form, push, solve_moves
 from cageik_cli.cages.quality import MIN_SHEET_RATIO
 from cageik_cli.geometry.intersections import crossing_face_pairs, self_intersections

@@ -3,11 +3,11 @@
 If no shell gives a valid cage, an ellipsoid is drawn in.
 """
 
-import igl
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from cageik_cli.cages.building.collapse import collapse_edges, list_stages, thin_shell
+from cageik_cli.cages.building.contacts import ContactSearch
 from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.judge import Demand, find_near_points, keep_one_per_cell
 from cageik_cli.cages.building.motion import Motion
@@ -25,12 +25,11 @@ from cageik_cli.cages.building.symmetry import (
     cut_half,
     reflect,
 )
-from cageik_cli.cages.push import Contacts, move_to_neighbours, push
+from cageik_cli.cages.push import move_to_neighbours, push
 from cageik_cli.cages.surface_points import take_evenly
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 
 MAX_RELAXED_PUSHES = 5
@@ -107,46 +106,14 @@ def push_off(cage: TriMesh, samples: Floats, demand: Demand) -> TriMesh:
     The stiffness is low, so that parts of the cage move as a whole.
     """
     clearance = demand.clearance
-    depths = np.full(len(samples), -np.inf)
-
-    def find(moved: TriMesh, longest: float) -> Contacts | None:
-        nonlocal depths
-        # No point of the cage moves further than its vertices: what is deeper is no contact.
-        depths -= longest
-        near = np.flatnonzero(depths < 1.03 * clearance)
-        if len(near) == 0:
-            return None
-        contacts, depths[near] = find_contacts(moved, samples[near], 1.03 * clearance)
-        return contacts
-
     pushed = push(
         cage,
-        find,
+        ContactSearch(samples, 1.03 * clearance).find,
         smoothness=0.05,
         stiffness=0.005,
         enough=(1.03 - 1.015) * clearance,
     )
     return pushed if demand.axis is None else average_sides(pushed, cage, demand.axis)
-
-
-def find_contacts(cage: TriMesh, samples: Floats, clearance: float) -> tuple[Contacts, Floats]:
-    """Return the samples with less than the clearance; and how deep inside each sample is, (s,)."""
-    signed, face, nearest, normal = igl.signed_distance(
-        samples, cage.vertices, cage.faces, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
-    )
-    # libigl counts the inside negative. Where a cage crosses itself its normals mislead.
-    doubtful = np.flatnonzero(signed > 0)
-    if len(doubtful):
-        inside = winding_numbers(cage, samples[doubtful]) > 0.5
-        signed[doubtful[inside]] *= -1
-    close = np.flatnonzero(signed > -clearance)
-    corners = cage.faces[face[close]]
-    a, b, c = (cage.vertices[corners[:, k]] for k in range(3))
-    weights = igl.barycentric_coordinates(nearest[close].copy(), a, b, c).reshape(-1, 3)
-    direction = (samples[close] - nearest[close]) * np.sign(signed[close])[:, None]
-    length = np.linalg.norm(direction, axis=1, keepdims=True)
-    direction = np.where(length > 1e-9, direction / np.maximum(length, 1e-9), normal[close])
-    return Contacts(corners, weights, direction, signed[close] + clearance), -signed
 
 
 def _push_and_relax(cage: TriMesh, demand: Demand) -> TriMesh:
