@@ -1,6 +1,6 @@
 """Build a cage around any model: candidates from tight to loose, each judged by exact tests."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from cageik_cli.cages.building.symmetry import find_symmetry
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
+from cageik_cli.util.beside import call_beside
 from cageik_cli.util.errors import NumericalError
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.text import format_count
@@ -105,6 +106,7 @@ def build_cage(
     settings: BuildSettings | None = None,
     clip: Clip | None = None,
     progress: Callable[[int, int], None] = ignore_progress,
+    processes: int = 1,
 ) -> BuiltCage:
     """Build the best cage of a ladder of candidates.
 
@@ -119,6 +121,8 @@ def build_cage(
         Without a clip, the first flawless candidate is taken, or the better of the first two.
     progress : callable
         Called with (candidates done, candidates) after every one.
+    processes : int
+        In which vertices are shifted; they do not change the cage.
 
     Raises
     ------
@@ -131,12 +135,13 @@ def build_cage(
     # Sums of several threads are rounded otherwise, and a choice may hang on that.
     with limit_blas_threads(1):
         mirror = find_symmetry(model, settings.symmetric)
+        free = _Builder(model, settings, clip, processes=processes)
         if mirror is None:
-            return _Builder(model, settings, clip).run(progress)
+            return free.run(progress)
         try:
             return _Builder(model, settings, clip, mirror).run(progress)
         except NumericalError:
-            built = _Builder(model, settings, clip).run(progress)
+            built = free.run(progress)
             note = f"no cage that is symmetric about {mirror} passed the tests: this one is not"
             return replace(built, notes=(note, *built.notes))
 
@@ -150,9 +155,10 @@ class _Builder:
         settings: BuildSettings,
         clip: Clip | None,
         mirror: Mirror | None = None,
+        processes: int = 1,
     ) -> None:
         self._demand, self._clip, self._mirror = Demand(model, settings, mirror), clip, mirror
-        self._has_quads = settings.quads
+        self._has_quads, self._processes = settings.quads, processes
         self._motion: Motion | None = None
         if clip is not None and mirror is None:  # poses would make a cage lopsided
             used = model.used_vertices
@@ -173,9 +179,8 @@ class _Builder:
         if not self._valid and self._mirror is None:
             self._try_ellipsoids()
         best = sorted(self._valid, key=lambda candidate: candidate.cost)[:shifts]
-        for step, candidate in enumerate(best):
-            self._try_shift(candidate)
-            progress(rungs + step + 1, rungs + shifts)
+        for step in self._try_shifts(best):
+            progress(rungs + step, rungs + shifts)
         if self._has_quads and self._valid:
             self._make_quads()
         progress(rungs + shifts, rungs + shifts)
@@ -228,13 +233,16 @@ class _Builder:
             if self._valid:
                 break
 
-    def _try_shift(self, candidate: Candidate) -> None:
-        """Try a candidate with some of its vertices moved to where it misses the clip."""
-        assert self._motion is not None
-        cage = TriMesh(self._demand.frame.to_units(candidate.cage.vertices), candidate.cage.faces)
-        cage, moved = shift_vertices(cage, self._demand, self._motion)
-        recipe = f"{candidate.recipe}, {moved} vertices shifted"
-        self._add(self._make_candidate(recipe, cage, candidate.offset, candidate.notes))
+    def _try_shifts(self, candidates: list[Candidate]) -> Iterator[int]:
+        """Try candidates with vertices moved to where they miss the clip; yield how many so far."""
+        frame = self._demand.frame
+        placed = [c.cage.move(frame.to_units(c.cage.vertices)) for c in candidates]
+        calls = [(cage, self._demand, self._motion) for cage in placed]
+        shifted = call_beside(shift_vertices, calls, self._processes)
+        for step, (candidate, (cage, moved)) in enumerate(zip(candidates, shifted, strict=True)):
+            recipe = f"{candidate.recipe}, {moved} vertices shifted"
+            self._add(self._make_candidate(recipe, cage, candidate.offset, candidate.notes))
+            yield step + 1
 
     def _make_quads(self) -> None:
         """Leave the best candidate alone, with quads in the place of its triangles."""

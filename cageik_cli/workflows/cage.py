@@ -93,7 +93,9 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
         model, rest_frame = _open_model(settings, scene)
         clip = _read_animation(settings, model, scene, progress)
     with progress.stage("cage"), error_context(model.source["name"]):
-        built = cage_builder.build_cage(model.mesh, settings.build, clip, progress.update)
+        built = cage_builder.build_cage(
+            model.mesh, settings.build, clip, progress.update, settings.jobs
+        )
     with progress.stage("write"):
         polygons = built.cage.polygons
         rings = np.split(polygons.corners, polygons.starts[1:])
