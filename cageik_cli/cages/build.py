@@ -17,7 +17,7 @@ from cageik_cli.cages.building.shell import (
     make_shell,
 )
 from cageik_cli.cages.building.shift import shift_vertices
-from cageik_cli.cages.building.symmetry import find_symmetry
+from cageik_cli.cages.building.symmetry import find_symmetry, pair_exactly
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
@@ -247,8 +247,10 @@ class _Builder:
     def _make_quads(self) -> None:
         """Leave the best candidate alone, with quads in the place of its triangles."""
         best = min(self._valid, key=lambda candidate: candidate.cost)
-        placed = best.cage.move(self._demand.frame.to_units(best.cage.vertices))
-        cage = make_quads(placed, self._demand)
+        vertices = self._demand.frame.to_units(best.cage.vertices)
+        if self._demand.axis is not None:
+            vertices = pair_exactly(vertices, self._demand.axis)
+        cage = make_quads(TriMesh(vertices, best.cage.faces), self._demand)
         notes = (*best.notes, *describe_few_quads(cage))
         made = self._make_candidate(f"{best.recipe}, quads", cage, best.offset, notes)
         if made.verdict.is_valid:

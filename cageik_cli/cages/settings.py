@@ -62,11 +62,6 @@ class BuildSettings:
                 f"symmetric is {self.symmetric!r}, expected one of "
                 f"{', '.join(map(repr, get_args(SymmetryChoice)))}"
             )
-        if self.quads and self.symmetric != "off":
-            raise SettingError(
-                "`quads=True` and `symmetric=` do not go together: quads are not chosen by pairs; "
-                "leave out one"
-            )
 
 
 @dataclass(frozen=True, slots=True)

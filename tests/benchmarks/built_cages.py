@@ -1,15 +1,17 @@
 """How good built cages are, by an independent checker, and how well they express an animation.
 
-    python -m tests.benchmarks.built_cages [--counts 60,120,300] FOLDER [FOLDER ...]
+    python -m tests.benchmarks.built_cages [--counts 60,120,300] [--quads] FOLDER [FOLDER ...]
 
 A folder holds a model (`model.obj`) or a packed clip (`NAME.h5` with `verts`, `tris` and `rest`),
 and cages to compare with (`cage_60.obj`, ...). Each model gets cages of 60, 120 and 300 vertices;
 each clip gets two of each, without and with the animation, and their errors with harmonic weights,
 and with weights fitted to the clip, on all frames are divided by those of the given cage. One line
-per cage.
+per cage. With `--quads`, each model gets a cage of triangles and one of quads instead, whose errors
+are divided by those of the triangles; the line has the share of quads among the faces.
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 
@@ -40,18 +42,35 @@ BLOCK = 16
 
 def main(*words):
     """Print one line per cage."""
-    counts, folders = COUNTS, words
-    if words[0] == "--counts":
-        counts, folders = [int(word) for word in words[1].split(",")], words[2:]
+    counts, folders = COUNTS, list(words)
+    if folders[0] == "--counts":
+        counts, folders = [int(word) for word in folders[1].split(",")], folders[2:]
+    has_quads = folders[0] == "--quads"
     print("| model | n | vertices | genus | clearance | angle | valence | volume | seconds | fit |")
     for count in counts:
-        for folder in map(Path, folders):
-            model, frames = read_folder(folder)
-            given = folder / f"cage_{count}.obj"
-            known = measure_errors(model, load_mesh(given).mesh, frames) if given.exists() else None
-            measure_cage(folder.name, model, count, frames=None, clip=frames, known=known)
-            if frames is not None:
-                measure_cage(f"{folder.name} --for", model, count, frames, frames, known)
+        for folder in map(Path, folders[has_quads:]):
+            (compare_quads if has_quads else compare_given)(folder, count)
+
+
+def compare_given(folder, count):
+    """Print the lines of a model, without and with its animation."""
+    model, frames = read_folder(folder)
+    given = folder / f"cage_{count}.obj"
+    known = measure_errors(model, load_mesh(given).mesh, frames) if given.exists() else None
+    measure_cage(folder.name, model, BuildSettings(count, CLEARANCE), clip=frames, known=known)
+    if frames is not None:
+        settings = BuildSettings(count, CLEARANCE)
+        measure_cage(f"{folder.name} --for", model, settings, frames, frames, known)
+
+
+def compare_quads(folder, count):
+    """Print the lines of a model with triangles and with quads."""
+    model, frames = read_folder(folder)
+    settings = BuildSettings(count, CLEARANCE)
+    cage = measure_cage(folder.name, model, settings)
+    known = None if frames is None else measure_errors(model, cage, frames)
+    settings = replace(settings, quads=True)
+    measure_cage(f"{folder.name} --quads", model, settings, clip=frames, known=known)
 
 
 def read_folder(folder):
@@ -63,28 +82,31 @@ def read_folder(folder):
         return TriMesh(file["rest"][:].astype(float), file["tris"][:]), file["verts"][:]
 
 
-def measure_cage(name, model, count, frames, clip, known):
-    """Build a cage and print what it is like."""
+def measure_cage(name, model, settings, frames=None, clip=None, known=None):
+    """Build a cage, print what it is like, and return it."""
     start = process_time()
     purpose = None
     if frames is not None:
         purpose = make_measured_clip(model, len(frames), lambda k: frames[k].astype(float), jobs=1)
-    built = build_cage(model, BuildSettings(count, CLEARANCE), purpose)
+    built = build_cage(model, settings, purpose)
     seconds = process_time() - start
     cage = built.cage
     opinion = examine(cage, model, CLEARANCE)
     volume = f"{cage.volume / model.volume:.3f}" if bounds_volume(model) else "open"
     line = (
-        f"| {name} | {count} | {len(cage.vertices)} | {opinion.genus} | "
+        f"| {name} | {settings.vertices} | {len(cage.vertices)} | {opinion.genus} | "
         f"{100 * opinion.clearance:.3f} % | {opinion.smallest_angle:.1f} | "
         f"{opinion.largest_valence} | {volume} | {seconds:.1f} | {diagnose(cage, model).verdict} |"
     )
+    if settings.quads:
+        line += f" {100 * (cage.polygons.corner_counts == 4).mean():.0f} % quads |"
     if known is not None:
-        for name, error, given in zip(
+        for kind, error, other in zip(
             ("harmonic", "fitted"), measure_errors(model, cage, clip), known, strict=True
         ):
-            line += f" {name} {error:.4f} %, given {given:.4f} %, ratio {error / given:.3f} |"
+            line += f" {kind} {error:.4f} %, other {other:.4f} %, ratio {error / other:.3f} |"
     print(line, *opinion.faults, built.chosen.recipe, flush=True)
+    return cage
 
 
 def measure_errors(model, cage, frames):

@@ -114,13 +114,14 @@ def make_wedge():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turn", [None, 5])
-def test_a_symmetric_model_gets_a_cage_that_is_its_own_mirror_image(turn, monkeypatch):
+@pytest.mark.parametrize(("turn", "quads"), [(None, False), (5, False), (5, True)])
+def test_a_symmetric_model_gets_a_cage_that_is_its_own_mirror_image(turn, quads, monkeypatch):
     """To the last bit about a coordinate plane, else up to rounding."""
     monkeypatch.setattr(build_module, "LADDER", ((0.03, 0.06),))
     model = moved(make_wedge(), turn=turn)
-    built = build_cage(model, BuildSettings(vertices=20, symmetric="auto"))
+    built = build_cage(model, BuildSettings(vertices=20, symmetric="auto", quads=quads))
     assert_good(built.cage, model, 20)
+    assert (built.cage.polygons.corner_counts == 4).any() == quads
     assert diagnose(built.cage, model).verdict == "fit"
     assert built.mirror is not None
     assert built.mirror.mirrors_polygons(built.cage)

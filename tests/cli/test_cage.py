@@ -69,12 +69,6 @@ def test_a_symmetric_cage_says_so_and_the_check_of_it_too(run):
         assert json.loads(file.attrs["settings"])["cage_symmetric"] == "x"
 
 
-def test_quads_that_are_symmetric_are_refused(run):
-    outcome = run(*TYPED, "--symmetric", "auto", "--quads")
-    assert outcome.code != 0
-    assert "--quads and --symmetric do not go together" in " ".join(outcome.err.split())
-
-
 @pytest.mark.parametrize("spelt", ["2%", "2 %", "2", "2.0"])
 def test_a_clearance_is_in_percent(run, spelt):
     outcome = run(*TYPED, "--clearance", spelt, "--json", "-", "-q")

@@ -194,6 +194,13 @@ def find_partners(vertices: Floats, axis: int) -> Integers:
     return partners
 
 
+def pair_exactly(vertices: Floats, axis: int) -> Floats:
+    """Return vertices that are mirror images up to rounding, as they are to the last bit."""
+    partners = Mirror(np.eye(3)[axis], np.zeros(3)).find_pairs(vertices)
+    assert partners is not None
+    return np.asarray((vertices + reflect(vertices[partners], axis)) / 2)
+
+
 def average_sides(mesh: TriMesh, before: TriMesh, axis: int) -> TriMesh:
     """Return a mesh whose two sides are the mean of both, and keep apart.
 

@@ -9,6 +9,7 @@ from cageik_cli.cages.building.symmetry import (
     find_partners,
     find_symmetry,
     measure_moments,
+    pair_exactly,
     reflect,
     take_half,
 )
@@ -113,3 +114,13 @@ def test_sides_become_the_mean_of_both_and_keep_apart():
     np.testing.assert_array_equal(np.sign(after.vertices[:, 0]), np.sign(before.vertices[:, 0]))
     free = np.abs(before.vertices[:, 0]) < 0.4
     np.testing.assert_allclose(after.vertices[free], before.vertices[free], rtol=0, atol=4e-3)
+
+
+def test_mirror_images_up_to_rounding_become_exact():
+    exact = ball(2).vertices
+    noise = 1e-9 * np.random.default_rng(0).random(exact.shape)
+    paired = pair_exactly(exact + noise, 1)
+    np.testing.assert_allclose(paired, exact, rtol=0, atol=1e-9)
+    partners = find_partners(exact, 1)
+    np.testing.assert_array_equal(paired[partners], reflect(paired, 1))
+    assert (paired[partners == np.arange(len(paired)), 1] == 0).all()
