@@ -15,9 +15,6 @@ from cageik_cli.util.arrays import Floats, Integers
 MIN_QUAD_ANGLE = 5.0
 """Degrees that the triangles of a quad have, by either diagonal."""
 
-MIN_QUAD_COSINE = 0.3
-"""Between the normals of two triangles that are paired, at least: a sharp edge stays."""
-
 PAIR_VALUE = 0.5
 """What a quad counts for whatever its shape, which counts for at most one."""
 
@@ -69,12 +66,14 @@ class Pairing:
 
     Parameters
     ----------
+    cosine : float
+        Between the normals of two triangles that are paired, at least: sharper edges stay.
     partners : (n,) int64, optional
         The mirror images of vertices: a quad is chosen with its mirror image.
     """
 
-    def __init__(self, cage: TriMesh, partners: Integers | None = None) -> None:
-        self._cage, self._partners = cage, partners
+    def __init__(self, cage: TriMesh, cosine: float, partners: Integers | None = None) -> None:
+        self._cage, self._cosine, self._partners = cage, cosine, partners
         self._beside = {  # the face, and its third corner, where a side goes from one to the other
             (face[k - 2], face[k - 1]): (number, face[k])
             for number, face in enumerate(cage.faces.tolist())
@@ -112,7 +111,7 @@ class Pairing:
     def _weigh(self, quads: Integers) -> tuple[Floats, list[bool]]:
         """Return what quads count for, and which may be chosen: those whose diagonal is no edge."""
         vertices = self._cage.vertices
-        scores = score_quads(vertices, quads)
+        scores = score_quads(vertices, quads, self._cosine)
         is_free = [(start, stop) not in self._beside for start, stop in quads[:, [1, 3]].tolist()]
         volume = 2 * abs(self._cage.volume) / len(self._cage.faces)
         growth = np.maximum(measure_ridges(vertices, quads), 0) / volume
@@ -222,7 +221,7 @@ def _count(uses: Sequence[Sequence[int]], count: int) -> sparse.csr_array:
     return sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, len(uses)))
 
 
-def score_quads(vertices: Floats, quads: Integers) -> Floats:
+def score_quads(vertices: Floats, quads: Integers, min_cosine: float) -> Floats:
     """Return how square and flat quads are, (q,), 0 to 1; 0 for those that may not be."""
     corners = vertices[quads]
     angles = np.stack([measure_angles(corners[:, half]).min(axis=1) for half in map(list, HALVES)])
@@ -230,7 +229,7 @@ def score_quads(vertices: Floats, quads: Integers) -> Floats:
     whole = normals[0] + normals[1]
     is_convex = ((normals * whole).sum(axis=2) > 0.1).all(axis=0)
     cosine = (normals[0] * normals[1]).sum(axis=1)
-    usable = is_convex & (cosine > MIN_QUAD_COSINE) & (angles.min(axis=0) > MIN_QUAD_ANGLE)
+    usable = is_convex & (cosine > min_cosine) & (angles.min(axis=0) > MIN_QUAD_ANGLE)
     ahead = np.roll(corners, -1, axis=1) - corners
     back = np.roll(corners, 1, axis=1) - corners
     turn = (ahead * back).sum(axis=2)

@@ -5,7 +5,7 @@ import numpy as np
 from cageik_cli.cages.building.draft import Draft, Edit
 from cageik_cli.cages.building.paired import PairedDraft
 from cageik_cli.cages.building.pairing import HALVES
-from cageik_cli.cages.building.polish import move_vertex
+from cageik_cli.cages.building.polish import move_vertex, settle
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
@@ -60,9 +60,12 @@ class QuadDraft(Draft):
         here = self.vertices[vertex].copy()
         for share in (1.0, 0.5):
             edit = move_vertex(self, vertex, here + share * (place - here))
-            needed = min(angle, float(self.angles_before(edit).min()))
-            if self.angles(edit).min() >= needed and self.take(edit):
+            if self._take_in_shape(edit, angle) or self._take_in_shape(settle(self, edit), angle):
                 return
+
+    def _take_in_shape(self, edit: Edit, angle: float) -> bool:
+        needed = min(angle, float(self.angles_before(edit).min()))
+        return bool(self.angles(edit).min() >= needed) and self.take(edit)
 
     def _find_swept(self, edit: Edit, samples: Floats) -> Mask:
         """Return the samples that an edit sweeps over, by the one diagonals or by the others."""

@@ -34,8 +34,9 @@ MAX_PAIRINGS = 5
 MAX_CLEARED = 5
 """Rounds of pushes, each with the points that were too near after the last one."""
 
-FITTING_ROUNDS = 2
-"""How often a cage whose quads hold the model is fitted to it."""
+PAIRED_COSINES = (0.3, 0.3, 0.1)
+"""Between the normals of triangles that are paired, at least, in each round of pairing and fitting;
+the last one is for cages that have few quads after the others."""
 
 
 def make_quads(cage: TriMesh, demand: Demand) -> TriMesh:
@@ -71,7 +72,10 @@ class _Maker:
         """Make quads of triangles."""
         before = self._cage
         self._flip_edges()
-        self._pair_triangles()
+        for cosine in PAIRED_COSINES[:-1]:
+            self._pair_triangles(cosine)
+        if self._share < MIN_QUAD_SHARE:
+            self._pair_triangles(PAIRED_COSINES[-1])
         self._tighten()
         self._drop_failing()
         return join_quads(self._cage, self._quads) if len(self._quads) else before
@@ -81,7 +85,8 @@ class _Maker:
         draft, refused = make_draft(self._cage, self._demand, self._samples), set[Edge]()
         for _ in range(MAX_PAIRINGS):
             before = len(refused)
-            for edge in Pairing(self._cage, self._partners).choose_flips(refused):
+            pairing = Pairing(self._cage, PAIRED_COSINES[0], self._partners)
+            for edge in pairing.choose_flips(refused):
                 flip = flip_edge(draft, *edge)
                 if flip is None or draft.angles(flip).min() < self._angle or not draft.take(flip):
                     refused.add(edge)
@@ -89,18 +94,26 @@ class _Maker:
             if len(refused) == before:
                 break
 
-    def _pair_triangles(self) -> None:
-        """Pair triangles, and keep the quads that hold the model."""
+    @property
+    def _share(self) -> float:
+        """The share of quads among the faces."""
+        return len(self._quads) / (len(self._cage.faces) - len(self._quads))
+
+    def _pair_triangles(self, cosine: float) -> None:
+        """Pair triangles, keep the quads that hold the model, and fit the cage to it."""
         failed = set[Edge]()
         for _ in range(MAX_PAIRINGS):
             held = set(name_diagonals(self._quads))
-            quads = Pairing(self._cage, self._partners).choose(failed, held)
+            quads = Pairing(self._cage, cosine, self._partners).choose(failed, held)
             is_held = np.array([edge in held for edge in name_diagonals(quads)], bool)
             if is_held.all():
                 break
             self._quads = quads[is_held]
             self._hold(quads[~is_held])
             failed |= set(name_diagonals(quads)) - set(name_diagonals(self._quads))
+        # Pushed off the model for quads that failed, too, it is far away; flatter, it pairs better.
+        fitted = self._average(fit_cuts(self._cage, self._quads, self._demand))
+        self._walk(fitted, self._quads, 1.01 * self._demand.clearance)
 
     def _hold(self, added: Integers) -> None:
         """Push the cage until it holds the model with these quads, too; keep those that do."""
@@ -111,12 +124,8 @@ class _Maker:
         self._quads = self._keep_pairs(np.concatenate([self._quads, added]))
 
     def _tighten(self) -> None:
-        """Pull the cage towards the model, as far as any choice of diagonals allows."""
-        clearance = 1.01 * self._demand.clearance
-        for _ in range(FITTING_ROUNDS if len(self._quads) else 0):
-            fitted = self._average(fit_cuts(self._cage, self._quads, self._demand))
-            self._walk(fitted, self._quads, clearance)
-        draft = self._make_draft(clearance)
+        """Pull one vertex after the other towards the model."""
+        draft = self._make_draft(1.01 * self._demand.clearance)
         tighten(draft, self._samples)
         self._cage = TriMesh(draft.vertices, self._cage.faces)
 

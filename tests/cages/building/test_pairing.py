@@ -15,7 +15,7 @@ from tests.shapes import TETRAHEDRON, ball, box, changed, finer, octahedron
 
 
 def pair(cage):
-    return Pairing(cage).choose(set(), set())
+    return Pairing(cage, 0.3).choose(set(), set())
 
 
 def test_the_triangles_of_a_box_are_paired_to_its_sides():
@@ -60,7 +60,7 @@ def bipyramid():
 @pytest.mark.parametrize("held", [0, 1])
 def test_quads_that_hold_the_model_are_kept_where_others_are_as_good(held):
     """Three quads above, and three below that end elsewhere: a vertex around has four edges."""
-    quads = Pairing(bipyramid()).choose(set(), {(held, 6)})
+    quads = Pairing(bipyramid(), 0.3).choose(set(), {(held, 6)})
     above, below = {0, 2, 4}, {1, 3, 5}
     if held == 1:
         above, below = below, above
@@ -73,12 +73,12 @@ def test_a_quad_that_holds_the_model_gives_way_to_two_others():
     whole = set(name_diagonals(pair(cage)))
     assert len(whole) == len(cage.faces) // 2
     for edge in map(tuple, np.sort(cage.edges.ends).tolist()):
-        assert len(Pairing(cage).choose(set(), {edge})) == len(whole)
+        assert len(Pairing(cage, 0.3).choose(set(), {edge})) == len(whole)
 
 
 def test_what_is_banned_is_not_chosen():
     first = name_diagonals(pair(bipyramid()))
-    others = Pairing(bipyramid()).choose({first[0]}, set())
+    others = Pairing(bipyramid(), 0.3).choose({first[0]}, set())
     assert first[0] not in name_diagonals(others)
     assert len(others) == 6
 
@@ -87,7 +87,7 @@ def test_quads_are_chosen_with_their_mirror_images():
     cage = ball(2)
     for axis in range(3):
         partners = find_partners(cage.vertices, axis)
-        quads = Pairing(cage, partners).choose(set(), set())
+        quads = Pairing(cage, 0.3, partners).choose(set(), set())
         assert len(quads) >= 0.35 * len(cage.faces)
         assert set(name_diagonals(partners[quads])) == set(name_diagonals(quads))
 
@@ -96,7 +96,7 @@ def test_a_quad_whose_mirror_image_may_not_be_is_not_chosen():
     """Both together would leave a vertex around the bipyramid two edges."""
     cage = bipyramid()
     assert len(pair(cage)) == 6
-    assert len(Pairing(cage, np.array([0, 1, 2, 3, 4, 5, 7, 6])).choose(set(), set())) == 0
+    assert len(Pairing(cage, 0.3, np.array([0, 1, 2, 3, 4, 5, 7, 6])).choose(set(), set())) == 0
 
 
 def flip(cage, edges):
@@ -121,13 +121,13 @@ def test_edges_are_flipped_that_keep_triangles_from_finding_a_partner():
     found = list(islice(list_bad_flips(finer(box(), 1)), 3))
     assert found
     for odd, before in found:
-        flips = Pairing(odd).choose_flips(set())
+        flips = Pairing(odd, 0.3).choose_flips(set())
         assert len(pair(flip(odd, flips))) > before
-        assert not set(Pairing(odd).choose_flips(set(flips))) & set(flips)
+        assert not set(Pairing(odd, 0.3).choose_flips(set(flips))) & set(flips)
 
 
 def test_nothing_is_flipped_where_all_triangles_have_a_partner():
-    assert Pairing(finer(box(), 1)).choose_flips(set()) == []
+    assert Pairing(finer(box(), 1), 0.3).choose_flips(set()) == []
 
 
 def test_a_ridge_loses_volume_by_its_other_diagonal_and_a_valley_gains_some():

@@ -20,7 +20,7 @@ from tests.shapes import ball, box, changed, finer, merged, moved
 
 
 def pair(cage):
-    return Pairing(cage).choose(set(), set())
+    return Pairing(cage, 0.3).choose(set(), set())
 
 
 def make_demand(cage, model):

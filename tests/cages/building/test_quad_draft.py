@@ -17,7 +17,7 @@ FAR = np.full((1, 3), 50.0)
 def make_draft(cage, samples=FAR, clearance=0.01):
     """A draft of all quads of a cage."""
     draft = QuadDraft(cage, samples, clearance)
-    for quad in Pairing(cage).choose(set(), set()):
+    for quad in Pairing(cage, 0.3).choose(set(), set()):
         draft.add(quad)
     return draft
 
@@ -38,7 +38,7 @@ def test_a_move_is_made_only_if_both_cuts_stay_sound():
 def test_a_sample_is_held_by_both_diagonals(has_quads):
     """Below the middle of a square of triangles whose edge goes past it, in a corner's reach."""
     cage = box(2.0)
-    side = Pairing(cage).choose(set(), set())
+    side = Pairing(cage, 0.3).choose(set(), set())
     lone = side[:1]
     low = cage.vertices[lone[0]].mean(axis=0)
     draft = QuadDraft(cage, 0.8 * low[None], 0.1)
@@ -52,7 +52,7 @@ def test_a_sample_is_held_by_both_diagonals(has_quads):
 
 def test_a_pair_is_held_only_if_its_other_halves_are_clear_and_in_shape():
     cage = box(2.0)
-    quad = Pairing(cage).choose(set(), set())[0]
+    quad = Pairing(cage, 0.3).choose(set(), set())[0]
     middle = cage.vertices[quad].mean(axis=0)
     faces = len(cage.faces)
     for sample, angle, is_held in ((0.5, 5.0, True), (0.99, 5.0, False), (0.5, 50.0, False)):
@@ -76,7 +76,7 @@ def test_a_symmetric_cage_with_quads_stays_its_own_mirror_image():
     cage, axis = ball(2), 0
     partners = find_partners(cage.vertices, axis)
     draft = PairedQuadDraft(cage, FAR, 0.01, axis)
-    for quad in Pairing(cage, partners).choose(set(), set()):
+    for quad in Pairing(cage, 0.3, partners).choose(set(), set()):
         draft.add(quad)
     places = cage.vertices * (1 + 0.1 * np.random.default_rng(0).random((len(cage.vertices), 1)))
     draft.walk(places, 5.0)

@@ -31,7 +31,8 @@ def make_small():
 def leave_loose(monkeypatch):
     """Leave out what takes most of the time, and makes no quads."""
     monkeypatch.setattr(quads_module, "tighten", lambda *_: 0)
-    monkeypatch.setattr(quads_module, "FITTING_ROUNDS", 0)
+    monkeypatch.setattr(quads_module, "PAIRED_COSINES", (0.3,))
+    monkeypatch.setattr(quads_module, "fit_cuts", lambda cage, *_: cage)
 
 
 @pytest.fixture(scope="module")
