@@ -6,6 +6,7 @@ An edit moves a vertex, flips an edge or collapses one.
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
+import igl
 import numpy as np
 from scipy.optimize import nnls
 
@@ -38,6 +39,9 @@ percent. Otherwise a round cage grows by a spike for every needle."""
 MAX_TRIED_EDITS = 6
 """Edits tried for one face, the best first."""
 
+MIN_MOVED_SHARE = 1e-6
+"""The barycentric share of a vertex in a point that moves with it; less is rounding."""
+
 MAX_SETTLING_STEPS = 5
 """Steps in which a moved vertex looks for a place that keeps off the samples."""
 
@@ -69,20 +73,27 @@ def tighten(draft: Draft, samples: Floats, chosen: Iterable[int] | None = None) 
 
     They move as far as the clearance allows.
     """
-    cage = TriMesh(draft.vertices, draft.faces)
-    nearest = closest_points(cage, samples)
-    order = np.argsort(nearest.face, kind="stable")
-    bounds = np.searchsorted(nearest.face[order], np.arange(len(cage.faces) + 1))
-    by_face = [samples[order[a:b]] for a, b in pairwise(bounds)]
-    rings: list[list[int]] = [[] for _ in draft.vertices]
-    for number, face in enumerate(cage.faces):
-        for vertex in face:
-            rings[vertex].append(number)
+    beside = _list_samples_beside(TriMesh(draft.vertices, draft.faces), samples)
     return sum(
-        _pull(draft, vertex, np.concatenate([by_face[k] for k in rings[vertex]]))
-        for vertex in (range(len(rings)) if chosen is None else sorted(chosen))
-        if rings[vertex]
+        _pull(draft, vertex, beside[vertex])
+        for vertex in (range(len(beside)) if chosen is None else sorted(chosen))
     )
+
+
+def _list_samples_beside(cage: TriMesh, samples: Floats) -> list[Floats]:
+    """Return the samples (k, 3) for each vertex whose nearest points on the cage move with it.
+
+    At an edge, that does not hang on which of its two faces is found.
+    """
+    nearest = closest_points(cage, samples)
+    corners = cage.faces[nearest.face]
+    a, b, c = (cage.vertices[corners[:, k]] for k in range(3))
+    shares = igl.barycentric_coordinates(nearest.position.copy(), a, b, c)
+    sample, corner = np.nonzero(shares.reshape(-1, 3) > MIN_MOVED_SHARE)
+    vertex = corners[sample, corner]
+    order = np.argsort(vertex, kind="stable")
+    bounds = np.searchsorted(vertex[order], np.arange(len(cage.vertices) + 1))
+    return [samples[sample[order[first:last]]] for first, last in pairwise(bounds)]
 
 
 def refill(draft: Draft, count: int) -> None:

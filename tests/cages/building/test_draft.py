@@ -9,10 +9,11 @@ from cageik_cli.cages.building.polish import (
     mend_angles,
     move_vertex,
     settle,
+    tighten,
 )
 from cageik_cli.cages.faults import find_cage_faults
 from cageik_cli.geometry.mesh import TriMesh
-from tests.shapes import ball, box, finer, octahedron
+from tests.shapes import ball, box, concave, finer, octahedron
 
 
 @pytest.fixture
@@ -154,6 +155,20 @@ def test_rounding_does_not_choose_between_edits_that_mend_a_needle_alike():
         noise = 1e-8 * np.random.default_rng(seed).uniform(-1, 1, cage.vertices.shape)
         draft = Draft(cage.move(cage.vertices + noise), ball(2, 0.2).vertices, 0.05)
         assert mend_angles(draft, draft.count) > 0
+        found.append(draft.vertices)
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], rtol=0, atol=1e-6)
+
+
+def test_rounding_does_not_choose_between_the_faces_at_an_edge_that_is_nearest_to_samples():
+    """Inside an L, points before its inner edge are as near to one face there as to the other."""
+    side = np.linspace(0.55, 0.75, 5)
+    samples = np.stack(np.meshgrid(side, side, 4 * side - 2), axis=-1).reshape(-1, 3)
+    found = []
+    for seed in range(4):
+        noise = 1e-8 * np.random.default_rng(seed).uniform(-1, 1, samples.shape)
+        draft = Draft(finer(concave(), 1), samples + noise, 0.05)
+        assert tighten(draft, draft.samples) > 0
         found.append(draft.vertices)
     for other in found[1:]:
         np.testing.assert_allclose(other, found[0], rtol=0, atol=1e-6)
