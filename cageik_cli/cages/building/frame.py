@@ -20,7 +20,7 @@ MOMENT_POWERS = tuple(
 """Of the coordinates in the moments that tell the axes: a model whose moments are all the same when
 it is turned is taken to be symmetric."""
 
-TURNS = tuple(
+AXIS_TURNS = tuple(
     (order, signs)
     for order in permutations(range(3))
     for signs in product((1.0, -1.0), repeat=3)
@@ -85,10 +85,10 @@ def _choose_turn(points: Floats, areas: Floats) -> tuple[tuple[int, ...], tuple[
     """
     shares = areas / areas.sum() if areas.sum() > 0 else np.full(len(areas), 1 / len(areas))
     moments = {powers: float(shares @ (points**powers).prod(axis=1)) for powers in MOMENT_POWERS}
-    left = np.arange(len(TURNS))
-    for values in np.array([_turn_moments(moments, *turn) for turn in TURNS]).T:
+    left = np.arange(len(AXIS_TURNS))
+    for values in np.array([_turn_moments(moments, *turn) for turn in AXIS_TURNS]).T:
         left = left[values[left] > values[left].max() - MOMENT_TIE_TOL]
-    return TURNS[left[0]]
+    return AXIS_TURNS[left[0]]
 
 
 def _turn_moments(

@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from cageik_cli.cages.building.frame import (
+    AXIS_TURNS,
     MAX_UNEVENNESS,
     PLACE_STEP,
-    TURNS,
     Frame,
     break_ties,
     sort_mesh,
@@ -50,7 +50,7 @@ def test_a_model_that_is_moved_has_the_same_coordinates_in_its_frame(model, turn
     np.testing.assert_array_equal(placed.faces, place(model).faces)
 
 
-@pytest.mark.parametrize(("order", "signs"), TURNS)
+@pytest.mark.parametrize(("order", "signs"), AXIS_TURNS)
 def test_a_letter_that_is_turned_over_reads_as_the_letter_in_its_frame(order, signs):
     """An S is the same when turned by 180 degrees, and leans to no side; turned over it is a Z."""
     x, y, z = finer(box(), 2).vertices.T
