@@ -175,15 +175,27 @@ def close_hole(mesh: PolygonMesh, loop: Integers) -> PolygonMesh:
     if len(loop) == 4 and (mesh.corner_counts == 4).any():
         added = [loop]
     else:
-        added = list(loop[_fill_polygon(mesh.vertices[loop])])
+        added = list(loop[_fill_polygon(mesh.vertices[loop], _find_joined(mesh, loop))])
     closed = PolygonMesh.from_rings(mesh.vertices, [*mesh.rings, *added])
     return closed.unfold() if len(loop) == 4 else closed
 
 
-def _fill_polygon(points: Floats) -> Integers:
+def _find_joined(mesh: PolygonMesh, loop: Integers) -> Mask:
+    """Return which vertices of a loop an edge joins, (k, k)."""
+    place = np.full(len(mesh.vertices), -1)
+    place[loop] = np.arange(len(loop))
+    sides = np.concatenate([np.stack([ring, np.roll(ring, -1)], axis=1) for ring in mesh.rings])
+    start, stop = place[sides][(place[sides] >= 0).all(axis=1)].T
+    joined = np.zeros((len(loop), len(loop)), bool)
+    joined[start, stop] = joined[stop, start] = True
+    return joined
+
+
+def _fill_polygon(points: Floats, joined: Mask) -> Integers:
     """Return the triangles of least area over a polygon (k, 3): numbers of corners, (k − 2, 3).
 
-    Dynamic programming over its chords, Barequet and Sharir 1995.
+    Dynamic programming over its chords, Barequet and Sharir 1995. A chord between corners that an
+    edge has `joined` already, (k, k), would have four faces.
     """
     count = len(points)
     cost = np.zeros((count, count))
@@ -194,7 +206,9 @@ def _fill_polygon(points: Floats) -> Integers:
             j = np.arange(i + 1, k)
             area = np.linalg.norm(np.cross(points[j] - points[i], points[k] - points[i]), axis=1)
             total = cost[i, j] + cost[j, k] + area
-            cost[i, k], middle[i, k] = total.min(), j[total.argmin()]
+            is_side = width == count - 1
+            cost[i, k] = np.inf if joined[i, k] and not is_side else total.min()
+            middle[i, k] = j[total.argmin()]
     return np.array(_list_triangles(middle, 0, count - 1), np.int64)
 
 

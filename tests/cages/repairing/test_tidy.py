@@ -155,3 +155,12 @@ def test_holes_that_meet_in_a_vertex_are_left():
     ]
     mesh = polygons(ball(1), np.delete(faces, pairs[0], axis=0))
     assert find_holes(mesh) == []
+
+
+def test_a_hole_is_closed_by_no_chord_that_is_an_edge_elsewhere():
+    """A pentagon whose lower faces share the corner 0; the same chords would be the shortest."""
+    points = np.array([[0.0, 0, 0], [1, -2, 1], [1, -0.5, 0], [1, 0.5, 0], [1, 2, 1]])
+    below = [np.array(face) for face in ([0, 2, 1], [0, 3, 2], [0, 4, 3])]
+    closed = close_hole(PolygonMesh.from_rings(points, below), np.arange(5)).triangles
+    assert len(closed.faces) == 6
+    assert (closed.edges.face_counts == 2).all()
