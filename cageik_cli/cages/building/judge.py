@@ -1,5 +1,6 @@
 """What a cage must hold, and whether it may be handed out: by exact tests, and how good it is."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,9 @@ from cageik_cli.util.errors import FormatError
 
 MIN_WIDTH = 1e-7
 """How wide faces without area are made, in diagonals: a distance to a face needs its plane."""
+
+MAX_SEGMENT_PAIRS = 4_000_000
+"""Pairs of edges of which those with boxes that meet are measured at once."""
 
 CELL_SHIFT = 0.3719
 """Where a grid of cells begins, in cells: coordinates of simple shapes are round, its sides not."""
@@ -233,30 +237,47 @@ def _find_near_edges(
     # On the way from one end to the other, a distance falls no faster than the way goes on.
     near = (of_vertex[ends].sum(axis=1) - length) / 2 < limit
     start, stop = start[near], stop[near]
-    low, high = np.minimum(start, stop).T - limit, np.maximum(start, stop).T + limit
-    low, high = np.ascontiguousarray(low), np.ascontiguousarray(high)
+    segments = cage.vertices[cage.edges.ends]
     found, places = [np.empty(0)], [np.empty((0, 3))]
-    for a, b in cage.vertices[cage.edges.ends]:
-        first, last = np.minimum(a, b), np.maximum(a, b)
-        meets = np.flatnonzero((low[0] <= last[0]) & (high[0] >= first[0]))
-        for axis in (1, 2):
-            meets = meets[(low[axis, meets] <= last[axis]) & (high[axis, meets] >= first[axis])]
-        if len(meets):
-            distance, place = measure_segments(start[meets], stop[meets], a, b)
-            found.append(distance[distance < limit])
-            places.append(place[distance < limit])
+    for near_edges, beside in _pair_boxes(start, stop, segments, limit):
+        a, b = segments[beside].swapaxes(0, 1)
+        distance, place = measure_segments(start[near_edges], stop[near_edges], a, b)
+        found.append(distance[distance < limit])
+        places.append(place[distance < limit])
     return np.concatenate(found), np.concatenate(places)
 
 
+def _pair_boxes(
+    start: Floats, stop: Floats, segments: Floats, limit: float
+) -> Iterator[tuple[Integers, Integers]]:
+    """Yield numbers of edges, and of segments (k, 2, 3) to whose boxes theirs are near.
+
+    These are for some of the segments at a time.
+    """
+    low, high = np.minimum(start, stop).T - limit, np.maximum(start, stop).T + limit
+    low, high = np.ascontiguousarray(low), np.ascontiguousarray(high)
+    lows, highs = segments.min(axis=1), segments.max(axis=1)
+    step = max(1, MAX_SEGMENT_PAIRS // max(1, len(start)))
+    for block in np.split(np.arange(len(segments)), range(step, len(segments), step)):
+        meeting = []
+        for first, last in zip(lows[block], highs[block], strict=True):
+            meets = np.flatnonzero((low[0] <= last[0]) & (high[0] >= first[0]))
+            for axis in (1, 2):
+                meets = meets[(low[axis, meets] <= last[axis]) & (high[axis, meets] >= first[axis])]
+            meeting.append(meets)
+        yield np.concatenate(meeting), np.repeat(block, [len(meets) for meets in meeting])
+
+
 def measure_segments(start: Floats, stop: Floats, a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return distance of segments (k, 3) from the segment a b, and where on them it is.
+    """Return distance of segments (k, 3) from segments a b, and where on the first it is.
 
     Ericson, Real-Time Collision Detection (2005), section 5.1.9.
     """
     along, other, between = stop - start, b - a, start - a
     square = np.maximum((along * along).sum(axis=1), 1e-300)
-    other_square = max(float(other @ other), 1e-300)
-    mixed, c, f = along @ other, (along * between).sum(axis=1), between @ other
+    other_square = np.maximum((other * other).sum(axis=-1), 1e-300)
+    products = along * other, along * between, between * other
+    mixed, c, f = (product.sum(axis=1) for product in products)
     denominator = square * other_square - mixed**2
     parallel = denominator <= 1e-14 * square * other_square
     safe = np.where(parallel, 1.0, denominator)

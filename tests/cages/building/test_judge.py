@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from cageik_cli.cages.building import judge
 from cageik_cli.cages.building.judge import Demand, find_near_points, measure_segments
 from cageik_cli.cages.settings import BuildSettings
 from tests.cages.torture import torus
@@ -23,6 +24,14 @@ def test_the_distance_of_two_edges_is_found():
     np.testing.assert_allclose(points[0][0], 0.5 * np.sqrt(2), rtol=1e-9)
 
 
+def test_edges_that_are_measured_a_few_at_a_time_are_as_near(monkeypatch):
+    meshes = octahedron(0.7), box(1.0), 0.6
+    distances, points = find_near_points(*meshes)
+    monkeypatch.setattr(judge, "MAX_SEGMENT_PAIRS", 30)
+    for found, expected in zip(find_near_points(*meshes), (distances, points), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
 def test_nothing_is_found_beyond_the_limit():
     distances, points = find_near_points(ball(2, 0.2), box(1.0), 0.1)
     assert len(distances) == len(points) == 0
@@ -30,12 +39,11 @@ def test_nothing_is_found_beyond_the_limit():
 
 def test_segments_are_as_far_apart_as_the_nearest_of_many_points_on_them():
     generator = np.random.default_rng(1)
-    start, stop = generator.normal(size=(2, 50, 3))
-    a, b = generator.normal(size=(2, 3))
+    start, stop, a, b = generator.normal(size=(4, 50, 3))
     distance, place = measure_segments(start, stop, a, b)
     share = np.linspace(0, 1, 401)[:, None]
     for k in range(50):
-        mine, other = start[k] + share * (stop[k] - start[k]), a + share * (b - a)
+        mine, other = start[k] + share * (stop[k] - start[k]), a[k] + share * (b[k] - a[k])
         sampled = np.linalg.norm(mine[:, None] - other[None], axis=2).min()
         assert distance[k] <= sampled + 1e-12
         assert distance[k] == pytest.approx(sampled, abs=0.02)
