@@ -216,9 +216,11 @@ def _march(grid: DistanceGrid, field: Floats) -> TriMesh | None:
     # A node on the surface would make faces without area.
     field = np.where(np.abs(field) < 1e-3 * grid.cell, 1e-3 * grid.cell, field)
     # libigl counts nodes with x first.
-    nodes = np.indices(field.shape).reshape(3, -1, order="F").T
+    x, y, z = (o + grid.cell * np.arange(n) for o, n in zip(grid.origin, field.shape, strict=True))
+    places = np.empty((*field.shape[::-1], 3))
+    places[..., 0], places[..., 1], places[..., 2] = x, y[:, None], z[:, None, None]
     vertices, faces, _ = igl.marching_cubes(
-        field.ravel(order="F"), grid.positions(nodes), *field.shape, 0.0
+        field.ravel(order="F"), places.reshape(-1, 3), *field.shape, 0.0
     )
     surface = TriMesh(vertices, faces) if len(faces) else None
     if surface is None or not bounds_volume(surface) or not igl.is_vertex_manifold(faces).all():
