@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -135,13 +136,13 @@ def build_cage(
     # Sums of several threads are rounded otherwise, and a choice may hang on that.
     with limit_blas_threads(1):
         mirror = find_symmetry(model, settings.symmetric)
-        free = _Builder(model, settings, clip, processes=processes)
+        make_free = partial(_Builder, model, settings, clip, processes=processes)
         if mirror is None:
-            return free.run(progress)
+            return make_free().run(progress)
         try:
             return _Builder(model, settings, clip, mirror).run(progress)
         except NumericalError:
-            built = free.run(progress)
+            built = make_free().run(progress)
             note = f"no cage that is symmetric about {mirror} passed the tests: this one is not"
             return replace(built, notes=(note, *built.notes))
 

@@ -165,11 +165,32 @@ def test_a_flat_model_gets_a_cage_of_the_tightest_shell(symmetric):
     assert built.chosen.verdict.faults == ()
 
 
+def make_bent_rod(levels):
+    """A rod, and a pose in which it is bent."""
+    rod = finer(changed(box(), vertices=box().vertices * [0.2, 0.2, 1]), levels)
+    x, y, z = rod.vertices.T
+    return rod, np.stack([x + 0.3 * np.maximum(z, 0) ** 2, y, z], axis=1)
+
+
+@pytest.mark.slow
+def test_the_number_of_processes_does_not_change_the_cages(monkeypatch):
+    monkeypatch.setattr(build_module, "COARSE_GRID", (0.03, 0.13))
+    monkeypatch.setattr(build_module, "LADDER", ((0.04, 0.08), (0.05, 0.08)))
+    model, bent = make_bent_rod(2)
+    clip = Clip(bent[None], lambda cage: cage.volume)
+    one, two = (
+        build_cage(model, BuildSettings(20), clip, processes=count).candidates for count in (1, 2)
+    )
+    assert [candidate.recipe for candidate in one] == [candidate.recipe for candidate in two]
+    assert sum("shifted" in candidate.recipe for candidate in two) == 2
+    for first, second in zip(one, two, strict=True):
+        assert first.cage.vertices.tobytes() == second.cage.vertices.tobytes()
+        assert first.cage.faces.tobytes() == second.cage.faces.tobytes()
+
+
 @pytest.mark.slow
 def test_the_candidate_of_the_least_error_is_taken_for_a_clip():
-    model = finer(changed(box(), vertices=box().vertices * [0.2, 0.2, 1]), 4)
-    x, y, z = model.vertices.T
-    bent = np.stack([x + 0.3 * np.maximum(z, 0) ** 2, y, z], axis=1)
+    model, bent = make_bent_rod(4)
     volumes = []
 
     def measure(cage):
