@@ -8,7 +8,7 @@ import numpy as np
 
 from cageik_cli.cages.building.collapse import COLLAPSE_LIMITS, Collapser, collapse_costs
 from cageik_cli.cages.building.draft import Draft, Edit
-from cageik_cli.cages.building.polish import MIN_KEPT_ANGLE, collapse_edge
+from cageik_cli.cages.building.polish import MIN_KEPT_ANGLE, collapse_edge, move_vertex
 from cageik_cli.cages.building.symmetry import (
     MIN_PLANE_DISTANCE,
     add_image,
@@ -164,13 +164,15 @@ class PairedDraft(Draft):
         if is_own_image:
             return True
         position = reflect(edit.position, self._axis)
+        if is_move:
+            return super().take(move_vertex(self, partner, position))
         if len(gone):
             image = collapse_edge(self, partner, int(self._partner[gone[0]]), position)
         else:
             added = self._partner[edit.added][:, ::-1]
             removed = np.array(_find_rows(self.faces, images))
             image = Edit(removed, added, partner, position)
-        return image is not None and super().take(image) and (is_move or self._is_manifold())
+        return image is not None and super().take(image) and self._is_manifold()
 
     def _keeps_side(self, edit: Edit) -> bool:
         """Return whether a vertex stays on its side of the plane, and off it."""
