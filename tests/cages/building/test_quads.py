@@ -9,6 +9,7 @@ from cageik_cli.cages.building.pairing import name_diagonals
 from cageik_cli.cages.building.quads import make_quads
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mirror import Mirror
 from tests.shapes import ball, changed
 
 
@@ -79,22 +80,45 @@ def test_quads_that_fail_are_left_as_triangles(monkeypatch):
     leave_loose(monkeypatch)
     monkeypatch.setattr(quads_module, "find_failing", fail_first)
     assert len(list_quads(make_quads(cage, demand))) == len(found[0]) - 3
+
+
+def test_a_cage_of_which_no_quad_passes_is_left_as_it_is(monkeypatch):
+    leave_loose(monkeypatch)
+    cage, demand = make_small()
     monkeypatch.setattr(quads_module, "find_failing", lambda _, quads, *__: quads[:, 0] >= 0)
     assert make_quads(cage, demand) is cage
 
 
+def test_a_quad_that_fails_takes_its_mirror_image_along(monkeypatch):
+    """Else the cage would be lopsided."""
+    leave_loose(monkeypatch)
+    demand = Demand(ball(2), BuildSettings(18, 0.005), Mirror(np.eye(3)[0], np.zeros(3)))
+    cage = TriMesh(demand.frame.to_units(1.5 * ball(1).vertices), ball(1).faces)
+    plane, found = Mirror(np.eye(3)[demand.axis], np.zeros(3)), []
+
+    def fail_one(moved, quads, *_):
+        found.append(quads)
+        is_beside = (moved.vertices[quads[:, [0, 2]], demand.axis] != 0).any(axis=1)
+        return (np.arange(len(quads)) == np.flatnonzero(is_beside)[0]) & (len(found) == 1)
+
+    monkeypatch.setattr(quads_module, "find_failing", fail_one)
+    made = make_quads(cage, demand)
+    assert len(list_quads(made)) == len(found[0]) - 2
+    assert plane.mirrors_polygons(made)
+
+
 def test_pairs_are_chosen_again_without_those_that_fail(monkeypatch):
-    """A pair that never holds the model leaves its triangles to others."""
+    """The first pair never holds the model, and leaves its triangles to others."""
     leave_loose(monkeypatch)
     cage, demand = make_small()
-    first = list_quads(make_quads(cage, demand))[0]
-    banned = name_diagonals(first[None])
+    asked = []
 
-    def find(cage, quads, _):
-        return np.array([edge in banned for edge in name_diagonals(quads)], bool)
+    def find(_, quads, __):
+        asked.append(name_diagonals(quads))
+        return np.array([edge == asked[0][0] for edge in asked[-1]], bool)
 
     monkeypatch.setattr(quads_module, "find_near_quads", find)
-    made = make_quads(cage, demand)
-    quads = np.array(list_quads(made))
+    quads = np.array(list_quads(make_quads(cage, demand)))
     assert len(quads)
-    assert not set(name_diagonals(quads)) & set(banned)
+    assert asked[0][0] not in name_diagonals(quads)
+    assert not any(asked[0][0] in later for later in asked[1:])
