@@ -8,6 +8,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import NumericalError
 
 MAX_MODEL_ASYMMETRY = 0.005
 """How far the mirror image of a model may be from it anywhere, in diagonals."""
@@ -195,9 +196,16 @@ def find_partners(vertices: Floats, axis: int) -> Integers:
 
 
 def pair_exactly(vertices: Floats, axis: int) -> Floats:
-    """Return vertices that are mirror images up to rounding, as they are to the last bit."""
+    """Return vertices that are mirror images up to rounding, as they are to the last bit.
+
+    Raises
+    ------
+    NumericalError
+        When they are not, as where they were rounded far from the origin.
+    """
     partners = Mirror(np.eye(3)[axis], np.zeros(3)).find_pairs(vertices)
-    assert partners is not None
+    if partners is None:
+        raise NumericalError("the cage is not its own mirror image (rounded too far away)")
     return np.asarray((vertices + reflect(vertices[partners], axis)) / 2)
 
 

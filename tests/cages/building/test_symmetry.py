@@ -14,6 +14,7 @@ from cageik_cli.cages.building.symmetry import (
     take_half,
 )
 from cageik_cli.geometry.mirror import Mirror
+from cageik_cli.util.errors import NumericalError
 from tests.shapes import ball, box, changed, concave, finer, moved, rotation
 
 
@@ -124,3 +125,5 @@ def test_mirror_images_up_to_rounding_become_exact():
     partners = find_partners(exact, 1)
     np.testing.assert_array_equal(paired[partners], reflect(paired, 1))
     assert (paired[partners == np.arange(len(paired)), 1] == 0).all()
+    with pytest.raises(NumericalError, match="mirror image"):
+        pair_exactly(exact + 1e-3 * np.random.default_rng(0).random(exact.shape), 1)
