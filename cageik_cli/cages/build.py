@@ -47,6 +47,12 @@ the closing of the shells that are made on them, and some cells."""
 MAX_SHIFTED = 2
 """The best candidates whose vertices are shifted to where they miss an animation."""
 
+MAX_LOOPED_SHELLS = 4
+"""Shells that are tried with loops, at most, before shells are tried without."""
+
+NO_LOOPS_NOTE = (
+    "the cage has no loops: the model has no limbs that loops of so few vertices fit around"
+)
 NO_QUADS = "no cage with quads passed the tests: this one is of triangles"
 
 MIN_GOOD_ANGLE = 5.0
@@ -159,7 +165,8 @@ class _Builder:
         processes: int = 1,
     ) -> None:
         self._demand, self._clip, self._mirror = Demand(model, settings, mirror), clip, mirror
-        self._has_quads, self._processes = settings.quads, processes
+        self._settings, self._processes = settings, processes
+        self._has_loops = mirror is None and (settings.loops or settings.quads)
         self._motion: Motion | None = None
         if clip is not None and mirror is None:  # poses would make a cage lopsided
             used = model.used_vertices
@@ -176,20 +183,24 @@ class _Builder:
     def run(self, progress: Callable[[int, int], None]) -> BuiltCage:
         """Try the shells, ellipsoids if no shell passes, and shifts for a clip; take the best."""
         rungs, shifts = len(LADDER), 0 if self._motion is None else MAX_SHIFTED
-        self._try_shells(lambda done: progress(done, rungs + shifts))
+        if self._has_loops:
+            self._try_shells(MAX_LOOPED_SHELLS, lambda done: progress(done, rungs + shifts))
+            self._has_loops = False
+        if not self._valid:
+            self._try_shells(rungs, lambda done: progress(done, rungs + shifts))
         if not self._valid and self._mirror is None:
             self._try_ellipsoids()
         best = sorted(self._valid, key=lambda candidate: candidate.cost)[:shifts]
         for step in self._try_shifts(best):
             progress(rungs + step, rungs + shifts)
-        if self._has_quads and self._valid:
+        if self._settings.quads and self._valid:
             self._make_quads()
         progress(rungs + shifts, rungs + shifts)
         return self._choose_best()
 
-    def _try_shells(self, progress: Callable[[int], None]) -> None:
+    def _try_shells(self, rungs: int, progress: Callable[[int], None]) -> None:
         """Try the ladder until no other shell can be better, or two cages are valid."""
-        for step, (offset, closing) in enumerate(LADDER):
+        for step, (offset, closing) in enumerate(LADDER[:rungs]):
             is_tightest = self._clip is None and any(c.cost <= offset for c in self._valid)
             if is_tightest or len(self._valid) == 2:
                 break
@@ -201,10 +212,14 @@ class _Builder:
         shell = make_shell(self._find_grid(offset), offset, closing)
         if shell is None:
             return
-        cage = refine_shell(shell.surface, self._demand, self._motion)
+        cage, loops = refine_shell(
+            shell.surface, self._demand, self._motion, has_loops=self._has_loops
+        )
         name = f"shell {100 * offset:.2g} % closed by {100 * closing:.2g} %"
         if self._motion is not None and len(self._motion.poses):
             name += f", {len(self._motion.poses)} poses"
+        if loops.count:
+            name += f", {loops.count} loops around {format_count(len(loops.tubes), 'limb')}"
         notes = describe_closings(
             shell,
             self._demand.frame.to_file_units,
@@ -213,10 +228,11 @@ class _Builder:
         )
         candidate = self._make_candidate(name, cage, offset, notes)
         if candidate.verdict.is_valid:
-            stronger = replace_weak_vertices(cage, self._demand)
+            stronger = replace_weak_vertices(cage, self._demand, loops)
             if stronger is not cage:
                 replaced = self._make_candidate(name, stronger, offset, notes)
                 candidate = replaced if replaced.verdict.is_valid else candidate
+        candidate = replace(candidate, loops=loops)
         holes = max(0, candidate.verdict.genus - self._demand.holes)
         self._add(
             replace(candidate, joined_holes=joins_parts(shell, self._demand.is_closed) * holes)
@@ -238,11 +254,15 @@ class _Builder:
         """Try candidates with vertices moved to where they miss the clip; yield how many so far."""
         frame = self._demand.frame
         placed = [c.cage.move(frame.to_units(c.cage.vertices)) for c in candidates]
-        calls = [(cage, self._demand, self._motion) for cage in placed]
+        calls = [
+            (cage, self._demand, self._motion, candidate.loops)
+            for cage, candidate in zip(placed, candidates, strict=True)
+        ]
         shifted = call_beside(shift_vertices, calls, self._processes)
         for step, (candidate, (cage, moved)) in enumerate(zip(candidates, shifted, strict=True)):
             recipe = f"{candidate.recipe}, {moved} vertices shifted"
-            self._add(self._make_candidate(recipe, cage, candidate.offset, candidate.notes))
+            made = self._make_candidate(recipe, cage, candidate.offset, candidate.notes)
+            self._add(replace(made, loops=candidate.loops))
             yield step + 1
 
     def _make_quads(self) -> None:
@@ -251,7 +271,7 @@ class _Builder:
         vertices = self._demand.frame.to_units(best.cage.vertices)
         if self._demand.axis is not None:
             vertices = pair_exactly(vertices, self._demand.axis)
-        cage = make_quads(TriMesh(vertices, best.cage.faces), self._demand)
+        cage = make_quads(TriMesh(vertices, best.cage.faces), self._demand, best.loops)
         notes = (*best.notes, *describe_few_quads(cage))
         made = self._make_candidate(f"{best.recipe}, quads", cage, best.offset, notes)
         if made.verdict.is_valid:
@@ -259,7 +279,7 @@ class _Builder:
         else:
             kept = replace(best, notes=(*best.notes, NO_QUADS))
             self._tried = [kept if c is best else c for c in self._tried]
-        self._add(replace(made, joined_holes=best.joined_holes))
+        self._add(replace(made, loops=best.loops, joined_holes=best.joined_holes))
 
     def _make_candidate(
         self, recipe: str, cage: TriMesh, offset: float, notes: tuple[str, ...]
@@ -292,6 +312,8 @@ class _Builder:
             )
         best = min(self._valid, key=lambda candidate: candidate.cost)
         notes, angle = best.notes, best.verdict.smallest_angle
+        if self._settings.loops and not best.loops.count:
+            notes = (*notes, NO_LOOPS_NOTE)
         if angle < MIN_GOOD_ANGLE:
             notes = (
                 *notes,

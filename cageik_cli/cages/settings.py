@@ -38,13 +38,17 @@ class BuildSettings:
         About the plane across an axis; about the plane of a model that is its own mirror image; or
         about none.
     quads : bool
-        Whether pairs of triangles become quads, which hold the model by either diagonal.
+        Whether pairs of triangles become quads, which hold the model by either diagonal; there are
+        loops then, too.
+    loops : bool
+        Whether edges go around limbs in loops.
     """
 
     vertices: int = 100
     clearance: float = 0.004
     symmetric: SymmetryChoice = DEFAULT_SYMMETRY
     quads: bool = False
+    loops: bool = False
 
     def __post_init__(self) -> None:
         if not MIN_VERTICES <= self.vertices <= MAX_VERTICES:
@@ -61,6 +65,11 @@ class BuildSettings:
             raise SettingError(
                 f"symmetric is {self.symmetric!r}, expected one of "
                 f"{', '.join(map(repr, get_args(SymmetryChoice)))}"
+            )
+        if self.loops and self.symmetric != "off":
+            raise SettingError(
+                "`loops=True` and `symmetric=` do not go together: loops are not laid by pairs; "
+                "leave out one"
             )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from cageik_cli.cages.building.judge import Verdict
+from cageik_cli.cages.building.loops import NO_LOOPS, Loops
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 
@@ -45,6 +46,8 @@ class Candidate:
         On the animation; None where nothing was measured.
     notes : tuple of str
         Changes to the surface of the model, a sentence each.
+    loops : Loops
+        Around its limbs.
     joined_holes : int
         Holes through it between parts that lie near each other, beside the model's own.
     """
@@ -55,6 +58,7 @@ class Candidate:
     offset: float
     error: float | None = None
     notes: tuple[str, ...] = ()
+    loops: Loops = NO_LOOPS
     joined_holes: int = 0
 
     @property

@@ -16,6 +16,10 @@ MIN_FOLD_COSINE = -0.94
 """Between the normals of two faces at a side, at least: they are 20 degrees apart, and no fin."""
 
 
+Edge = tuple[int, int]
+"""Two vertices, the lower first."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Edit:
     """Faces of a cage that others replace, and a vertex that moves.
@@ -49,6 +53,8 @@ class Draft:
         Points it holds.
     clearance : float
         How near to them new faces may come.
+    kept : set of Edge
+        Edges that no edit takes away, and no split divides.
 
     Attributes
     ----------
@@ -58,12 +64,19 @@ class Draft:
         Of the cage as it was given.
     """
 
-    def __init__(self, cage: TriMesh, samples: Floats, clearance: float) -> None:
+    def __init__(
+        self,
+        cage: TriMesh,
+        samples: Floats,
+        clearance: float,
+        kept: frozenset[Edge] = frozenset(),
+    ) -> None:
         self.volume = cage.volume
         self.vertices = cage.vertices.copy()
         self.faces = cage.faces.copy()
         self.clearance = clearance
         self.samples = samples
+        self._kept, self._held = kept, {vertex for edge in kept for vertex in edge}
         self._order = np.argsort(samples[:, 0], kind="stable")
         self._columns = np.ascontiguousarray(samples[self._order].T)
 
@@ -120,7 +133,16 @@ class Draft:
 
     def allows(self, edit: Edit) -> bool:
         """Return whether the cage stays sound by an edit."""
-        return self._stays_open(edit) and self.keeps_clear(edit) and self._stays_apart(edit)
+        return (
+            self._keeps_edges(edit)
+            and self._stays_open(edit)
+            and self.keeps_clear(edit)
+            and self._stays_apart(edit)
+        )
+
+    def is_divisible(self, start: int, stop: int) -> bool:
+        """Return whether an edge may be split: not between vertices of kept edges."""
+        return not {start, stop} <= self._held
 
     def apply(self, edit: Edit) -> None:
         """Make the edit, untested."""
@@ -216,6 +238,13 @@ class Draft:
         faces = np.concatenate([added, self.faces[edit.removed][:, ::-1]])
         return np.abs(measure_winding(vertices, faces, samples)) >= 0.5
 
+    def _keeps_edges(self, edit: Edit) -> bool:
+        """Return whether no edge that is kept is taken away."""
+        if not self._kept:
+            return True
+        before, after = (_list_edges(faces) for faces in (self.faces[edit.removed], edit.added))
+        return not (before & self._kept) - after
+
     def _place_corners(self, edit: Edit) -> Floats:
         """Return the corners of the faces that an edit adds, (a, 3, 3)."""
         corners = self.vertices.take(edit.added, axis=0)
@@ -239,6 +268,16 @@ class Draft:
         vertices[edit.vertex] = edit.position
         rest = np.delete(self.faces, edit.removed, axis=0)
         return keep_apart(vertices, edit.added, rest)
+
+
+def name_edge(start: int, stop: int) -> Edge:
+    """Return an edge, whichever of its ends is given first."""
+    return (start, stop) if start < stop else (stop, start)
+
+
+def _list_edges(faces: Integers) -> set[Edge]:
+    """Return the edges of faces."""
+    return {name_edge(face[k - 1], face[k]) for face in faces.tolist() for k in range(3)}
 
 
 def _find_sharpest_fold(vertices: Floats, faces: Integers, beside: Integers) -> float:

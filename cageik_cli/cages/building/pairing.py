@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.optimize import Bounds, LinearConstraint, milp
 
+from cageik_cli.cages.building.draft import Edge, name_edge
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import cross, measure_angles
 from cageik_cli.util.arrays import Floats, Integers
@@ -30,9 +31,6 @@ FLIP_COST = 0.3
 
 HALVES = ((0, 1, 2), (0, 2, 3), (1, 2, 3), (1, 3, 0))
 """Corners of the triangles of a quad by one diagonal, and by the other."""
-
-Edge = tuple[int, int]
-"""Two vertices, the lower first."""
 
 Corners = tuple[int, int, int, int]
 """The vertices of a quad; its diagonal in the cage is from the first to the third."""
@@ -202,11 +200,6 @@ class Pairing:
             if image is not None and image != k:
                 ties[k, image] = -1
         return sparse.csr_array(ties)
-
-
-def name_edge(start: int, stop: int) -> Edge:
-    """Return an edge, whichever of its ends is given first."""
-    return (start, stop) if start < stop else (stop, start)
 
 
 def name_diagonals(quads: Integers) -> list[Edge]:

@@ -130,6 +130,8 @@ def collapse_in_shape(draft: Draft, start: int, stop: int, share: float) -> bool
 
 def splits_well(draft: Draft, start: int, stop: int, valence: Integers, angle: float) -> bool:
     """Return whether halves of the faces at an edge have the angle, and vertices across room."""
+    if not draft.is_divisible(start, stop):
+        return False
     corners = draft.faces[draft.faces_beside(start, stop)]
     across = corners[(corners != start) & (corners != stop)]
     if valence[across].max() >= MAX_VALENCE:

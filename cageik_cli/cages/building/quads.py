@@ -8,7 +8,8 @@ without those that do not.
 import numpy as np
 
 from cageik_cli.cages.building.judge import Demand, keep_one_per_cell
-from cageik_cli.cages.building.pairing import MIN_QUAD_ANGLE, Edge, Pairing, name_diagonals
+from cageik_cli.cages.building.loops import NO_LOOPS, Loops
+from cageik_cli.cages.building.pairing import MIN_QUAD_ANGLE, Pairing, name_diagonals
 from cageik_cli.cages.building.polish import flip_edge, tighten
 from cageik_cli.cages.building.quad_cuts import (
     find_failing,
@@ -39,13 +40,15 @@ PAIRED_COSINES = (0.3, 0.3, 0.1)
 the last one is for cages that have few quads after the others."""
 
 
-def make_quads(cage: TriMesh, demand: Demand) -> TriMesh:
+def make_quads(cage: TriMesh, demand: Demand, loops: Loops = NO_LOOPS) -> TriMesh:
     """Return a cage with quads in place of most pairs of triangles, in the units of the demand.
+
+    Edges of loops stay edges.
 
     Its triangles are those of one diagonal of each quad; with any other ones it passes the same
     tests. A cage of which no quad passes is returned as it is.
     """
-    return _Maker(cage, demand).run()
+    return _Maker(cage, demand, loops).run()
 
 
 def describe_few_quads(cage: TriMesh) -> tuple[str, ...]:
@@ -62,7 +65,8 @@ def describe_few_quads(cage: TriMesh) -> tuple[str, ...]:
 class _Maker:
     """A cage, and those of its quads that hold the model by either diagonal."""
 
-    def __init__(self, cage: TriMesh, demand: Demand) -> None:
+    def __init__(self, cage: TriMesh, demand: Demand, loops: Loops) -> None:
+        self._loops = loops
         self._cage, self._demand, self._samples = cage, demand, demand.samples
         self._angle = min(MIN_QUAD_ANGLE, float(corner_angles(cage).min()))
         self._partners = None if demand.axis is None else find_partners(cage.vertices, demand.axis)
@@ -82,7 +86,8 @@ class _Maker:
 
     def _flip_edges(self) -> None:
         """Flip the edges that keep triangles from finding a partner."""
-        draft, refused = make_draft(self._cage, self._demand, self._samples), set[Edge]()
+        draft = make_draft(self._cage, self._demand, self._samples, self._loops)
+        refused = set(self._loops.edges)
         for _ in range(MAX_PAIRINGS):
             before = len(refused)
             pairing = Pairing(self._cage, PAIRED_COSINES[0], self._partners)
@@ -101,7 +106,7 @@ class _Maker:
 
     def _pair_triangles(self, cosine: float) -> None:
         """Pair triangles, keep the quads that hold the model, and fit the cage to it."""
-        failed = set[Edge]()
+        failed = set(self._loops.edges)
         for _ in range(MAX_PAIRINGS):
             held = set(name_diagonals(self._quads))
             quads = Pairing(self._cage, cosine, self._partners).choose(failed, held)

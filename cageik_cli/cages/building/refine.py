@@ -10,6 +10,7 @@ from cageik_cli.cages.building.collapse import collapse_edges, list_stages, thin
 from cageik_cli.cages.building.contacts import ContactSearch
 from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.judge import Demand, find_near_points, keep_one_per_cell
+from cageik_cli.cages.building.loops import NO_LOOPS, Loops, collapse_around, lay_loops
 from cageik_cli.cages.building.motion import Motion
 from cageik_cli.cages.building.paired import PairedDraft, collapse_pairs
 from cageik_cli.cages.building.polish import (
@@ -42,38 +43,45 @@ MIN_SAFE_WEIGHT = 0.08
 """Vertices with smaller weights everywhere are weak; it is safely above `MIN_INFLUENCE`."""
 
 
-def refine_shell(shell: TriMesh, demand: Demand, motion: Motion | None) -> TriMesh:
-    """Make a cage of a shell; the judge decides whether it is valid."""
+def refine_shell(
+    shell: TriMesh, demand: Demand, motion: Motion | None, *, has_loops: bool = False
+) -> tuple[TriMesh, Loops]:
+    """Make a cage of a shell, with its loops; the judge decides whether it is valid."""
     stages = list_stages(demand.most)
     # A fine shell hardly tangles: down to this number of vertices, collapses need no test.
     cage, evenness = thin_shell(shell, max(1200, 2 * stages[0]))
     if demand.axis is not None:
         cage = add_image(cut_half(cage, demand.axis), demand.axis)
+    loops = NO_LOOPS
+    if has_loops:
+        cage, loops = lay_loops(cage, demand.most, motion)
     for count in stages:
-        if demand.axis is None:
+        if loops.count:
+            cage = collapse_around(cage, count, motion, evenness, loops)
+        elif demand.axis is None:
             cage = collapse_edges(cage, count, motion, evenness)
         else:
             cage = collapse_pairs(cage, count, demand.axis, evenness)
         cage = _push_and_relax(cage, demand)
     # What crosses now is not disentangled by any edit that follows.
     if len(cage.vertices) > demand.most or len(self_intersections(cage)):
-        return cage
+        return cage, loops
     cage, samples = complete_clearance(cage, demand, demand.samples, rounds=1)
-    draft = make_draft(cage, demand, samples)
+    draft = make_draft(cage, demand, samples, loops)
     for _ in range(2):
         mend_angles(draft, demand.fewest)
         lower_valences(draft)
         refill(draft, demand.most)
         tighten(draft, samples)
     mend_angles(draft, draft.count)
-    return complete_clearance(draft.to_mesh(), demand, samples)[0]
+    return complete_clearance(draft.to_mesh(), demand, samples)[0], loops
 
 
-def make_draft(cage: TriMesh, demand: Demand, samples: Floats) -> Draft:
+def make_draft(cage: TriMesh, demand: Demand, samples: Floats, loops: Loops = NO_LOOPS) -> Draft:
     """Return a draft of the cage, whose edits keep a little more than the clearance."""
     if demand.axis is not None:
         return PairedDraft(cage, samples, 1.01 * demand.clearance, demand.axis)
-    return Draft(cage, samples, 1.01 * demand.clearance)
+    return Draft(cage, samples, 1.01 * demand.clearance, loops.edges)
 
 
 def complete_clearance(
@@ -135,7 +143,7 @@ def _push_and_relax(cage: TriMesh, demand: Demand) -> TriMesh:
     return cage
 
 
-def replace_weak_vertices(cage: TriMesh, demand: Demand) -> TriMesh:
+def replace_weak_vertices(cage: TriMesh, demand: Demand, loops: Loops) -> TriMesh:
     """Collapse the vertices of a sound cage that are weak, and split long edges instead.
 
     The cage itself is returned if none is weak.
@@ -143,7 +151,7 @@ def replace_weak_vertices(cage: TriMesh, demand: Demand) -> TriMesh:
     weak = find_weak(cage, demand)
     if len(weak) == 0:
         return cage
-    draft = make_draft(cage, demand, demand.samples)
+    draft = make_draft(cage, demand, demand.samples, loops)
     for vertex in weak:
         around = draft.neighbours(int(vertex))
         lengths = np.linalg.norm(draft.vertices[around] - draft.vertices[vertex], axis=1)

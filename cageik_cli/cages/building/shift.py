@@ -4,6 +4,7 @@ import numpy as np
 
 from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.judge import Demand
+from cageik_cli.cages.building.loops import Loops
 from cageik_cli.cages.building.motion import EditGains, Motion
 from cageik_cli.cages.building.polish import (
     MIN_KEPT_ANGLE,
@@ -20,7 +21,9 @@ SKIPPED = ((0, 0), (1, 0), (0, 1))
 """How many of the best splits and collapses are left out, after each round of one that failed."""
 
 
-def shift_vertices(cage: TriMesh, demand: Demand, motion: Motion) -> tuple[TriMesh, int]:
+def shift_vertices(
+    cage: TriMesh, demand: Demand, motion: Motion, loops: Loops
+) -> tuple[TriMesh, int]:
     """Collapse the edges that a motion needs least, and split as many where it gains most.
 
     The first round moves 8 % of the vertices; a round that fails halves that.
@@ -33,7 +36,7 @@ def shift_vertices(cage: TriMesh, demand: Demand, motion: Motion) -> tuple[TriMe
         How many vertices moved.
     """
     cage, samples = complete_clearance(cage, demand, demand.samples, rounds=2)
-    shifter = _Shifter(cage, samples, demand, motion)
+    shifter = _Shifter(cage, samples, demand, motion, loops)
     count, failures = max(1, round(0.08 * len(cage.vertices))), 0
     for _ in range(count_rounds(len(cage.vertices))):
         if shifter.try_round(count, SKIPPED[failures]):
@@ -67,14 +70,16 @@ class _Shifter:
         How many vertices moved.
     """
 
-    def __init__(self, cage: TriMesh, samples: Floats, demand: Demand, motion: Motion) -> None:
-        self.cage, self.moved = cage, 0
+    def __init__(
+        self, cage: TriMesh, samples: Floats, demand: Demand, motion: Motion, loops: Loops
+    ) -> None:
+        self.cage, self.moved, self._loops = cage, 0, loops
         self._samples, self._demand, self._motion = samples, demand, motion
         self._gains = EditGains(cage, motion, EditGains(cage, motion).squares)
 
     def try_round(self, count: int, skipped: tuple[int, int]) -> bool:
         """Move up to `count` vertices, without some best edits; return whether the error fell."""
-        draft = make_draft(self.cage, self._demand, self._samples)
+        draft = make_draft(self.cage, self._demand, self._samples, self._loops)
         made = _Round(draft, self._gains).run(count, skipped, self._demand.most)
         if made == 0 or not self._accept(draft.to_mesh()):
             return False
