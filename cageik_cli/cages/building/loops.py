@@ -6,38 +6,18 @@ them. The vertices of loops are the first ones of a cage.
 
 from dataclasses import dataclass
 
-import igl
 import numpy as np
 
 from cageik_cli.cages.building.collapse import COLLAPSE_LIMITS, Collapser
 from cageik_cli.cages.building.draft import Edge, name_edge
-from cageik_cli.cages.building.limbs import Limb, find_centre, find_limbs, measure_length
+from cageik_cli.cages.building.limbs import find_limbs
+from cageik_cli.cages.building.loop_plan import MAX_LOOP_MISFIT, LoopPlan
 from cageik_cli.cages.building.motion import Motion
-from cageik_cli.geometry.mesh import Edges, TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
-MIN_SIDES, MAX_SIDES = 4, 6
-"""Vertices of a loop. A limb gets no loops if these are too few for edges as long as others."""
-
-MAX_LOOP_SHARE = 0.5
+MAX_LOOP_SHARE = 0.55
 """The share of the vertices of a cage that loops may have."""
-
-MAX_LOOP_DENSITY = 1.4
-"""How many vertices loops add beyond those that a limb needs, over its share of the surface."""
-
-LOOP_PLACES = 24
-"""Places along a limb that a loop may have."""
-
-LOOP_TURNS = 12
-"""Turns of the loops of a limb about it that are tried."""
-
-MIN_LOOP_MISFIT, MAX_LOOP_MISFIT = 0.004, 0.018
-"""How far a limb may miss the tube between two loops, in diagonals: where it is less, no other loop
-is needed; a limb whose loops leave more gets none."""
-
-EXPECTED_BEND = 0.15
-"""How far a limb will bend off a straight tube where no animation is known, over the distance from
-the nearest loop."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +58,7 @@ NO_LOOPS = Loops(())
 
 def lay_loops(shell: TriMesh, count: int, motion: Motion | None) -> tuple[TriMesh, Loops]:
     """Put tubes in the place of limbs of a shell that becomes a cage of `count` vertices."""
-    plans = [_LoopPlan(shell, limb, motion, count) for limb in find_limbs(shell)]
+    plans = [LoopPlan(shell, limb, motion, count) for limb in find_limbs(shell)]
     chosen, is_gone = [], np.zeros(len(shell.faces), bool)
     for plan in _choose_limbs(plans, int(MAX_LOOP_SHARE * count)):
         if plan.border is not None and not is_gone[plan.faces].any():
@@ -87,12 +67,12 @@ def lay_loops(shell: TriMesh, count: int, motion: Motion | None) -> tuple[TriMes
     return (shell, NO_LOOPS) if not chosen else _replace_limbs(shell, chosen, is_gone)
 
 
-def _choose_limbs(plans: list["_LoopPlan"], most: int) -> list["_LoopPlan"]:
+def _choose_limbs(plans: list[LoopPlan], most: int) -> list[LoopPlan]:
     """Choose limbs, the first ones first, and add loops where they miss most.
 
     Loops have `most` vertices in all.
     """
-    chosen: list[_LoopPlan] = []
+    chosen: list[LoopPlan] = []
     for plan in plans:
         while plan.misfit > MAX_LOOP_MISFIT:
             plan.add_loop()
@@ -106,171 +86,7 @@ def _choose_limbs(plans: list["_LoopPlan"], most: int) -> list["_LoopPlan"]:
     return chosen
 
 
-class _LoopPlan:
-    """The loops that a limb may have at `LOOP_PLACES`, and which of them it gets.
-
-    Attributes
-    ----------
-    faces : (f,) int64
-        The faces of the shell that the tube replaces.
-    border : (b,) int64, optional
-        The vertices around them, in their direction; None if they are no disk.
-    chosen : list of int
-        The places of its loops, ascending; none if no two loops are apart from each other.
-    sides : int
-        Vertices of a loop: edges are about as long as those of a cage of `count` vertices.
-    misfit : float
-        How far the limb misses the tube between them at most, diagonals.
-    """
-
-    def __init__(self, shell: TriMesh, limb: Limb, motion: Motion | None, count: int) -> None:
-        inset = min(0.4 * limb.diameter, 0.2 * (limb.tip - limb.base))
-        self._heights = np.linspace(limb.base + 0.1 * inset, limb.tip - inset, LOOP_PLACES)
-        sections = limb.cut(self._heights)
-        # The last loop holds the tip, with the shape of a section before it.
-        self._centres = limb.line.place(np.append(self._heights[:-1], limb.tip))
-        self._ways = limb.line.find_directions(self._heights, 0.04 * (limb.tip - limb.base))
-        area = shell.face_areas
-        edge = np.sqrt(2 / np.sqrt(3) * area.sum() / count)
-        self.sides = max(MIN_SIDES, round(np.pi * limb.diameter / edge))
-        self._loops = _make_loops(sections, self._centres, self._ways, self.sides)
-        self._traces = _trace(sections, motion)
-        self._bend = EXPECTED_BEND if motion is None else 0.0
-        self.faces = np.flatnonzero(np.isin(shell.faces, limb.beyond).any(axis=1))
-        self.border = _find_border(shell.faces[self.faces])
-        self._most = MAX_LOOP_DENSITY * area[self.faces].sum() / area.sum() * count
-        self.chosen: list[int] = []
-        self.misfit, self._worst = 0.0, -1
-        self._is_apart = self._compare_loops()
-        if self.border is not None and self.sides <= MAX_SIDES:
-            around = shell.vertices[self.border]
-            starts = [k for k in range(LOOP_PLACES // 2) if self._is_beyond(k, around)]
-            if starts and self._is_apart[starts[0], -1]:
-                self.chosen = [starts[0], LOOP_PLACES - 1]
-                self._measure()
-
-    @property
-    def has_room(self) -> bool:
-        """Return whether another loop is worth its vertices."""
-        return self.vertex_count < self._most and self.misfit > MIN_LOOP_MISFIT
-
-    @property
-    def vertex_count(self) -> int:
-        """Return the number of vertices of its loops."""
-        return len(self.chosen) * self.sides
-
-    @property
-    def loops(self) -> Floats:
-        """Return the places of the vertices of its loops, (l, k, 3)."""
-        return self._loops[self.chosen]
-
-    def add_loop(self) -> None:
-        """Add a loop where the limb misses the tube most."""
-        self.chosen = sorted([*self.chosen, self._worst])
-        self._measure()
-
-    def _is_beyond(self, place: int, points: Floats) -> bool:
-        """Return whether a loop is beyond points: all are below its plane."""
-        return bool(((points - self._centres[place]) @ self._ways[place] < 0).all())
-
-    def _compare_loops(self) -> Mask:
-        """Return whether the second of two loops is beyond the first, and that below it.
-
-        Loops whose spheres do not meet are apart, too, such as those on both sides of a bend.
-        """
-        away = self._loops[None] - self._centres[:, None, None]
-        heights = np.einsum("pqkx,px->pqk", away, self._ways)
-        radii = np.linalg.norm(self._loops - self._centres[:, None], axis=2).max(axis=1)
-        distances = np.linalg.norm(self._centres[:, None] - self._centres, axis=2)
-        is_far = np.triu(distances > radii[:, None] + radii)
-        return np.asarray(is_far | ((heights > 0).all(axis=2) & (heights < 0).all(axis=2).T))
-
-    def _measure(self) -> None:
-        """Find where the tube misses the limb most; only where a loop is apart from the others."""
-        chosen, k = np.array(self.chosen), np.arange(LOOP_PLACES)
-        after = np.clip(np.searchsorted(chosen, k), 1, len(chosen) - 1)
-        low, high = chosen[after - 1], chosen[after]
-        at, start, stop = (self._heights[places] for places in (k, low, high))
-        share = ((at - start) / (stop - start))[:, None]
-        tube = (1 - share) * self._traces[:, low] + share * self._traces[:, high]
-        misfit = np.linalg.norm(self._traces - tube, axis=2).max(axis=0)
-        misfit += self._bend * np.minimum(at - start, stop - at)
-        is_free = self._is_apart[low, k] & self._is_apart[k, high] & (k > chosen[0])
-        misfit = np.where(is_free, misfit, 0.0)
-        self._worst, self.misfit = int(misfit.argmax()), float(misfit.max())
-
-
-def _trace(sections: list[Floats], motion: Motion | None) -> Floats:
-    """Return what a tube is to follow: centres in the rest pose and others, and radii.
-
-    (p + 2, places, 3); a radius is the length of a vector.
-    """
-    centres = np.array([find_centre(section) for section in sections])
-    poses = [] if motion is None else list(motion.carry(centres))
-    radii = np.zeros_like(centres)
-    radii[:, 0] = [measure_length(section) / (2 * np.pi) for section in sections]
-    return np.array([centres, *poses, radii])
-
-
-def _make_loops(sections: list[Floats], centres: Floats, ways: Floats, sides: int) -> Floats:
-    """Return loops around sections, (places, sides, 3), in the turn in which they are smallest.
-
-    They go counter-clockwise about the directions, and turn about them as little as can be. Their
-    planes go through the centres.
-    """
-    across = _turn_along(ways)
-    axes = np.stack([across, np.cross(ways, across)], axis=1)
-    found = [
-        _circumscribe((section.reshape(-1, 3) - centre) @ plane.T, sides)
-        for section, centre, plane in zip(sections, centres, axes, strict=True)
-    ]
-    corners = np.array([corners for corners, _ in found])
-    best = np.sum([areas for _, areas in found], axis=0).argmin()
-    return np.asarray(centres[:, None] + corners[:, best] @ axes)
-
-
-def _turn_along(ways: Floats) -> Floats:
-    """Return unit vectors across directions, (k, 3), each the last one turned with them."""
-    across = np.empty_like(ways)
-    side = np.eye(3)[np.abs(ways[0]).argmin()]
-    for k, way in enumerate(ways):
-        side = side - (side @ way) * way
-        across[k] = side = side / np.linalg.norm(side)
-    return across
-
-
-def _circumscribe(points: Floats, sides: int) -> tuple[Floats, Floats]:
-    """Return polygons of equal angles around points, (k, 2), in `LOOP_TURNS` turns.
-
-    Returns
-    -------
-    (t, sides, 2), (t,)
-        Corners, counter-clockwise, and areas.
-    """
-    angle = 2 * np.pi / sides
-    turns = angle * (np.arange(sides) + np.arange(LOOP_TURNS)[:, None] / LOOP_TURNS)
-    normals = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
-    along = np.stack([-np.sin(turns), np.cos(turns)], axis=-1)
-    reach = (normals @ points.T).max(axis=2)
-    following = np.roll(reach, -1, axis=1)
-    # Where a side meets the next one, which is turned by the angle.
-    far = (following - reach * np.cos(angle)) / np.sin(angle)
-    corners = reach[..., None] * normals + far[..., None] * along
-    x, y = corners[..., 0], corners[..., 1]
-    areas = (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1) / 2
-    return corners, areas
-
-
-def _find_border(faces: Integers) -> Integers | None:
-    """Return the vertices around faces, (b,), in their direction; None if they are no disk."""
-    border = igl.boundary_loop(faces)
-    if len(np.unique(faces)) - len(Edges.from_faces(faces).ends) + len(faces) != 1:
-        return None
-    sides = {tuple(side) for k in range(3) for side in faces[:, [k, k - 2]].tolist()}
-    return border if tuple(border[:2].tolist()) in sides else border[::-1].copy()
-
-
-def _replace_limbs(shell: TriMesh, plans: list[_LoopPlan], is_gone: Mask) -> tuple[TriMesh, Loops]:
+def _replace_limbs(shell: TriMesh, plans: list[LoopPlan], is_gone: Mask) -> tuple[TriMesh, Loops]:
     """Put the tubes of plans in the place of faces; their vertices come first."""
     loops = [plan.loops for plan in plans]
     bounds = np.cumsum([0, *(loop[..., 0].size for loop in loops)])
@@ -318,10 +134,12 @@ def collapse_around(
     cage: TriMesh, count: int, motion: Motion | None, evenness: float, loops: Loops
 ) -> TriMesh:
     """Collapse edges until there are `count` vertices, as `collapse_edges` does; loops stay."""
+    fixed = loops.vertex_count
     for angle, valence, cosine in COLLAPSE_LIMITS:
         if len(cage.vertices) > count:
-            limits = {"angle": angle, "valence": valence, "cosine": cosine}
-            collapser = _CollapserAround(cage, motion, evenness, loops.vertex_count, **limits)
+            collapser = _CollapserAround(
+                cage, motion, evenness, fixed, angle=angle, valence=valence, cosine=cosine
+            )
             cage = collapser.run(count)
     return cage
 
