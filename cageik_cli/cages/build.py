@@ -1,6 +1,6 @@
 """Build a cage around any model: candidates from tight to loose, each judged by exact tests."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -166,7 +166,7 @@ class _Builder:
     ) -> None:
         self._demand, self._clip, self._mirror = Demand(model, settings, mirror), clip, mirror
         self._settings, self._processes = settings, processes
-        self._has_loops = mirror is None and (settings.loops or settings.quads)
+        self._has_loops = settings.loops and mirror is None
         self._motion: Motion | None = None
         if clip is not None and mirror is None:  # poses would make a cage lopsided
             used = model.used_vertices
@@ -183,11 +183,18 @@ class _Builder:
     def run(self, progress: Callable[[int, int], None]) -> BuiltCage:
         """Try the shells, ellipsoids if no shell passes, and shifts for a clip; take the best."""
         rungs, shifts = len(LADDER), 0 if self._motion is None else MAX_SHIFTED
+
+        def report(done: int) -> None:
+            progress(done, rungs + shifts)
+
+        first = 0
         if self._has_loops:
-            self._try_shells(MAX_LOOPED_SHELLS, lambda done: progress(done, rungs + shifts))
+            self._try_shells(LADDER[:MAX_LOOPED_SHELLS], report)
+            # Where no limb was found, the shells need not be tried again.
+            first = 0 if any(c.loops.count for c in self._tried) else MAX_LOOPED_SHELLS
             self._has_loops = False
         if not self._valid:
-            self._try_shells(rungs, lambda done: progress(done, rungs + shifts))
+            self._try_shells(LADDER[first:], report)
         if not self._valid and self._mirror is None:
             self._try_ellipsoids()
         best = sorted(self._valid, key=lambda candidate: candidate.cost)[:shifts]
@@ -198,9 +205,11 @@ class _Builder:
         progress(rungs + shifts, rungs + shifts)
         return self._choose_best()
 
-    def _try_shells(self, rungs: int, progress: Callable[[int], None]) -> None:
-        """Try the ladder until no other shell can be better, or two cages are valid."""
-        for step, (offset, closing) in enumerate(LADDER[:rungs]):
+    def _try_shells(
+        self, ladder: Sequence[tuple[float, float]], progress: Callable[[int], None]
+    ) -> None:
+        """Try shells of a ladder until no other can be better, or two cages are valid."""
+        for step, (offset, closing) in enumerate(ladder):
             is_tightest = self._clip is None and any(c.cost <= offset for c in self._valid)
             if is_tightest or len(self._valid) == 2:
                 break

@@ -38,10 +38,9 @@ class BuildSettings:
         About the plane across an axis; about the plane of a model that is its own mirror image; or
         about none.
     quads : bool
-        Whether pairs of triangles become quads, which hold the model by either diagonal; there are
-        loops then, too.
+        Whether pairs of triangles become quads, which hold the model by either diagonal.
     loops : bool
-        Whether edges go around limbs in loops.
+        Whether loops of a few vertices go around limbs.
     """
 
     vertices: int = 100

@@ -69,6 +69,11 @@ BUILD_OPTIONS = OptionGroup(
         is_flag=True,
         help="Make quads of most triangles; the model is inside by either diagonal.",
     ),
+    option(
+        "--loops",
+        is_flag=True,
+        help="Lay loops of 4 to 6 vertices around limbs, more where they bend.",
+    ),
 )
 
 
@@ -82,7 +87,15 @@ def make_cage_settings(repair: Path | None, **values: Any) -> "CageSettings | Re
             raise click.UsageError("Missing argument 'MODEL' (or '--repair', which names a cage).")
         rest_frame = values.pop("rest_frame") if is_given("rest_frame") else None
         return CageSettings(**{**values, "rest_frame": rest_frame})
-    build_names = ("vertices", "clearance", "symmetric", "quads", "rest_frame", "animation")
+    build_names = (
+        "vertices",
+        "clearance",
+        "symmetric",
+        "quads",
+        "loops",
+        "rest_frame",
+        "animation",
+    )
     refuse_options(build_names, "--repair keeps the cage; leave out {}", is_on_command_line)
     if (model is None) == (rest is None):
         raise click.UsageError("--repair needs the model: give it with --rest, or as MODEL")

@@ -165,6 +165,7 @@ def build_cage(
     clearance: float = BuildSettings().clearance,
     symmetric: SymmetryChoice = DEFAULT_SYMMETRY,
     quads: bool = BuildSettings().quads,
+    loops: bool = BuildSettings().loops,
     frames: MeshSequence | ArrayLike | None = None,
     jobs: int | None = None,
 ) -> BuiltCage:
@@ -185,6 +186,8 @@ def build_cage(
         0.5 % of its diagonal (`auto`), or about the plane across an axis; or any cage.
     quads : bool
         Whether most triangles become quads, as the attributes of the cage tell.
+    loops : bool
+        Whether loops of four to six vertices go around limbs, more where they bend.
     frames : MeshSequence, or (F, m, 3) array, optional
         An animation of the mesh, in its units: the cage with the smallest error on it is chosen.
     jobs : int, optional
@@ -211,7 +214,7 @@ def build_cage(
     if frames is not None:
         sequence = as_sequence(frames, mesh)
         clip = make_measured_clip(mesh, len(sequence), sequence.read_frame, jobs)
-    settings = BuildSettings(vertices, clearance, symmetric, quads)
+    settings = BuildSettings(vertices, clearance, symmetric, quads, loops)
     return cage_builder.build_cage(mesh, settings, clip)
 
 

@@ -14,6 +14,9 @@ MIN_LIMB_LENGTH = 0.06
 MIN_LIMB_SLENDERNESS = 1.1
 """The length of a limb over its mean diameter, at least."""
 
+BASE_MARGIN = 0.05
+"""What part of a limb is left between its base and what it meets, which may be another limb."""
+
 MAX_DEPTH_SOURCES = 100
 """Vertices from which distances over a shell are measured, at most."""
 
@@ -90,8 +93,9 @@ class Limb:
             centres[1:-1] = (centres[:-2] + 2 * centres[1:-1] + centres[2:]) / 4
         self.line = CentreLine(centres)
         self._heights = self.line.measure_heights(shell.vertices)
-        self.base = float(self._heights[np.setdiff1d(self._faces, members)].max())
+        border = float(self._heights[np.setdiff1d(self._faces, members)].max())
         self.tip = float(self._heights[members].max())
+        self.base = border + BASE_MARGIN * (self.tip - border)
         self.beyond = members[self._heights[members] > self.base]
         middle = np.linspace(self.base, self.tip, 9)[1:-2]
         girths = [measure_length(part) for part in self._cut(self._heights, middle)]
@@ -176,5 +180,4 @@ def _find_branches(shell: TriMesh, depth: Floats) -> list[Integers]:
             members[first] += members.pop(tip)
         branch[vertex] = first
         members.setdefault(first, []).append(vertex)
-    found += [branch for tip, branch in members.items() if tip not in joined]
     return [np.array(branch) for branch in found]

@@ -20,9 +20,9 @@ LOOP_PLACES = 24
 LOOP_TURNS = 12
 """Turns of the loops of a limb about it that are tried."""
 
-MIN_LOOP_MISFIT, MAX_LOOP_MISFIT = 0.004, 0.018
-"""How far a limb may miss the tube between two loops, in diagonals: where it is less, no other loop
-is needed; a limb whose loops leave more gets none."""
+MIN_LOOP_MISFIT, MAX_LOOP_MISFIT = 0.05, 0.25
+"""How far a limb may miss the tube between two loops, in mean edges of the cage: where it is less,
+no other loop is needed; a limb whose loops leave more gets none."""
 
 EXPECTED_BEND = 0.15
 """How far a limb will bend off a straight tube where no animation is known, over the distance from
@@ -43,7 +43,7 @@ class LoopPlan:
     sides : int
         Vertices of a loop: edges are about as long as those of a cage of `count` vertices.
     misfit : float
-        How far the limb misses the tube between them at most, diagonals.
+        How far the limb misses the tube between them at most, in mean edges of the cage.
     """
 
     def __init__(self, shell: TriMesh, limb: Limb, motion: Motion | None, count: int) -> None:
@@ -54,8 +54,9 @@ class LoopPlan:
         self._centres = limb.line.place(np.append(self._heights[:-1], limb.tip))
         self._ways = limb.line.find_directions(self._heights, 0.04 * (limb.tip - limb.base))
         area = shell.face_areas
-        edge = np.sqrt(2 / np.sqrt(3) * area.sum() / count)
-        self.sides = max(MIN_SIDES, round(float(np.pi * limb.diameter / edge)))
+        # A cage of n vertices has about 2n faces; here they are equilateral.
+        self._edge = float(np.sqrt(2 / np.sqrt(3) * area.sum() / count))
+        self.sides = max(MIN_SIDES, round(np.pi * limb.diameter / self._edge))
         self._loops = _make_loops(sections, self._centres, self._ways, self.sides)
         self._traces = _trace(sections, motion)
         self._bend = EXPECTED_BEND if motion is None else 0.0
@@ -120,7 +121,7 @@ class LoopPlan:
         misfit += self._bend * np.minimum(at - start, stop - at)
         is_free = self._is_apart[low, k] & self._is_apart[k, high] & (k > chosen[0])
         misfit = np.where(is_free, misfit, 0.0)
-        self._worst, self.misfit = int(misfit.argmax()), float(misfit.max())
+        self._worst, self.misfit = int(misfit.argmax()), float(misfit.max()) / self._edge
 
 
 def _trace(sections: list[Floats], motion: Motion | None) -> Floats:

@@ -60,10 +60,12 @@ def lay_loops(shell: TriMesh, count: int, motion: Motion | None) -> tuple[TriMes
     """Put tubes in the place of limbs of a shell that becomes a cage of `count` vertices."""
     plans = [LoopPlan(shell, limb, motion, count) for limb in find_limbs(shell)]
     chosen, is_gone = [], np.zeros(len(shell.faces), bool)
+    is_taken = np.zeros(len(shell.vertices), bool)
     for plan in _choose_limbs(plans, int(MAX_LOOP_SHARE * count)):
-        if plan.border is not None and not is_gone[plan.faces].any():
+        corners = shell.faces[plan.faces]
+        if not is_taken[corners].any():  # there are faces between the borders of two limbs
             chosen.append(plan)
-            is_gone[plan.faces] = True
+            is_gone[plan.faces] = is_taken[corners] = True
     return (shell, NO_LOOPS) if not chosen else _replace_limbs(shell, chosen, is_gone)
 
 
