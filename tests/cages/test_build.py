@@ -6,6 +6,7 @@ from cageik_cli.cages import build as build_module
 from cageik_cli.cages.build import LADDER, BuiltCage, build_cage
 from cageik_cli.cages.building.candidate import Candidate, Clip
 from cageik_cli.cages.building.judge import Verdict
+from cageik_cli.cages.building.loops import NO_LOOPS
 from cageik_cli.cages.building.shell import Shell
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
@@ -146,9 +147,13 @@ def test_a_cage_that_cannot_be_symmetric_is_not_and_says_so(monkeypatch):
     """The shell of the symmetric cage is handed out as it is, with too many vertices."""
     refine = build_module.refine_shell
     monkeypatch.setattr(build_module, "LADDER", ((0.03, 0.06),))
-    monkeypatch.setattr(
-        build_module, "refine_shell", lambda s, d, m: refine(s, d, m) if d.axis is None else s
-    )
+
+    def leave_symmetric_shells(shell, demand, motion, **wanted):
+        if demand.axis is None:
+            return refine(shell, demand, motion, **wanted)
+        return shell, NO_LOOPS
+
+    monkeypatch.setattr(build_module, "refine_shell", leave_symmetric_shells)
     built = build_cage(make_wedge(), BuildSettings(vertices=20, symmetric="auto"))
     assert built.mirror is None
     assert built.chosen.verdict.is_valid
@@ -273,8 +278,9 @@ def test_a_choice_has_its_reason(chosen, words):
 def build_quads(monkeypatch, cage_of):
     """A cage for which quads are wanted, in a build that takes a ready one for each shell."""
     patched = {
-        "refine_shell": lambda _, demand, __: TriMesh(
-            demand.frame.to_units(ball(1, 1.5).vertices), ball(1).faces
+        "refine_shell": lambda _, demand, __, **___: (
+            TriMesh(demand.frame.to_units(ball(1, 1.5).vertices), ball(1).faces),
+            NO_LOOPS,
         ),
         "make_quads": cage_of,
     }
@@ -284,14 +290,14 @@ def build_quads(monkeypatch, cage_of):
 
 
 def test_few_quads_are_noted(monkeypatch, coarse_grids):
-    built = build_quads(monkeypatch, lambda cage, _: cage)
+    built = build_quads(monkeypatch, lambda cage, *_: cage)
     (note,) = (note for note in built.notes if "quads" in note)
     assert note.startswith("0 % of the faces are quads, expected 70 % or more")
     assert built.chosen.recipe.endswith(", quads")
 
 
 def test_triangles_are_kept_if_the_quads_are_not_valid(monkeypatch, coarse_grids):
-    built = build_quads(monkeypatch, lambda cage, _: cage.flip())
+    built = build_quads(monkeypatch, lambda cage, *_: cage.flip())
     assert not built.chosen.recipe.endswith(", quads")
     assert "this one is of triangles" in built.notes[-1]
     assert built.candidates[-1].recipe.endswith(", quads")
@@ -303,8 +309,11 @@ def test_a_hole_around_a_closed_model_is_one_between_parts_also_without_a_web(
     ring, none = torus(1.0, 0.3, 10, 6), np.empty((0, 3))
     patched = {
         "make_shell": lambda *_: Shell(ring, none, none, none),
-        "refine_shell": lambda _, demand, __: ring.move(demand.frame.to_units(ring.vertices)),
-        "replace_weak_vertices": lambda cage, _: cage,
+        "refine_shell": lambda _, demand, __, **___: (
+            ring.move(demand.frame.to_units(ring.vertices)),
+            NO_LOOPS,
+        ),
+        "replace_weak_vertices": lambda cage, *_: cage,
     }
     for name, function in patched.items():
         monkeypatch.setattr(build_module, name, function)

@@ -143,7 +143,7 @@ def _push_and_relax(cage: TriMesh, demand: Demand) -> TriMesh:
     return cage
 
 
-def replace_weak_vertices(cage: TriMesh, demand: Demand, loops: Loops) -> TriMesh:
+def replace_weak_vertices(cage: TriMesh, demand: Demand, loops: Loops = NO_LOOPS) -> TriMesh:
     """Collapse the vertices of a sound cage that are weak, and split long edges instead.
 
     The cage itself is returned if none is weak.

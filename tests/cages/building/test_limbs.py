@@ -54,7 +54,7 @@ def test_the_centre_line_follows_a_bend():
     for limb in find_limbs(scaled(rod)):
         places = limb.line.place(np.linspace(limb.base, limb.tip, 7)[:-1])
         x, _, z = places.T * rod.diagonal
-        np.testing.assert_allclose(x, 0.3 * z**2, rtol=0, atol=0.06)
+        np.testing.assert_allclose(x, 0.3 * z**2, rtol=0, atol=0.08)
 
 
 def test_fingers_are_limbs_of_their_own():

@@ -134,7 +134,7 @@ def test_shifts_and_quads_keep_loops(rod, built):
     assert loops.edges <= sides
 
 
-def test_a_cube_has_no_loops_and_a_note_says_so():
+def test_a_cube_has_no_loops_and_a_note_says_so(coarse_grids):
     built = build_cage(box(), BuildSettings(30, loops=True))
     assert built.chosen.loops.count == 0
     assert NO_LOOPS_NOTE in built.notes
