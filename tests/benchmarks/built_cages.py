@@ -1,13 +1,14 @@
 """How good built cages are, by an independent checker, and how well they express an animation.
 
-    python -m tests.benchmarks.built_cages [--counts 60,120,300] [--quads] FOLDER [FOLDER ...]
+    python -m tests.benchmarks.built_cages [--counts 60,120,300] [--kinds] FOLDER [FOLDER ...]
 
 A folder holds a model (`model.obj`) or a packed clip (`NAME.h5` with `verts`, `tris` and `rest`),
 and cages to compare with (`cage_60.obj`, ...). Each model gets cages of 60, 120 and 300 vertices;
 each clip gets two of each, without and with the animation, and their errors with harmonic weights,
 and with weights fitted to the clip, on all frames are divided by those of the given cage. One line
-per cage. With `--quads`, each model gets a cage of triangles and one of quads instead, whose errors
-are divided by those of the triangles; the line has the share of quads among the faces.
+per cage. With `--kinds`, each model gets a cage of triangles instead, and cages with quads, with
+loops, and with both, whose errors are divided by those of the triangles; their lines have the share
+of quads among the faces.
 """
 
 import sys
@@ -38,6 +39,11 @@ from tests.fitted import Frames
 COUNTS = (60, 120, 300)
 CLEARANCE = 0.004
 BLOCK = 16
+KINDS = {
+    "--quads": {"quads": True},
+    "--loops": {"loops": True},
+    "--quads --loops": {"quads": True, "loops": True},
+}
 
 
 def main(*words):
@@ -45,11 +51,11 @@ def main(*words):
     counts, folders = COUNTS, list(words)
     if folders[0] == "--counts":
         counts, folders = [int(word) for word in folders[1].split(",")], folders[2:]
-    has_quads = folders[0] == "--quads"
+    has_kinds = folders[0] == "--kinds"
     print("| model | n | vertices | genus | clearance | angle | valence | volume | seconds | fit |")
     for count in counts:
-        for folder in map(Path, folders[has_quads:]):
-            (compare_quads if has_quads else compare_given)(folder, count)
+        for folder in map(Path, folders[has_kinds:]):
+            (compare_kinds if has_kinds else compare_given)(folder, count)
 
 
 def compare_given(folder, count):
@@ -63,14 +69,15 @@ def compare_given(folder, count):
         measure_cage(f"{folder.name} --for", model, settings, frames, frames, known)
 
 
-def compare_quads(folder, count):
-    """Print the lines of a model with triangles and with quads."""
+def compare_kinds(folder, count):
+    """Print the lines of a model with triangles, and with quads, loops, and both."""
     model, frames = read_folder(folder)
     settings = BuildSettings(count, CLEARANCE)
     cage = measure_cage(folder.name, model, settings)
     known = None if frames is None else measure_errors(model, cage, frames)
-    settings = replace(settings, quads=True)
-    measure_cage(f"{folder.name} --quads", model, settings, clip=frames, known=known)
+    for name, kind in KINDS.items():
+        wanted = replace(settings, **kind)
+        measure_cage(f"{folder.name} {name}", model, wanted, clip=frames, known=known)
 
 
 def read_folder(folder):
