@@ -1,12 +1,12 @@
 """How good built cages are, by an independent checker, and how well they express an animation.
 
-    python -m tests.benchmarks.built_cages [--counts 60,120,300] [--kinds] FOLDER [FOLDER ...]
+    python -m tests.benchmarks.built_cages [kinds] [COUNT,COUNT...] FOLDER [FOLDER ...]
 
 A folder holds a model (`model.obj`) or a packed clip (`NAME.h5` with `verts`, `tris` and `rest`),
 and cages to compare with (`cage_60.obj`, ...). Each model gets cages of 60, 120 and 300 vertices;
 each clip gets two of each, without and with the animation, and their errors with harmonic weights,
 and with weights fitted to the clip, on all frames are divided by those of the given cage. One line
-per cage. With `--kinds`, each model gets a cage of triangles instead, and cages with quads, with
+per cage. With `kinds`, each model gets a cage of triangles instead, and cages with quads, with
 loops, and with both, whose errors are divided by those of the triangles; their lines have the share
 of quads among the faces.
 """
@@ -49,12 +49,13 @@ KINDS = {
 def main(*words):
     """Print one line per cage."""
     counts, folders = COUNTS, list(words)
-    if folders[0] == "--counts":
-        counts, folders = [int(word) for word in folders[1].split(",")], folders[2:]
-    has_kinds = folders[0] == "--kinds"
+    has_kinds = folders[0] == "kinds"
+    folders = folders[has_kinds:]
+    if folders[0].replace(",", "").isdigit():
+        counts, folders = [int(word) for word in folders[0].split(",")], folders[1:]
     print("| model | n | vertices | genus | clearance | angle | valence | volume | seconds | fit |")
     for count in counts:
-        for folder in map(Path, folders[has_kinds:]):
+        for folder in map(Path, folders):
             (compare_kinds if has_kinds else compare_given)(folder, count)
 
 

@@ -12,7 +12,8 @@ MIN_SIDES, MAX_SIDES = 4, 6
 """Vertices of a loop. A limb gets no loops if these are too few for edges as long as others."""
 
 MAX_LOOP_DENSITY = 1.4
-"""How many vertices loops add beyond those that a limb needs, over its share of the surface."""
+"""A limb gets loops beyond those that it needs up to its share of the vertices, by its area, times
+this."""
 
 LOOP_PLACES = 24
 """Places along a limb that a loop may have."""
@@ -25,8 +26,8 @@ MIN_LOOP_MISFIT, MAX_LOOP_MISFIT = 0.05, 0.25
 no other loop is needed; a limb whose loops leave more gets none."""
 
 EXPECTED_BEND = 0.15
-"""How far a limb will bend off a straight tube where no animation is known, over the distance from
-the nearest loop."""
+"""How far a limb will bend off the tube where no animation is known, over the distance from the
+nearest loop."""
 
 
 class LoopPlan:
