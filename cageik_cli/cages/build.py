@@ -1,6 +1,6 @@
 """Build a cage around any model: candidates from tight to loose, each judged by exact tests."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -50,9 +50,8 @@ MAX_SHIFTED = 2
 MAX_LOOPED_SHELLS = 4
 """Shells that are tried with loops, at most, before shells are tried without."""
 
-NO_LOOPS_NOTE = (
-    "the cage has no loops: the model has no limbs that loops of so few vertices fit around"
-)
+NO_LIMBS = "the cage has no loops: no limbs were found that loops fit around"
+NO_LOOPED_CAGE = "no cage with loops passed the tests: this one has none"
 NO_QUADS = "no cage with quads passed the tests: this one is of triangles"
 
 MIN_GOOD_ANGLE = 5.0
@@ -129,7 +128,7 @@ def build_cage(
     progress : callable
         Called with (candidates done, candidates) after every one.
     processes : int
-        In which vertices are shifted; they do not change the cage.
+        How many shift vertices side by side, with a clip; the cage is the same for any number.
 
     Raises
     ------
@@ -166,7 +165,7 @@ class _Builder:
     ) -> None:
         self._demand, self._clip, self._mirror = Demand(model, settings, mirror), clip, mirror
         self._settings, self._processes = settings, processes
-        self._has_loops = settings.loops and mirror is None
+        self._has_loops = settings.loops
         self._motion: Motion | None = None
         if clip is not None and mirror is None:  # poses would make a cage lopsided
             used = model.used_vertices
@@ -180,6 +179,15 @@ class _Builder:
         """The candidates that may be handed out."""
         return [candidate for candidate in self._tried if candidate.verdict.is_valid]
 
+    @property
+    def _ranked(self) -> list[Candidate]:
+        """The valid candidates, the best first; if loops are wanted, those with loops."""
+
+        def rank(candidate: Candidate) -> tuple[bool, float]:
+            return self._settings.loops and not candidate.loops.count, candidate.cost
+
+        return sorted(self._valid, key=rank)
+
     def run(self, progress: Callable[[int, int], None]) -> BuiltCage:
         """Try the shells, ellipsoids if no shell passes, and shifts for a clip; take the best."""
         rungs, shifts = len(LADDER), 0 if self._motion is None else MAX_SHIFTED
@@ -189,15 +197,15 @@ class _Builder:
 
         first = 0
         if self._has_loops:
-            self._try_shells(LADDER[:MAX_LOOPED_SHELLS], report)
+            self._try_shells(range(min(MAX_LOOPED_SHELLS, rungs)), report)
             # Where no limb was found, the shells need not be tried again.
             first = 0 if any(c.loops.count for c in self._tried) else MAX_LOOPED_SHELLS
             self._has_loops = False
         if not self._valid:
-            self._try_shells(LADDER[first:], report)
+            self._try_shells(range(first, rungs), report)
         if not self._valid and self._mirror is None:
             self._try_ellipsoids()
-        best = sorted(self._valid, key=lambda candidate: candidate.cost)[:shifts]
+        best = self._ranked[:shifts]
         for step in self._try_shifts(best):
             progress(rungs + step, rungs + shifts)
         if self._settings.quads and self._valid:
@@ -205,11 +213,10 @@ class _Builder:
         progress(rungs + shifts, rungs + shifts)
         return self._choose_best()
 
-    def _try_shells(
-        self, ladder: Sequence[tuple[float, float]], progress: Callable[[int], None]
-    ) -> None:
-        """Try shells of a ladder until no other can be better, or two cages are valid."""
-        for step, (offset, closing) in enumerate(ladder):
+    def _try_shells(self, rungs: range, progress: Callable[[int], None]) -> None:
+        """Try rungs of the ladder until no other can be better, or two cages are valid."""
+        for step in rungs:
+            offset, closing = LADDER[step]
             is_tightest = self._clip is None and any(c.cost <= offset for c in self._valid)
             if is_tightest or len(self._valid) == 2:
                 break
@@ -276,7 +283,7 @@ class _Builder:
 
     def _make_quads(self) -> None:
         """Leave the best candidate alone, with quads in the place of its triangles."""
-        best = min(self._valid, key=lambda candidate: candidate.cost)
+        best = self._ranked[0]
         vertices = self._demand.frame.to_units(best.cage.vertices)
         if self._demand.axis is not None:
             vertices = pair_exactly(vertices, self._demand.axis)
@@ -319,10 +326,11 @@ class _Builder:
             raise NumericalError(
                 f"no cage passes the tests, the last one {faults[0]}; please report it"
             )
-        best = min(self._valid, key=lambda candidate: candidate.cost)
+        best = self._ranked[0]
         notes, angle = best.notes, best.verdict.smallest_angle
         if self._settings.loops and not best.loops.count:
-            notes = (*notes, NO_LOOPS_NOTE)
+            has_limbs = any(candidate.loops.count for candidate in self._tried)
+            notes = (*notes, NO_LOOPED_CAGE if has_limbs else NO_LIMBS)
         if angle < MIN_GOOD_ANGLE:
             notes = (
                 *notes,

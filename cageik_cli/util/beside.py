@@ -1,6 +1,7 @@
 """Calls of one function in other processes beside this one, where threads would not help.
 
-Only the command line asks for them: `sys.executable` may be no Python in a program that imports the
+What is pickled goes from this process to its own child and back, through no named file. Only the
+command line asks for processes: `sys.executable` may be no Python in a program that imports the
 package.
 """
 

@@ -6,6 +6,8 @@ from pathlib import Path
 import h5py
 import pytest
 
+from cageik_cli.formats.obj import encode_exact_obj
+from tests.cages.building.test_limbs import make_rod
 from tests.shapes import octahedron
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("folder", "coarse_grids")]
@@ -37,6 +39,27 @@ def test_quads_are_written_as_quads_and_found_fit(run):
     assert f"20 vertices, {quads} quads, {len(faces) - quads} triangles" in outcome.err
     assert run("check", "--cage", "built.obj", "frames").code == 0
     assert run("extract", "frames", "--cage", "built.obj", "-q").code == 0
+
+
+def test_loops_are_counted_in_the_recipe_and_the_record(run):
+    rod = make_rod(bend=0.06)
+    Path("rod.obj").write_bytes(encode_exact_obj(rod.vertices, rod.faces))
+    outcome = run("cage", "rod.obj", "-o", "rod_cage.obj", "--vertices", "50", "--loops", "-q")
+    assert outcome.err == ""
+    words = ("--vertices", "50", "--loops", "--json", "-", "--overwrite")
+    outcome = run("cage", "rod.obj", "-o", "rod_cage.obj", *words)
+    record = json.loads(outcome.out)
+    assert record["settings"]["loops"] is True
+    loops = record["cage"]["loops"]
+    assert loops >= 2
+    assert f", {loops} loops around " in " ".join(outcome.err.split())
+    assert run("check", "--cage", "rod_cage.obj", "rod.obj").code == 0
+
+
+def test_loops_that_are_symmetric_are_refused(run):
+    outcome = run(*TYPED, "--symmetric", "auto", "--loops")
+    assert outcome.code == 2
+    assert "--loops and --symmetric do not go together" in " ".join(outcome.err.split())
 
 
 def test_quiet_and_verbose(run):

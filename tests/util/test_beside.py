@@ -1,8 +1,10 @@
 """Calls in other processes give what they give here, whatever becomes of the processes."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -14,6 +16,12 @@ from cageik_cli.util.beside import call_beside
 def describe(number):
     """The number, and the process that was asked."""
     return number, os.getpid()
+
+
+def wait(seconds):
+    """Return after some seconds."""
+    time.sleep(seconds)
+    return seconds
 
 
 def fail(number):
@@ -70,10 +78,10 @@ def test_processes_end_with_a_caller_that_wants_no_more(monkeypatch):
         return started[-1]
 
     monkeypatch.setattr(beside.subprocess, "Popen", start)
-    calls = call_beside(describe, [(0,), (1,)], 2)
+    calls = call_beside(wait, [(0,), (60,)], 2)
     next(calls)
     calls.close()
-    assert started[0].returncode is not None
+    assert started[0].returncode == -signal.SIGKILL
 
 
 def test_no_call_gives_no_result():

@@ -9,7 +9,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
 
-def keep_apart(vertices: Floats, added: Integers, others: Integers) -> bool:
+def are_apart(vertices: Floats, added: Integers, others: Integers) -> bool:
     """Return whether `added` faces meet each other and `others` at shared vertices alone.
 
     It is exact, and quick for a handful of faces. What is left to `geometry/intersections.py`,
@@ -25,12 +25,12 @@ def keep_apart(vertices: Floats, added: Integers, others: Integers) -> bool:
     shared = (faces[first][:, :, None] == faces[second][:, None]).any(axis=2).sum(axis=1)
     return not (
         (shared == 3).any()
-        or _fold_flat(vertices, faces, first[shared == 2], second[shared == 2])
-        or _pierce(vertices, faces, first[shared < 2], second[shared < 2])
+        or _any_folds_flat(vertices, faces, first[shared == 2], second[shared == 2])
+        or _any_pierces(vertices, faces, first[shared < 2], second[shared < 2])
     )
 
 
-def _fold_flat(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
+def _any_folds_flat(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
     """Return whether faces that share a side lie in a plane, on one side of it."""
     a, b = vertices[faces[first]], faces[second]
     alone = ~(b[:, :, None] == faces[first][:, None]).any(axis=2)
@@ -42,7 +42,7 @@ def _fold_flat(vertices: Floats, faces: Integers, first: Integers, second: Integ
     return bool(((normal[0] * normal[1]).sum(axis=1) <= 0).any())
 
 
-def _pierce(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
+def _any_pierces(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
     """Return whether a side of one face meets the other, away from vertices that both have."""
     sides, triangles = [], []
     for one, other in ((faces[first], faces[second]), (faces[second], faces[first])):
@@ -58,13 +58,13 @@ def _pierce(vertices: Floats, faces: Integers, first: Integers, second: Integers
     if not doubtful.any():
         return False
     if ((before == 0) & (behind == 0)).any():
-        return _meet_exactly(vertices, faces[first], faces[second])
+        return _any_meets(vertices, faces[first], faces[second])
     p, q, a, b, c = (points[doubtful] for points in (p, q, a, b, c))
     turns = np.stack([_orient(p, q, *pair) for pair in ((a, b), (b, c), (c, a))])
     return bool(((turns.min(axis=0) >= 0) | (turns.max(axis=0) <= 0)).any())
 
 
-def _meet_exactly(vertices: Floats, first: Integers, second: Integers) -> bool:
+def _any_meets(vertices: Floats, first: Integers, second: Integers) -> bool:
     """Return whether pairs of faces, (k, 3) each, meet improperly; also if they share a plane."""
     both, number = np.unique(np.concatenate([first, second]), axis=0, return_inverse=True)
     used, local = np.unique(both, return_inverse=True)

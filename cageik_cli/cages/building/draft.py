@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.cages.building.apart import keep_apart
+from cageik_cli.cages.building.apart import are_apart
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import cross, measure_angles
 from cageik_cli.geometry.surface import measure_closest, measure_winding
@@ -265,7 +265,7 @@ class Draft:
         vertices = self.vertices.copy()
         vertices[edit.vertex] = edit.position
         rest = np.delete(self.faces, edit.removed, axis=0)
-        return keep_apart(vertices, edit.added, rest)
+        return are_apart(vertices, edit.added, rest)
 
 
 def name_edge(start: int, stop: int) -> Edge:

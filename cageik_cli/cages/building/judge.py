@@ -77,6 +77,8 @@ class Demand:
         self.surface = _widen_slivers(sort_mesh(held))
         self.samples = np.empty((0, 3))
         for block in sample_in_blocks(self.surface):
+            if self.axis is not None:  # those below the plane are mirror images
+                block[:, self.axis] = np.abs(block[:, self.axis])
             self.samples = keep_one_per_cell(np.concatenate([self.samples, block]), 0.01)
         if self.axis is not None:
             self.samples = mirror_points(self.samples, self.axis)

@@ -12,7 +12,7 @@ MIN_LIMB_LENGTH = 0.06
 """How far a limb goes, in diagonals, at least."""
 
 MIN_LIMB_SLENDERNESS = 1.1
-"""The length of a limb over its mean diameter, at least."""
+"""The length of a limb over its mean width, at least."""
 
 BASE_MARGIN = 0.05
 """What part of a limb is left between its base and what it meets, which may be another limb."""
@@ -98,13 +98,14 @@ class Limb:
         self.base = border + BASE_MARGIN * (self.tip - border)
         self.beyond = members[self._heights[members] > self.base]
         middle = np.linspace(self.base, self.tip, 9)[1:-2]
-        girths = [measure_length(part) for part in self._cut(self._heights, middle)]
-        self.diameter = float(np.mean(girths) / np.pi)
+        sections = [part for part in self._cut(self._heights, middle) if len(part)]
+        self.diameter = float(np.mean([measure_length(part) for part in sections]) / np.pi)
+        self._width = float(np.mean([_measure_width(part) for part in sections]))
 
     @property
     def is_slender(self) -> bool:
         """Return whether it is a limb rather than a bump."""
-        least = max(MIN_LIMB_LENGTH, MIN_LIMB_SLENDERNESS * self.diameter)
+        least = max(MIN_LIMB_LENGTH, MIN_LIMB_SLENDERNESS * self._width)
         return self.tip - self.base >= least
 
     def cut(self, heights: Floats) -> list[Floats]:
@@ -125,6 +126,11 @@ def find_centre(segments: Floats) -> Floats:
     """Return the centre of the length of segments (s, 2, 3)."""
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
     return np.asarray(lengths @ segments.mean(axis=1) / max(lengths.sum(), 1e-300))
+
+
+def _measure_width(segments: Floats) -> float:
+    """Return twice the largest distance of segments (s, 2, 3) from their centre."""
+    return 2 * float(np.linalg.norm(segments - find_centre(segments), axis=2).max())
 
 
 def find_limbs(shell: TriMesh) -> list[Limb]:

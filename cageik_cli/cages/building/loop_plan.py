@@ -9,7 +9,7 @@ from cageik_cli.geometry.mesh import Edges, TriMesh
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
 MIN_SIDES, MAX_SIDES = 4, 6
-"""Vertices of a loop. A limb gets no loops if these are too few for edges as long as others."""
+"""Vertices of a loop: as many as edges of the cage's mean length go around the limb, or nearest."""
 
 MAX_LOOP_DENSITY = 1.4
 """A limb gets loops beyond those that it needs up to its share of the vertices, by its area, times
@@ -23,7 +23,7 @@ LOOP_TURNS = 12
 
 MIN_LOOP_MISFIT, MAX_LOOP_MISFIT = 0.05, 0.25
 """How far a limb may miss the tube between two loops, in mean edges of the cage: where it is less,
-no other loop is needed; a limb whose loops leave more gets none."""
+no other loop is needed; loops are added until it is no more, or no other loop is apart from them."""
 
 EXPECTED_BEND = 0.15
 """How far a limb will bend off the tube where no animation is known, over the distance from the
@@ -57,17 +57,17 @@ class LoopPlan:
         area = shell.face_areas
         # A cage of n vertices has about 2n faces; here they are equilateral.
         self._edge = float(np.sqrt(2 / np.sqrt(3) * area.sum() / count))
-        self.sides = max(MIN_SIDES, round(np.pi * limb.diameter / self._edge))
+        self.sides = min(max(MIN_SIDES, round(np.pi * limb.diameter / self._edge)), MAX_SIDES)
         self._loops = _make_loops(sections, self._centres, self._ways, self.sides)
         self._traces = _trace(sections, motion)
         self._bend = EXPECTED_BEND if motion is None else 0.0
         self.faces = np.flatnonzero(np.isin(shell.faces, limb.beyond).any(axis=1))
-        self.border = _find_border(shell.faces[self.faces])
+        self.border = find_border(shell.faces[self.faces])
         self._most = MAX_LOOP_DENSITY * area[self.faces].sum() / area.sum() * count
         self.chosen: list[int] = []
         self.misfit, self._worst = 0.0, -1
         self._is_apart = self._compare_loops()
-        if self.border is not None and self.sides <= MAX_SIDES:
+        if self.border is not None:
             around = shell.vertices[self.border]
             starts = [k for k in range(LOOP_PLACES // 2) if self._is_beyond(k, around)]
             if starts and self._is_apart[starts[0], -1]:
@@ -186,10 +186,12 @@ def _circumscribe(points: Floats, sides: int) -> tuple[Floats, Floats]:
     return corners, areas
 
 
-def _find_border(faces: Integers) -> Integers | None:
+def find_border(faces: Integers) -> Integers | None:
     """Return the vertices around faces, (b,), in their direction; None if they are no disk."""
     border: Integers = igl.boundary_loop(faces)
-    if len(np.unique(faces)) - len(Edges.from_faces(faces).ends) + len(faces) != 1:
+    edges = Edges.from_faces(faces)
+    is_one_border = len(border) == np.count_nonzero(edges.face_counts == 1)
+    if not is_one_border or len(np.unique(faces)) - len(edges.ends) + len(faces) != 1:
         return None
     sides = {tuple(side) for k in range(3) for side in faces[:, [k, k - 2]].tolist()}
     return border if tuple(border[:2].tolist()) in sides else border[::-1].copy()

@@ -14,7 +14,7 @@ from cageik_cli.cages.building.limbs import find_limbs
 from cageik_cli.cages.building.loop_plan import MAX_LOOP_MISFIT, LoopPlan
 from cageik_cli.cages.building.motion import Motion
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.arrays import Floats, Integers, Mask
+from cageik_cli.util.arrays import Floats, Integers
 
 MAX_LOOP_SHARE = 0.55
 """The share of the vertices of a cage that loops may have."""
@@ -59,27 +59,25 @@ NO_LOOPS = Loops(())
 def lay_loops(shell: TriMesh, count: int, motion: Motion | None) -> tuple[TriMesh, Loops]:
     """Put tubes in the place of limbs of a shell that becomes a cage of `count` vertices."""
     plans = [LoopPlan(shell, limb, motion, count) for limb in find_limbs(shell)]
-    chosen, is_gone = [], np.zeros(len(shell.faces), bool)
-    is_taken = np.zeros(len(shell.vertices), bool)
-    for plan in _choose_limbs(plans, int(MAX_LOOP_SHARE * count)):
-        corners = shell.faces[plan.faces]
-        if not is_taken[corners].any():  # there are faces between the borders of two limbs
-            chosen.append(plan)
-            is_gone[plan.faces] = is_taken[corners] = True
-    return (shell, NO_LOOPS) if not chosen else _replace_limbs(shell, chosen, is_gone)
+    chosen = _choose_limbs(shell, plans, int(MAX_LOOP_SHARE * count))
+    return (shell, NO_LOOPS) if not chosen else _replace_limbs(shell, chosen)
 
 
-def _choose_limbs(plans: list[LoopPlan], most: int) -> list[LoopPlan]:
+def _choose_limbs(shell: TriMesh, plans: list[LoopPlan], most: int) -> list[LoopPlan]:
     """Choose limbs, the first ones first, and add loops where they miss most.
 
     Loops have `most` vertices in all.
     """
     chosen: list[LoopPlan] = []
+    is_taken = np.zeros(len(shell.vertices), bool)
     for plan in plans:
         while plan.misfit > MAX_LOOP_MISFIT:
             plan.add_loop()
-        if 0 < plan.vertex_count <= most:
+        corners = shell.faces[plan.faces]
+        # Between the borders of two limbs there are faces.
+        if 0 < plan.vertex_count <= most and not is_taken[corners].any():
             chosen.append(plan)
+            is_taken[corners] = True
             most -= plan.vertex_count
     while growing := [plan for plan in chosen if plan.has_room and plan.sides <= most]:
         worst = max(growing, key=lambda plan: plan.misfit)
@@ -88,8 +86,9 @@ def _choose_limbs(plans: list[LoopPlan], most: int) -> list[LoopPlan]:
     return chosen
 
 
-def _replace_limbs(shell: TriMesh, plans: list[LoopPlan], is_gone: Mask) -> tuple[TriMesh, Loops]:
-    """Put the tubes of plans in the place of faces; their vertices come first."""
+def _replace_limbs(shell: TriMesh, plans: list[LoopPlan]) -> tuple[TriMesh, Loops]:
+    """Put the tubes of plans in the place of their faces; the vertices of tubes come first."""
+    is_gone = np.isin(np.arange(len(shell.faces)), np.concatenate([plan.faces for plan in plans]))
     loops = [plan.loops for plan in plans]
     bounds = np.cumsum([0, *(loop[..., 0].size for loop in loops)])
     kept, core = np.unique(shell.faces[~is_gone], return_inverse=True)

@@ -184,7 +184,7 @@ jobs_option = option(
     type=click.IntRange(min=1),
     default=count_processors,
     show_default="processors",
-    help="Number of threads.",
+    help="Number of threads, or of processes.",
     group=HelpGroup.RUNNING,
 )
 

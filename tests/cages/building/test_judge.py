@@ -4,8 +4,9 @@ import pytest
 from cageik_cli.cages.building import judge
 from cageik_cli.cages.building.judge import Demand, find_near_points, measure_segments
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.geometry.mirror import Mirror
 from tests.cages.torture import torus
-from tests.shapes import ball, box, changed, merged, moved, octahedron, rotation
+from tests.shapes import ball, box, changed, finer, merged, moved, octahedron, rotation
 
 
 def test_the_distance_of_a_corner_from_a_face_is_found_from_either_side():
@@ -75,3 +76,15 @@ def test_a_turn_of_both_changes_nothing():
 )
 def test_holes_of_the_model_itself_are_counted(model, holes):
     assert Demand(model, BuildSettings()).holes == holes
+
+
+def test_a_thin_model_has_as_many_samples_on_both_sides_of_its_plane():
+    """Its sides lie in one cell: the sample that is kept may be of either."""
+    needle = changed(finer(box(), 3), vertices=finer(box(), 3).vertices * [1, 1e-3, 1e-3])
+    mirror = Mirror(np.array([0.0, 1, 0]), np.zeros(3))
+    demand = Demand(needle, BuildSettings(30), mirror)
+    assert demand.axis is not None
+    heights = demand.samples[:, demand.axis]
+    assert np.count_nonzero(heights > 0) == np.count_nonzero(heights < 0)
+    free = Demand(needle, BuildSettings(30))
+    assert len(demand.samples) >= len(free.samples)

@@ -1,9 +1,20 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from cageik_cli.cages.build import NO_LOOPS_NOTE, build_cage
-from cageik_cli.cages.building.judge import Demand
-from cageik_cli.cages.building.loops import NO_LOOPS, Loops, collapse_around, lay_loops
+from cageik_cli.cages import build as build_module
+from cageik_cli.cages.build import NO_LIMBS, NO_LOOPED_CAGE, build_cage
+from cageik_cli.cages.building.candidate import Candidate
+from cageik_cli.cages.building.judge import Demand, Verdict
+from cageik_cli.cages.building.loop_plan import find_border
+from cageik_cli.cages.building.loops import (
+    MAX_LOOP_SHARE,
+    NO_LOOPS,
+    Loops,
+    collapse_around,
+    lay_loops,
+)
 from cageik_cli.cages.building.motion import Motion
 from cageik_cli.cages.building.polish import flip_edge
 from cageik_cli.cages.building.quads import make_quads
@@ -13,7 +24,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.util.errors import SettingError
 from tests.cages.building.test_limbs import make_rod, scaled
-from tests.shapes import box
+from tests.shapes import ball, box
 
 COUNT, BEND = 60, 0.06
 
@@ -49,10 +60,10 @@ def test_tubes_close_the_shell_and_come_first(rod, laid):
     assert cage.volume > 0.98 * rod.volume
 
 
-def test_loops_have_four_to_six_vertices_and_at_most_half_of_the_cage(laid):
+def test_loops_have_four_to_six_vertices_and_their_share_of_the_cage(laid):
     _, loops = laid
     assert all(4 <= tube.shape[1] <= 6 and len(tube) >= 2 for tube in loops.tubes)
-    assert loops.vertex_count <= 0.55 * COUNT
+    assert loops.vertex_count <= MAX_LOOP_SHARE * COUNT
 
 
 def test_loops_lie_around_the_limb(rod, laid):
@@ -137,10 +148,58 @@ def test_shifts_and_quads_keep_loops(rod, built):
 def test_a_cube_has_no_loops_and_a_note_says_so(coarse_grids):
     built = build_cage(box(), BuildSettings(30, loops=True))
     assert built.chosen.loops.count == 0
-    assert NO_LOOPS_NOTE in built.notes
+    assert NO_LIMBS in built.notes
     plain = build_cage(box(), BuildSettings(30))
-    assert NO_LOOPS_NOTE not in plain.notes
+    assert NO_LIMBS not in plain.notes
     np.testing.assert_array_equal(plain.cage.vertices, built.cage.vertices)
+
+
+def test_a_cage_whose_loops_fail_has_none_and_a_note_says_so(monkeypatch, rod, coarse_grids):
+    """A candidate with loops is judged to leave the model outside."""
+    make = build_module._Builder._make_candidate
+
+    def refuse_loops(builder, recipe, *rest):
+        candidate = make(builder, recipe, *rest)
+        if " loops around " not in recipe:
+            return candidate
+        return replace(candidate, verdict=replace(candidate.verdict, faults=("fails",)))
+
+    monkeypatch.setattr(build_module._Builder, "_make_candidate", refuse_loops)
+    steps = []
+    built = build_cage(
+        rod, BuildSettings(COUNT, loops=True), progress=lambda *step: steps.append(step)
+    )
+    assert built.chosen.loops.count == 0
+    assert NO_LOOPED_CAGE in built.notes
+    assert NO_LIMBS not in built.notes
+
+
+def test_a_cage_with_loops_is_preferred_to_a_tighter_one(rod):
+    """Of two valid cages, one without loops has the lower cost."""
+    cage = ball(1)
+    verdict = Verdict((), 0, 0.01, 30.0, 6, 0.01)
+    builder = build_module._Builder(rod, BuildSettings(COUNT, loops=True), None)
+    loops = Loops((np.arange(8).reshape(2, 4),))
+    builder._tried = [
+        Candidate("plain", cage, verdict, 0.006),
+        Candidate("looped", cage, verdict, 0.01, loops=loops),
+    ]
+    assert [candidate.recipe for candidate in builder._ranked] == ["looped", "plain"]
+
+
+def test_thick_limbs_have_loops_of_six_in_large_cages(rod):
+    _, loops = lay_loops(rod, 400, None)
+    assert {tube.shape[1] for tube in loops.tubes} == {6}
+
+
+def test_a_patch_with_two_borders_is_no_disk():
+    """A disk beside an annulus has the Euler characteristic of a disk."""
+    disk = np.array([[0, 1, 2]])
+    ring = [[3 + k, 3 + (k + 1) % 3, 6 + k] for k in range(3)]
+    ring += [[3 + (k + 1) % 3, 6 + (k + 1) % 3, 6 + k] for k in range(3)]
+    assert find_border(disk) is not None
+    assert find_border(np.array(ring)) is None
+    assert find_border(np.concatenate([disk, ring])) is None
 
 
 def test_too_few_vertices_leave_a_shell_without_loops(rod):
