@@ -22,8 +22,8 @@ LOOP_TURNS = 12
 """Turns of the loops of a limb about it that are tried."""
 
 MIN_LOOP_MISFIT, MAX_LOOP_MISFIT = 0.05, 0.25
-"""How far a limb may miss the tube between two loops, in mean edges of the cage: where it is less,
-no other loop is needed; loops are added until it is no more, or no other loop is apart from them."""
+"""How far a limb may miss the tube between two loops, in mean edges of the cage: below the first,
+no other loop is needed; above the second, loops are added while others are apart from them."""
 
 EXPECTED_BEND = 0.15
 """How far a limb will bend off the tube where no animation is known, over the distance from the
