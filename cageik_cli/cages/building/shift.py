@@ -4,7 +4,7 @@ import numpy as np
 
 from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.judge import Demand
-from cageik_cli.cages.building.loops import Loops
+from cageik_cli.cages.building.loops import NO_LOOPS, Loops
 from cageik_cli.cages.building.motion import EditGains, Motion
 from cageik_cli.cages.building.polish import (
     MIN_KEPT_ANGLE,
@@ -22,7 +22,7 @@ SKIPPED = ((0, 0), (1, 0), (0, 1))
 
 
 def shift_vertices(
-    cage: TriMesh, demand: Demand, motion: Motion, loops: Loops
+    cage: TriMesh, demand: Demand, motion: Motion, loops: Loops = NO_LOOPS
 ) -> tuple[TriMesh, int]:
     """Collapse the edges that a motion needs least, and split as many where it gains most.
 
