@@ -102,6 +102,7 @@ def test_the_record_has_all_candidates():
         "clearance_percent": 0.4,
         "symmetric": "off",
         "quads": False,
+        "loops": False,
         "rest_frame": None,
     }
     assert record["cage"]["sha256"] == load_mesh(OUT).source["sha256"]
