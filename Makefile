@@ -161,6 +161,9 @@ fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 	$(BIN)/cageik cage data_fixtures/walker/frames/walker_1.obj -o $(OUT)/looped_cage.obj --quads --loops --overwrite
 	$(BIN)/cageik check --cage $(OUT)/looped_cage.obj --rest data_fixtures/walker/frames/walker_1.obj \
 		--plot data_fixtures/pictures/looped_cage.png --overwrite
+	$(BIN)/python -c "import sys; from PIL import Image; \
+		[Image.open(p).convert('RGB').quantize(64).save(p, optimize=True) for p in sys.argv[1:]]" \
+		data_fixtures/pictures/built_cage.png data_fixtures/pictures/looped_cage.png
 
 view-pictures: $(READY)  ## Draw the pictures of `cageik view` again, in Chromium
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright axe-playwright-python
