@@ -16,8 +16,8 @@ SHORT = {
     "cli/info.py": "each command is a module, so that only the one that runs is imported",
     "util/compiled.py": "the one door to the compiled core",
     "util/progress.py": "what knows of progress needs no more",
-    "workflows/batch/preload.py": "a list of imports for the processes of a batch",
-    "workflows/batch/preload_page.py": "the same for batches with pages",
+    "batch/preload.py": "a list of imports for the processes of a batch",
+    "batch/preload_page.py": "the same for batches with pages",
 }
 """Modules that may be short besides those of file formats, and why."""
 

@@ -25,8 +25,8 @@ from cageik_cli.cli.output import (
 from cageik_cli.util.text import format_count, single_line
 
 if TYPE_CHECKING:
+    from cageik_cli.batch.jobs import Scheduler
     from cageik_cli.report.overview import Overview
-    from cageik_cli.workflows.batch.jobs import Scheduler
 
 
 @click.command("batch", cls=GroupedCommand)
@@ -107,8 +107,8 @@ def batch_command(
     cageik batch animations --cage rest_cage.obj -o out
     cageik batch walks runs -o out --resume --max-rms 0.5%
     """  # noqa: D301
+    from cageik_cli.batch.run import describe_batch, run_batch
     from cageik_cli.report.views.markdown import format_markdown
-    from cageik_cli.workflows.batch.run import describe_batch, run_batch
 
     batch = plan_batch(options, shared)
     for note in batch.notes if not quiet else ():
@@ -134,21 +134,21 @@ def _choose_scheduler(given: str | None, jobs: int, quiet: bool) -> "Scheduler":
             raise click.UsageError(
                 "--jobs applies to local runs only; leave it out with --scheduler"
             )
-        from cageik_cli.workflows.batch.dask_cluster import DaskScheduler
+        from cageik_cli.batch.dask_cluster import DaskScheduler
 
         if not quiet:
             source = "" if given else ", of DASK_SCHEDULER_ADDRESS"
             click.echo(f"note: jobs go to the scheduler {single_line(address)}{source}", err=True)
         return DaskScheduler(address)
-    from cageik_cli.workflows.batch.processes import ProcessScheduler
+    from cageik_cli.batch.processes import ProcessScheduler
 
     return ProcessScheduler(jobs)
 
 
 def _show_dry_run(clips: dict[str, list[tuple[str, str]]]) -> None:
     """Print what would be done; exit with 1 if a clip would fail."""
+    from cageik_cli.batch.run import FAULT_LABEL
     from cageik_cli.util.text import format_block, format_count
-    from cageik_cli.workflows.batch.run import FAULT_LABEL
 
     failing = sum(rows[0][0] == FAULT_LABEL for rows in clips.values())
     lines = [word_options(format_block(name, rows)) for name, rows in clips.items()]

@@ -18,11 +18,11 @@ from cageik_cli.cli.options.limits import LIMIT_OPTIONS
 from cageik_cli.util.errors import CageikError, SettingError, WrongUsageError
 
 if TYPE_CHECKING:
+    from cageik_cli.batch.discover import DiscoveredClip
+    from cageik_cli.batch.jobs import ClipJob
+    from cageik_cli.batch.run import BatchPlan
     from cageik_cli.cli.options.limits import LoadBaseline
     from cageik_cli.report.limits import Limits
-    from cageik_cli.workflows.batch.discover import DiscoveredClip
-    from cageik_cli.workflows.batch.jobs import ClipJob
-    from cageik_cli.workflows.batch.run import BatchPlan
     from cageik_cli.workflows.settings import ExtractSettings
 
 BATCH_OPTIONS = (
@@ -129,10 +129,10 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
         When there is no clip, no clip can be started for one and the same reason, or the output
         folder is in use.
     """
+    from cageik_cli.batch.run import BatchPlan, check_batch_folder, check_folder_empty
     from cageik_cli.report.baseline import read_baseline
     from cageik_cli.report.overview import ClipEntry
     from cageik_cli.util.text import to_unicode
-    from cageik_cli.workflows.batch.run import BatchPlan, check_batch_folder, check_folder_empty
 
     options = replace(options, output=options.output.absolute())
     if not options.overwrite:
@@ -166,9 +166,9 @@ def _find_clips(
     note: Callable[[str], None],
 ) -> list["DiscoveredClip"]:
     """Find the clips under the folders; files that options name are none."""
+    from cageik_cli.batch.discover import discover_clips, walk_folders
+    from cageik_cli.batch.run import REPORT_FILES
     from cageik_cli.util.outputs import check_no_overlap
-    from cageik_cli.workflows.batch.discover import discover_clips, walk_folders
-    from cageik_cli.workflows.batch.run import REPORT_FILES
 
     auxiliary_files = shared.find_auxiliary_files()
     roots = [_make_absolute(folder) for folder in options.folders]
@@ -190,8 +190,8 @@ def _make_job(
     clip: "DiscoveredClip", settings: "ExtractSettings", limits: "Limits", options: BatchOptions
 ) -> "ClipJob":
     """Make the job of a clip, whose result goes to the folder of the batch."""
-    from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob
-    from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER, check_is_result
+    from cageik_cli.batch.jobs import CLIPS_FOLDER, ClipJob
+    from cageik_cli.batch.run import WEIGHT_CACHE_FOLDER, check_is_result
 
     place = options.output / CLIPS_FOLDER / clip.result
     if not options.overwrite:
@@ -209,7 +209,7 @@ def _make_job(
 
 def _check_not_results(folder: Path, output: Path) -> None:
     """Refuse to search for clips where the results go."""
-    from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER
+    from cageik_cli.batch.jobs import CLIPS_FOLDER
 
     place, results = folder.resolve(), output.resolve() / CLIPS_FOLDER
     if place == output.resolve() or results in (place, *place.parents):

@@ -5,7 +5,7 @@ from typing import ClassVar
 import pytest
 
 import cageik_cli.cli.batch as command
-from cageik_cli.workflows.batch.jobs import run_clip
+from cageik_cli.batch.jobs import run_clip
 
 
 class Here:

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 import cageik_cli.report
+from cageik_cli.batch import dask_cluster
+from cageik_cli.batch.discover import make_result_name
+from cageik_cli.batch.run import WEIGHT_CACHE_FOLDER
 from cageik_cli.store.checkpoint import CHECKPOINT_MAGIC
 from cageik_cli.store.result import read_result
 from cageik_cli.workflows import run_cage
-from cageik_cli.workflows.batch import dask_cluster
-from cageik_cli.workflows.batch.discover import make_result_name
-from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER
 from tests.cli.conftest import Here
 
 BATCH = ("batch", "anim", "-o", "out", "--no-pages")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.workflows.batch.run import LOCK_FILE
+from cageik_cli.batch.run import LOCK_FILE
 
 LOG = Path("cages.h5.partial")
 TYPED = ("extract", "frames", "--cage", "cage.obj")

@@ -23,7 +23,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
-from cageik_cli.workflows.batch import processes
+from cageik_cli.batch import processes
 from tests.faults.interception import OPENS, SIZES, WRITES, Listener, StoppedCall, install_filter
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cageik_cli.batch.jobs import compute_weights_key
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh
@@ -21,7 +22,6 @@ from cageik_cli.util.errors import (
     OutputError,
     SettingError,
 )
-from cageik_cli.workflows.batch.jobs import compute_weights_key
 from cageik_cli.workflows.extract import Extraction, extract
 from cageik_cli.workflows.resume import check_output
 from cageik_cli.workflows.settings import ExtractSettings

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from cageik_cli.batch import processes as local
+from cageik_cli.batch.jobs import ClipJob, ClipState, run_clip
+from cageik_cli.batch.processes import ProcessScheduler
 from cageik_cli.report.limits import Limits
 from cageik_cli.util.errors import ClusterError
-from cageik_cli.workflows.batch import processes as local
-from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, run_clip
-from cageik_cli.workflows.batch.processes import ProcessScheduler
 from cageik_cli.workflows.settings import ExtractSettings
 
 
@@ -183,4 +183,4 @@ def test_what_cannot_be_imported_in_advance_ends_nothing(run_process, module, er
 def test_what_is_imported_in_advance_is_what_the_jobs_need(run_process):
     script = f"import sys, {local.PRELOAD}, {local.PRELOAD_PAGE}; print(*sys.modules)"
     found = run_process("-c", script).out.split()
-    assert {"cageik_cli.workflows.batch.jobs", "cageik_cli.report.html.page"} <= {*found}
+    assert {"cageik_cli.batch.jobs", "cageik_cli.report.html.page"} <= {*found}

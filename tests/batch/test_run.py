@@ -6,11 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.report.overview import ClipEntry
-from cageik_cli.util.errors import InputError, OutputError
-from cageik_cli.util.files import open_locked
-from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome
-from cageik_cli.workflows.batch.run import (
+from cageik_cli.batch.jobs import ClipJob, ClipState, Outcome
+from cageik_cli.batch.run import (
     LOCK_FILE,
     REPORT_FILES,
     WEIGHT_CACHE_FOLDER,
@@ -18,6 +15,9 @@ from cageik_cli.workflows.batch.run import (
     check_folder_empty,
     run_batch,
 )
+from cageik_cli.report.overview import ClipEntry
+from cageik_cli.util.errors import InputError, OutputError
+from cageik_cli.util.files import open_locked
 from cageik_cli.workflows.settings import ExtractSettings
 from tests.listeners import Listener
 from tests.report.markup import parse_page

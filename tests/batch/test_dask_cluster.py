@@ -19,6 +19,16 @@ import numpy as np
 import pytest
 
 import cageik_cli
+from cageik_cli.batch import dask_cluster as module
+from cageik_cli.batch.dask_cluster import (
+    ClipContext,
+    DaskScheduler,
+    pickle_without_weights,
+    split_into_pieces,
+    unpickle_with_weights,
+    wait_for_checkpoint,
+)
+from cageik_cli.batch.jobs import ClipJob, ClipState, bind_clip, check_clip, run_clip
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.solver.blocks import BlockSolver
@@ -31,15 +41,6 @@ from cageik_cli.store.result import checkpoint_path, read_result
 from cageik_cli.util.errors import ClusterError, FileAccessError, InputError
 from cageik_cli.util.files import open_locked
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.batch import dask_cluster as module
-from cageik_cli.workflows.batch.dask_cluster import DaskScheduler, wait_for_checkpoint
-from cageik_cli.workflows.batch.dask_pieces import (
-    ClipContext,
-    pickle_without_weights,
-    split_into_pieces,
-    unpickle_with_weights,
-)
-from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, bind_clip, check_clip, run_clip
 from cageik_cli.workflows.extract import Extraction
 from cageik_cli.workflows.settings import ExtractSettings
 
@@ -339,7 +340,7 @@ def threaded():
 
 
 def test_pieces_that_crash_every_worker(threaded, job, monkeypatch):
-    monkeypatch.setattr("cageik_cli.workflows.batch.dask_pieces.solve_piece", killing)
+    monkeypatch.setattr("cageik_cli.batch.dask_cluster.solve_piece", killing)
     long = job("long", 30)
     found = outcomes(threaded(1), [long], piece_seconds=0.0)
     fault = found["long"].entry.fault

@@ -6,4 +6,4 @@ What cannot be imported here is imported again by the job, which reports why it 
 from contextlib import suppress
 
 with suppress(Exception):
-    from cageik_cli.workflows.batch import jobs  # noqa: F401
+    from cageik_cli.batch import jobs  # noqa: F401

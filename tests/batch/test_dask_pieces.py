@@ -8,7 +8,7 @@ COUNTED = """
 import resource, sys
 import numpy as np
 from threadpoolctl import threadpool_info
-from cageik_cli.workflows.batch.dask_pieces import configure_worker
+from cageik_cli.batch.dask_cluster import configure_worker
 
 import scipy.linalg
 if sys.argv[1] == "fit":

@@ -13,12 +13,12 @@ from dataclasses import replace
 from multiprocessing.context import BaseContext
 from queue import SimpleQueue
 
+from cageik_cli.batch.jobs import ClipJob, ClipState, Outcome, run_clip
 from cageik_cli.report.overview import ClipEntry
 from cageik_cli.util.errors import ClusterError
 from cageik_cli.util.threads import use_one_blas_thread
-from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome, run_clip
 
-PRELOAD = "cageik_cli.workflows.batch.preload"
+PRELOAD = "cageik_cli.batch.preload"
 PRELOAD_PAGE = f"{PRELOAD}_page"
 """Modules for the process from which others are forked; importing them never fails."""
 

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from cageik_cli.batch.jobs import CLIPS_FOLDER, ClipJob, ClipState, Outcome, Scheduler
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.overview import ClipEntry, Overview, shorten_names
@@ -16,7 +17,6 @@ from cageik_cli.util.errors import CageikError, OutputError, make_write_error
 from cageik_cli.util.files import open_locked, remove_locked
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob, ClipState, Outcome, Scheduler
 from cageik_cli.workflows.extract import Extraction
 
 REPORT_FILES = {

@@ -7,14 +7,14 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.util.errors import FileAccessError
-from cageik_cli.util.text import make_file_name
-from cageik_cli.workflows.batch.discover import (
+from cageik_cli.batch.discover import (
     discover_clips,
     make_result_name,
     name_results,
     walk_folders,
 )
+from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.text import make_file_name
 from tests.shapes import ball, box, octahedron
 
 OUT = Path("out")
@@ -234,5 +234,5 @@ def test_a_file_that_cannot_be_examined_is_a_clip_that_fails(monkeypatch, name, 
     if name == "list_members":
         monkeypatch.setattr("cageik_cli.formats.hdf5_clips.Reader.list_members", fail)
     else:
-        monkeypatch.setattr(f"cageik_cli.workflows.batch.discover.{name}", fail)
+        monkeypatch.setattr(f"cageik_cli.batch.discover.{name}", fail)
     assert names("a") == ["odd.h5", "walk"]
