@@ -21,7 +21,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cageik_cli.cages.build import BuiltCage
+    from cageik_cli.cages.builder.build import BuiltCage
     from cageik_cli.cages.diagnosis import Diagnosis
     from cageik_cli.coordinates.binding import Binding
     from cageik_cli.coordinates.harmonic_field import HarmonicField
@@ -83,7 +83,7 @@ __all__ = [
 _HOMES = {
     "Anchor": "posing.anchors",
     "Binding": "coordinates.binding",
-    "BuiltCage": "cages.build",
+    "BuiltCage": "cages.builder.build",
     "CageAnimation": "workflows.extract_arrays",
     "CageikError": "util.errors",
     "Diagnosis": "cages.diagnosis",

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import settings
 
-from cageik_cli.cages import build
+from cageik_cli.cages.builder import build
 from cageik_cli.cli import main, options
 from cageik_cli.coordinates import harmonic
 from cageik_cli.coordinates.settings import BindSettings

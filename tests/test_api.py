@@ -203,7 +203,7 @@ def test_frames_for_a_cage_may_be_an_array(animation):
 
 @pytest.mark.slow
 def test_a_loose_cage_has_a_note(animation, monkeypatch, coarse_grids):
-    monkeypatch.setattr("cageik_cli.cages.build.make_shell", lambda *_: None)
+    monkeypatch.setattr("cageik_cli.cages.builder.build.make_shell", lambda *_: None)
     (note,) = cageik_cli.build_cage(animation.rest, vertices=20).notes
     assert "ellipsoid" in note
 

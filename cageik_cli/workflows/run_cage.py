@@ -61,7 +61,7 @@ def check_cage_output(path: Path, overwrite: bool) -> None:
 
 def _build(model: TriMesh, settings: BuildSettings, progress: ProgressListener) -> Entry:
     """Build the cage, and describe it, as the cache keeps it."""
-    from cageik_cli.cages.build import build_cage
+    from cageik_cli.cages.builder.build import build_cage
     from cageik_cli.report.views.cage import describe_built_cage
 
     built = build_cage(model, settings, progress=progress.update)

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.build import build_cage
+from cageik_cli.cages.builder.build import build_cage
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import reconstruct

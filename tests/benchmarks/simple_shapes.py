@@ -17,7 +17,7 @@ from time import process_time
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cageik_cli.cages.build import build_cage
+from cageik_cli.cages.builder.build import build_cage
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.harmonic import harmonic_weights

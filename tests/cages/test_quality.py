@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.build import build_cage
+from cageik_cli.cages.builder.build import build_cage
 from cageik_cli.cages.enclosure import locate_vertices
 from cageik_cli.cages.misfit import MAX_SIZE_RATIO
 from cageik_cli.cages.quality import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages import surface_points as module
-from cageik_cli.cages.building.judge import CELL_SHIFT, Demand
+from cageik_cli.cages.builder.judge import CELL_SHIFT, Demand
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.cages.surface_points import sample_in_blocks, sample_surface
 from cageik_cli.geometry.mesh import TriMesh

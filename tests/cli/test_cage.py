@@ -7,7 +7,7 @@ import h5py
 import pytest
 
 from cageik_cli.formats.obj import encode_exact_obj
-from tests.cages.building.test_limbs import make_rod
+from tests.cages.builder.test_limbs import make_rod
 from tests.shapes import octahedron
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("folder", "coarse_grids")]

@@ -128,7 +128,7 @@ def test_a_cage_is_built_around_every_format(run, meshes, monkeypatch, kind):
     def build(mesh, *others):
         raise CageError(f"model of {len(mesh.vertices)} vertices")
 
-    monkeypatch.setattr("cageik_cli.cages.build.build_cage", build)
+    monkeypatch.setattr("cageik_cli.cages.builder.build.build_cage", build)
     assert "model of 18 vertices" in run("cage", KINDS[kind][0], "-o", "built.obj").err
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.cages.build import MAX_SHIFTED
+from cageik_cli.cages.builder.build import MAX_SHIFTED
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
@@ -110,7 +110,7 @@ def test_the_record_has_all_candidates():
 
 
 def test_a_loose_cage_has_a_warning(monkeypatch):
-    monkeypatch.setattr("cageik_cli.cages.build.make_shell", lambda *_: None)
+    monkeypatch.setattr("cageik_cli.cages.builder.build.make_shell", lambda *_: None)
     result = build_cage_file(CageSettings(FRAME, OUT, SMALL))
     assert "ellipsoid" in result.built.chosen.recipe
     (warning,) = result.built.notes

@@ -254,7 +254,7 @@ assert not found, found
 @pytest.mark.usefixtures("coarse_grids")
 def test_a_cage_from_the_cache_gives_the_same_bytes(plain, cache, monkeypatch):
     """A loose one, which has a warning."""
-    monkeypatch.setattr("cageik_cli.cages.build.make_shell", lambda *_: None)
+    monkeypatch.setattr("cageik_cli.cages.builder.build.make_shell", lambda *_: None)
     settings = replace(plain, cage=None, build=BuildSettings(20), cache=cache)
     plain_bytes = extract(replace(settings, cache=None)).path.read_bytes()
     assert extract(replace(settings, overwrite=True)).path.read_bytes() == plain_bytes

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.cages.build import build_cage
+from cageik_cli.cages.builder.build import build_cage
 from cageik_cli.cages.enclosure import locate_vertices
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings

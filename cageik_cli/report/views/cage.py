@@ -15,8 +15,7 @@ from cageik_cli.report.figures import make_whole
 from cageik_cli.util.text import format_count
 
 if TYPE_CHECKING:  # the builder is slow to import
-    from cageik_cli.cages.build import BuiltCage
-    from cageik_cli.cages.building.candidate import Candidate
+    from cageik_cli.cages.builder.build import BuiltCage, Candidate
     from cageik_cli.cages.repair import RepairedCage
 
 

@@ -1,0 +1,366 @@
+"""A cage under edit: every edit is tested, and only those are taken that leave it sound.
+
+Whether faces of a cage meet but at what they share, exactly, for a handful of faces.
+"""
+
+from dataclasses import dataclass
+
+import igl
+import igl.predicates
+import numpy as np
+
+from cageik_cli.geometry.intersections import self_intersections
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import cross, measure_angles
+from cageik_cli.geometry.surface import measure_closest, measure_winding
+from cageik_cli.util.arrays import Floats, Integers, Mask
+
+MIN_FOLD_COSINE = -0.94
+"""Between the normals of two faces at a side, at least: they are 20 degrees apart, and no fin."""
+
+
+Edge = tuple[int, int]
+"""Two vertices, the lower first."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edit:
+    """Faces of a cage that others replace, and a vertex that moves.
+
+    Attributes
+    ----------
+    removed : (r,) int64
+        Numbers of faces.
+    added : (a, 3) int64
+        Their vertices. With the removed faces they bound a volume: both have the same border.
+    vertex : int
+        Which moves,
+    position : (3,) float64
+        and where to.
+    """
+
+    removed: Integers
+    added: Integers
+    vertex: int
+    position: Floats
+
+
+class Draft:
+    """A cage that keeps its clearance to points while it is edited.
+
+    Parameters
+    ----------
+    cage : TriMesh
+        Closed and manifold. What is wrong with it elsewhere does not stop an edit.
+    samples : (s, 3) float64
+        Points it holds.
+    clearance : float
+        How near to them new faces may come.
+    kept : set of Edge
+        Edges that no edit takes away, and no split divides.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64
+    faces : (f, 3) int64
+    volume : float
+        Of the cage as it was given.
+    """
+
+    def __init__(
+        self,
+        cage: TriMesh,
+        samples: Floats,
+        clearance: float,
+        kept: frozenset[Edge] = frozenset(),
+    ) -> None:
+        self.volume = cage.volume
+        self.vertices = cage.vertices.copy()
+        self.faces = cage.faces.copy()
+        self.clearance = clearance
+        self.samples = samples
+        self._kept, self._held = kept, {vertex for edge in kept for vertex in edge}
+        self._order = np.argsort(samples[:, 0], kind="stable")
+        self._columns = np.ascontiguousarray(samples[self._order].T)
+
+    @property
+    def count(self) -> int:
+        """Return vertices that are in a face."""
+        return len(np.unique(self.faces))
+
+    def to_mesh(self) -> TriMesh:
+        """Return the cage as it is, without the vertices that are in no face."""
+        used, faces = np.unique(self.faces, return_inverse=True)
+        return TriMesh(self.vertices[used], faces.reshape(-1, 3))
+
+    def faces_at(self, vertex: int) -> Integers:
+        """Return numbers of the faces at a vertex."""
+        return np.flatnonzero((self.faces == vertex).any(axis=1))
+
+    def faces_beside(self, start: int, stop: int) -> Integers:
+        """Return numbers of the faces at an edge, or at a pair of vertices."""
+        at = self.faces_at(start)
+        return np.asarray(at[(self.faces[at] == stop).any(axis=1)])
+
+    def count_faces(self) -> Integers:
+        """Return how many faces each vertex has, (n,), which are as many as its edges."""
+        return np.bincount(self.faces.ravel(), minlength=len(self.vertices))
+
+    def neighbours(self, vertex: int) -> Integers:
+        """Return the vertices that share an edge with one."""
+        around = np.unique(self.faces[self.faces_at(vertex)])
+        return np.asarray(around[around != vertex])
+
+    def angles(self, edit: Edit) -> Floats:
+        """Return corner angles of the faces that an edit adds, (a, 3), degrees."""
+        return measure_angles(self._place_corners(edit))
+
+    def angles_before(self, edit: Edit) -> Floats:
+        """Return corner angles of the faces that an edit removes, (r, 3), degrees."""
+        return measure_angles(self.vertices[self.faces[edit.removed]])
+
+    def growth(self, edit: Edit) -> float:
+        """Return the volume that an edit adds, negative where it takes some away."""
+        # Seen from the vertex, the tetrahedra are as small as the edit.
+        here = self.vertices[edit.vertex]
+        before, after = self.vertices[self.faces[edit.removed]], self._place_corners(edit)
+        volumes = [np.linalg.det(corners - here).sum() / 6 for corners in (before, after)]
+        return float(volumes[1] - volumes[0])
+
+    def take(self, edit: Edit) -> bool:
+        """Make the edit if the cage stays sound; return whether it was made."""
+        if not self.allows(edit):
+            return False
+        self.apply(edit)
+        return True
+
+    def allows(self, edit: Edit) -> bool:
+        """Return whether the cage stays sound by an edit."""
+        return (
+            self._keeps_edges(edit)
+            and self._stays_open(edit)
+            and self.keeps_clear(edit)
+            and self._stays_apart(edit)
+        )
+
+    def is_divisible(self, start: int, stop: int) -> bool:
+        """Return whether an edge may be split: not between vertices of kept edges."""
+        return not {start, stop} <= self._held
+
+    def apply(self, edit: Edit) -> None:
+        """Make the edit, untested."""
+        self.vertices[edit.vertex] = edit.position
+        kept = np.delete(self.faces, edit.removed, axis=0)
+        self.faces = np.concatenate([kept, edit.added])
+
+    def split(self, start: int, stop: int) -> int:
+        """Put a vertex on the middle of an edge: nothing moves, nothing is to be tested."""
+        middle = len(self.vertices)
+        self.vertices = np.concatenate(
+            [self.vertices, (self.vertices[[start]] + self.vertices[[stop]]) / 2]
+        )
+        beside = self.faces_beside(start, stop)
+        one, other = self.faces[beside].copy(), self.faces[beside].copy()
+        one[one == stop] = middle
+        other[other == start] = middle
+        self.faces = np.concatenate([np.delete(self.faces, beside, axis=0), one, other])
+        return middle
+
+    def count_split(self, start: int, stop: int) -> int:
+        """Return how many vertices a split of an edge adds."""
+        return 1
+
+    def near_samples(self, edit: Edit) -> Floats:
+        """Return the samples that an edit may come near to, or leave outside, (k, 3)."""
+        around = np.concatenate([edit.added.ravel(), self.faces[edit.removed].ravel()])
+        corners = np.concatenate([self.vertices[around], edit.position[None]])
+        low, high = corners.min(axis=0) - self.clearance, corners.max(axis=0) + self.clearance
+        start = int(self._columns[0].searchsorted(low[0], "right"))
+        stop = int(self._columns[0].searchsorted(high[0], "left"))
+        y, z = self._columns[1:, start:stop]
+        is_near = (y > low[1]) & (y < high[1]) & (z > low[2]) & (z < high[2])
+        return np.asarray(self.samples[np.sort(self._order[start:stop][is_near])])
+
+    def keeps_clear(self, edit: Edit) -> bool:
+        """Return whether new faces keep off the samples, and none changes sides."""
+        samples = self.near_samples(edit)
+        if len(samples) == 0:
+            return True
+        if self.measure_distances(edit, samples).min() < self.clearance:
+            return False
+        return not self._find_swept(edit, samples).any()
+
+    def offsets(self, edit: Edit, samples: Floats) -> tuple[Floats, Floats]:
+        """Return how the moved vertex moves the faces at it against samples, and what they lack.
+
+        Returns
+        -------
+        (k, 3)
+            The outward direction at the nearest point, times the vertex's share in that point.
+        (k,)
+            The clearance less the distance, which is negative outside.
+        """
+        if len(samples) == 0:
+            return np.empty((0, 3)), np.empty(0)
+        distance, face, position = self._find_closest(edit, samples)
+        # A sample that the edit sweeps over is outside now, and the face must come back to it.
+        sign = np.where(self._find_swept(edit, samples), 1.0, -1.0)
+        towards = (sign / np.maximum(distance, 1e-300))[:, None]
+        direction = towards * (samples - position)
+        share = self._measure_shares(edit, face, position)
+        return share[:, None] * direction, sign * distance + self.clearance
+
+    def measure_distances(self, edit: Edit, samples: Floats) -> Floats:
+        """Return how far samples are from the faces that an edit adds, (k,)."""
+        return self._find_closest(edit, samples)[0]
+
+    def _find_closest(self, edit: Edit, samples: Floats) -> tuple[Floats, Integers, Floats]:
+        """Return the distances, faces and positions on the faces that an edit adds."""
+        corners = self._place_corners(edit).reshape(-1, 3)
+        return measure_closest(corners, np.arange(len(corners)).reshape(-1, 3), samples)
+
+    def _measure_shares(self, edit: Edit, face: Integers, at: Floats) -> Floats:
+        """Return the barycentric share of the moved vertex in points of the added faces, (k,)."""
+        is_moved = edit.added == edit.vertex
+        turned = np.take_along_axis(
+            edit.added, (is_moved.argmax(axis=1)[:, None] + np.arange(3)) % 3, axis=1
+        )
+        b, c = (self.vertices.take(turned[:, k], axis=0) for k in (1, 2))
+        normal = cross(b - edit.position, c - edit.position)
+        square = (normal * normal).sum(axis=1)
+        # A face without area, or without the vertex, says nothing about where to move.
+        known = is_moved.any(axis=1) & (square > 1e-300)
+        normal = np.where(known[:, None], normal, 0) / np.where(known, square, 1)[:, None]
+        b, c = (corner.take(face, axis=0) for corner in (b, c))
+        return np.asarray((normal[face] * cross(b - at, c - at)).sum(axis=1))
+
+    def _find_swept(self, edit: Edit, samples: Floats) -> Mask:
+        """Return the samples that an edit sweeps over: old and new faces together bound that."""
+        vertices = np.concatenate([self.vertices, edit.position[None]])
+        added = np.where(edit.added == edit.vertex, len(self.vertices), edit.added)
+        faces = np.concatenate([added, self.faces[edit.removed][:, ::-1]])
+        return np.abs(measure_winding(vertices, faces, samples)) >= 0.5
+
+    def _keeps_edges(self, edit: Edit) -> bool:
+        """Return whether no edge that is kept is taken away."""
+        if not self._kept:
+            return True
+        before, after = (_list_edges(faces) for faces in (self.faces[edit.removed], edit.added))
+        return not (before & self._kept) - after
+
+    def _place_corners(self, edit: Edit) -> Floats:
+        """Return the corners of the faces that an edit adds, (a, 3, 3)."""
+        corners = self.vertices.take(edit.added, axis=0)
+        corners[edit.added == edit.vertex] = edit.position
+        return corners
+
+    def _stays_open(self, edit: Edit) -> bool:
+        """Return whether no two faces at a side are folded onto each other, more than before."""
+        vertices = self.vertices.copy()
+        vertices[edit.vertex] = edit.position
+        rest = np.delete(self.faces, edit.removed, axis=0)
+        beside = rest[np.isin(rest, edit.added).sum(axis=1) >= 2]
+        after = _find_sharpest_fold(vertices, edit.added, beside)
+        if after >= MIN_FOLD_COSINE:
+            return True
+        return after >= _find_sharpest_fold(self.vertices, self.faces[edit.removed], beside)
+
+    def _stays_apart(self, edit: Edit) -> bool:
+        """Return whether new faces meet no face but at the vertices and edges that they share."""
+        vertices = self.vertices.copy()
+        vertices[edit.vertex] = edit.position
+        rest = np.delete(self.faces, edit.removed, axis=0)
+        return are_apart(vertices, edit.added, rest)
+
+
+def name_edge(start: int, stop: int) -> Edge:
+    """Return an edge, whichever of its ends is given first."""
+    return (start, stop) if start < stop else (stop, start)
+
+
+def _list_edges(faces: Integers) -> set[Edge]:
+    """Return the edges of faces."""
+    return {name_edge(face[k - 1], face[k]) for face in faces.tolist() for k in range(3)}
+
+
+def _find_sharpest_fold(vertices: Floats, faces: Integers, beside: Integers) -> float:
+    """Return the least cosine between normals of `faces`, and of these and others at a side."""
+    others = np.concatenate([faces, beside])
+    corners = vertices[others]
+    normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    shared = (faces[:, None, :, None] == others[None, :, None]).any(axis=3).sum(axis=2)
+    cosines = normals[: len(faces)] @ normals.T
+    return float(cosines[shared == 2].min(initial=1.0))
+
+
+def are_apart(vertices: Floats, added: Integers, others: Integers) -> bool:
+    """Return whether `added` faces meet each other and `others` at shared vertices alone.
+
+    It is exact, and quick for a handful of faces. What is left to `geometry/intersections.py`,
+    which has the full answer, is faces that share a plane.
+    """
+    faces = np.concatenate([added, others])
+    corners = vertices[faces]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    count = len(added)
+    near = (low[:count, None] <= high).all(axis=2) & (low <= high[:count, None]).all(axis=2)
+    near &= np.arange(count)[:, None] < np.arange(len(faces))
+    first, second = np.nonzero(near)
+    shared = (faces[first][:, :, None] == faces[second][:, None]).any(axis=2).sum(axis=1)
+    return not (
+        (shared == 3).any()
+        or _any_folds_flat(vertices, faces, first[shared == 2], second[shared == 2])
+        or _any_pierces(vertices, faces, first[shared < 2], second[shared < 2])
+    )
+
+
+def _any_folds_flat(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
+    """Return whether faces that share a side lie in a plane, on one side of it."""
+    a, b = vertices[faces[first]], faces[second]
+    alone = ~(b[:, :, None] == faces[first][:, None]).any(axis=2)
+    tip = vertices[b[alone]]
+    flat = _orient(a[:, 0], a[:, 1], a[:, 2], tip) == 0
+    if not flat.any():
+        return False
+    normal = [np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (a[flat], vertices[b[flat]])]
+    return bool(((normal[0] * normal[1]).sum(axis=1) <= 0).any())
+
+
+def _any_pierces(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
+    """Return whether a side of one face meets the other, away from vertices that both have."""
+    sides, triangles = [], []
+    for one, other in ((faces[first], faces[second]), (faces[second], faces[first])):
+        for k in range(3):
+            side = one[:, [k, k - 1]]
+            free = ~(side[:, :, None] == other[:, None]).any(axis=(1, 2))
+            sides.append(side[free])
+            triangles.append(other[free])
+    p, q = (vertices[np.concatenate(sides)[:, k]] for k in range(2))
+    a, b, c = (vertices[np.concatenate(triangles)[:, k]] for k in range(3))
+    before, behind = _orient(a, b, c, p), _orient(a, b, c, q)
+    doubtful = before * behind <= 0
+    if not doubtful.any():
+        return False
+    if ((before == 0) & (behind == 0)).any():
+        return _any_meets(vertices, faces[first], faces[second])
+    p, q, a, b, c = (points[doubtful] for points in (p, q, a, b, c))
+    turns = np.stack([_orient(p, q, *pair) for pair in ((a, b), (b, c), (c, a))])
+    return bool(((turns.min(axis=0) >= 0) | (turns.max(axis=0) <= 0)).any())
+
+
+def _any_meets(vertices: Floats, first: Integers, second: Integers) -> bool:
+    """Return whether pairs of faces, (k, 3) each, meet improperly; also if they share a plane."""
+    both, number = np.unique(np.concatenate([first, second]), axis=0, return_inverse=True)
+    used, local = np.unique(both, return_inverse=True)
+    pairs = self_intersections(TriMesh(vertices[used], local.reshape(-1, 3)))
+    asked = np.sort(number.reshape(2, -1).T)
+    return bool((pairs[:, None] == asked).all(axis=2).any())
+
+
+def _orient(a: Floats, b: Floats, c: Floats, d: Floats) -> Integers:
+    """Return the sign of the volume of tetrahedra, (k,); exact (Shewchuk 1997)."""
+    if len(a) == 0:
+        return np.empty(0, np.int64)
+    rows = (np.ascontiguousarray(points) for points in (a, b, c, d))
+    return np.asarray(igl.predicates.orient3d(*rows), np.int64)
