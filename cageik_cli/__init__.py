@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cageik_cli.cages.builder.build import BuiltCage
-    from cageik_cli.cages.diagnosis import Diagnosis
+    from cageik_cli.cages.check.diagnosis import Diagnosis
     from cageik_cli.coordinates.binding import Binding
     from cageik_cli.coordinates.harmonic_field import HarmonicField
     from cageik_cli.formats.base.sequence import MeshSequence
@@ -86,7 +86,7 @@ _HOMES = {
     "BuiltCage": "cages.builder.build",
     "CageAnimation": "workflows.extract_arrays",
     "CageikError": "util.errors",
-    "Diagnosis": "cages.diagnosis",
+    "Diagnosis": "cages.check.diagnosis",
     "FitSettings": "solver.fitting.record",
     "FittedWeights": "workflows.fit",
     "HarmonicField": "coordinates.harmonic_field",

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.cages.enclosure import check_enclosure
+from cageik_cli.cages.check.enclosure import check_enclosure
 from cageik_cli.formats.open import load_mesh, open_sequence
 
 FOLDER = Path(__file__).parent.parent / "data_fixtures"

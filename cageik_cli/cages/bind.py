@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from cageik_cli.cages.enclosure import Placement, check_enclosure
-from cageik_cli.cages.quality import find_room_faults, find_thin_parts
+from cageik_cli.cages.check.enclosure import Placement, check_enclosure
+from cageik_cli.cages.check.quality import find_room_faults, find_thin_parts
 from cageik_cli.coordinates.binding import Binding, Weights, reproduction_error
 from cageik_cli.coordinates.settings import ACCURACIES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.cages.enclosure import find_missing_extent, locate_vertices
-from cageik_cli.cages.faults import Finding, find_cage_faults
-from cageik_cli.cages.quality import (
+from cageik_cli.cages.check.enclosure import find_missing_extent, locate_vertices
+from cageik_cli.cages.check.faults import Finding, find_cage_faults
+from cageik_cli.cages.check.misfit import Transform
+from cageik_cli.cages.check.quality import (
     MIN_CLEARANCE,
     find_low_clearance,
     find_needle_faces,
@@ -19,7 +20,6 @@ from cageik_cli.cages.repairing.shape import ShapeFit
 from cageik_cli.cages.repairing.steps import Repair, RepairStep
 from cageik_cli.cages.settings import RepairSettings
 from cageik_cli.cages.surface_points import sample_surface
-from cageik_cli.cages.transforms import Transform
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.geometry.surface import winding_numbers

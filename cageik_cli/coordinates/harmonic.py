@@ -74,7 +74,7 @@ def harmonic_weights(
     Parameters
     ----------
     cage : TriMesh
-        Closed, manifold, outward, of one component (`cages.faults.validate_cage`).
+        Closed, manifold, outward, of one component (`cages.check.faults.validate_cage`).
     points : (m, 3)
         Inside or on the cage, file units. A point on it gets barycentric weights.
     accuracy : str or Accuracy

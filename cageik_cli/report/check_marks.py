@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.cages.faults import Finding
+from cageik_cli.cages.check.faults import Finding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.render.shading import parse_colour
 from cageik_cli.util.arrays import Floats, Integers

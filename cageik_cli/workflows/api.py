@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.cages import bind as cage_binding
-from cageik_cli.cages.diagnosis import Diagnosis, diagnose
+from cageik_cli.cages.check.diagnosis import Diagnosis, diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings

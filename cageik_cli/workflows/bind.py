@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.enclosure import refuse_other_unit
-from cageik_cli.cages.faults import validate_cage
-from cageik_cli.cages.quality import find_room_faults
+from cageik_cli.cages.check.enclosure import refuse_other_unit
+from cageik_cli.cages.check.faults import validate_cage
+from cageik_cli.cages.check.quality import find_room_faults
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.choose_parts import check_part_order

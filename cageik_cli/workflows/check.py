@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.report.views.check import CheckResult
 from cageik_cli.workflows.common_scene import CommonScene

@@ -11,7 +11,7 @@ from math import isclose
 
 import numpy as np
 
-from cageik_cli.cages.transforms import Transform
+from cageik_cli.cages.check.misfit import Transform
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.scene_conversion import SceneConversion

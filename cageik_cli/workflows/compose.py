@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.cages.quality import has_too_much_room
-from cageik_cli.cages.sections import find_shared_sections
+from cageik_cli.cages.check.quality import has_too_much_room
+from cageik_cli.cages.check.sections import find_shared_sections
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.cages.faults import find_cage_faults
+from cageik_cli.cages.check.faults import find_cage_faults
 from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.cages.enclosure import OutsideError, check_enclosure
-from cageik_cli.cages.misfit import MAX_SIZE_RATIO, find_transform
-from cageik_cli.cages.transforms import UNIT_SCALES, Transform
+from cageik_cli.cages.check.enclosure import OutsideError, check_enclosure
+from cageik_cli.cages.check.misfit import MAX_SIZE_RATIO, UNIT_SCALES, Transform, find_transform
 from cageik_cli.formats.base.choose_parts import drop_parts, list_unmatched
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.settings import SceneHints

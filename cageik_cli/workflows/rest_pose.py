@@ -127,7 +127,7 @@ def choose_rest_frame(sequence: MeshSequence) -> tuple[int, str]:
 
     Frames that cannot be read are not compared; the run reports them.
     """
-    from cageik_cli.cages.self_contact import make_contact_meter
+    from cageik_cli.cages.check.self_contact import make_contact_meter
 
     indices = spread_evenly(len(sequence), MAX_COMPARED_FRAMES)
     meter = make_contact_meter(sequence.first)

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from cageik_cli.cages.enclosure import MisfitError
+from cageik_cli.cages.check.enclosure import MisfitError
+from cageik_cli.cages.check.misfit import Transform
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.cages.transforms import Transform
 from cageik_cli.formats.base.files import describe_source
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.obj import encode_exact_obj

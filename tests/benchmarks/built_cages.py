@@ -21,7 +21,7 @@ import numpy as np
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.builder.build import build_cage
-from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.formats.open import load_mesh

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cageik_cli.cages.builder.build import build_cage
-from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.formats.open import load_mesh

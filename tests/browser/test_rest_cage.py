@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cageik_cli import bind
-from cageik_cli.cages.faults import find_cage_faults
+from cageik_cli.cages.check.faults import find_cage_faults
 from cageik_cli.cli import main
 from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.formats.open import load_mesh

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.quality import find_thin_parts
+from cageik_cli.cages.check.quality import find_thin_parts
 from cageik_cli.coordinates import harmonic as module
 from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Weights
 from cageik_cli.coordinates.harmonic import harmonic_weights

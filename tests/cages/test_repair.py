@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.repair import repair_cage
 from cageik_cli.cages.repairing import shape
 from cageik_cli.cages.settings import RepairSettings

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.faults import validate_cage
+from cageik_cli.cages.check.faults import validate_cage
 from cageik_cli.coordinates import harmonic
 from cageik_cli.coordinates.settings import ACCURACIES, COORDINATES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh

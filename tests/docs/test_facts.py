@@ -36,7 +36,9 @@ def find_missing_suffixes(text):
 
 def test_all_modules_that_the_architecture_names_exist():
     assert find_missing_modules(ARCHITECTURE) == []
-    assert find_missing_modules("`cages/faults.py` `cages/nowhere.py`") == ["cages/nowhere.py"]
+    assert find_missing_modules("`cages/check/faults.py` `cages/nowhere.py`") == [
+        "cages/nowhere.py"
+    ]
 
 
 def test_where_is_what_is_answered_by_modules():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.faults import Finding
+from cageik_cli.cages.check.faults import Finding
 from cageik_cli.report.check_marks import list_marks
 from tests.shapes import box
 

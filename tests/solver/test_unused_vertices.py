@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.diagnosis import diagnose
-from cageik_cli.cages.enclosure import check_enclosure
+from cageik_cli.cages.check.diagnosis import diagnose
+from cageik_cli.cages.check.enclosure import check_enclosure
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.metrics import METRIC_TYPES

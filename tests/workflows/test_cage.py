@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.builder.build import MAX_SHIFTED
-from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.report.views.cage import format_cage_json, list_cage_rows

@@ -15,7 +15,7 @@ from cageik_cli.workflows import compose
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import Extraction, extract
 from cageik_cli.workflows.settings import ExtractSettings
-from tests.cages.test_sections import trousers
+from tests.cages.check.test_sections import trousers
 from tests.shapes import box, finer
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.builder.build import build_cage
-from cageik_cli.cages.enclosure import locate_vertices
+from cageik_cli.cages.check.enclosure import locate_vertices
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.parts import list_part_names

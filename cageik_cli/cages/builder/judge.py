@@ -8,8 +8,8 @@ import numpy as np
 from cageik_cli.cages.builder.collapse import euler_characteristic
 from cageik_cli.cages.builder.frame import Frame, round_places, sort_mesh
 from cageik_cli.cages.builder.symmetry import MirrorFrame, add_image, mirror_points
-from cageik_cli.cages.faults import find_cage_faults
-from cageik_cli.cages.quality import MIN_ANGLE, find_thin_parts
+from cageik_cli.cages.check.faults import find_cage_faults
+from cageik_cli.cages.check.quality import MIN_ANGLE, find_thin_parts
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.cages.surface_points import sample_in_blocks
 from cageik_cli.geometry.intersections import crossing_face_pairs

@@ -22,8 +22,8 @@ from cageik_cli.cages.builder.pairing import HALVES, MIN_QUAD_ANGLE, Pairing, na
 from cageik_cli.cages.builder.polish import flip_edge, move_vertex, settle, tighten
 from cageik_cli.cages.builder.refine import make_draft
 from cageik_cli.cages.builder.symmetry import average_sides, find_partners, reflect
+from cageik_cli.cages.check.quality import MIN_SHEET_RATIO
 from cageik_cli.cages.push import Contacts, make_form, push, solve_moves
-from cageik_cli.cages.quality import MIN_SHEET_RATIO
 from cageik_cli.geometry.intersections import crossing_face_pairs, self_intersections
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles, thin_face_pairs

@@ -13,7 +13,7 @@ from cageik_cli.cages.builder.polish import (
     tighten,
 )
 from cageik_cli.cages.builder.refine import complete_clearance, make_draft
-from cageik_cli.cages.quality import find_thin_parts
+from cageik_cli.cages.check.quality import find_thin_parts
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cageik_cli.cages.faults import format_elements
-from cageik_cli.cages.misfit import find_transform
+from cageik_cli.cages.check.faults import format_elements
+from cageik_cli.cages.check.misfit import Transform, find_transform
 from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
 from cageik_cli.cages.repairing.shape import ShapeFit
 from cageik_cli.cages.repairing.tidy import (
@@ -24,7 +24,6 @@ from cageik_cli.cages.repairing.tidy import (
     label_patches,
     replace_corners,
 )
-from cageik_cli.cages.transforms import Transform
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.geometry.surface import winding_numbers
 from cageik_cli.util.arrays import Floats, Integers, Mask

@@ -3,8 +3,8 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts
-from cageik_cli.cages.quality import MIN_CLEARANCE, MIN_INFLUENCE
+from cageik_cli.cages.check.diagnosis import CageFacts, Diagnosis, RestFacts
+from cageik_cli.cages.check.quality import MIN_CLEARANCE, MIN_INFLUENCE
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.part_names import get_parts, name_vertex

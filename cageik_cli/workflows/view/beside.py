@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.diagnosis import diagnose
-from cageik_cli.cages.faults import Finding
+from cageik_cli.cages.check.diagnosis import diagnose
+from cageik_cli.cages.check.faults import Finding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.player.rest_cage import pack_weights

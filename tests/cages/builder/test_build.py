@@ -7,7 +7,7 @@ from cageik_cli.cages.builder.build import LADDER, BuiltCage, Candidate, Clip, b
 from cageik_cli.cages.builder.judge import Verdict
 from cageik_cli.cages.builder.loops import NO_LOOPS
 from cageik_cli.cages.builder.shell import Shell
-from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FormatError

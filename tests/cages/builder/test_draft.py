@@ -11,7 +11,7 @@ from cageik_cli.cages.builder.polish import (
     settle,
     tighten,
 )
-from cageik_cli.cages.faults import find_cage_faults
+from cageik_cli.cages.check.faults import find_cage_faults
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import ball, box, concave, finer, octahedron
 

@@ -4,7 +4,7 @@ import pytest
 from cageik_cli.cages.builder.paired import PairedDraft, collapse_pairs
 from cageik_cli.cages.builder.polish import collapse_edge, flip_edge, move_vertex
 from cageik_cli.cages.builder.symmetry import add_image, cut_half, find_partners, reflect
-from cageik_cli.cages.faults import find_cage_faults
+from cageik_cli.cages.check.faults import find_cage_faults
 from cageik_cli.geometry.mirror import Mirror
 from tests.shapes import ball, moved
 

@@ -9,7 +9,7 @@ from cageik_cli.cages.surface_points import sample_surface
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.progress import ignore_progress
-from tests.cages.test_quality import across_the_corner
+from tests.cages.check.test_quality import across_the_corner
 from tests.shapes import ball, box, changed, concave
 
 pytestmark = pytest.mark.slow

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.util.errors import BusyError, CageikError, FormatError, InputError, SlowError

@@ -281,7 +281,7 @@ function dropVertices(vertices, polygons, gone) {
   return [vertices.filter((_, k) => !gone.has(k)), polygons.map((polygon) => polygon.map((k) => numbers[k]))];
 }
 
-// Counts the faults of a surface that cageik check calls unfit, by their kinds (cages/faults.py).
+// Counts the faults of a surface that cageik check calls unfit, by their kinds (cages/check/faults.py).
 function countFaults({ vertices, polygons }) {
   const triangles = fansOf(polygons), corners = new Set(), edges = new Map(), group = triangles.flatMap((_, t) => [3 * t, 3 * t + 1, 3 * t + 2]);
   const leaderOf = (k) => { while (group[k] !== k) k = group[k] = group[group[k]]; return k; };

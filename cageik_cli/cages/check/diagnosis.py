@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cageik_cli.cages.enclosure import (
+from cageik_cli.cages.check.enclosure import (
     Placement,
     are_swapped,
     check_enclosure,
@@ -14,9 +14,9 @@ from cageik_cli.cages.enclosure import (
     locate_vertices,
     make_swap_finding,
 )
-from cageik_cli.cages.faults import SEVERITIES, Finding, find_cage_faults
-from cageik_cli.cages.misfit import Misfit, explain_misfit
-from cageik_cli.cages.quality import (
+from cageik_cli.cages.check.faults import SEVERITIES, Finding, find_cage_faults
+from cageik_cli.cages.check.misfit import Misfit, explain_misfit
+from cageik_cli.cages.check.quality import (
     find_low_clearance,
     find_needle_faces,
     find_room_faults,

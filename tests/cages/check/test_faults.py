@@ -2,7 +2,7 @@ import igl
 import numpy as np
 import pytest
 
-from cageik_cli.cages.faults import (
+from cageik_cli.cages.check.faults import (
     Finding,
     count_fans,
     find_cage_faults,

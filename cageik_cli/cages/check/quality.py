@@ -6,10 +6,10 @@ from itertools import islice
 
 import numpy as np
 
-from cageik_cli.cages.enclosure import Placement
-from cageik_cli.cages.faults import Finding, format_elements
-from cageik_cli.cages.misfit import MAX_SIZE_RATIO, find_transform
-from cageik_cli.cages.sections import SharedSection, find_shared_sections
+from cageik_cli.cages.check.enclosure import Placement
+from cageik_cli.cages.check.faults import Finding, format_elements
+from cageik_cli.cages.check.misfit import MAX_SIZE_RATIO, find_transform
+from cageik_cli.cages.check.sections import SharedSection, find_shared_sections
 from cageik_cli.cages.surface_points import sample_surface, take_evenly
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh

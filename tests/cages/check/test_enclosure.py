@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cageik_cli.cages.enclosure import TOUCH_TOL, check_enclosure
+from cageik_cli.cages.check.enclosure import TOUCH_TOL, check_enclosure
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError
 from tests.shapes import ball, box, changed, finer, octahedron, rotation

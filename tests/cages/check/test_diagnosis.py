@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages import diagnosis as module
-from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.check import diagnosis as module
+from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
-from tests.cages.test_faults import pinched
+from tests.cages.check.test_faults import pinched
 from tests.cages.torture import torus
 from tests.shapes import ball, box, changed, concave, finer, moved, octahedron, quad_box
 

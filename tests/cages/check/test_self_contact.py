@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages import self_contact as module
-from cageik_cli.cages.self_contact import make_contact_meter
+from cageik_cli.cages.check import self_contact as module
+from cageik_cli.cages.check.self_contact import make_contact_meter
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import ball, box, merged, moved
 from tests.strips import fold_strip, make_strip

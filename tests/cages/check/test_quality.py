@@ -3,9 +3,9 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.builder.build import build_cage
-from cageik_cli.cages.enclosure import locate_vertices
-from cageik_cli.cages.misfit import MAX_SIZE_RATIO
-from cageik_cli.cages.quality import (
+from cageik_cli.cages.check.enclosure import locate_vertices
+from cageik_cli.cages.check.misfit import MAX_SIZE_RATIO
+from cageik_cli.cages.check.quality import (
     MIN_ANGLE,
     MIN_CLEARANCE,
     MIN_INFLUENCE,
@@ -22,7 +22,7 @@ from cageik_cli.cages.quality import (
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
-from tests.cages.test_sections import trousers
+from tests.cages.check.test_sections import trousers
 from tests.shapes import ball, box, concave, finer, rotation
 
 

@@ -5,13 +5,13 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.cages.faults import (
+from cageik_cli.cages.check.faults import (
     Finding,
     find_cage_faults,
     format_elements,
     validate_cage,
 )
-from cageik_cli.cages.misfit import (
+from cageik_cli.cages.check.misfit import (
     MAX_DENTED_SHARE,
     MAX_OUTSIDE_SHARE,
     MAX_SIZE_RATIO,

@@ -3,10 +3,15 @@ import re
 import numpy as np
 import pytest
 
-from cageik_cli.cages.diagnosis import diagnose
-from cageik_cli.cages.enclosure import check_enclosure
-from cageik_cli.cages.misfit import explain_misfit, find_transform, round_up
-from cageik_cli.cages.transforms import average_normals, measure_inflation
+from cageik_cli.cages.check.diagnosis import diagnose
+from cageik_cli.cages.check.enclosure import check_enclosure
+from cageik_cli.cages.check.misfit import (
+    average_normals,
+    explain_misfit,
+    find_transform,
+    measure_inflation,
+    round_up,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError
 from tests.shapes import ball, box, finer, rotation
@@ -249,7 +254,7 @@ def test_inflation_does_not_save_a_cage_that_is_much_too_small():
 
 def test_inflation_sees_faces_not_only_vertices():
     """All corners of the rod are inside the L, its middle is not."""
-    from tests.cages.test_quality import across_the_corner
+    from tests.cages.check.test_quality import across_the_corner
     from tests.shapes import concave
 
     assert measure_inflation(concave(), across_the_corner(0.5)) != 0
