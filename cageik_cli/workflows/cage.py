@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.builder import build as cage_builder
 from cageik_cli.cages.builder.build import BuiltCage, Clip
-from cageik_cli.cages.repair import RepairedCage, repair_cage
+from cageik_cli.cages.repair.repair import RepairedCage, repair_cage
 from cageik_cli.cages.settings import (
     DEFAULT_SYMMETRY,
     BuildSettings,

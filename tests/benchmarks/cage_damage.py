@@ -11,7 +11,7 @@ from time import perf_counter
 
 import numpy as np
 
-from cageik_cli.cages.repair import repair_cage
+from cageik_cli.cages.repair.repair import repair_cage
 from cageik_cli.formats.open import load_mesh
 from tests.cages.damage import DAMAGES
 

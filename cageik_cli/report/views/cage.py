@@ -16,7 +16,7 @@ from cageik_cli.util.text import format_count
 
 if TYPE_CHECKING:  # the builder is slow to import
     from cageik_cli.cages.builder.build import BuiltCage, Candidate
-    from cageik_cli.cages.repair import RepairedCage
+    from cageik_cli.cages.repair.repair import RepairedCage
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.check.diagnosis import diagnose
-from cageik_cli.cages.repair import repair_cage
-from cageik_cli.cages.repairing import shape
+from cageik_cli.cages.repair import shape
+from cageik_cli.cages.repair.repair import repair_cage
 from cageik_cli.cages.settings import RepairSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError

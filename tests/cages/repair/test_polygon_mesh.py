@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
+from cageik_cli.cages.repair.tidy import PolygonMesh
 from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import QUADS, box

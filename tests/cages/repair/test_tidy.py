@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
-from cageik_cli.cages.repairing.tidy import (
+from cageik_cli.cages.repair.tidy import (
+    PolygonMesh,
     close_hole,
     count_topology_faults,
     drop_unreferenced,

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.repair import judge_cage
-from cageik_cli.cages.repairing import shape as shape_module
-from cageik_cli.cages.repairing.shape import ShapeFit, push_outward
-from cageik_cli.cages.repairing.untangle import find_tangle, untangle
+from cageik_cli.cages.repair import shape as shape_module
+from cageik_cli.cages.repair.repair import judge_cage
+from cageik_cli.cages.repair.shape import ShapeFit, find_tangle, push_outward, untangle
 from cageik_cli.cages.surface_points import sample_surface
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
