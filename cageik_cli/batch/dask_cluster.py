@@ -31,13 +31,13 @@ from cageik_cli.batch.jobs import (
     make_failed_outcome,
     run_clip,
 )
+from cageik_cli.captured.frames import FrameWeights
+from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
-from cageik_cli.solver.captured import FrameWeights
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.executor import MemoryPlan, run_in_threads
-from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import checkpoint_path
 from cageik_cli.util.errors import ClusterError, FileAccessError, format_error, require_optional

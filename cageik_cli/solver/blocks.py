@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.captured.frames import FrameWeights, KeptBlock, complete_frames, measure_tolerances
+from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.formats.base.sequence import Block, MeshSequence
-from cageik_cli.solver.captured import FrameWeights, KeptBlock, complete_frames, measure_tolerances
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.solver.metrics import (
     FrameMetrics,
@@ -22,7 +23,6 @@ from cageik_cli.solver.metrics import (
     measure,
     measure_kept,
 )
-from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.solver.summary import DeviationPeaks
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError, FormatError, InputError

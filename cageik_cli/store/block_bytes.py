@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.captured.frames import KeptBlock
 from cageik_cli.solver.blocks import SolvedBlock
-from cageik_cli.solver.captured import KeptBlock
 from cageik_cli.solver.metrics import KEPT_TYPES, METRIC_TYPES, FrameMetrics, KeptMetrics
 from cageik_cli.solver.summary import DeviationPeaks
 

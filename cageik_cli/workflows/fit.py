@@ -14,12 +14,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cageik_cli.captured.robust import has_thrown_vertices
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.record import FitReport, FitSettings, FittedClip
 from cageik_cli.solver.metrics import check_finite, measure
-from cageik_cli.solver.outliers import has_thrown_vertices
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.store.cache import EntryCache

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.solver.captured import KeptBlock
+from cageik_cli.captured.frames import KeptBlock
 from cageik_cli.solver.summary import (
     MAX_BOUND_VERTICES,
     MIN_BOUND_VERTICES,

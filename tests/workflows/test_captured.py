@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.captured.settings import MAX_SMOOTHING_PERIOD, CaptureSettings
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
@@ -18,7 +19,6 @@ from cageik_cli.report.views.text import format_text
 from cageik_cli.solver import executor
 from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.regions import Cause
-from cageik_cli.solver.settings import MAX_SMOOTHING_PERIOD, CaptureSettings
 from cageik_cli.solver.summary import Absences
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result import placed_path, read_cages, read_result, smoothed_path
@@ -297,8 +297,8 @@ def test_gaps_longer_than_the_overlap_are_filled_from_both_sides(walker, make, m
     )
     write_objs(Path("rest"), walker[0][:1], walker[1])
     whole, _ = cages_of(settings)
-    monkeypatch.setattr("cageik_cli.solver.smooth.MIN_WINDOW", 32)
-    monkeypatch.setattr("cageik_cli.solver.smooth.MAX_WINDOW", 32)
+    monkeypatch.setattr("cageik_cli.captured.smooth.MIN_WINDOW", 32)
+    monkeypatch.setattr("cageik_cli.captured.smooth.MAX_WINDOW", 32)
     parts, _ = cages_of(settings)
     np.testing.assert_allclose(parts, whole, rtol=0, atol=1e-2)
 
@@ -415,14 +415,14 @@ def test_smoothing_keeps_the_bytes_for_threads_and_interruptions(walker, make, m
 
 @pytest.mark.parametrize("period", [0.1, 1.0])
 def test_windows_of_long_clips_change_little(walker, make, monkeypatch, period):
-    monkeypatch.setattr("cageik_cli.solver.smooth.MIN_HIT_RATIO", 1e9)
+    monkeypatch.setattr("cageik_cli.captured.smooth.MIN_HIT_RATIO", 1e9)
     frames = np.concatenate([walker[0], walker[0][::-1]] * 5)
     noisy = frames + 0.003 * np.random.default_rng(2).standard_normal(frames.shape)
     settings = make(noisy, capture=CaptureSettings(smooth=period), rest=Path("rest/frame_0.obj"))
     write_objs(Path("rest"), walker[0][:1], walker[1])
     whole, _ = cages_of(settings)
-    monkeypatch.setattr("cageik_cli.solver.smooth.MIN_WINDOW", 48)
-    monkeypatch.setattr("cageik_cli.solver.smooth.MAX_WINDOW", 48)
+    monkeypatch.setattr("cageik_cli.captured.smooth.MIN_WINDOW", 48)
+    monkeypatch.setattr("cageik_cli.captured.smooth.MAX_WINDOW", 48)
     parts, _ = cages_of(settings)
     plain, _ = cages_of(replace(settings, capture=CaptureSettings()))
     assert 0 < np.abs(parts - whole).max() < 0.01 * np.abs(whole - plain).max()
@@ -434,8 +434,8 @@ def test_windows_with_too_few_frames_to_validate_are_kept(walker, make, monkeypa
     frames[[5, 50, 90]] = walker[0][[1, 4, 7]]
     options = {"clip": MISSING, "rest": Path("rest/frame_0.obj"), "on_bad_frame": "skip"}
     write_objs(Path("rest"), walker[0][:1], walker[1])
-    monkeypatch.setattr("cageik_cli.solver.smooth.MIN_WINDOW", 32)
-    monkeypatch.setattr("cageik_cli.solver.smooth.MAX_WINDOW", 32)
+    monkeypatch.setattr("cageik_cli.captured.smooth.MIN_WINDOW", 32)
+    monkeypatch.setattr("cageik_cli.captured.smooth.MAX_WINDOW", 32)
     plain, _ = cages_of(make(frames, "plain", **options))
     found, _ = cages_of(make(frames, capture=CaptureSettings(smooth="auto"), **options))
     np.testing.assert_allclose(found, plain, rtol=0, atol=1e-9)

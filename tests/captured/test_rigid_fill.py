@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from cageik_cli.captured.fill import RigidFiller
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.rigid_fill import RigidFiller
 from tests.shapes import ball
 
 TURN = Rotation.from_rotvec([0.3, 1.9, -0.4]).as_matrix()

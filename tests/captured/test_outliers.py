@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.solver.outliers import find_torn_vertices, has_thrown_vertices
+from cageik_cli.captured.robust import find_torn_vertices, has_thrown_vertices
 from tests.shapes import ball, merged
 
 BALL = ball(3, 1.0)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from cageik_cli import bind
-from cageik_cli.solver.captured import measure_tolerances, take_medians, take_ring_medians
+from cageik_cli.captured.frames import measure_tolerances, take_medians, take_ring_medians
+from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.solver.settings import SolveSettings
 from tests.shapes import ball, box
 

@@ -5,11 +5,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cageik_cli import bind
-from cageik_cli.solver import smooth
+from cageik_cli.captured import smooth
+from cageik_cli.captured.fill import FrameTerms, TimeFiller
+from cageik_cli.captured.settings import MAX_SMOOTHING_PERIOD
+from cageik_cli.captured.smooth import MIN_WINDOW, STRENGTHS, TimeSmoother, choose_strengths
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fill import FrameTerms, TimeFiller
-from cageik_cli.solver.settings import MAX_SMOOTHING_PERIOD, SolveSettings
-from cageik_cli.solver.smooth import MIN_WINDOW, STRENGTHS, TimeSmoother, choose_strengths
+from cageik_cli.solver.settings import SolveSettings
 from tests.shapes import ball, box
 
 RNG = np.random.default_rng(11)

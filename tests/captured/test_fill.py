@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cageik_cli import bind
+from cageik_cli.captured.fill import BRIDGE_LENGTH, FrameTerms, TimeFiller
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fill import BRIDGE_LENGTH, FrameTerms, TimeFiller
 from cageik_cli.solver.settings import SolveSettings
 from tests.shapes import ball, box
 

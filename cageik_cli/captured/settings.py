@@ -1,0 +1,58 @@
+"""What is done for clips from scanners and trackers. This module imports no numerics."""
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import Final, Literal
+
+from cageik_cli.util.errors import SettingError
+
+AUTO_SMOOTHING: Final = "auto"
+"""As the period that is smoothed: found by generalised cross-validation."""
+
+
+MAX_SMOOTHING_PERIOD = 240
+"""Longest period that is smoothed, in frames; the shortest is any above 0.
+
+The condition number of the solve over time grows with the fourth power of the period: at 240 frames
+rounding moves the cages by 1e-7 of the model's size, at 1000 by 1e-5, and at 10⁴ by a tenth.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureSettings:
+    """What is done for clips from scanners and trackers; nothing by default.
+
+    Attributes
+    ----------
+    robust : bool
+        Let vertices that are far from where the cage can have them count less, or not at all.
+    smooth : float or "auto", optional
+        Smooth the cages over time: motions with this period, in seconds, are halved, and quicker
+        ones nearly vanish; what turns steadily stays. Not smoothed by default.
+    fill_gaps : bool
+        Fill frames that are skipped, or have no data, from those around them in time.
+    """
+
+    robust: bool = False
+    smooth: float | Literal["auto"] | None = None
+    fill_gaps: bool = False
+
+    def __post_init__(self) -> None:
+        period = self.smooth
+        if isinstance(period, float | int) and not (isfinite(period) and period > 0):
+            raise SettingError(f"smooth is {period}, expected seconds above 0, or auto")
+
+    def check_period(self, fps: float) -> None:
+        """Refuse to smooth periods of more than `MAX_SMOOTHING_PERIOD` frames."""
+        period = self.smooth
+        if isinstance(period, float | int) and period * fps > MAX_SMOOTHING_PERIOD:
+            raise SettingError(
+                f"smooth is {period:.6g} seconds, expected at most "
+                f"{MAX_SMOOTHING_PERIOD / fps:.4g} ({MAX_SMOOTHING_PERIOD} frames at {fps:g} per "
+                "second); state a shorter period"
+            )
+
+    @property
+    def needs_time_pass(self) -> bool:
+        """Whether frames are smoothed or filled over time, after they are solved."""
+        return self.smooth is not None or self.fill_gaps
