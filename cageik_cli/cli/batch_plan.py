@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from cageik_cli.cli.command import spell_param
 from cageik_cli.cli.config import CONFIG_NAME, ClipTables, is_auxiliary_path, list_commands
 from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
-from cageik_cli.cli.group import spell_param, word_options
+from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import Decorator, OptionGroup
 from cageik_cli.cli.options.clip import make_exclude_option
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS

@@ -5,13 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, option
+from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
 from cageik_cli.cli.options import (
     PATH_TYPE,
     WEIGHT_OPTIONS,
     OptionGroup,
     common_options,
-    get_verbosity,
     is_given,
     memory_option,
     overwrite_option,

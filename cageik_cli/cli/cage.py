@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any, get_args
 import click
 
 from cageik_cli.cages.settings import BuildSettings, SymmetryChoice
-from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, get_verbosity, option
 from cageik_cli.cli.options import (
     PATH_TYPE,
     OptionGroup,
     common_options,
-    get_verbosity,
     is_given,
     is_on_command_line,
     jobs_option,

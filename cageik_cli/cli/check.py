@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, option
+from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     PATH_TYPE,
     OptionGroup,
     common_options,
-    get_verbosity,
     is_given,
     jobs_option,
     json_option,

@@ -144,3 +144,13 @@ def _write_names(formatter: click.HelpFormatter, groups: dict[str, list[click.Op
         wrapped = wrap(text, formatter.width - column, break_on_hyphens=False)
         lines = ("\n" + " " * column).join(wrapped)
         formatter.write(f"{' ' * indent}{title:<{column - indent}}{lines}\n")
+
+
+def spell_param(param: click.Parameter) -> str:
+    """Return what is typed for a parameter: its longest option, or an argument in capitals."""
+    return max(param.opts, key=len) if param.opts[0][0] == "-" else str(param.name).upper()
+
+
+def get_verbosity() -> int:
+    """Return how many -v were given."""
+    return int(click.get_current_context().find_root().meta.get("verbosity", 0))

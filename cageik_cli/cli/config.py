@@ -22,7 +22,7 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.group import spell_param
+from cageik_cli.cli.command import spell_param
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.files import read_input
 

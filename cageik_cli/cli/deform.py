@@ -4,13 +4,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, get_verbosity, option
 from cageik_cli.cli.options import (
     CACHE_OPTIONS,
     PATH_TYPE,
     OptionGroup,
     common_options,
-    get_verbosity,
     jobs_option,
     make_binding_options,
     memory_option,

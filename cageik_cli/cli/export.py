@@ -4,12 +4,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, option
+from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
 from cageik_cli.cli.options import (
     PATH_TYPE,
     OptionGroup,
     common_options,
-    get_verbosity,
     output_options,
     refuse_options,
 )

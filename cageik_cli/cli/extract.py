@@ -9,7 +9,7 @@ import click
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.cli.cage import make_symmetric_option
-from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, get_verbosity, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
     BIND_OPTIONS,
@@ -17,7 +17,6 @@ from cageik_cli.cli.options import (
     PATH_TYPE,
     OptionGroup,
     common_options,
-    get_verbosity,
     is_on_command_line,
     jobs_option,
     memory_option,

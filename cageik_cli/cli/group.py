@@ -21,6 +21,7 @@ from typing import Any
 
 import click
 
+from cageik_cli.cli.command import spell_param
 from cageik_cli.util.errors import WrongUsageError, format_error
 from cageik_cli.util.leftovers import listen_to_leftovers
 from cageik_cli.util.text import make_printable, single_line
@@ -76,7 +77,7 @@ class CageikGroup(click.Group):
         except (click.exceptions.Exit, click.Abort):
             raise
         except (Exception, KeyboardInterrupt) as error:
-            from cageik_cli.cli.options import get_verbosity
+            from cageik_cli.cli.command import get_verbosity
 
             if get_verbosity() > 1:
                 click.echo(traceback.format_exc(), err=True)
@@ -137,11 +138,6 @@ def _find_option(name: str, command: click.Command | None) -> str | None:
         "count": "--morphs",
         "recentre": "--recentre",
     }.get(name)
-
-
-def spell_param(param: click.Parameter) -> str:
-    """Return what is typed for a parameter: its longest option, or an argument in capitals."""
-    return max(param.opts, key=len) if param.opts[0][0] == "-" else str(param.name).upper()
 
 
 @contextmanager

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from cageik_cli.cli.command import get_verbosity
 from cageik_cli.cli.group import word_options
-from cageik_cli.cli.options import get_verbosity
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_block, format_row

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, get_verbosity, option
 from cageik_cli.cli.options import (
     PATH_TYPE,
     WEIGHT_OPTIONS,
     OptionGroup,
     common_options,
-    get_verbosity,
     is_on_command_line,
     overwrite_option,
     posed_cage_option,

@@ -8,15 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
+from cageik_cli.cli.command import GroupedCommand, HelpGroup, get_verbosity, option
 from cageik_cli.cli.group import word_options
-from cageik_cli.cli.options import (
-    PATH_TYPE,
-    OptionGroup,
-    common_options,
-    get_verbosity,
-    overwrite_option,
-)
+from cageik_cli.cli.options import PATH_TYPE, OptionGroup, common_options, overwrite_option
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
 from cageik_cli.cli.options.types import PictureSize, SuffixedPath
 from cageik_cli.cli.output import (

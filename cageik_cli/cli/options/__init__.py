@@ -11,16 +11,20 @@ from typing import Any, Generic, TypeVar
 import click
 from click.core import ParameterSource
 
-from cageik_cli.cli.command import GroupedOption, HelpGroup, option
+from cageik_cli.cli.command import GroupedOption, HelpGroup, option, spell_param
 from cageik_cli.cli.config import apply_config
-from cageik_cli.cli.group import spell_param
 from cageik_cli.cli.options.types import FrameFormatType, SizeType
 from cageik_cli.coordinates.settings import ACCURACIES, COORDINATES, OUTSIDE_POLICIES, BindSettings
 from cageik_cli.util.errors import SettingError
 
 Record = TypeVar("Record", covariant=True)
+
+
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
 
 PATH_TYPE = click.Path(path_type=Path)
 
@@ -167,11 +171,6 @@ def _remember_verbosity(ctx: click.Context, param: click.Parameter, value: int) 
     ctx.find_root().meta["verbosity"] = value
 
 
-def get_verbosity() -> int:
-    """Return how many -v were given."""
-    return int(click.get_current_context().find_root().meta.get("verbosity", 0))
-
-
 def count_processors() -> int:
     """Return how many processors this process may use; the module that knows is slow to import."""
     from cageik_cli.util.threads import count_processors
@@ -188,6 +187,7 @@ jobs_option = option(
     group=HelpGroup.RUNNING,
 )
 
+
 memory_option = option(
     "--memory",
     type=SizeType(),
@@ -197,6 +197,7 @@ memory_option = option(
     group=HelpGroup.RUNNING,
 )
 
+
 timings_option = option(
     "--timings",
     type=PATH_TYPE,
@@ -204,15 +205,19 @@ timings_option = option(
     group=HelpGroup.RUNNING,
 )
 
+
 json_option = option(
     "--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout."
 )
+
 
 posed_cage_option = option(
     "--cage-out", "cage_output", type=PATH_TYPE, help="Also write the posed cage (.obj, .ply)."
 )
 
+
 overwrite_option = option("--overwrite", is_flag=True, help="Replace existing outputs.")
+
 
 output_options = (
     option(
@@ -343,6 +348,7 @@ CACHE_OPTIONS = OptionGroup(
     option("--no-cache", is_flag=True, help="Do not use the cache."),
     group=HelpGroup.RUNNING,
 )
+
 
 WEIGHT_OPTIONS: OptionGroup[Any] = OptionGroup(
     "weights", "workflows.bind.WeightSettings", BIND_OPTIONS, CACHE_OPTIONS, jobs_option
