@@ -32,7 +32,7 @@ DEFAULT_SNAP = "2%"
 
 POSING_OPTIONS: OptionGroup[Any] = OptionGroup(
     "posing",
-    "posing.edits.PosingSettings",
+    "editing.edits.PosingSettings",
     option(
         "--alpha",
         type=float,

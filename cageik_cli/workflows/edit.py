@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.editing.cage_edits import EditFiles
+from cageik_cli.editing.edit_target import EditTarget
+from cageik_cli.editing.edits import LayeredEdit, PosingSettings
+from cageik_cli.editing.statistics import PoseStatistics
+from cageik_cli.editing.summary import PoseResult, take_snapshot
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
-from cageik_cli.posing.cage_edits import EditFiles
-from cageik_cli.posing.edit_target import EditTarget
-from cageik_cli.posing.edits import LayeredEdit, PosingSettings
-from cageik_cli.posing.statistics import PoseStatistics
-from cageik_cli.posing.summary import PoseResult, take_snapshot
 from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.solver.executor import choose_block_size
 from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics, check_finite

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
+from cageik_cli.editing.cage_edits import EditFiles
+from cageik_cli.editing.edit_target import EditTarget
+from cageik_cli.editing.edits import LayeredEdit, PosingSettings
+from cageik_cli.editing.statistics import PoseStatistics
+from cageik_cli.editing.summary import PoseResult, take_snapshot
 from cageik_cli.formats.ply_points import place_positions
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.write import check_mesh_output, write_mesh
-from cageik_cli.posing.cage_edits import EditFiles
-from cageik_cli.posing.edit_target import EditTarget
-from cageik_cli.posing.edits import LayeredEdit, PosingSettings
-from cageik_cli.posing.statistics import PoseStatistics
-from cageik_cli.posing.summary import PoseResult, take_snapshot
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, write_bytes

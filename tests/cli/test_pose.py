@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
+from cageik_cli.editing.edits import LayeredEdit
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mirror import find_mirror
-from cageik_cli.posing.edits import LayeredEdit
 from cageik_cli.store.result import read_result, read_weights
 from tests.assets import parse_asset
 from tests.cli.terminal import on_a_terminal

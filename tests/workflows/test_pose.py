@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.posing.edits import PosingSettings
+from cageik_cli.editing.edits import PosingSettings
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 from cageik_cli.workflows.pose import PoseSettings, pose
 from tests.listeners import Listener

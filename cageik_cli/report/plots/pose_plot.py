@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 
-from cageik_cli.posing.summary import PoseSnapshot
+from cageik_cli.editing.summary import PoseSnapshot
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.plots.style import (
     PANEL_SIDE,

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 
-from cageik_cli.posing.summary import AnchorSummary, PoseSummary
+from cageik_cli.editing.summary import AnchorSummary, PoseSummary
 from cageik_cli.report.figures import format_change, format_length, format_metric, format_percent
 from cageik_cli.util.text import format_count, single_line
 

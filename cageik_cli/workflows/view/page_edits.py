@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.posing.cage_edits import CageEditLayer, EditFiles, parse_cage_edits
+from cageik_cli.editing.cage_edits import CageEditLayer, EditFiles, parse_cage_edits
 from cageik_cli.posing.handles.model import Handle, PosedSurface
 from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.reader import parse_handles

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cageik_cli.editing.edits import PosingSettings
 from cageik_cli.formats.timeline import Timeline
 from cageik_cli.posing.anchors import anchor_positions
-from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.model import HandleSet, PosedSurface
 from cageik_cli.posing.handles.placement import describe_place, place_handles
 from cageik_cli.util.errors import HandlesError, SettingError

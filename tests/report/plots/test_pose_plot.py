@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cageik_cli.posing.summary import PoseSnapshot
+from cageik_cli.editing.summary import PoseSnapshot
 from cageik_cli.report.plots import pose_plot
 from cageik_cli.report.plots.pose_plot import (
     MAX_NAMED_ANCHORS,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from cageik_cli.posing.summary import AnchorSummary, PoseSummary
+from cageik_cli.editing.summary import AnchorSummary, PoseSummary
 from cageik_cli.report.views.pose_text import MAX_SHOWN_HANDLES, format_pose_json, format_pose_rows
 
 HAND = AnchorSummary("hand", "", 7, None, None, 0.2, 1e-9, 5e-8, "f_7", 0.03, 0.02)

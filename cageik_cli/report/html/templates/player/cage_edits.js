@@ -1,4 +1,4 @@
-// Cage edits (posing/cage_edits.py): offsets of cage vertices, in a file of their own, and which vertices are chosen.
+// Cage edits (editing/cage_edits.py): offsets of cage vertices, in a file of their own, and which vertices are chosen.
 function readCageEdits(text, clip) {
   const file = parseFile(text, "cage edits");
   if (!Array.isArray(file?.edits) || !file.edits.length) refuse("file", "is not a cage edits file; expected an object with edits");

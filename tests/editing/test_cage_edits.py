@@ -9,19 +9,19 @@ from jsonschema import Draft202012Validator
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.settings import Scene
-from cageik_cli.formats.timeline import Timeline
-from cageik_cli.posing.cage_edits import (
+from cageik_cli.editing.cage_edits import (
     CAGE_EDITS_FORMAT,
     CageEditLayer,
     EditFiles,
     parse_cage_edits,
     read_cage_edits,
 )
-from cageik_cli.posing.edit_target import EditTarget
-from cageik_cli.posing.edits import LayeredEdit, PosingSettings
+from cageik_cli.editing.edit_target import EditTarget
+from cageik_cli.editing.edits import LayeredEdit, PosingSettings
+from cageik_cli.editing.statistics import PoseStatistics
+from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.timeline import Timeline
 from cageik_cli.posing.handles.schema import read_schema
-from cageik_cli.posing.statistics import PoseStatistics
 from cageik_cli.util.errors import FormatError, HandlesError
 from tests.posing.handles.files import KEYS, read
 from tests.refusals import refused

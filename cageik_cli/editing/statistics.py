@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.posing.edits import EditedFrames, LayeredEdit
+from cageik_cli.editing.edits import EditedFrames, LayeredEdit
+from cageik_cli.editing.summary import AnchorSummary, CageEditSummary, PoseSummary
 from cageik_cli.posing.handles.placement import describe_place
-from cageik_cli.posing.summary import AnchorSummary, CageEditSummary, PoseSummary
 from cageik_cli.util.arrays import Floats, Integers
 
 

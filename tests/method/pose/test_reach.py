@@ -5,15 +5,15 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.editing.cage_edits import EditFiles
+from cageik_cli.editing.edit_target import EditTarget
+from cageik_cli.editing.edits import LayeredEdit, PosingSettings
+from cageik_cli.editing.statistics import PoseStatistics
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.posing import constraints
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
-from cageik_cli.posing.cage_edits import EditFiles
 from cageik_cli.posing.constraints import MAX_LEAK, find_reach, mirror_pairs
-from cageik_cli.posing.edit_target import EditTarget
-from cageik_cli.posing.edits import LayeredEdit, PosingSettings
-from cageik_cli.posing.statistics import PoseStatistics
 from cageik_cli.util.errors import HandlesError
 from tests.posing.handles.files import read
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.editing.edit_target import EditTarget
 from cageik_cli.formats.timeline import Timeline, format_frame_number
 from cageik_cli.geometry.mesh import MAX_COORDINATE
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.posing.constraints import mirror_pairs
-from cageik_cli.posing.edit_target import EditTarget
 from cageik_cli.posing.handles.model import Handles, Motion
 from cageik_cli.posing.handles.placement import check_keyframes, find_full_strength
 from cageik_cli.posing.handles.reader import (

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.editing.edits import EditedFrames, LayeredEdit
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.edits import EditedFrames, LayeredEdit
 from cageik_cli.util.arrays import Floats, Integers
 
 

@@ -1,0 +1,4 @@
+"""Edits of a result: files of handles and of cage edits, and what they do to an animation.
+
+Depends on `method.pose` and `formats`. Start with `edits`.
+"""
