@@ -8,21 +8,21 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.editing.edit_target import EditTarget
-from cageik_cli.formats.timeline import Timeline, format_frame_number
-from cageik_cli.geometry.mesh import MAX_COORDINATE
-from cageik_cli.geometry.mirror import Mirror
-from cageik_cli.posing.constraints import mirror_pairs
-from cageik_cli.posing.handles.model import Handles, Motion
-from cageik_cli.posing.handles.placement import check_keyframes, find_full_strength
-from cageik_cli.posing.handles.reader import (
+from cageik_cli.editing.handles.model import Handles, Motion
+from cageik_cli.editing.handles.placement import check_keyframes, find_full_strength
+from cageik_cli.editing.handles.reader import (
     check_printable,
     check_unique_names,
     parse_frames,
     parse_motion,
     read_handles,
 )
-from cageik_cli.posing.handles.schedule import blend_frames
-from cageik_cli.posing.handles.schema import MAX_HANDLES_BYTES, check_schema, describe_location
+from cageik_cli.editing.handles.schedule import blend_frames
+from cageik_cli.editing.handles.schema import MAX_HANDLES_BYTES, check_schema, describe_location
+from cageik_cli.formats.timeline import Timeline, format_frame_number
+from cageik_cli.geometry.mesh import MAX_COORDINATE
+from cageik_cli.geometry.mirror import Mirror
+from cageik_cli.posing.constraints import mirror_pairs
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, error_context
 from cageik_cli.util.files import read_input

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from cageik_cli.coordinates.binding import Binding, reconstruct
 from cageik_cli.editing.cage_edits import CageEditLayer, EditFiles, MirrorImage
 from cageik_cli.editing.edit_target import EditTarget
+from cageik_cli.editing.handles.model import PosedSurface
+from cageik_cli.editing.handles.placement import place_handles
+from cageik_cli.editing.handles.schedule import HandleSchedule
 from cageik_cli.posing.anchors import Anchor
 from cageik_cli.posing.constraints import CageConstraints, find_reach, require_mirror
-from cageik_cli.posing.handles.model import PosedSurface
-from cageik_cli.posing.handles.placement import place_handles
-from cageik_cli.posing.handles.schedule import HandleSchedule
 from cageik_cli.posing.poser import DEFAULT_POSE_ALPHA, Poser, validate_weights
 from cageik_cli.solver.metrics import FrameMetrics, measure
 from cageik_cli.util.arrays import Floats, Integers

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.editing.edits import EditedFrames, LayeredEdit
+from cageik_cli.editing.handles.placement import describe_place
 from cageik_cli.editing.summary import AnchorSummary, CageEditSummary, PoseSummary
-from cageik_cli.posing.handles.placement import describe_place
 from cageik_cli.util.arrays import Floats, Integers
 
 

@@ -18,12 +18,12 @@ from cageik_cli.editing.cage_edits import (
 )
 from cageik_cli.editing.edit_target import EditTarget
 from cageik_cli.editing.edits import LayeredEdit, PosingSettings
+from cageik_cli.editing.handles.schema import read_schema
 from cageik_cli.editing.statistics import PoseStatistics
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.timeline import Timeline
-from cageik_cli.posing.handles.schema import read_schema
 from cageik_cli.util.errors import FormatError, HandlesError
-from tests.posing.handles.files import KEYS, read
+from tests.editing.handles.files import KEYS, read
 from tests.refusals import refused
 from tests.shapes import ball, box, moved, octahedron, rotation
 

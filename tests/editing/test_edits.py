@@ -13,7 +13,7 @@ from cageik_cli.editing.edits import LayeredEdit, PosingSettings
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.util.errors import HandlesError, SettingError
-from tests.posing.handles.files import CAMERA, read
+from tests.editing.handles.files import CAMERA, read
 from tests.shapes import ball, box, rotation
 
 COUNT = 6

@@ -10,7 +10,7 @@ from cageik_cli.editing.edit_target import EditTarget
 from cageik_cli.editing.edits import LayeredEdit, PosingSettings
 from cageik_cli.editing.statistics import PoseStatistics
 from cageik_cli.formats.settings import Scene
-from tests.posing.handles.files import read
+from tests.editing.handles.files import read
 from tests.shapes import ball, box, changed
 
 COUNT = 12

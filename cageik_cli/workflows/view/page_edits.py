@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.editing.cage_edits import CageEditLayer, EditFiles, parse_cage_edits
-from cageik_cli.posing.handles.model import Handle, PosedSurface
-from cageik_cli.posing.handles.placement import place_handles
-from cageik_cli.posing.handles.reader import parse_handles
-from cageik_cli.posing.handles.schema import MAX_HANDLES_BYTES, describe_location
+from cageik_cli.editing.handles.model import Handle, PosedSurface
+from cageik_cli.editing.handles.placement import place_handles
+from cageik_cli.editing.handles.reader import parse_handles
+from cageik_cli.editing.handles.schema import MAX_HANDLES_BYTES, describe_location
 from cageik_cli.report.player.clip import PlayerClip
 from cageik_cli.util.errors import FormatError, HandlesError, error_context
 from cageik_cli.util.json_files import JsonFormat, Steps, format_value, parse_json

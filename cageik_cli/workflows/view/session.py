@@ -14,12 +14,12 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.editing.cage_edits import CageEdits, EditFiles
 from cageik_cli.editing.edits import PosingSettings
+from cageik_cli.editing.handles.model import Handles
 from cageik_cli.editing.summary import PoseResult
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.find_files import split_member
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.write import check_mesh_output, write_mesh
-from cageik_cli.posing.handles.model import Handles
 from cageik_cli.report.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
 from cageik_cli.report.player.section import render_view_page
 from cageik_cli.report.views.pose_text import format_pose_rows

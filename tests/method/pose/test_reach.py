@@ -15,7 +15,7 @@ from cageik_cli.posing import constraints
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
 from cageik_cli.posing.constraints import MAX_LEAK, find_reach, mirror_pairs
 from cageik_cli.util.errors import HandlesError
-from tests.posing.handles.files import read
+from tests.editing.handles.files import read
 
 HAND, OTHER_HAND, FOOT, CHEST = 1040, 1136, 994, 889
 LIFT = {"name": "hand", "vertex": HAND, "offset": [0.1, 0.8, 0.3], "radius": 0.75}

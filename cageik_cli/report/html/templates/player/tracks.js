@@ -1,4 +1,4 @@
-// Values over the numbers of frames, as posing/handles/model.py and schedule.py have them.
+// Values over the numbers of frames, as editing/handles/model.py and schedule.py have them.
 
 // A value, or keyframes: the monotone cubic of Fritsch and Butland 1984, constant beyond the keys.
 function evaluateTrack(track, frame) {

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.editing.handles.model import Handles, HandleSet, PosedSurface
+from cageik_cli.editing.handles.placement import place_handles
+from cageik_cli.editing.handles.reader import read_handles
+from cageik_cli.editing.handles.schedule import HandleSchedule
 from cageik_cli.formats.timeline import Timeline
-from cageik_cli.posing.handles.model import Handles, HandleSet, PosedSurface
-from cageik_cli.posing.handles.placement import place_handles
-from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.handles.schedule import HandleSchedule
 from tests.shapes import box
 
 FRAMES = 12

@@ -6,9 +6,9 @@ from importlib.resources import files
 import pytest
 from jsonschema import Draft202012Validator
 
-from cageik_cli.posing.handles.schema import check_schema, read_schema
+from cageik_cli.editing.handles.schema import check_schema, read_schema
 from cageik_cli.util.errors import HandlesError
-from tests.posing.handles.files import CAMERA, HAND, KEYS
+from tests.editing.handles.files import CAMERA, HAND, KEYS
 from tests.refusals import refused
 
 EYE = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
@@ -191,7 +191,7 @@ def test_the_packaged_schema_is_valid():
     schema = json.loads(read_schema())
     Draft202012Validator.check_schema(schema)
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
-    assert files("cageik_cli.posing.handles").joinpath("schema.json").is_file()
+    assert files("cageik_cli.editing.handles").joinpath("schema.json").is_file()
 
 
 def test_every_field_is_described():

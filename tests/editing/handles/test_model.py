@@ -5,8 +5,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from cageik_cli.editing.handles.model import Motion
 from cageik_cli.geometry.camera import Camera
-from cageik_cli.posing.handles.model import Motion
 from tests.geometry.test_camera import stand
 
 FRAMES = np.arange(12)

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cageik_cli.editing.handles import schedule
+from cageik_cli.editing.handles.model import PosedSurface
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import anchor_positions
-from cageik_cli.posing.handles import schedule
-from cageik_cli.posing.handles.model import PosedSurface
 from cageik_cli.util.errors import HandlesError
-from tests.posing.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
+from tests.editing.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
 
 CORNER = int(np.flatnonzero(MESH.faces[0] == MESH.faces[0, 1])[0])
 SHARES = np.eye(3)[CORNER].tolist()

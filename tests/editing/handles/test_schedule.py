@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from cageik_cli.editing.handles.model import Motion
+from cageik_cli.editing.handles.schedule import HandleSchedule, ScheduledAnchor
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
-from cageik_cli.posing.handles.model import Motion
-from cageik_cli.posing.handles.schedule import HandleSchedule, ScheduledAnchor
 from cageik_cli.util.errors import HandlesError
-from tests.posing.handles.test_model import FRAMES, KEYS, POSITIONS, STANDING, VALUES
+from tests.editing.handles.test_model import FRAMES, KEYS, POSITIONS, STANDING, VALUES
 from tests.shapes import box
 
 OFFSET = np.array([[1.0, -2.0, 0.5]])

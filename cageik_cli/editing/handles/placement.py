@@ -6,6 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from cageik_cli.editing.handles.model import Handle, HandleSet, Motion, Place, PosedSurface
+from cageik_cli.editing.handles.schedule import HandleSchedule, merge_coincident
 from cageik_cli.formats.timeline import Timeline
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import (
@@ -16,8 +18,6 @@ from cageik_cli.posing.anchors import (
     point_at_vertex,
     point_on_face,
 )
-from cageik_cli.posing.handles.model import Handle, HandleSet, Motion, Place, PosedSurface
-from cageik_cli.posing.handles.schedule import HandleSchedule, merge_coincident
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, SettingError, error_context
 

@@ -63,7 +63,7 @@ def read_schema(name: str = "handles") -> str:
 
     That of cage edits refers to definitions of that of handles, and is returned with them.
     """
-    folder = files("cageik_cli.posing.handles")
+    folder = files("cageik_cli.editing.handles")
     text = folder.joinpath("schema.json").read_text(encoding="utf-8")
     if name == "handles":
         return text
