@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from cageik_cli.cages.check.diagnosis import Diagnosis
     from cageik_cli.coordinates.binding import Binding
     from cageik_cli.coordinates.harmonic_field import HarmonicField
+    from cageik_cli.fit.settings import FitSettings
     from cageik_cli.formats.base.sequence import MeshSequence
     from cageik_cli.geometry.mesh import TriMesh
     from cageik_cli.geometry.points import PointCloud
     from cageik_cli.posing.anchors import Anchor, closest_point, point_at_vertex
     from cageik_cli.posing.poser import Poser
-    from cageik_cli.solver.fitting.record import FitSettings
     from cageik_cli.store.result import Result
     from cageik_cli.util.errors import CageikError
     from cageik_cli.workflows.api import (
@@ -87,7 +87,7 @@ _HOMES = {
     "CageAnimation": "workflows.extract_arrays",
     "CageikError": "util.errors",
     "Diagnosis": "cages.check.diagnosis",
-    "FitSettings": "solver.fitting.record",
+    "FitSettings": "fit.settings",
     "FittedWeights": "workflows.fit",
     "HarmonicField": "coordinates.harmonic_field",
     "MeshSequence": "formats.base.sequence",

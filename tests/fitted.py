@@ -18,7 +18,7 @@ def small_binding(levels: int = 2, seed: int = 0) -> Binding:
 
 def true_weights(binding: Binding, size: float = 0.05) -> np.ndarray:
     """Affine-exact weights that differ from those of the binding by smooth functions."""
-    from cageik_cli.solver.fitting.problem import complement_basis
+    from cageik_cli.fit.problem import complement_basis
 
     basis = complement_basis(binding.cage)
     x = binding.rest.vertices

@@ -24,7 +24,7 @@ from cageik_cli.cli.options.solve import (
     refuse_without_fit,
     vertex_weights_option,
 )
-from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.fit.settings import FitSettings
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.bind import BindRunSettings

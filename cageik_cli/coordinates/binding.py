@@ -15,8 +15,8 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
 
 if TYPE_CHECKING:
-    from cageik_cli.coordinates.carried import CarriedChange
-    from cageik_cli.solver.fitting.record import FitRecord
+    from cageik_cli.fit.carried import CarriedChange
+    from cageik_cli.fit.settings import FitRecord
 
 ALGORITHM_VERSIONS = {"harmonic": 10, "mean-value": 4}
 """Raise a number when weights, notes or refusals change, so that caches are not used."""

@@ -4,8 +4,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from cageik_cli.report.figures import format_percent
-from cageik_cli.solver.fitting.record import (
+from cageik_cli.fit.settings import (
     MAX_HELD_OUT_BLOCKS,
     MAX_HELD_OUT_RATIO,
     MAX_ROUGHNESS,
@@ -14,6 +13,7 @@ from cageik_cli.solver.fitting.record import (
     FitRecord,
     FitReport,
 )
+from cageik_cli.report.figures import format_percent
 from cageik_cli.store.result import Result, read_unfitted
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import format_bytes, format_count

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.fit.settings import FitRecord
 from cageik_cli.geometry.points import smallest_enclosing_sphere
 from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.report.figures import (
@@ -29,7 +30,6 @@ from cageik_cli.report.regions import RegionRecord, build_regions
 from cageik_cli.report.verdict import judge_quality, suggest_step
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.solver.dual_laplacian import SolveQuality
-from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.summary import VertexBound
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats

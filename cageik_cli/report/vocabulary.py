@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 
-from cageik_cli.solver.fitting.record import FitSettings
+from cageik_cli.fit.settings import FitSettings
 
 SETTING_MEANINGS = {
     "accuracy": "accuracy of the harmonic weights",

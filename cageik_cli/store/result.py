@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding, Correction, reconstruct_frames
+from cageik_cli.fit.settings import FitRecord
 from cageik_cli.formats.base.hdf5 import (
     get_dataset,
     open_checked,
@@ -17,7 +18,6 @@ from cageik_cli.formats.base.hdf5 import (
     read_texts,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import FrameMetrics, KeptMetrics, are_lengths
 from cageik_cli.store import fit_fields
 from cageik_cli.store.fit_fields import UnfittedClip, read_fit_record, read_offset_mark

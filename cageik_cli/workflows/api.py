@@ -14,12 +14,12 @@ from cageik_cli.cages.check.diagnosis import Diagnosis, diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.formats.timeline import parse_frames
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store import result as result_file
 from cageik_cli.store.result import Result

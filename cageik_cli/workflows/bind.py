@@ -12,6 +12,7 @@ from cageik_cli.cages.check.faults import validate_cage
 from cageik_cli.cages.check.quality import find_room_faults
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.choose_parts import check_part_order
 from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
@@ -19,7 +20,6 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh, check_vertex_order
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.cache import EntryCache

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding, reconstruct
-from cageik_cli.coordinates.carried import MAX_CARRY_DISTANCE, CarriedChange
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.fit.carried import MAX_CARRY_DISTANCE, CarriedChange
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.figures import format_percent

@@ -7,13 +7,13 @@ from typing import Any
 
 from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.coordinates.binding import Binding
+from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.executor import MemoryPlan, RunBlocks, run_in_threads
-from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.summary import DeviationPeaks
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache_entry import compute_key

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
-from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import make_vertex_weights

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 
 from cageik_cli.captured.robust import has_thrown_vertices
 from cageik_cli.coordinates.binding import Binding
+from cageik_cli.fit.settings import FitReport, FitSettings, FittedClip
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fitting.record import FitReport, FitSettings, FittedClip
 from cageik_cli.solver.metrics import check_finite, measure
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import make_vertex_weights
@@ -123,7 +123,7 @@ def fit_weights(
     >>> after < 0.5 * before
     True
     """
-    from cageik_cli.solver.fitting.fit import Fitter
+    from cageik_cli.fit.fit import Fitter
 
     fitter = Fitter(
         binding,
@@ -173,7 +173,7 @@ def _find_fit_obstacle(settings: ExtractSettings, clip: MeshSequence, weighs_fra
         return "the result does not hold weights, and fitted ones cannot be computed again"
     if frames < MIN_FRAMES_BY_DEFAULT:
         return f"the clip has {format_count(frames, 'frame')}; fit them all the same by `fit=`"
-    from cageik_cli.solver.fitting.sample import estimate_least_memory
+    from cageik_cli.fit.sample import estimate_least_memory
 
     needed = estimate_least_memory(len(clip.first.vertices), settings.build.vertices, frames)
     if needed > settings.memory:
@@ -223,7 +223,7 @@ def fit_to_clips(
     described = tuple(map(_describe_clip, clips))
 
     def compute() -> Binding:
-        from cageik_cli.solver.fitting.fit import Fitter
+        from cageik_cli.fit.fit import Fitter
 
         fitter = Fitter(
             binding,

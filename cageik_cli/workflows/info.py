@@ -8,6 +8,7 @@ import numpy as np
 
 from cageik_cli.cages.check.faults import find_cage_faults
 from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES
+from cageik_cli.fit.settings import FitRecord
 from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.sequence import MeshSequence
@@ -21,7 +22,6 @@ from cageik_cli.report.figures import group_digits
 from cageik_cli.report.fit_figures import format_fit_rows, list_fit_notes
 from cageik_cli.report.views.text import format_accuracy_row, format_weights_row
 from cageik_cli.report.vocabulary import choose_vocabulary
-from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.checkpoint import checkpoint_progress, is_checkpoint
 from cageik_cli.store.result import Result, is_result, read_result

@@ -13,6 +13,8 @@ from cageik_cli.coordinates.binding import (
     reconstruct,
     reconstruct_frames,
 )
+from cageik_cli.fit.fit import Fitter
+from cageik_cli.fit.settings import DEFAULT_REGULARIZATION, FitSettings
 from cageik_cli.formats.base.skin import (
     Skin,
     SkinWeights,
@@ -21,9 +23,7 @@ from cageik_cli.formats.base.skin import (
 )
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fitting.fit import Fitter
 from cageik_cli.solver.fitting.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
-from cageik_cli.solver.fitting.record import DEFAULT_REGULARIZATION, FitSettings
 from cageik_cli.solver.joints import JointPoses, JointSolver
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.turned_normals import NormalAngles

@@ -32,6 +32,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cageik_cli.cages.bind import bind
+from cageik_cli.fit.fit import Fitter
+from cageik_cli.fit.settings import DEFAULT_REGULARIZATION, FitSettings
 from cageik_cli.formats.base.sequence import ArraySequence
 from cageik_cli.formats.base.skin import Skin, compute_skin_weights
 from cageik_cli.formats.base.writers import Animation
@@ -41,8 +43,6 @@ from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.alignment import best_motions
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fitting.fit import Fitter
-from cageik_cli.solver.fitting.record import DEFAULT_REGULARIZATION, FitSettings
 from cageik_cli.solver.joints import JointPoses, JointSolver
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.turned_normals import NormalAngles

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.fit.settings import FitSettings
 from cageik_cli.report.limits import Limits, check_limits
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip
 from cageik_cli.report.record import Report, build_report
 from cageik_cli.report.render.model_views import PoseSet, load_poses
-from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.store.result import Result, read_result
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import extract

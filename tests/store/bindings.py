@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding, Correction
-from cageik_cli.solver.fitting.record import (
+from cageik_cli.fit.settings import (
     Comparison,
     Distances,
     FitRecord,

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.coordinates.binding import reconstruct_frames
+from cageik_cli.fit.fit import Fitter
+from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.write import Output
 from cageik_cli.report.fit_figures import list_fit_notes
 from cageik_cli.report.html.frames_table import build_quality_rows
@@ -16,8 +18,6 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_overview_csv
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.text import format_text
-from cageik_cli.solver.fitting.fit import Fitter
-from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.store.checkpoint import Checkpoint, checkpoint_progress
 from cageik_cli.store.result import (

@@ -10,7 +10,7 @@ from cageik_cli.captured.settings import AUTO_SMOOTHING, CaptureSettings
 from cageik_cli.cli.command import HelpGroup, option
 from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, is_given, refuse_options
 from cageik_cli.cli.options.types import OrWord
-from cageik_cli.solver.fitting.record import FitSettings, find_kind
+from cageik_cli.fit.settings import FitSettings, find_kind
 from cageik_cli.solver.settings import AREA, SolveSettings
 
 vertex_weights_option = option(

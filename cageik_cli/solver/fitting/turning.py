@@ -15,10 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cageik_cli.solver.fitting.alternate import CageSolve
-from cageik_cli.solver.fitting.displacements import Displacements
+from cageik_cli.fit.alternate import CageSolve
+from cageik_cli.fit.problem import ROUNDING_TOL, Displacements, WeightProblem
 from cageik_cli.solver.fitting.influences import Influences, solve_rows
-from cageik_cli.solver.fitting.problem import ROUNDING_TOL, WeightProblem
 from cageik_cli.solver.joints import MAX_ROW_ENTRIES, NORMAL_LENGTH, JointSolver
 from cageik_cli.util.arrays import Floats, Integers
 

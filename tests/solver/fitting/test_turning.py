@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
+from cageik_cli.fit.alternate import CageSolve
+from cageik_cli.fit.problem import Displacements, WeightProblem, complement_basis
+from cageik_cli.fit.systems import SurfaceLaplacian
 from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fitting.alternate import CageSolve
-from cageik_cli.solver.fitting.displacements import Displacements
 from cageik_cli.solver.fitting.influences import Influences
-from cageik_cli.solver.fitting.problem import WeightProblem, complement_basis
-from cageik_cli.solver.fitting.systems import SurfaceLaplacian
 from cageik_cli.solver.fitting.turning import TurningSystem, fit_turning
 from cageik_cli.solver.joints import NORMAL_LENGTH, JointSolver
 from cageik_cli.solver.settings import SolveSettings

@@ -7,26 +7,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.solver.fitting.alternate import Alternator, CageSolve
-from cageik_cli.solver.fitting.displacements import Displacements
-from cageik_cli.solver.fitting.influences import Influences
-from cageik_cli.solver.fitting.merging import JointTree, merge_joints
-from cageik_cli.solver.fitting.problem import (
+from cageik_cli.fit.alternate import Alternator, CageSolve
+from cageik_cli.fit.problem import (
     AFFINE_FUNCTIONS,
+    Displacements,
     WeightProblem,
     complement_basis,
     estimate_memory,
     restore_affine,
 )
-from cageik_cli.solver.fitting.record import (
+from cageik_cli.fit.sample import FrameReader, Sample, sample_frames
+from cageik_cli.fit.settings import (
     DEFAULT_REGULARIZATION,
     Comparison,
     FitRecord,
     FitReport,
     FitSettings,
 )
-from cageik_cli.solver.fitting.sample import FrameReader, Sample, sample_frames
-from cageik_cli.solver.fitting.systems import SurfaceLaplacian
+from cageik_cli.fit.systems import SurfaceLaplacian
+from cageik_cli.solver.fitting.influences import Influences
+from cageik_cli.solver.fitting.merging import JointTree, merge_joints
 from cageik_cli.solver.fitting.turning import fit_turning
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import drop_unused_vertices

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.solver.fitting.displacements import COMPRESSION_TOL, Displacements
+from cageik_cli.fit.problem import COMPRESSION_TOL, Displacements
 
 RANDOM = np.random.default_rng(3)
 SMOOTH = RANDOM.normal(size=(200, 9)) @ RANDOM.normal(size=(9, 120))

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
+from cageik_cli.fit.fit import MAX_HELD_OUT_ROUNDS, Fitter, choose_regularization
+from cageik_cli.fit.problem import estimate_memory
+from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.fitting.fit import MAX_HELD_OUT_ROUNDS, Fitter, choose_regularization
-from cageik_cli.solver.fitting.problem import estimate_memory
-from cageik_cli.solver.fitting.record import FitSettings
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import normalize_weights
 from cageik_cli.util.errors import CageError, ConnectivityError, SettingError

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.solver.fitting.alternate import CageSolve, find_weighted_percentile
-from cageik_cli.solver.fitting.displacements import Displacements
+from cageik_cli.fit.alternate import CageSolve, find_weighted_percentile
+from cageik_cli.fit.problem import Displacements
 from cageik_cli.solver.settings import SolveSettings
 from tests.fitted import clip_of, small_binding, true_weights
 

@@ -7,10 +7,10 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.carried import MAX_CARRY_DISTANCE, CarriedChange, compute_fade
 from cageik_cli.coordinates.harmonic_field import HarmonicField
 from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.fit.carried import MAX_CARRY_DISTANCE, CarriedChange, compute_fade
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud

@@ -8,11 +8,10 @@ from typing import TypeVar
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding, Correction
+from cageik_cli.fit.problem import ROUNDING_TOL, Displacements, Motion, WeightProblem
+from cageik_cli.fit.settings import Comparison, Distances, FitSettings
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fitting.displacements import Displacements
 from cageik_cli.solver.fitting.influences import Influences, refit_influences
-from cageik_cli.solver.fitting.problem import ROUNDING_TOL, Motion, WeightProblem
-from cageik_cli.solver.fitting.record import Comparison, Distances, FitSettings
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap

@@ -1,16 +1,16 @@
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import uniform_laplacian
-from cageik_cli.solver.fitting.displacements import Displacements
-from cageik_cli.solver.fitting.problem import (
+from cageik_cli.fit.problem import (
+    Displacements,
     Motion,
     WeightProblem,
     complement_basis,
     restore_affine,
 )
-from cageik_cli.solver.fitting.systems import SurfaceLaplacian
+from cageik_cli.fit.systems import SurfaceLaplacian
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.util.errors import CageError
 from tests.fitted import cage_motion, small_binding, true_weights
 from tests.shapes import TETRAHEDRON, ball

@@ -8,11 +8,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.fit.problem import Displacements, estimate_memory
+from cageik_cli.fit.settings import MAX_HELD_OUT_BLOCKS
 from cageik_cli.geometry.points import choose_farthest
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.fitting.displacements import Displacements
-from cageik_cli.solver.fitting.problem import estimate_memory
-from cageik_cli.solver.fitting.record import MAX_HELD_OUT_BLOCKS
 from cageik_cli.util.arrays import Floats, Integers, count_frames
 from cageik_cli.util.errors import ConnectivityError, InputError, MissingFrameError
 from cageik_cli.util.threads import OrderedMap
