@@ -8,7 +8,7 @@ from tokenize import TokenError
 import numpy as np
 
 from cageik_cli.formats.base.files import describe_source
-from cageik_cli.formats.npz_archive import FileArray, open_npy
+from cageik_cli.formats.npz import FileArray, open_npy
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 from cageik_cli.util.files import check_input, read_input

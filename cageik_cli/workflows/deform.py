@@ -12,10 +12,9 @@ from cageik_cli.formats.base.mesh_data import check_vertex_order
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.part_files import split_output
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
-from cageik_cli.formats.write import ExportSummary, Output, write_animation
+from cageik_cli.formats.write import ExportSummary, Output, split_output, write_animation
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.result import read_low_rank, read_rotations
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, count_frames

@@ -10,7 +10,6 @@ import numpy as np
 from cageik_cli.formats.base.writers import Animation, name_root, nest_names
 from cageik_cli.formats.gltf_skeleton import MAX_INFLUENCES
 from cageik_cli.formats.gltf_skeleton import SkeletonWriter as GltfSkeletonWriter
-from cageik_cli.formats.part_files import PLACEHOLDER, names_parts, split_output
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import (
     JOINT_MOTIONS,
@@ -21,11 +20,14 @@ from cageik_cli.formats.settings import (
 from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.usd.writer import UsdWriter
 from cageik_cli.formats.write import (
+    PLACEHOLDER,
     ExportSummary,
     Output,
     WriterFactory,
     check_mesh_output,
     frame_formats,
+    names_parts,
+    split_output,
     write_animation,
     write_mesh,
 )

@@ -16,7 +16,6 @@ from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.formats.base.files import decompress, describe_source, file_stem, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.find_files import split_member
-from cageik_cli.formats.part_files import PLACEHOLDER, names_parts
 from cageik_cli.formats.ply import Reader as PlyReader
 from cageik_cli.formats.ply_points import (
     MOVED,
@@ -30,7 +29,7 @@ from cageik_cli.formats.ply_points import (
     read_splats,
 )
 from cageik_cli.formats.usd.library import USD_SUFFIXES
-from cageik_cli.formats.write import Output, WriterFactory
+from cageik_cli.formats.write import PLACEHOLDER, Output, WriterFactory, names_parts
 from cageik_cli.geometry.oriented import Oriented, Splats
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.geometry.points import PointCloud

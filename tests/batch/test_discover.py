@@ -232,7 +232,7 @@ def test_a_file_that_cannot_be_examined_is_a_clip_that_fails(monkeypatch, name, 
         raise error
 
     if name == "list_members":
-        monkeypatch.setattr("cageik_cli.formats.hdf5_clips.Reader.list_members", fail)
+        monkeypatch.setattr("cageik_cli.formats.hdf5.Reader.list_members", fail)
     else:
         monkeypatch.setattr(f"cageik_cli.batch.discover.{name}", fail)
     assert names("a") == ["odd.h5", "walk"]

@@ -8,9 +8,8 @@ import pytest
 
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import load_mesh, open_sequence
-from cageik_cli.formats.part_files import name_part_files
 from cageik_cli.formats.settings import Scene
-from cageik_cli.formats.write import Output, write_animation
+from cageik_cli.formats.write import Output, name_part_files, write_animation
 from cageik_cli.geometry.parts import join_meshes, list_part_names, split_parts
 from cageik_cli.util.progress import ProgressListener
 from tests.shapes import ball, box

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.formats.alembic_tree import name_parts, place_meshes
+from cageik_cli.formats.alembic import name_parts, place_meshes
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.parts import list_part_names
 from tests.formats.character_files import WRITERS, read_alembic, read_usd

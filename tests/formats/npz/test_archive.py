@@ -11,9 +11,9 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
-from cageik_cli.formats import npz_archive as numpy_files
+from cageik_cli.formats import npz as numpy_files
 from cageik_cli.formats.base import files as file_data
-from cageik_cli.formats.npz_archive import NpzArchive, open_npy
+from cageik_cli.formats.npz import NpzArchive, open_npy
 from cageik_cli.util.errors import FileAccessError, FormatError
 
 VALUES = np.random.default_rng(0).normal(size=(6, 5, 3))

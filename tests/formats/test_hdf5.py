@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.formats import hdf5_clips
+from cageik_cli.formats import hdf5
 from cageik_cli.formats.base import binary_frames as runs
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.settings import ClipSettings, SceneHints
@@ -91,7 +91,7 @@ def test_chunks_are_read_once_and_the_file_stays_open(
         _replace(file, name, data=data, chunks=chunks, compression=compression)
     monkeypatch.setattr(runs, "MAX_CHUNK_BYTES", bound)
     sequence = open_sequence([str(path)])
-    monkeypatch.setattr(hdf5_clips, "open_file", lambda path: pytest.fail("opened again"))
+    monkeypatch.setattr(hdf5, "open_file", lambda path: pytest.fail("opened again"))
     counting = sequence._frames._stored = Counting(sequence._frames._stored)
     sequence._frames._cached_chunks.clear()
     np.testing.assert_array_equal(frames_of(sequence, 3, 1), frames)
@@ -102,9 +102,9 @@ def test_chunks_are_read_once_and_the_file_stays_open(
 def test_chunks_that_memory_cannot_hold_are_refused(path, monkeypatch):
     with h5py.File(path, "r+") as file:
         _replace(file, "verts", data=FRAMES, chunks=(3, 4, 3), compression="gzip")
-    monkeypatch.setattr(hdf5_clips, "MAX_HDF5_CHUNK_BYTES", 3 * 4 * 3 * 8)
+    monkeypatch.setattr(hdf5, "MAX_HDF5_CHUNK_BYTES", 3 * 4 * 3 * 8)
     np.testing.assert_array_equal(frames_of(open_sequence([str(path)])), FRAMES)
-    monkeypatch.setattr(hdf5_clips, "MAX_HDF5_CHUNK_BYTES", 3 * 4 * 3 * 8 - 1)
+    monkeypatch.setattr(hdf5, "MAX_HDF5_CHUNK_BYTES", 3 * 4 * 3 * 8 - 1)
     with pytest.raises(FormatError, match=r"clip\.h5: `verts` has chunks of 288 bytes"):
         open_sequence([str(path)])
 
@@ -161,10 +161,10 @@ def test_no_name_or_a_wrong_one_is_refused_with_names(bodies, member, says):
 def test_more_entries_than_a_file_of_clips_has_are_refused(bodies, monkeypatch):
     """Each is opened, and a link to a clip takes 30 bytes."""
     path, clips = bodies
-    monkeypatch.setattr(hdf5_clips, "MAX_TOP_ENTRIES", len(clips) + 2)
+    monkeypatch.setattr(hdf5, "MAX_TOP_ENTRIES", len(clips) + 2)
     with pytest.raises(FormatError, match=r"has 6 datasets and groups at its top, expected at mos"):
         open_sequence([f"{path}::50002_hips"])
-    monkeypatch.setattr(hdf5_clips, "MAX_TOP_ENTRIES", len(clips) + 3)
+    monkeypatch.setattr(hdf5, "MAX_TOP_ENTRIES", len(clips) + 3)
     assert len(open_sequence([f"{path}::50002_hips"])) == 7
 
 
