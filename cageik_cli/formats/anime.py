@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from cageik_cli.formats.base.binary_frames import (
+from cageik_cli.formats.base.readers import (
+    ArrayClip,
+    ArrayClipFile,
     BinaryFile,
     ChunkedFrames,
     StoredFrames,
     check_file_size,
 )
-from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli.formats.base.binary_frames import ChunkedFrames
 from cageik_cli.formats.base.hdf5 import (
     get_dataset,
     has_text_attribute,
@@ -17,11 +16,11 @@ from cageik_cli.formats.base.hdf5 import (
     open_file,
     read_array,
     read_attribute,
+    read_surface,
     scalar_attributes,
     wrap_hdf5_errors,
 )
-from cageik_cli.formats.base.hdf5_surface import read_surface
-from cageik_cli.formats.base.readers import ClipFile, check_zero_based
+from cageik_cli.formats.base.readers import ChunkedFrames, ClipFile, check_zero_based
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import SceneHints, parse_scene_metadata
 from cageik_cli.geometry.mesh import TriMesh

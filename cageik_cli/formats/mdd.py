@@ -4,8 +4,13 @@ import struct
 
 import numpy as np
 
-from cageik_cli.formats.base.binary_frames import BinaryFile, StoredFrames, check_file_size
-from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile
+from cageik_cli.formats.base.readers import (
+    ArrayClip,
+    ArrayClipFile,
+    BinaryFile,
+    StoredFrames,
+    check_file_size,
+)
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.base.writers import Animation, PointCacheWriter
 from cageik_cli.formats.settings import SceneHints, find_frame_step

@@ -19,9 +19,14 @@ from typing import IO
 
 import numpy as np
 
-from cageik_cli.formats.base.binary_frames import BinaryFile, StoredFrames
 from cageik_cli.formats.base.files import check_unpacked_array, check_unpacked_size
-from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile, check_zero_based
+from cageik_cli.formats.base.readers import (
+    ArrayClip,
+    ArrayClipFile,
+    BinaryFile,
+    StoredFrames,
+    check_zero_based,
+)
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.settings import LAYOUTS, SceneHints, parse_scene_metadata

@@ -14,8 +14,9 @@ from cageik_cli.formats.base.hdf5 import (
     has_text_attribute,
     read_array,
     read_attribute,
+    read_surface,
+    write_surface,
 )
-from cageik_cli.formats.base.hdf5_surface import read_surface, write_surface
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import are_pairs, find_mirror

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats import hdf5
-from cageik_cli.formats.base import binary_frames as runs
+from cageik_cli.formats.base import readers as runs
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import FormatError, SettingError

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.joint_names import name_joints
+from cageik_cli.formats.base.skeleton import name_joints
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import box, merged, moved
 

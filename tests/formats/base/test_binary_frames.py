@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base import binary_frames
-from cageik_cli.formats.base.binary_frames import (
+from cageik_cli.formats.base import readers
+from cageik_cli.formats.base.readers import (
     BinaryFile,
     ChunkedFrames,
     StoredFrames,
@@ -35,7 +35,7 @@ def path(tmp_path):
 @pytest.mark.parametrize("whole", [True, False])
 def test_every_order_of_axes(path, monkeypatch, order, whole):
     if not whole:
-        monkeypatch.setattr(binary_frames, "MAX_CHUNK_BYTES", 1)
+        monkeypatch.setattr(readers, "MAX_CHUNK_BYTES", 1)
     sizes = {"f": 2, "v": 4, "x": 3}
     array = VALUES.reshape([sizes[axis] for axis in order])
     expected = np.einsum(f"{order}->fvx", array)
@@ -125,7 +125,7 @@ def test_both_sides_of_a_border_are_kept():
 
 @pytest.mark.parametrize(("layer", "bound", "size"), [(7, 1000, 7), (70, 30, 10), (70, 1, 1)])
 def test_a_run_has_a_layer_and_no_more_bytes_than_the_bound(monkeypatch, layer, bound, size):
-    monkeypatch.setattr(binary_frames, "MAX_CHUNK_BYTES", bound)
+    monkeypatch.setattr(readers, "MAX_CHUNK_BYTES", bound)
     frames = Counted(70, layer)
     frames.read_frame(0)
     assert frames.reads == [(0, size)]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base import binary_frames as runs
+from cageik_cli.formats.base import readers as runs
 from cageik_cli.formats.npz import FACE_NAMES, VERTEX_NAMES, choose_layout, list_layouts
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.settings import ClipSettings, SceneHints
