@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.gltf_file import VectorSpool, read_rounded, round_to
+from cageik_cli.formats.gltf.file import VectorSpool, read_rounded, round_to
 from cageik_cli.util.arrays import Floats, Integers
 
 TRANSLATION, ROTATION = "translation", "rotation"

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.formats.base.writers import Animation, name_root, nest_names
-from cageik_cli.formats.gltf_skeleton import MAX_INFLUENCES
-from cageik_cli.formats.gltf_skeleton import SkeletonWriter as GltfSkeletonWriter
+from cageik_cli.formats.gltf.skeleton import MAX_INFLUENCES
+from cageik_cli.formats.gltf.skeleton import SkeletonWriter as GltfSkeletonWriter
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import (
     JOINT_MOTIONS,

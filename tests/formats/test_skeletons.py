@@ -8,10 +8,10 @@ import pytest
 from pxr import Usd, UsdGeom, UsdSkel
 from scipy.spatial.transform import Rotation
 
-from cageik_cli.formats import gltf_skeleton
 from cageik_cli.formats.base.skeleton import HEADING_LIMITS, Skeleton
 from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
 from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.gltf import skeleton
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.usd import writer as usd_writer
@@ -59,7 +59,7 @@ WEIGHTS |= {"convex": compute_skin_weights(CONVEX), "signed": compute_skin_weigh
 class GltfRig:
     """What a GLB file says, by its accessors and nodes."""
 
-    name, make = "rig.glb", gltf_skeleton.SkeletonWriter
+    name, make = "rig.glb", skeleton.SkeletonWriter
 
     def __init__(self, path):
         self.file = Glb(path)

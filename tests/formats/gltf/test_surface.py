@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from cageik_cli.formats.base.writers import Animation
-from cageik_cli.formats.gltf_surface import cut_surface
+from cageik_cli.formats.gltf.surface import cut_surface
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import MorphSettings, Scene
 from cageik_cli.formats.write import Output

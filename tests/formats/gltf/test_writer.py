@@ -6,7 +6,7 @@ import pytest
 import trimesh
 
 from cageik_cli.formats.base.writers import Animation
-from cageik_cli.formats.gltf import Writer
+from cageik_cli.formats.gltf.morphs import Writer
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import MAX_MORPHS, MorphSettings, Scene
 from cageik_cli.formats.write import Output
@@ -147,7 +147,7 @@ def test_a_tolerance_has_as_many_targets_as_viewers_take(tmp_path):
 @pytest.mark.parametrize("is_turned", [False, True])
 def test_many_frames_have_vectors_of_some(tmp_path, monkeypatch, animation, is_turned):
     """A smooth motion is followed although only every third frame was looked at."""
-    monkeypatch.setattr("cageik_cli.formats.gltf.MAX_SAMPLED_FRAMES", 30)
+    monkeypatch.setattr("cageik_cli.formats.gltf.morphs.MAX_SAMPLED_FRAMES", 30)
     turn = np.linspace(0, 3, 90)
     loads = np.stack([np.cos(turn), np.sin(turn), turn**2], axis=1)
     frames = animation.rest.vertices + (loads @ RANDOM.normal(size=(3, 54))).reshape(90, -1, 3)
@@ -183,7 +183,7 @@ def test_a_clip_that_stands_still(tmp_path, animation):
 
 def test_blocks_of_vertices_change_rounding_only(tmp_path, monkeypatch, animation, restless):
     before, _ = save(tmp_path / "a.glb", animation.rest, restless, count=9, has_normals=True)
-    monkeypatch.setattr("cageik_cli.formats.gltf_file.MAX_SPOOL_BYTES", 24 * 40 * 5)
+    monkeypatch.setattr("cageik_cli.formats.gltf.file.MAX_SPOOL_BYTES", 24 * 40 * 5)
     after, _ = save(tmp_path / "b.glb", animation.rest, restless, count=9, has_normals=True)
     for name in ("POSITION", "NORMAL"):
         np.testing.assert_allclose(after.morph(name), before.morph(name), rtol=0, atol=1e-5)
@@ -276,7 +276,7 @@ def test_the_first_frame_is_at_zero_seconds_and_its_number_is_kept(
 def test_what_there_is_no_room_for_is_refused_at_once(
     tmp_path, monkeypatch, animation, morphs, says
 ):
-    monkeypatch.setattr("cageik_cli.formats.gltf.MAX_GLB_BYTES", 1 << 27)
+    monkeypatch.setattr("cageik_cli.formats.gltf.morphs.MAX_GLB_BYTES", 1 << 27)
     rest = TriMesh(np.tile(animation.rest.vertices, (240_000 // 18, 1)), animation.rest.faces)
     described = Animation(rest, 1000, Scene(), "a", morphs=MorphSettings(**morphs))
     if says is None:
@@ -288,7 +288,7 @@ def test_what_there_is_no_room_for_is_refused_at_once(
 
 
 def test_a_file_that_has_grown_too_large_is_refused(tmp_path, monkeypatch, animation):
-    monkeypatch.setattr("cageik_cli.formats.gltf_file.MAX_GLB_BYTES", 500)
+    monkeypatch.setattr("cageik_cli.formats.gltf.file.MAX_GLB_BYTES", 500)
     with pytest.raises(OutputError, match=r"a.glb: it would take 0.0 GiB"):
         save(tmp_path / "a.glb", animation.rest, animation.frames, tolerance=1.0)
     assert not list(tmp_path.iterdir())

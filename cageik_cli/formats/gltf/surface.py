@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.gltf_file import GlbFile, Singles, round_to
+from cageik_cli.formats.gltf.file import GlbFile, Singles, round_to
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
     FALLBACK_NORMAL,

@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
-from cageik_cli.formats.gltf_file import (
+from cageik_cli.formats.gltf.file import (
     MAX_GLB_BYTES,
     GlbWriter,
     Singles,
     VectorSpool,
+    choose_spaces,
     describe_excess,
+    make_part_nodes,
+    place_node,
 )
-from cageik_cli.formats.gltf_nodes import choose_spaces, make_part_nodes, place_node
-from cageik_cli.formats.gltf_surface import Primitive, cut_surface
+from cageik_cli.formats.gltf.surface import Primitive, cut_surface
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.text import format_count

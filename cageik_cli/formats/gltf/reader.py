@@ -13,14 +13,10 @@ import numpy as np
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.scene_graph import Polygons, SceneMesh, SceneReader
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.gltf_reader.animation import Animation
-from cageik_cli.formats.gltf_reader.document import Document
-from cageik_cli.formats.gltf_reader.geometry import Geometry
-from cageik_cli.formats.gltf_reader.items import Item
-from cageik_cli.formats.gltf_reader.nodes import INSTANCING, NodeTree, read_instances
-from cageik_cli.formats.gltf_reader.primitives import count_targets, has_faces
-from cageik_cli.formats.gltf_reader.skins import Skin
-from cageik_cli.formats.gltf_reader.surface import SurfaceReader
+from cageik_cli.formats.gltf.animation import Animation
+from cageik_cli.formats.gltf.document import Document, Item
+from cageik_cli.formats.gltf.geometry import Geometry, SurfaceReader, count_targets, has_faces
+from cageik_cli.formats.gltf.nodes import INSTANCING, NodeTree, Skin, read_instances
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats

@@ -7,10 +7,8 @@ from math import floor
 import numpy as np
 
 from cageik_cli.formats.base.scene_graph import find_step
-from cageik_cli.formats.gltf_reader.accessors import count_rows, read_floats
-from cageik_cli.formats.gltf_reader.document import Document
-from cageik_cli.formats.gltf_reader.items import Item
-from cageik_cli.formats.gltf_reader.nodes import TRS_WIDTHS, NodeTree
+from cageik_cli.formats.gltf.document import Document, Item, count_rows, read_floats
+from cageik_cli.formats.gltf.nodes import TRS_WIDTHS, NodeTree
 from cageik_cli.formats.settings import GLTF_RATE_KEY, SceneHints
 from cageik_cli.formats.timeline import MAX_TIMELINE_NUMBER
 from cageik_cli.util.arrays import Floats

@@ -1,20 +1,24 @@
-"""A cage animation as a skinned glTF: joints that the cage has become, and weights of the mesh."""
+"""A cage animation as a skinned glTF: joints that the cage has become, and weights of the mesh.
 
+Vertices of a skin as glTF has them: positions, and joints and weights in sets of four.
+
+A skin as programs pose it from a file: what is left out of the file or rounded is measured.
+"""
+
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton
-from cageik_cli.formats.base.skin import Skin
+from cageik_cli.formats.base.skin import Skin, SkinWeights
 from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
-from cageik_cli.formats.gltf_file import GlbWriter, round_to
-from cageik_cli.formats.gltf_nodes import make_part_nodes
-from cageik_cli.formats.gltf_skin import SET_SIZE, SkinAttributes
-from cageik_cli.formats.gltf_surface import cut_surface
+from cageik_cli.formats.gltf.file import GlbWriter, make_part_nodes, read_rounded, round_to
+from cageik_cli.formats.gltf.surface import cut_surface
 from cageik_cli.formats.joint_keys import (
     ROTATION,
     TRANSLATION,
@@ -25,26 +29,102 @@ from cageik_cli.formats.joint_keys import (
     reduce_track,
     round_track,
 )
-from cageik_cli.formats.posed_skin import PosedSkin, measure_change
 from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.text import format_count
 
+if TYPE_CHECKING:
+    from scipy import sparse
+
+SET_SIZE = 4
+"""Joints per vertex in one set of attributes; programs read one set or two."""
+
+
 MAX_INFLUENCES = 2 * SET_SIZE
 """Joints per vertex that programs read."""
+
 
 FIRST_SHARE = 4.0
 """Each joint may first err by so much of the tolerance: joints above each other seldom add up."""
 
+
 MIN_TOLERANCE_SHARE = 1e-4
 """All keys are kept where less than this share of the tolerance is left: it is rounding."""
+
 
 TRIED_VERTICES = 1000
 """Vertices on which keys that are left out are tried first, about."""
 
+
 QUANTIZATION = "KHR_mesh_quantization"
 """The extension by which positions and normals may be integers; it needs no decoder."""
+
+
+class PosedSkin:
+    """Vertices at rest, (m, 3), with weights (m, n), below the joints of a skeleton."""
+
+    def __init__(
+        self,
+        vertices: NDArray[np.floating],
+        weights: "sparse.csr_array",
+        bind_places: Floats,
+        skeleton: Skeleton,
+    ) -> None:
+        self.vertices, self._weights, self._skeleton = (
+            vertices.astype(np.float64),
+            weights,
+            skeleton,
+        )
+        self._bind_places = bind_places
+
+    def pose(self, moves: Floats, turns: Floats) -> Floats:
+        """Return the vertices (k, m, 3), for translations (k, J, 3) and quaternions (k, T, 4)."""
+        from scipy.spatial.transform import Rotation
+
+        skeleton, (count, joint_count, _) = self._skeleton, moves.shape
+        local = np.tile(np.eye(3), (count, joint_count, 1, 1))
+        matrices = Rotation.from_quat(turns.reshape(-1, 4)).as_matrix().swapaxes(1, 2)
+        local[:, : turns.shape[1]] = matrices.reshape(count, -1, 3, 3)
+        places, rotations = moves.copy(), local
+        for j, parent in enumerate(skeleton.parents.tolist()):
+            if parent >= 0:
+                places[:, j] = (moves[:, j, None] @ rotations[:, parent])[:, 0] + places[:, parent]
+                rotations[:, j] = local[:, j] @ rotations[:, parent]
+        rotations, places = rotations[:, skeleton.lead :], places[:, skeleton.lead :]
+        shifts = places - np.einsum("na,knab->knb", self._bind_places, rotations)
+        posed = self._multiply(shifts)
+        for axis in range(3):
+            posed += self.vertices[:, axis, None] * self._multiply(rotations[:, :, axis])
+        return posed.reshape(len(self.vertices), count, 3).swapaxes(0, 1)
+
+    def measure_reach(self) -> tuple[Floats, Floats]:
+        """Return how far a vertex can move by a unit of each joint's translation and rotation.
+
+        They are (J,) each: at most 1, and the distance of what follows the joint. What hardly moves
+        a vertex counts as if it moved one by `MIN_JOINT_REACH`.
+        """
+        skeleton, count = self._skeleton, len(self._skeleton.parents)
+        entries = self._weights.tocoo()
+        arms = self.vertices[entries.row] - self._bind_places[entries.col]
+        moves, turns = np.zeros(count), np.zeros(count)
+        numbers = skeleton.lead + entries.col
+        np.maximum.at(moves, numbers, entries.data)
+        np.maximum.at(turns, numbers, entries.data * np.linalg.norm(arms, axis=1))
+        reach = np.zeros(count)
+        np.maximum.at(reach, numbers, np.linalg.norm(arms, axis=1))
+        for j in range(count - 1, 0, -1):  # what is above moves all that is below
+            parent = int(skeleton.parents[j])
+            far = reach[j] + np.linalg.norm(skeleton.rest_translations[j])
+            reach[parent] = turns[parent] = max(reach[parent], far)
+            moves[parent] = 1
+        size = float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+        least = MIN_JOINT_REACH * (size or 1.0)
+        return np.maximum(moves, MIN_JOINT_REACH), np.maximum(turns, least)
+
+    def _multiply(self, values: Floats) -> Floats:
+        """Return the weights times values of the joints, (k, n, 3), as (m, 3k)."""
+        return np.asarray(self._weights @ values.swapaxes(0, 1).reshape(values.shape[1], -1))
 
 
 class SkeletonWriter(GlbWriter):
@@ -302,3 +382,91 @@ class SkeletonWriter(GlbWriter):
             channels.append(gltf.AnimationChannel(sampler=len(samplers), target=node))
             samplers.append(gltf.AnimationSampler(input=inputs[key], output=output))
         return {"channels": channels, "samplers": samplers}
+
+
+class SkinAttributes:
+    """Positions and weights as they are written, and the scale and centre that they are coded by.
+
+    A vertex is at `centre + scale * code`. Floats have the scale 1.
+    """
+
+    def __init__(self, vertices: NDArray[np.float32], weights: SkinWeights, is_small: bool) -> None:
+        self._weights = weights
+        self.scale, self.centre = 1.0, np.zeros(3)
+        self._positions: NDArray[Any] = vertices
+        self._values: NDArray[Any] = weights.values.astype(np.float32)
+        if is_small:
+            low, high = vertices.min(axis=0).astype(float), vertices.max(axis=0).astype(float)
+            self.centre = (low + high) / 2
+            self.scale = float((high - low).max() / 2) or 1.0
+            self._positions = round_to((vertices - self.centre) / self.scale, np.int16)
+            self._values = _round_weights(weights.values)
+
+    def decode(self, joint_count: int) -> tuple[Floats, Any]:
+        """Return the positions, (m, 3), and the weights, sparse (m, n), that programs read."""
+        positions = self.centre + self.scale * read_rounded(self._positions)
+        values = read_rounded(self._values)
+        return positions, replace(self._weights, values=values).to_sparse(joint_count)
+
+    def list_arrays(self, lead: int) -> dict[str, NDArray[Any]]:
+        """Return positions, and joints and weights (m, 4) of each set; joints begin with `lead`.
+
+        What weighs nothing is of joint 0.
+        """
+        m, count = self._weights.joints.shape
+        joint_count = int(self._weights.joints.max()) + 1 + lead
+        kind = np.uint8 if joint_count <= 256 else np.uint16
+        joints = np.zeros((m, count + -count % SET_SIZE), kind)
+        values = np.zeros(joints.shape, self._values.dtype)
+        values[:, :count] = self._values
+        joints[:, :count] = np.where(self._values > 0, self._weights.joints + lead, 0)
+        arrays = {"POSITION": self._positions}
+        for k in range(joints.shape[1] // SET_SIZE):
+            columns = slice(SET_SIZE * k, SET_SIZE * (k + 1))
+            arrays |= {f"JOINTS_{k}": joints[:, columns], f"WEIGHTS_{k}": values[:, columns]}
+        return arrays
+
+
+def _round_weights(values: Floats) -> NDArray[np.uint16]:
+    """Round weights (m, k) to 16 bits whose rows sum to the largest: those next to it go up.
+
+    Eight bits would move a vertex between far joints by more than all else that is rounded.
+    """
+    most = np.iinfo(np.uint16).max
+    scaled = most * values
+    found = np.floor(scaled)
+    missing = np.rint(most - found.sum(axis=1, keepdims=True)).astype(np.int64)
+    ranks = np.argsort(np.argsort(found - scaled, axis=1, kind="stable"), axis=1)
+    return np.asarray(found + (ranks < missing)).astype(np.uint16)
+
+
+ReadFrames = Callable[[int, int], tuple[Floats, Floats]]
+"""Returns translations (k, J, 3) and quaternions (k, T, 4) of frames from the first number on."""
+
+
+MIN_JOINT_REACH = 1e-9
+"""How far a joint moves a vertex, at least: a share, or a share of the size of the model."""
+
+
+FRAMES_PER_BLOCK = 16
+"""Frames that are posed together."""
+
+
+def measure_change(
+    keys: JointKeys, read_written: ReadFrames, exact: PosedSkin, written: PosedSkin
+) -> tuple[float, float]:
+    """Return the rms and the largest distance between two skins, in the unit of the scene.
+
+    One is exact, and posed by the keys of all frames; the other by what `read_written` returns.
+    """
+    squares = largest = 0.0
+    for start in range(0, keys.frame_count, FRAMES_PER_BLOCK):
+        stop = min(start + FRAMES_PER_BLOCK, keys.frame_count)
+        apart = written.pose(*read_written(start, stop)) - exact.pose(
+            *keys.read_frames(start, stop)
+        )
+        distances = np.square(apart).sum(axis=2)
+        squares += float(distances.sum())
+        largest = max(largest, float(distances.max()))
+    count = keys.frame_count * len(exact.vertices)
+    return float(np.sqrt(squares / count)), float(np.sqrt(largest))

@@ -1,0 +1,479 @@
+"""The mesh of a node: split vertices are welded, which targets and joints move.
+
+Primitives: which vertices they use, and the triangles between these.
+
+Texture coordinates, normals, colours and materials of a mesh in a glTF file.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.formats.base.mesh_data import share_normals
+from cageik_cli.formats.gltf.document import (
+    Document,
+    Item,
+    Rows,
+    SparseRows,
+    count_rows,
+    make_compression_error,
+    read_floats,
+    read_rows,
+    read_wholes,
+)
+from cageik_cli.formats.gltf.nodes import (
+    INFLUENCE_SET_BYTES,
+    Influences,
+    Skin,
+    blend,
+    count_influence_sets,
+    read_influences,
+)
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.geometry.surface_parts import (
+    MAX_NAME_LENGTH,
+    NONE,
+    FaceLabels,
+    UvMap,
+)
+from cageik_cli.util.arrays import Floats, Integers, Mask
+from cageik_cli.util.errors import FormatError, join_truncated
+from cageik_cli.util.text import format_count, number_names, single_line
+
+TargetMoves = tuple[Integers, NDArray[Any], Integers]
+"""Welded vertices (k,), displacements (r, 3) of the file, and which of these they have, (k,)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pool:
+    """Vertices that one or several primitives use.
+
+    Attributes
+    ----------
+    attributes : dict
+        Numbers of accessors by name: POSITION.
+    targets : tuple of int or None
+        Of the displacements of each morph target; None for one that moves none of the vertices.
+    start, stop : int
+        Numbers of the first vertex, and of that behind the last, among those of the mesh.
+    """
+
+    attributes: dict[str, int]
+    targets: tuple[int | None, ...]
+    start: int
+    stop: int
+
+
+class Geometry:
+    """The primitives of a mesh, joined; vertices that never come apart are one.
+
+    Files split a vertex where its texture coordinates, normals or materials differ. Vertices of
+    the same position, joints, weights and displacements, to the bit, are welded. They keep the
+    order of the file.
+
+    Attributes
+    ----------
+    base : (m, 3) float64
+        Positions before targets and joints move them.
+    corners : (3 t,) int64
+        Vertices of the triangles.
+    origins : (3 t,) int64
+        Vertices of the pools, which have the attributes of these corners.
+    materials : (t,) int64
+        Numbers of materials, or `NONE`.
+    firsts : (m,) int64
+        The first vertex of the pools that became each.
+    labels : (n,) int64
+        The vertex that each vertex of the pools became; -1 if no triangle has it.
+    notes : list of str
+        What was changed.
+    """
+
+    def __init__(self, document: Document, item: Item, skin: Skin | None) -> None:
+        self._document = document
+        triangles = Triangles(document, item)
+        self.pools, self.notes = list(triangles.pools.values()), triangles.notes
+        is_used = np.zeros(triangles.vertex_count, bool)
+        is_used[triangles.faces] = True
+        used = np.flatnonzero(is_used)
+        positions = self._join([read_floats(document, k, (3,)) for k in self._list("POSITION")])
+        influences = None if skin is None else self._read_influences(len(skin.joints))
+        keys = [positions]
+        if influences is not None:
+            keys += [influences.joints, influences.weights]
+        labels = self._refine_by_targets(number_rows([key[used] for key in keys]), used)
+        _, first, numbers = np.unique(labels, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        self.firsts = used[first[order]]
+        self.labels = np.full(len(is_used), -1)
+        self.labels[used] = np.argsort(order)[numbers]
+        self.base = positions[self.firsts].astype(np.float64)
+        faces = self.labels[triangles.faces]
+        is_whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+        self.corners, self.origins = faces[is_whole].ravel(), triangles.faces[is_whole].ravel()
+        self.materials = triangles.materials[is_whole]
+        if not len(self.corners):
+            raise FormatError("has no triangle with three different corners; export the file again")
+        self._targets = [list(self._place_target(k)) for k in range(self.target_count)]
+        self._matrix = None if influences is None else influences.make_matrix(self.firsts)
+        self._note_changes(is_used, int(np.count_nonzero(~is_whole)))
+
+    @property
+    def target_count(self) -> int:
+        """How many morph targets there are."""
+        return len(self.pools[0].targets) if self.pools else 0
+
+    def evaluate(self, weights: Floats, moves: Floats | None) -> Floats:
+        """Return the vertices (m, 3), moved by targets and then by joints.
+
+        Parameters
+        ----------
+        weights : (K,)
+            Of the targets.
+        moves : (J, 4, 4), optional
+            Of the joints, for a mesh with a skin.
+        """
+        points = self.base.copy()
+        for weight, parts in zip(weights, self._targets, strict=True):
+            for vertices, rows, picks in parts if weight else ():
+                points[vertices] += weight * rows[picks]
+        return points if moves is None else blend(points, self._matrix, moves)
+
+    def read_attribute(self, name: str, widths: tuple[int, ...]) -> Floats | None:
+        """Return an attribute of all vertices of the pools, (n, width); nan where one lacks it.
+
+        None if all do.
+        """
+        held = [
+            (pool, read_floats(self._document, pool.attributes[name], widths))
+            for pool in self.pools
+            if name in pool.attributes
+        ]
+        if not held:
+            return None
+        found = np.full((len(self.labels), max(rows.shape[1] for _, rows in held)), np.nan)
+        for pool, rows in held:
+            found[pool.start : pool.stop, : rows.shape[1]] = rows
+            found[pool.start : pool.stop, rows.shape[1] :] = 1  # opaque
+        return found
+
+    def _list(self, name: str) -> list[int]:
+        return [pool.attributes[name] for pool in self.pools]
+
+    @staticmethod
+    def _join(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        return np.concatenate(arrays) if arrays else np.zeros((0, 3))
+
+    def _read_influences(self, joint_count: int) -> Influences:
+        """Read the joints and weights of all vertices of the pools."""
+        counts = [count_influence_sets(pool.attributes) for pool in self.pools]
+        set_count = max(counts, default=1)
+        vertex_count = sum(pool.stop - pool.start for pool in self.pools)
+        self._document.claim(vertex_count * set_count * INFLUENCE_SET_BYTES)
+        parts = [
+            read_influences(self._document, pool.attributes, set_count, pool.stop - pool.start)
+            for pool in self.pools
+        ]
+        joints = self._join([part[0] for part in parts])
+        influences = Influences(joints, self._join([part[1] for part in parts]), joint_count)
+        self.notes += influences.notes
+        return influences
+
+    def _read_target(self, number: int) -> Iterator[tuple[Pool, Rows]]:
+        """Yield the pools whose vertices a target moves, and the displacements."""
+        for pool in self.pools:
+            accessor = pool.targets[number]
+            if accessor is not None:
+                yield pool, read_rows(self._document, accessor, (3,))
+
+    def _refine_by_targets(self, labels: Integers, used: Integers) -> Integers:
+        """Return labels (u,) that differ where a target moves used vertices (u,) apart."""
+        for k in range(self.target_count):
+            first = np.unique(labels, return_index=True)[1]
+            moves = np.zeros((len(used), 3))
+            for pool, rows in self._read_target(k):
+                inside = slice(*np.searchsorted(used, [pool.start, pool.stop]).tolist())
+                dense = rows.to_dense() if isinstance(rows, SparseRows) else rows
+                moves[inside] = dense[used[inside] - pool.start]
+            bits = moves.view(np.int64)
+            if (bits != bits[first[labels]]).any():
+                labels = number_rows([labels[:, None], moves])
+        return labels
+
+    def _place_target(self, number: int) -> Iterator[TargetMoves]:
+        """Yield what a target does to the welded vertices."""
+        for pool, rows in self._read_target(number):
+            start, stop = np.searchsorted(self.firsts, [pool.start, pool.stop]).tolist()
+            vertices, picks = np.arange(start, stop), self.firsts[start:stop] - pool.start
+            if isinstance(rows, SparseRows):
+                places = np.searchsorted(rows.indices, picks).clip(max=len(rows.indices) - 1)
+                is_moved = rows.indices[places] == picks if len(rows.indices) else picks < 0
+                yield vertices[is_moved], rows.values, places[is_moved]
+            else:
+                yield vertices, rows, picks
+
+    def _note_changes(self, is_used: NDArray[np.bool_], flat: int) -> None:
+        count = int(np.count_nonzero(is_used))
+        unused = len(is_used) - count
+        if count > len(self.firsts):
+            self.notes.append(
+                f"{count} vertices, split where texture coordinates, normals or materials differ, "
+                f"welded to {len(self.firsts)}"
+            )
+        if unused:
+            self.notes.append(f"{format_count(unused, 'vertex')} of no triangle left out")
+        if flat:
+            self.notes.append(f"{format_count(flat, 'triangle')} with a corner twice left out")
+
+
+def number_rows(parts: Sequence[NDArray[Any]]) -> Integers:
+    """Return equal numbers, from 0 on, for rows that are equal in all parts, (n,), to the bit."""
+    bits = [
+        np.ascontiguousarray(part + part.dtype.type(0)).view(np.uint8) for part in parts
+    ]  # no -0
+    rows = np.ascontiguousarray(np.hstack(bits))
+    if not rows.size:
+        return np.zeros(len(rows), np.int64)
+    whole = rows.view(np.dtype((np.void, rows.shape[1]))).ravel()
+    return np.unique(whole, return_inverse=True)[1]
+
+
+TRIANGLES, STRIP, FAN = 4, 5, 6
+"""Modes of primitives that have faces."""
+
+
+_KEPT = re.compile(r"POSITION|NORMAL|TEXCOORD_0|COLOR_0|(JOINTS|WEIGHTS)_\d+")
+
+
+_DRACO = "KHR_draco_mesh_compression"
+
+
+def has_faces(mesh: Item) -> bool:
+    """Return whether a mesh has a primitive of triangles."""
+    return any(map(_is_of_faces, mesh.list_items("primitives")))
+
+
+def count_targets(mesh: Item) -> int:
+    """Return how many morph targets a mesh has."""
+    primitives = mesh.list_items("primitives")
+    return max((len(each.list_items("targets")) for each in primitives), default=0)
+
+
+class Triangles:
+    """The triangles of all primitives of a mesh, as they are in the file.
+
+    Attributes
+    ----------
+    pools : dict
+        The vertices that primitives use, by what they refer to.
+    vertex_count : int
+        How many vertices the pools have.
+    faces : (t, 3) int64
+        Vertices of the pools.
+    materials : (t,) int64
+        Numbers of materials; `NONE` for none.
+    notes : list of str
+        What is not read.
+
+    Raises
+    ------
+    FormatError
+        Naming the primitive.
+    """
+
+    def __init__(self, document: Document, mesh: Item) -> None:
+        self.pools: dict[object, Pool] = {}
+        self.vertex_count = 0
+        faces = [np.zeros((0, 3), np.int64)]
+        materials = [np.zeros(0, np.int64)]
+        primitives = mesh.list_items("primitives")
+        for primitive in primitives:
+            if not (_is_of_faces(primitive) and _has_positions(primitive)):
+                continue
+            pool = self._find_pool(document, primitive)
+            faces.append(pool.start + _read_faces(document, primitive, pool.stop - pool.start))
+            material = primitive.find_whole("material", len(document.materials))
+            materials.append(np.full(len(faces[-1]), NONE if material is None else material))
+        if len({len(pool.targets) for pool in self.pools.values()}) > 1:
+            raise FormatError(f"{mesh.place} has primitives of other numbers of morph targets")
+        self.faces, self.materials = np.concatenate(faces), np.concatenate(materials)
+        others = len(primitives) + 1 - len(faces)
+        self.notes = [f"{format_count(others, 'primitive')} without faces left out"] * (others > 0)
+        self.notes += _describe_unread(self.pools.values())
+
+    def _find_pool(self, document: Document, primitive: Item) -> Pool:
+        """Return the vertices of a primitive, which others may share; new ones are added."""
+        count = len(document.accessors)
+        item = primitive.find_item("attributes")
+        assert item is not None
+        attributes = {name: item.read_whole(name, count) for name in item.values}
+        targets = tuple(
+            each.find_whole("POSITION", count) for each in primitive.list_items("targets")
+        )
+        place = document.accessors[attributes["POSITION"]]
+        if primitive.find_extension(_DRACO) and not place.has("bufferView"):
+            raise make_compression_error(_DRACO)
+        key = tuple(attributes.items()), targets
+        if key not in self.pools:
+            start, size = self.vertex_count, _claim_vertices(document, attributes, targets)
+            self.vertex_count += size
+            self.pools[key] = Pool(attributes, targets, start, self.vertex_count)
+        return self.pools[key]
+
+
+def _is_of_faces(primitive: Item) -> bool:
+    return _read_mode(primitive) in (TRIANGLES, STRIP, FAN)
+
+
+def _read_mode(primitive: Item) -> int:
+    mode = primitive.find_whole("mode", 7)
+    return TRIANGLES if mode is None else mode
+
+
+def _has_positions(primitive: Item) -> bool:
+    attributes = primitive.find_item("attributes")
+    return attributes is not None and attributes.has("POSITION")
+
+
+def _claim_vertices(
+    document: Document, attributes: dict[str, int], targets: Iterable[int | None]
+) -> int:
+    """Return how many vertices attributes and targets have, which is the same for all."""
+    place = attributes["POSITION"]
+    size = count_rows(document, place)
+    moved = [target for target in targets if target is not None]
+    for accessor in (*attributes.values(), *moved):
+        found = count_rows(document, accessor)
+        if found != size:
+            raise FormatError(
+                f"accessors[{accessor}] has {found} vertices, expected {size} as "
+                f"accessors[{place}]; export the file again"
+            )
+    # Sparse targets are not expanded, but compared vertex by vertex.
+    dense = sum(document.accessors[k].has("bufferView") for k in moved)
+    document.claim(size * (12 + 12 * dense + len(moved) - dense))
+    return size
+
+
+def _read_faces(document: Document, primitive: Item, vertex_count: int) -> Integers:
+    """Return the triangles (t, 3) of a primitive, which count its vertices from 0."""
+    accessor = primitive.find_whole("indices", len(document.accessors))
+    if accessor is None:
+        document.claim(8 * vertex_count)
+        corners = np.arange(vertex_count)
+    else:
+        corners = read_wholes(document, accessor, 1)[:, 0]
+        if corners.max() >= vertex_count:
+            raise FormatError(
+                f"{primitive.locate('indices')} name vertex {corners.max()}, expected 0 to "
+                f"{vertex_count - 1}; export the file again"
+            )
+    mode, count = _read_mode(primitive), len(corners)
+    if count < 3 or (mode == TRIANGLES and count % 3):
+        wanted = "a multiple of 3" if mode == TRIANGLES else "3 or more"
+        raise FormatError(
+            f"{primitive.place} has {count} corners, expected {wanted}; export the file again"
+        )
+    if mode == TRIANGLES:
+        return corners.reshape(-1, 3)
+    document.claim(16 * count)
+    k = np.arange(count - 2)
+    if mode == FAN:
+        return np.stack([corners[1:-1], corners[2:], np.full(count - 2, corners[0])], axis=1)
+    odd = k % 2  # every second triangle of a strip turns the other way
+    return np.stack([corners[k], corners[k + 1 + odd], corners[k + 2 - odd]], axis=1)
+
+
+def _describe_unread(pools: Iterable[Pool]) -> list[str]:
+    """Return a note on the attributes that are not kept."""
+    names = dict.fromkeys(name for pool in pools for name in pool.attributes)
+    unread = [name for name in names if not _KEPT.fullmatch(name)]
+    return [f"left out {join_truncated(map(single_line, unread))}"] if unread else []
+
+
+class SurfaceReader:
+    """Reads the layers of the surface of one mesh."""
+
+    def __init__(self, document: Document, geometry: Geometry) -> None:
+        self._document, self._geometry = document, geometry
+
+    def list_layers(self) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+        """Return what reads each layer, for `FileMesh.read_layers`."""
+        return {
+            "its texture coordinates": self.read_uvs,
+            "its normals": self.read_normals,
+            "its colours": self.read_colours,
+            "its materials": self.read_materials,
+        }
+
+    def read_uvs(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the first set of texture coordinates, whose v is downward in the file."""
+        found = self._geometry.read_attribute("TEXCOORD_0", (2,))
+        if found is None:
+            return attributes
+        held, indices = self._pick_corners(np.asarray(np.isfinite(found).any(axis=1)))
+        u, v = found[held].T
+        return replace(attributes, uvs=UvMap(np.stack([u, 1 - v], axis=1), indices))
+
+    def read_normals(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read which corners share a normal."""
+        found = self._geometry.read_attribute("NORMAL", (3,))
+        if found is None:
+            return attributes
+        held, indices = self._pick_corners(np.asarray(np.isfinite(found).all(axis=1)))
+        shared = share_normals(attributes, found[held], np.where(indices == NONE, 0, indices))
+        assert shared.normal_fans is not None
+        fans = np.where(indices == NONE, NONE, shared.normal_fans)
+        return replace(attributes, normal_fans=number_normal_fans(attributes.corners, fans))
+
+    def read_colours(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the colours of vertices."""
+        geometry = self._geometry
+        found = geometry.read_attribute("COLOR_0", (3, 4))
+        if found is None:
+            return attributes
+        found = np.where(np.isnan(found).all(axis=1, keepdims=True), 1.0, found)
+        own = found[geometry.firsts]
+        split = (found[geometry.origins] != own[geometry.corners]).any(axis=1)
+        if split.any():
+            count = format_count(len(np.unique(geometry.corners[split])), "vertex")
+            note = f"several colours at {count}, of which one is kept"
+            geometry.notes += [] if note in geometry.notes else [note]  # as an instance has it
+        return replace(attributes, colours=own)
+
+    def read_materials(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the names and base colours of the materials that are used."""
+        used, indices = np.unique(self._geometry.materials, return_inverse=True)
+        if used[-1] == NONE:
+            return attributes
+        is_absent = int(used[0] == NONE)
+        items = {k: self._document.materials[k] for k in used[is_absent:].tolist()}
+        longest = MAX_NAME_LENGTH - 20  # room for a number
+        names = [item.read_name()[:longest] or f"material_{k}" for k, item in items.items()]
+        labels = FaceLabels(tuple(number_names(names)), indices - is_absent)
+        colours = np.array([_read_base_colour(item) for item in items.values()])
+        return replace(attributes, materials=labels, material_colours=colours)
+
+    def _pick_corners(self, is_held: Mask) -> tuple[Integers, Integers]:
+        """Return the vertices of the pools that corners use and that hold a value, and where.
+
+        The latter are the place of each corner's among them, (3 t,); `NONE` for a corner without.
+        """
+        origins = self._geometry.origins
+        held = np.unique(origins[is_held[origins]])
+        places = np.full(len(is_held), NONE)
+        places[held] = np.arange(len(held))
+        if not len(held):
+            raise FormatError("no triangle has them")
+        return held, places[origins]
+
+
+def _read_base_colour(item: Item) -> list[float]:
+    """Return linear red, green, blue and opacity."""
+    look = item.find_item("pbrMetallicRoughness")
+    factor = None if look is None else look.find_numbers("baseColorFactor", 4)
+    return [1.0, 1.0, 1.0, 1.0] if factor is None else factor.clip(0, 1).tolist()
