@@ -4,8 +4,8 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 
-from cageik_cli.formats.obj import Reader
-from cageik_cli.formats.obj_text import parse_obj
+from cageik_cli.formats.obj.frames import Reader
+from cageik_cli.formats.obj.text import parse_obj
 from cageik_cli.geometry.surface_parts import Subdivision
 from tests.assets import asset_text
 

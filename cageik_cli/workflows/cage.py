@@ -24,7 +24,7 @@ from cageik_cli.formats.base.files import describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.formats.find_files import mesh_suffixes, split_member
-from cageik_cli.formats.obj import encode_exact_obj
+from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, RestFrame, Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh

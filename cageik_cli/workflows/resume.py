@@ -8,7 +8,7 @@ from typing import Any
 from cageik_cli import __version__
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.obj import encode_exact_obj
+from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.blocks import SolvedBlock

@@ -14,7 +14,7 @@ from cageik_cli.cages.check.misfit import Transform
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.base.files import describe_source
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.obj import encode_exact_obj
+from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_entry import Entry

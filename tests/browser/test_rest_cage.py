@@ -11,7 +11,7 @@ import pytest
 from cageik_cli import bind
 from cageik_cli.cages.check.faults import find_cage_faults
 from cageik_cli.cli import main
-from cageik_cli.formats.obj import encode_exact_obj
+from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.workflows.view.sent_cage import parse_cage

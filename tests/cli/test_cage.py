@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from cageik_cli.formats.obj import encode_exact_obj
+from cageik_cli.formats.obj.frames import encode_exact_obj
 from tests.cages.builder.test_limbs import make_rod
 from tests.shapes import octahedron
 

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from cageik_cli import extract_to_file, load_mesh
 from cageik_cli.cli import main
-from cageik_cli.formats.obj import encode_exact_obj
+from cageik_cli.formats.obj.frames import encode_exact_obj
 from tests.corruptions import corrupt
 from tests.docs.pages import ROOT
 from tests.shapes import box

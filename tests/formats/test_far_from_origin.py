@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.writers import Animation
-from cageik_cli.formats.obj import count_digits
+from cageik_cli.formats.obj.frames import count_digits
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.settings import ClipSettings, Scene
 from cageik_cli.formats.write import Output, write_animation

@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from cageik_cli.formats import obj_surface as materials
+from cageik_cli.formats.obj import surface as materials
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.geometry.surface_parts import PLAIN_COLOUR
 from cageik_cli.util.files import read_input
@@ -111,7 +111,7 @@ def test_a_library_that_is_a_pipe_is_not_read(tmp_path):
 
 
 def test_a_library_that_is_too_large_is_not_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("cageik_cli.formats.obj_surface.MAX_LIBRARY_BYTES", 10)
+    monkeypatch.setattr("cageik_cli.formats.obj.surface.MAX_LIBRARY_BYTES", 10)
     found, (note,) = colours_of(write_model(tmp_path))
     assert found is None
     assert "expected at most 10" in note

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.obj_numbers import convert_words, read_vertex_lines
+from cageik_cli.formats.obj.text import convert_words, read_vertex_lines
 from cageik_cli.util import compiled
 
 pytestmark = pytest.mark.usefixtures("core")

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cageik_cli.formats import obj_text as tokens
-from cageik_cli.formats.obj import ObjFrameParser
-from cageik_cli.formats.obj_text import _parse_word_by_word, blank_out, parse_obj, tokenize
+from cageik_cli.formats.obj import text as tokens
+from cageik_cli.formats.obj.frames import ObjFrameParser
+from cageik_cli.formats.obj.text import _parse_word_by_word, blank_out, parse_obj, tokenize
 from cageik_cli.util.errors import FormatError
 from tests.formats.obj.by_lines import fans, parse_by_lines
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.obj import make_obj_template
+from cageik_cli.formats.obj.frames import make_obj_template
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.write import write_mesh
 from cageik_cli.geometry.normals import compute_fan_normals

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.mesh_data import FileMesh
-from cageik_cli.formats.obj_numbers import convert_words
-from cageik_cli.formats.obj_text import FACE, VERTEX, Tokens, blank_out, tokenize
+from cageik_cli.formats.obj.text import FACE, VERTEX, Tokens, blank_out, convert_words, tokenize
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
 from cageik_cli.geometry.surface_parts import NONE, PLAIN_COLOUR, FaceLabels, Parts, UvMap
 from cageik_cli.util.arrays import Floats, Integers

@@ -10,15 +10,15 @@ from cageik_cli.formats.base.files import with_gzip
 from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.base.readers import FrameFileReader
 from cageik_cli.formats.base.writers import Animation, FrameFileWriter, choose_short_names
-from cageik_cli.formats.obj_numbers import read_vertex_lines
-from cageik_cli.formats.obj_surface import read_material_colours, read_obj_attributes
-from cageik_cli.formats.obj_text import (
+from cageik_cli.formats.obj.surface import read_material_colours, read_obj_attributes
+from cageik_cli.formats.obj.text import (
     FACE,
     VERTEX,
     Tokens,
     blank_out,
     parse_obj,
     parse_vertices,
+    read_vertex_lines,
     tokenize,
 )
 from cageik_cli.geometry.mesh import TriMesh
