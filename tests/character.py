@@ -3,10 +3,9 @@
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 
+from cageik_cli.geometry.attributes import FaceLabels, SurfaceAttributes, UvMap
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import join_meshes
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.geometry.surface_parts import FaceLabels, UvMap
 
 FRAMES = 6
 NAMES = ("/hero/geo/body", "/hero/geo/jacket", "/hero/geo/eyes/eye_L", "/hero/geo/eyes/eye_R")

@@ -6,7 +6,7 @@ import numpy as np
 
 from cageik_cli.formats.obj.frames import Reader
 from cageik_cli.formats.obj.text import parse_obj
-from cageik_cli.geometry.surface_parts import Subdivision
+from cageik_cli.geometry.attributes import Subdivision
 from tests.assets import asset_text
 
 

@@ -32,10 +32,9 @@ from cageik_cli.formats.base.scene_graph import (
 )
 from cageik_cli.formats.base.writers import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.settings import SceneHints, find_frame_step
+from cageik_cli.geometry.attributes import NONE, FaceLabels, SurfaceAttributes, UvMap
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_corner_normals
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.geometry.surface_parts import NONE, FaceLabels, UvMap
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,

@@ -20,10 +20,9 @@ from cageik_cli.formats.base.files import with_gzip
 from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.base.readers import FrameFileReader
 from cageik_cli.formats.base.writers import Animation, FrameFileWriter
+from cageik_cli.geometry.attributes import NONE, SurfaceAttributes, UvMap, number_normal_fans
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_corner_normals, has_vertex_normals
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
-from cageik_cli.geometry.surface_parts import NONE, UvMap
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes, fan_triangulate
+from cageik_cli.geometry.attributes import SurfaceAttributes, fan_triangulate
 from cageik_cli.util.arrays import Floats, Integers, Number
 from cageik_cli.util.errors import FormatError
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import cross
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats, Integers
 
 FALLBACK_NORMAL = (0.0, 0.0, 1.0)

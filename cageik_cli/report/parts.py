@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.geometry.part_names import format_place, get_parts
+from cageik_cli.geometry.parts import format_place, get_parts
 from cageik_cli.report.figures import format_percent
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats

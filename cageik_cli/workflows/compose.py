@@ -11,7 +11,7 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
-from cageik_cli.geometry.part_names import MAX_PARTS_NAMED, count_by_part
+from cageik_cli.geometry.parts import MAX_PARTS_NAMED, count_by_part
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.regions import (
     MIN_DEVIATION,

@@ -15,7 +15,7 @@ from alembic3d.AbcGeom import (
 from imath import IntArrayFromBuffer, UnsignedIntArray, V2fArrayFromBuffer, V3fArrayFromBuffer
 
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.geometry.surface_parts import FaceLabels, UvMap
+from cageik_cli.geometry.attributes import FaceLabels, UvMap
 from tests.assets import asset_text, parse_asset
 from tests.formats.clips import written
 from tests.shapes import QUADS, box

@@ -11,8 +11,8 @@ from cageik_cli.formats.obj.frames import count_digits
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.settings import ClipSettings, Scene
 from cageik_cli.formats.write import Output, write_animation
+from cageik_cli.geometry.attributes import SurfaceAttributes, number_normal_fans
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.progress import ProgressListener
 from tests.shapes import ball, changed

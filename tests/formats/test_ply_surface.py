@@ -10,7 +10,7 @@ import trimesh
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.ply import Reader
 from cageik_cli.formats.write import write_mesh
-from cageik_cli.geometry.surface_parts import UvMap
+from cageik_cli.geometry.attributes import UvMap
 from cageik_cli.util.errors import FormatError
 from tests.assets import asset_text, parse_asset
 from tests.shapes import quad_text

@@ -16,9 +16,9 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.usd import writer as usd_writer
 from cageik_cli.formats.usd.library import USD_SUFFIXES
+from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_vertex_normals
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.solver.turned_normals import turn_normals
 from cageik_cli.util.errors import OutputError
 from tests.clips import frames_of

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.geometry.attributes import (
+    LABEL_NAMES,
+    FaceLabels,
+    Subdivision,
+    UvMap,
+    number_normal_fans,
+)
 from cageik_cli.geometry.parts import list_part_names
-from cageik_cli.geometry.surface_attributes import LABEL_NAMES, number_normal_fans
-from cageik_cli.geometry.surface_parts import FaceLabels, Subdivision, UvMap
 from tests.formats.clips import faults_of, written
 from tests.surfaces import ASSET, CREASES, assert_same, change
 

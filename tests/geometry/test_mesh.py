@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from cageik_cli.geometry.attributes import SurfaceAttributes, fan_triangulate
 from cageik_cli.geometry.mesh import TriMesh, find_groups, signed_volumes
 from cageik_cli.geometry.shape import uniform_laplacian
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes, fan_triangulate
 from cageik_cli.util.errors import FormatError
 from tests.shapes import TETRAHEDRON, ball, box, concave, octahedron, quad_box
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cageik_cli.geometry.attributes import NONE, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
     FALLBACK_NORMAL,
@@ -11,8 +12,6 @@ from cageik_cli.geometry.normals import (
     compute_fan_normals,
     compute_vertex_normals,
 )
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.geometry.surface_parts import NONE
 from tests.shapes import ball, merged, rotation
 
 

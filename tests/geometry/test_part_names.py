@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.part_names import (
+from cageik_cli.geometry.parts import (
     MAX_PARTS_NAMED,
     PartShare,
     count_by_part,
     describe_by_part,
     get_parts,
+    join_meshes,
     name_part,
     name_vertex,
 )
-from cageik_cli.geometry.parts import join_meshes
 from tests.shapes import box, octahedron
 
 MODEL = join_meshes([box(), octahedron(), box()], ["/a/box", "/a/ball", "last"])

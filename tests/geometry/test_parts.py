@@ -5,10 +5,17 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from cageik_cli.geometry.attributes import (
+    NONE,
+    FaceLabels,
+    Parts,
+    Subdivision,
+    SurfaceAttributes,
+    UvMap,
+    number_normal_fans,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import join_meshes, split_parts
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
-from cageik_cli.geometry.surface_parts import NONE, FaceLabels, Parts, Subdivision, UvMap
 from cageik_cli.util.errors import FormatError
 from tests.shapes import octahedron
 

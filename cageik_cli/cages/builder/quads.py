@@ -24,11 +24,11 @@ from cageik_cli.cages.builder.refine import make_draft
 from cageik_cli.cages.builder.symmetry import average_sides, find_partners, reflect
 from cageik_cli.cages.check.quality import MIN_SHEET_RATIO
 from cageik_cli.cages.push import Contacts, make_form, push, solve_moves
+from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.geometry.intersections import crossing_face_pairs, self_intersections
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles, thin_face_pairs
 from cageik_cli.geometry.surface import closest_points, winding_numbers
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
 MIN_QUAD_SHARE = 0.7

@@ -21,7 +21,7 @@ from cageik_cli.cages.check.misfit import (
     find_transform,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.part_names import (
+from cageik_cli.geometry.parts import (
     PartShare,
     count_by_part,
     describe_by_part,

@@ -13,7 +13,7 @@ from cageik_cli.cages.check.sections import SharedSection, find_shared_sections
 from cageik_cli.cages.surface_points import sample_surface, take_evenly
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.part_names import count_by_part, describe_by_part, name_vertex
+from cageik_cli.geometry.parts import count_by_part, describe_by_part, name_vertex
 from cageik_cli.geometry.shape import (
     bounds_volume,
     corner_angles,

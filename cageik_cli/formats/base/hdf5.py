@@ -16,15 +16,16 @@ import h5py
 import numpy as np
 
 from cageik_cli.formats.base.files import check_unpacked_array
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface_attributes import LABEL_NAMES, SurfaceAttributes
-from cageik_cli.geometry.surface_parts import (
+from cageik_cli.geometry.attributes import (
+    LABEL_NAMES,
     MAX_NAME_LENGTH,
     FaceLabels,
     Parts,
     Subdivision,
+    SurfaceAttributes,
     UvMap,
 )
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError, error_context
 from cageik_cli.util.files import check_input, repeat_if_interrupted
 

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.formats.settings import SceneHints
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface_attributes import (
+from cageik_cli.geometry.attributes import (
     SurfaceAttributes,
     check_corner_counts,
     fan_triangulate,
     find_folded_triangles,
     number_normal_fans,
 )
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import ConnectivityError, FormatError
 from cageik_cli.util.text import format_count

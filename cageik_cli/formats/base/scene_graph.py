@@ -17,10 +17,9 @@ from cageik_cli.formats.base.mesh_data import FileMesh, describe_cut, describe_f
 from cageik_cli.formats.base.readers import ClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import ClipSettings, SceneHints
+from cageik_cli.geometry.attributes import SurfaceAttributes, make_part_transform
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import join_meshes
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.geometry.surface_parts import make_part_transform
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,

@@ -33,12 +33,13 @@ from cageik_cli.formats.gltf.nodes import (
     count_influence_sets,
     read_influences,
 )
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
-from cageik_cli.geometry.surface_parts import (
+from cageik_cli.geometry.attributes import (
     MAX_NAME_LENGTH,
     NONE,
     FaceLabels,
+    SurfaceAttributes,
     UvMap,
+    number_normal_fans,
 )
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FormatError, join_truncated

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.gltf.document import Document, Item, count_rows, read_floats, read_wholes
-from cageik_cli.geometry.surface_parts import MAX_NAME_LENGTH
+from cageik_cli.geometry.attributes import MAX_NAME_LENGTH
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import format_count, number_names

@@ -18,7 +18,7 @@ from cageik_cli.formats.gltf.document import Document, Item
 from cageik_cli.formats.gltf.geometry import Geometry, SurfaceReader, count_targets, has_faces
 from cageik_cli.formats.gltf.nodes import INSTANCING, NodeTree, Skin, read_instances
 from cageik_cli.formats.settings import SceneHints
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
+from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context, join_truncated
 from cageik_cli.util.text import number_names

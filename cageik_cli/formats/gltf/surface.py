@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.gltf.file import GlbFile, Singles, round_to
+from cageik_cli.geometry.attributes import PLAIN_COLOUR, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
     FALLBACK_NORMAL,
@@ -16,8 +17,6 @@ from cageik_cli.geometry.normals import (
     compute_vertex_normals,
 )
 from cageik_cli.geometry.parts import split_parts
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.geometry.surface_parts import PLAIN_COLOUR
 from cageik_cli.util.arrays import Floats, Integers
 
 PLAIN = "plain"

@@ -21,10 +21,9 @@ from cageik_cli.formats.obj.text import (
     read_vertex_lines,
     tokenize,
 )
+from cageik_cli.geometry.attributes import NONE, FaceLabels, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_fan_normals
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.geometry.surface_parts import NONE, FaceLabels
 from cageik_cli.util.arrays import Floats, Integers
 
 

@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.obj.text import FACE, VERTEX, Tokens, blank_out, convert_words, tokenize
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
-from cageik_cli.geometry.surface_parts import NONE, PLAIN_COLOUR, FaceLabels, Parts, UvMap
+from cageik_cli.geometry.attributes import (
+    NONE,
+    PLAIN_COLOUR,
+    FaceLabels,
+    Parts,
+    SurfaceAttributes,
+    UvMap,
+    number_normal_fans,
+)
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.files import read_input

@@ -34,8 +34,14 @@ from cageik_cli.formats.usd.library import (
     require_usd,
 )
 from cageik_cli.formats.usd.skinning import Rigs, describe_unposed
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.geometry.surface_parts import NONE, PLAIN_COLOUR, FaceLabels, Subdivision, UvMap
+from cageik_cli.geometry.attributes import (
+    NONE,
+    PLAIN_COLOUR,
+    FaceLabels,
+    Subdivision,
+    SurfaceAttributes,
+    UvMap,
+)
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, error_context
 from cageik_cli.util.text import format_count, single_line

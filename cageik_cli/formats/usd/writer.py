@@ -27,6 +27,7 @@ from cageik_cli.formats.base.writers import (
 from cageik_cli.formats.npz import fixed_date_zipinfo
 from cageik_cli.formats.usd.library import USD_SUFFIXES, capture_diagnostics, require_usd
 from cageik_cli.formats.usd.reader import LIBRARY_KEY, UV_NAME
+from cageik_cli.geometry.attributes import NONE, FaceLabels, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
     FALLBACK_NORMAL,
@@ -35,8 +36,6 @@ from cageik_cli.geometry.normals import (
     shade_smoothly,
 )
 from cageik_cli.geometry.parts import Part, split_parts
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.geometry.surface_parts import NONE, FaceLabels
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.text import number_names

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.fit_figures import UnfittedRecord
 from cageik_cli.report.html.pictures import View

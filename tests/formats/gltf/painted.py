@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cageik_cli.geometry.surface_parts import FaceLabels, UvMap
+from cageik_cli.geometry.attributes import FaceLabels, UvMap
 
 
 def paint(mesh, uv=None, material=None, names=()):

@@ -7,7 +7,7 @@ import pytest
 
 from cageik_cli.formats.obj import surface as materials
 from cageik_cli.formats.open import load_mesh, open_sequence
-from cageik_cli.geometry.surface_parts import PLAIN_COLOUR
+from cageik_cli.geometry.attributes import PLAIN_COLOUR
 from cageik_cli.util.files import read_input
 from tests.assets import asset_text
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
-from cageik_cli.geometry.surface_parts import FaceLabels
+from cageik_cli.geometry.attributes import FaceLabels, SurfaceAttributes
 from cageik_cli.report.player.clip import find_base_colours, load_player_clip, make_single_pose
 from cageik_cli.store.result import read_result
 from tests.shapes import box

@@ -5,10 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cageik_cli.geometry.attributes import (
+    MAX_NAMES,
+    FaceLabels,
+    Subdivision,
+    SurfaceAttributes,
+    UvMap,
+    number_normal_fans,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_area_vectors, compute_fan_normals
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
-from cageik_cli.geometry.surface_parts import MAX_NAMES, FaceLabels, Subdivision, UvMap
 from cageik_cli.util.errors import FormatError
 from tests.shapes import box
 from tests.surfaces import ASSET
