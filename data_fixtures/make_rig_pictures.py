@@ -17,6 +17,7 @@ from PIL import Image
 
 from cageik_cli import load_clip, read_result
 from cageik_cli.geometry.normals import compute_vertex_normals
+from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.report.render.model_views import project_surface, view_axes
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import (
@@ -28,7 +29,6 @@ from cageik_cli.report.render.shading import (
 from cageik_cli.solver.turned_normals import turn_normals
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.caged_model import CagedModel
 from cageik_cli.workflows.rig import make_rig
 
 FIXTURES = Path(__file__).resolve().parent

@@ -18,10 +18,10 @@ from cageik_cli.cli import main, options
 from cageik_cli.coordinates import harmonic
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.inputs import built_cage
 from cageik_cli.solver import executor
 from cageik_cli.store.result import Result
 from cageik_cli.util import compiled
-from cageik_cli.workflows import run_cage
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.settings import ExtractSettings
 from tests.shapes import ball, box
@@ -166,7 +166,7 @@ def coarse_grids(monkeypatch, built_cages) -> None:
     """Build cages on coarse grids, from loose shells, in a second; runs build each once."""
     monkeypatch.setattr(build, "COARSE_GRID", (0.03, 0.13))
     monkeypatch.setattr(build, "LADDER", ((0.04, 0.08),))
-    build_cage = run_cage._build
+    build_cage = built_cage._build
 
     def build_once(model, settings, progress):
         key = (model.vertices.tobytes(), model.faces.tobytes(), settings, build.make_shell)
@@ -174,7 +174,7 @@ def coarse_grids(monkeypatch, built_cages) -> None:
             built_cages[key] = build_cage(model, settings, progress)
         return built_cages[key]
 
-    monkeypatch.setattr(run_cage, "_build", build_once)
+    monkeypatch.setattr(built_cage, "_build", build_once)
 
 
 @pytest.fixture(scope="session")

@@ -15,8 +15,8 @@ from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.formats.ply_points import parse_points, read_splats
 from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud
+from cageik_cli.inputs.model_file import PointReconstruction
 from cageik_cli.util.arrays import Floats
-from cageik_cli.workflows.model_file import PointReconstruction
 from tests.splat_renderer import Camera, render
 from tests.splats import encode_rows, make_splat_rows
 

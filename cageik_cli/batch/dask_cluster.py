@@ -35,6 +35,8 @@ from cageik_cli.captured.frames import FrameWeights
 from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
+from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.executor import MemoryPlan, run_in_threads
@@ -44,8 +46,6 @@ from cageik_cli.util.errors import ClusterError, FileAccessError, format_error, 
 from cageik_cli.util.files import open_locked
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import use_one_blas_thread
-from cageik_cli.workflows.common_scene import CommonScene
-from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
 from cageik_cli.workflows.settings import ExtractSettings
 
 PACKAGE_NAME = "cageik"

@@ -20,6 +20,7 @@ from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.formats.timeline import parse_frames
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.inputs.mesh_source import load_rest, load_source
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store import result as result_file
 from cageik_cli.store.result import Result
@@ -27,7 +28,6 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.threads import count_processors
 from cageik_cli.workflows import extract as file_extraction
-from cageik_cli.workflows.mesh_source import load_rest, load_source
 from cageik_cli.workflows.settings import ExtractSettings
 
 FilePath = str | PathLike[str]

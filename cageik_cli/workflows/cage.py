@@ -28,6 +28,10 @@ from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, RestFrame, Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.inputs.built_cage import check_cage_output
+from cageik_cli.inputs.mesh_source import holds_caged_model, load_source
+from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
+from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.report.views.cage import CageResult
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
@@ -42,10 +46,6 @@ from cageik_cli.util.errors import (
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.common_scene import CommonScene
-from cageik_cli.workflows.mesh_source import holds_caged_model, load_source
-from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
-from cageik_cli.workflows.run_cage import check_cage_output
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
+from cageik_cli.inputs.built_cage import format_repair_command
+from cageik_cli.inputs.mesh_source import load_rest, load_source
+from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
+from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.report.views.check import CheckResult
-from cageik_cli.workflows.common_scene import CommonScene
-from cageik_cli.workflows.mesh_source import load_rest, load_source
-from cageik_cli.workflows.rest_pose import open_clip_and_choose_rest
-from cageik_cli.workflows.run_cage import format_repair_command
 from cageik_cli.workflows.settings import READ, READ_CLIP, CommandSettings
 
 

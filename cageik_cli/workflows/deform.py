@@ -16,20 +16,19 @@ from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, split_output, write_animation
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.inputs.caged_model import CagedModel, carry_fit, report_skipped_frames
+from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction, note_on
+from cageik_cli.inputs.moved_meshes import MovedMeshes
+from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
+from cageik_cli.inputs.scene import CommonScene
+from cageik_cli.inputs.weights import WeightSettings, bind_cached
 from cageik_cli.store.result import read_low_rank, read_rotations
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, count_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.bind import WeightSettings, bind_cached
-from cageik_cli.workflows.caged_model import CagedModel, report_skipped_frames
-from cageik_cli.workflows.carry import carry_fit
-from cageik_cli.workflows.common_scene import CommonScene
 from cageik_cli.workflows.export import write_converted
-from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, note_on
-from cageik_cli.workflows.moved_meshes import MovedMeshes
-from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from cageik_cli.workflows.rig import check_rig, make_rig
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 

@@ -14,6 +14,7 @@ from cageik_cli.editing.statistics import PoseStatistics
 from cageik_cli.editing.summary import PoseResult, take_snapshot
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
+from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.solver.executor import choose_block_size
 from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics, check_finite
@@ -26,7 +27,6 @@ from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import single_line, to_unicode
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.caged_model import CagedModel
 from cageik_cli.workflows.pose import report_placement
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 

@@ -11,6 +11,20 @@ from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.settings import Scene
+from cageik_cli.inputs.built_cage import build_cached, suggest_repair
+from cageik_cli.inputs.mesh_source import load_source
+from cageik_cli.inputs.rest_pose import (
+    VertexWeights,
+    load_vertex_weights,
+    open_clip_and_choose_rest,
+)
+from cageik_cli.inputs.scene import CommonScene, Offer
+from cageik_cli.inputs.weights import (
+    WeightSettings,
+    bind_cached,
+    load_matching_binding,
+    restore_unfitted,
+)
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.executor import MemoryPlan, RunBlocks, run_in_threads
@@ -30,21 +44,8 @@ from cageik_cli.store.result_writer import open_result_writer
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.bind import (
-    WeightSettings,
-    bind_cached,
-    load_matching_binding,
-    restore_unfitted,
-)
-from cageik_cli.workflows.common_scene import CommonScene, Offer
 from cageik_cli.workflows.compose import ResultComposer, collect_notes
 from cageik_cli.workflows.fit import choose_fit, fit_to_clips
-from cageik_cli.workflows.mesh_source import load_source
-from cageik_cli.workflows.rest_pose import (
-    VertexWeights,
-    load_vertex_weights,
-    open_clip_and_choose_rest,
-)
 from cageik_cli.workflows.resume import (
     check_output,
     find_existing,
@@ -52,7 +53,6 @@ from cageik_cli.workflows.resume import (
     recover_blocks,
     write_built_cage,
 )
-from cageik_cli.workflows.run_cage import build_cached, suggest_repair
 from cageik_cli.workflows.settings import ExtractSettings
 from cageik_cli.workflows.smooth import open_refined
 

@@ -13,6 +13,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
+from cageik_cli.inputs.rest_pose import VertexWeights
 from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_weights import make_vertex_weights
@@ -22,7 +23,6 @@ from cageik_cli.util.errors import SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.extract import Extraction
 from cageik_cli.workflows.fit import choose_fit, fit_weights
-from cageik_cli.workflows.rest_pose import VertexWeights
 from cageik_cli.workflows.settings import ExtractSettings
 
 ReportProgress = Callable[[int, int], None]

@@ -18,6 +18,8 @@ from cageik_cli.formats.ply_points import PointFile
 from cageik_cli.formats.settings import ClipSettings, Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
+from cageik_cli.inputs.mesh_source import holds_caged_model
+from cageik_cli.inputs.model_file import LoadedModel, load_model
 from cageik_cli.report.figures import group_digits
 from cageik_cli.report.fit_figures import format_fit_rows, list_fit_notes
 from cageik_cli.report.views.text import format_accuracy_row, format_weights_row
@@ -29,8 +31,6 @@ from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.progress import label_note, locate_note
 from cageik_cli.util.text import format_block, format_count
 from cageik_cli.util.units import list_size_notes
-from cageik_cli.workflows.mesh_source import holds_caged_model
-from cageik_cli.workflows.model_file import LoadedModel, load_model
 
 MAX_LISTED_PARTS = 20
 """Parts of a model that are listed, at most."""

@@ -17,14 +17,14 @@ from cageik_cli.editing.summary import PoseResult, take_snapshot
 from cageik_cli.formats.ply_points import place_positions
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.write import check_mesh_output, write_mesh
+from cageik_cli.inputs.caged_model import CagedModel
+from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction, load_model
+from cageik_cli.inputs.weights import WeightSettings
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.bind import WeightSettings
-from cageik_cli.workflows.caged_model import CagedModel
-from cageik_cli.workflows.model_file import LoadedModel, PointReconstruction, load_model
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 

@@ -11,6 +11,7 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.inputs.built_cage import check_cage_output
 from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.store.checkpoint import (
     Checkpoint,
@@ -23,7 +24,6 @@ from cageik_cli.util.errors import CheckpointError, InputError
 from cageik_cli.util.files import read_input
 from cageik_cli.util.outputs import check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.run_cage import check_cage_output
 from cageik_cli.workflows.settings import ExtractSettings
 
 

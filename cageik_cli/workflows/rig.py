@@ -22,6 +22,7 @@ from cageik_cli.formats.base.skin import (
     count_skin_bytes,
 )
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.inputs.reconstruction import RebuiltFrames, Reconstruction
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
 from cageik_cli.solver.joints import JointPoses, JointSolver
@@ -33,7 +34,6 @@ from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_bytes
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.reconstruction import RebuiltFrames, Reconstruction
 
 Pose = Callable[[RebuiltFrames], JointPoses]
 """Poses the joints of a skin for some frames of the reconstruction."""

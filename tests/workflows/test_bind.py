@@ -11,15 +11,10 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.inputs.weights import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError, SettingError
-from cageik_cli.workflows.bind import (
-    BindRunSettings,
-    WeightSettings,
-    bind_cached,
-    bind_files,
-    load_matching_binding,
-)
+from cageik_cli.workflows.bind import BindRunSettings, bind_files
 from tests.listeners import Listener
 from tests.shapes import ball, box
 

@@ -11,6 +11,7 @@ from cageik_cli.coordinates.binding import reconstruct_frames
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.write import Output
+from cageik_cli.inputs.weights import WeightSettings
 from cageik_cli.report.fit_figures import list_fit_notes
 from cageik_cli.report.html.frames_table import build_quality_rows
 from cageik_cli.report.overview import Overview, build_clip_entry
@@ -29,7 +30,7 @@ from cageik_cli.store.result import (
 )
 from cageik_cli.store.result import read_binding as read_result_binding
 from cageik_cli.util.errors import CheckpointError, InputError, SettingError
-from cageik_cli.workflows.bind import BindRunSettings, WeightSettings, bind_files
+from cageik_cli.workflows.bind import BindRunSettings, bind_files
 from cageik_cli.workflows.deform import DeformSettings, deform
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.export import ExportSettings, export

@@ -351,5 +351,5 @@ CACHE_OPTIONS = OptionGroup(
 
 
 WEIGHT_OPTIONS: OptionGroup[Any] = OptionGroup(
-    "weights", "workflows.bind.WeightSettings", BIND_OPTIONS, CACHE_OPTIONS, jobs_option
+    "weights", "inputs.weights.WeightSettings", BIND_OPTIONS, CACHE_OPTIONS, jobs_option
 )

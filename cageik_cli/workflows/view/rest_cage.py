@@ -12,6 +12,11 @@ from cageik_cli.formats.find_files import split_member
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import find_mirror
+from cageik_cli.inputs.built_cage import BUILT_CAGE
+from cageik_cli.inputs.caged_model import CagedModel
+from cageik_cli.inputs.mesh_source import holds_caged_model, load_source, name_source
+from cageik_cli.inputs.model_file import load_surface, note_on
+from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.posing.constraints import MAX_ASYMMETRY
 from cageik_cli.report.player.clip import PlayerClip, make_single_pose
 from cageik_cli.report.player.rest_cage import check_drawn_weights, render_rest_cage_page
@@ -20,11 +25,6 @@ from cageik_cli.util.errors import CageikError, FormatError, SettingError, error
 from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_count
-from cageik_cli.workflows.caged_model import CagedModel
-from cageik_cli.workflows.common_scene import CommonScene
-from cageik_cli.workflows.mesh_source import holds_caged_model, load_source, name_source
-from cageik_cli.workflows.model_file import load_surface, note_on
-from cageik_cli.workflows.run_cage import BUILT_CAGE
 from cageik_cli.workflows.view.beside import Answer, CageLaboratory
 from cageik_cli.workflows.view.sent_cage import (
     MAX_EDITED_VERTICES,
@@ -172,7 +172,7 @@ def _open_cage(
     settings: ViewSettings, rest: LoadedMesh, progress: ProgressListener
 ) -> tuple[LoadedMesh, str]:
     if settings.cage is None:
-        from cageik_cli.workflows.model_file import LoadedModel
+        from cageik_cli.inputs.model_file import LoadedModel
 
         caged = CagedModel(settings.target, LoadedModel(rest), None)
         built = caged.build_cage(settings.build, settings.weights.cache, progress).cage

@@ -20,6 +20,10 @@ from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.find_files import split_member
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.write import check_mesh_output, write_mesh
+from cageik_cli.inputs.caged_model import CagedModel
+from cageik_cli.inputs.mesh_source import name_source
+from cageik_cli.inputs.model_file import load_surface
+from cageik_cli.inputs.weights import WeightSettings
 from cageik_cli.report.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
 from cageik_cli.report.player.section import render_view_page
 from cageik_cli.report.views.pose_text import format_pose_rows
@@ -30,11 +34,7 @@ from cageik_cli.util.errors import (
 )
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.bind import WeightSettings
-from cageik_cli.workflows.caged_model import CagedModel
 from cageik_cli.workflows.edit import EditSettings, edit
-from cageik_cli.workflows.mesh_source import name_source
-from cageik_cli.workflows.model_file import load_surface
 from cageik_cli.workflows.pose import check_target_kind, pose_model
 from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 from cageik_cli.workflows.view.page_edits import check_edit_fits, parse_sent, read_first_edit

@@ -15,11 +15,11 @@ import pytest
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh
+from cageik_cli.inputs.weights import WeightSettings
 from cageik_cli.report.player.section import render_view_page
 from cageik_cli.util import outputs
 from cageik_cli.util.errors import CageikError, InputError
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.bind import WeightSettings
 from cageik_cli.workflows.view.page_edits import MAX_SENT_BYTES
 from cageik_cli.workflows.view.run import JobBoard, ViewListener, run_view
 from cageik_cli.workflows.view.session import ViewSettings, open_session

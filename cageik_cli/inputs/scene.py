@@ -17,7 +17,7 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.pose_difference import PoseDifference, find_pose_difference
+from cageik_cli.inputs.pose_difference import PoseDifference, find_pose_difference
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import FormatError, InputError
 from cageik_cli.util.progress import locate_note, mark_warning

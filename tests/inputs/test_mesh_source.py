@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from cageik_cli.inputs.mesh_source import load_source
 from cageik_cli.util.errors import FileAccessError
-from cageik_cli.workflows.mesh_source import load_source
 
 
 @pytest.mark.parametrize(

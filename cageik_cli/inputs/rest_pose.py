@@ -22,12 +22,12 @@ from cageik_cli.formats.vertex_weights import (
     open_frame_weights,
     read_vertex_weights,
 )
+from cageik_cli.inputs.mesh_source import load_rest
+from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.solver.vertex_weights import make_vertex_weights
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import InputError, SettingError, error_context
 from cageik_cli.util.text import to_unicode
-from cageik_cli.workflows.common_scene import CommonScene
-from cageik_cli.workflows.mesh_source import load_rest
 
 MAX_COMPARED_FRAMES = 200
 """Frames of a clip that are compared, at most; of longer clips they are spread evenly."""

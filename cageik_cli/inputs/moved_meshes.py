@@ -16,10 +16,10 @@ from cageik_cli.formats.base.choose_parts import drop_parts, list_unmatched
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.pose_difference import MIN_CLEAR_RATIO
+from cageik_cli.inputs.model_file import LoadedModel, load_models
+from cageik_cli.inputs.pose_difference import MIN_CLEAR_RATIO
+from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.util.errors import FormatError, SettingError, error_context
-from cageik_cli.workflows.common_scene import CommonScene
-from cageik_cli.workflows.model_file import LoadedModel, load_models
 
 MAX_BOX_SLACK = 0.1
 """A mesh that is where a model is leaves its bounding box by at most this, in diagonals."""

@@ -33,16 +33,16 @@ from cageik_cli.formats.write import PLACEHOLDER, Output, WriterFactory, names_p
 from cageik_cli.geometry.oriented import Oriented, Splats
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.geometry.points import PointCloud
+from cageik_cli.inputs.mesh_source import load_source
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError, error_context, join_truncated
 from cageik_cli.util.files import read_input
 from cageik_cli.util.progress import ProgressListener, label_note, locate_note, mark_warning
 from cageik_cli.util.text import to_unicode
 from cageik_cli.util.threads import OrderedMap
-from cageik_cli.workflows.mesh_source import load_source
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.reconstruction import CageFrames
+    from cageik_cli.inputs.reconstruction import CageFrames
 
 POINT_SUFFIXES = (".ply", ".npz", ".pc2", ".mdd")
 """What points without faces can be written as."""

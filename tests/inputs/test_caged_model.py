@@ -5,8 +5,8 @@ import pytest
 
 from cageik_cli.coordinates import binding as binding_module
 from cageik_cli.coordinates.binding import Binding
+from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from tests.shapes import ball, box
 
 COUNT = 10
