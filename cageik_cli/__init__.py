@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from cageik_cli.cages.builder.build import BuiltCage
     from cageik_cli.cages.check.diagnosis import Diagnosis
     from cageik_cli.coordinates.binding import Binding
-    from cageik_cli.coordinates.harmonic_field import HarmonicField
     from cageik_cli.fit.settings import FitSettings
     from cageik_cli.formats.base.sequence import MeshSequence
     from cageik_cli.geometry.mesh import TriMesh
     from cageik_cli.geometry.points import PointCloud
+    from cageik_cli.method.points.field import HarmonicField
     from cageik_cli.posing.anchors import Anchor, closest_point, point_at_vertex
     from cageik_cli.posing.poser import Poser
     from cageik_cli.store.result import Result
@@ -89,7 +89,7 @@ _HOMES = {
     "Diagnosis": "cages.check.diagnosis",
     "FitSettings": "fit.settings",
     "FittedWeights": "workflows.fit",
-    "HarmonicField": "coordinates.harmonic_field",
+    "HarmonicField": "method.points.field",
     "MeshSequence": "formats.base.sequence",
     "PointCloud": "geometry.points",
     "Poser": "posing.poser",

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.geometry.spherical_harmonics import evaluate_band
+from cageik_cli.method.points.oriented import evaluate_band
 from tests.splats import covariances
 
 C0 = 0.28209479177387814

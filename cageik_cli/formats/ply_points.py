@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.formats.base.writers import Animation, FrameFileWriter
 from cageik_cli.formats.ply import NORMAL_NAMES, Element, PlyRows, stack_positions
-from cageik_cli.geometry.oriented import Splats
-from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
+from cageik_cli.method.points.oriented import REST_COUNTS, Splats
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, OutputError, join_truncated
 

@@ -17,9 +17,9 @@ from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.ply_points import PointFile
 from cageik_cli.formats.settings import ClipSettings, Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
 from cageik_cli.inputs.mesh_source import holds_caged_model
 from cageik_cli.inputs.model_file import LoadedModel, load_model
+from cageik_cli.method.points.oriented import REST_COUNTS
 from cageik_cli.report.figures import group_digits
 from cageik_cli.report.fit_figures import format_fit_rows, list_fit_notes
 from cageik_cli.report.views.text import format_accuracy_row, format_weights_row

@@ -7,13 +7,13 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.harmonic_field import HarmonicField
-from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.carried import MAX_CARRY_DISTANCE, CarriedChange, compute_fade
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud
+from cageik_cli.method.points.field import HarmonicField
+from cageik_cli.method.points.motion import PointMotion
+from cageik_cli.method.points.oriented import Oriented
 from tests.fitted import true_weights
 from tests.shapes import ball, finer, rotation
 
@@ -191,7 +191,7 @@ def test_few_influences_carry_with_their_offsets(few):
 
 def test_points_turn_with_offsets(few, points, monkeypatch):
     """A rigid motion of the cage moves points with normals rigidly, if offsets turn with it."""
-    from cageik_cli.coordinates import point_motion
+    from cageik_cli.method.points import motion as point_motion
 
     change = CarriedChange(few, few.unfitted.weights)
     computed = bind_points(points)

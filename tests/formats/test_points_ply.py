@@ -15,8 +15,8 @@ from cageik_cli.formats.ply_points import (
     read_splats,
 )
 from cageik_cli.formats.settings import Scene
-from cageik_cli.geometry.oriented import move_splats
 from cageik_cli.geometry.points import PointCloud
+from cageik_cli.method.points.oriented import move_splats
 from cageik_cli.util.errors import FormatError, OutputError
 from tests.formats.test_fuzz_readers import damaged
 from tests.refusals import refused

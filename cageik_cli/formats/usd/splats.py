@@ -10,7 +10,7 @@ from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.ply_points import COLOURS, SCALES, TURNS, PointFile, rest_names
 from cageik_cli.formats.usd.library import capture_diagnostics, require_usd
 from cageik_cli.formats.usd.writer import UsdWriter, compute_extent
-from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
+from cageik_cli.method.points.oriented import REST_COUNTS
 from cageik_cli.util.errors import MissingLibraryError, OutputError
 
 SCHEMA = "ParticleField3DGaussianSplat"

@@ -5,7 +5,7 @@ import pytest
 
 from cageik_cli.coordinates.bem import error_estimate
 from cageik_cli.coordinates.bem.error_estimate import measure_surface_error
-from cageik_cli.coordinates.harmonic_field import HarmonicField
+from cageik_cli.method.points.field import HarmonicField
 from tests.shapes import box, inside
 
 

@@ -5,12 +5,12 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates import harmonic
-from cageik_cli.coordinates.bem import gradients as gradients_module
 from cageik_cli.coordinates.bem.panel_geometry import Panels
-from cageik_cli.coordinates.harmonic_field import HarmonicField
 from cageik_cli.coordinates.settings import ACCURACIES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
+from cageik_cli.method.points import gradients as gradients_module
+from cageik_cli.method.points.field import HarmonicField
 from cageik_cli.util.errors import CageError, FormatError, SettingError
 from tests.coordinates.random_cages import points_within, random_cage
 from tests.shapes import TETRAHEDRON, ball, box, concave, inside

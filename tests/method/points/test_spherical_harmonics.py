@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import sph_harm_y
 
-from cageik_cli.geometry.spherical_harmonics import REST_COUNTS, evaluate_band, rotate_harmonics
+from cageik_cli.method.points.oriented import REST_COUNTS, evaluate_band, rotate_harmonics
 
 DEGREES = (1, 2, 3)
 

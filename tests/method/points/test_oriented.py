@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cageik_cli.geometry.oriented import Oriented, move_normals
+from cageik_cli.method.points.oriented import Oriented, move_normals
 
 RANDOM = np.random.default_rng(5)
 NORMALS = RANDOM.standard_normal((3, 40))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cageik_cli.geometry.ellipsoids import (
+from cageik_cli.method.points.oriented import (
     MIN_AXIS,
     determinants,
     move_ellipsoids,
