@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from cageik_cli.geometry.mesh import TriMesh
     from cageik_cli.geometry.points import PointCloud
     from cageik_cli.method.points.field import HarmonicField
-    from cageik_cli.posing.anchors import Anchor, closest_point, point_at_vertex
-    from cageik_cli.posing.poser import Poser
+    from cageik_cli.method.pose.anchors import Anchor, closest_point, point_at_vertex
+    from cageik_cli.method.pose.poser import Poser
     from cageik_cli.store.result import Result
     from cageik_cli.util.errors import CageikError
     from cageik_cli.workflows.api import (
@@ -81,7 +81,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Anchor": "posing.anchors",
+    "Anchor": "method.pose.anchors",
     "Binding": "coordinates.binding",
     "BuiltCage": "cages.builder.build",
     "CageAnimation": "workflows.extract_arrays",
@@ -92,15 +92,15 @@ _HOMES = {
     "HarmonicField": "method.points.field",
     "MeshSequence": "formats.base.sequence",
     "PointCloud": "geometry.points",
-    "Poser": "posing.poser",
+    "Poser": "method.pose.poser",
     "Result": "store.result",
     "ShownPage": "workflows.view.show",
     "TriMesh": "geometry.mesh",
     "build_cage": "workflows.cage",
-    "closest_point": "posing.anchors",
+    "closest_point": "method.pose.anchors",
     "extract": "workflows.extract_arrays",
     "fit_weights": "workflows.fit",
-    "point_at_vertex": "posing.anchors",
+    "point_at_vertex": "method.pose.anchors",
     "show": "workflows.view.show",
 }
 """Modules of the names that are not defined in `workflows.api`."""

@@ -21,14 +21,14 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.editing.summary import PoseSnapshot
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.anchors import (
+from cageik_cli.method.pose.anchors import (
     Anchor,
     SurfacePoint,
     anchor_positions,
     point_at_vertex,
     point_on_face,
 )
-from cageik_cli.posing.poser import Poser
+from cageik_cli.method.pose.poser import Poser
 from cageik_cli.report.plots.pose_plot import Panel, draw_pose
 from cageik_cli.report.plots.style import use_fixed_style
 

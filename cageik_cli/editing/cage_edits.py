@@ -22,7 +22,7 @@ from cageik_cli.editing.handles.schema import MAX_HANDLES_BYTES, check_schema, d
 from cageik_cli.formats.timeline import Timeline, format_frame_number
 from cageik_cli.geometry.mesh import MAX_COORDINATE
 from cageik_cli.geometry.mirror import Mirror
-from cageik_cli.posing.constraints import mirror_pairs
+from cageik_cli.method.pose.constraints import mirror_pairs
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, error_context
 from cageik_cli.util.files import read_input

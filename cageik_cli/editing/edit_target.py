@@ -8,7 +8,7 @@ import numpy as np
 from cageik_cli.coordinates.binding import Binding, measure_offsets, reconstruct
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.timeline import Timeline
-from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
+from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.util.arrays import Floats, Integers
 
 

@@ -12,9 +12,9 @@ from cageik_cli.editing.edit_target import EditTarget
 from cageik_cli.editing.handles.model import PosedSurface
 from cageik_cli.editing.handles.placement import place_handles
 from cageik_cli.editing.handles.schedule import HandleSchedule
-from cageik_cli.posing.anchors import Anchor
-from cageik_cli.posing.constraints import CageConstraints, find_reach, require_mirror
-from cageik_cli.posing.poser import DEFAULT_POSE_ALPHA, Poser, validate_weights
+from cageik_cli.method.pose.anchors import Anchor
+from cageik_cli.method.pose.constraints import CageConstraints, find_reach, require_mirror
+from cageik_cli.method.pose.poser import DEFAULT_POSE_ALPHA, Poser, validate_weights
 from cageik_cli.solver.metrics import FrameMetrics, measure
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import SettingError, error_context

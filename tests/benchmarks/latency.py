@@ -7,7 +7,7 @@ One thread, medians of 1000 moves. The cage's time does not depend on the model.
 
 import argparse
 
-from cageik_cli.posing.poser import Poser
+from cageik_cli.method.pose.poser import Poser
 from cageik_cli.util.threads import limit_blas_threads
 from tests.benchmarks.drags import median_seconds, moves_of, spread_anchors, synthetic
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.shape import uniform_laplacian
-from cageik_cli.posing.anchors import Anchor, anchor_matrix, point_at_vertex
-from cageik_cli.posing.poser import Poser
+from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, point_at_vertex
+from cageik_cli.method.pose.poser import Poser
 from cageik_cli.util.threads import limit_blas_threads
 from tests.benchmarks.drags import median_seconds, moves_of, spread_anchors, synthetic
 

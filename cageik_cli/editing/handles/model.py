@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.formats.timeline import Timeline, format_frame_number
-from cageik_cli.geometry.camera import Camera
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.constraints import CageConstraints
+from cageik_cli.method.pose.camera import Camera
+from cageik_cli.method.pose.constraints import CageConstraints
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, InputError
 

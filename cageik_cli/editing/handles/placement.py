@@ -10,7 +10,7 @@ from cageik_cli.editing.handles.model import Handle, HandleSet, Motion, Place, P
 from cageik_cli.editing.handles.schedule import HandleSchedule, merge_coincident
 from cageik_cli.formats.timeline import Timeline
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.anchors import (
+from cageik_cli.method.pose.anchors import (
     COINCIDENT_TOL,
     SurfacePoint,
     closest_point,

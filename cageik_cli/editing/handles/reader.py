@@ -10,9 +10,9 @@ import numpy as np
 
 from cageik_cli.editing.handles.model import Handle, Handles, HandleSet, Motion, Place
 from cageik_cli.editing.handles.schema import HANDLES_FORMAT, check_schema
-from cageik_cli.geometry.camera import Camera
 from cageik_cli.geometry.mirror import Mirror
-from cageik_cli.posing.constraints import CageConstraints
+from cageik_cli.method.pose.camera import Camera
+from cageik_cli.method.pose.constraints import CageConstraints
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, error_context
 from cageik_cli.util.files import read_input

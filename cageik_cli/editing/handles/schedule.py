@@ -11,7 +11,7 @@ import numpy as np
 from cageik_cli.editing.handles.model import Handle, Motion, PosedSurface
 from cageik_cli.formats.timeline import Timeline, format_frame_number
 from cageik_cli.geometry.mesh import MAX_COORDINATE
-from cageik_cli.posing.anchors import COINCIDENT_TOL, Anchor, SurfacePoint, anchor_positions
+from cageik_cli.method.pose.anchors import COINCIDENT_TOL, Anchor, SurfacePoint, anchor_positions
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, error_context
 

@@ -21,7 +21,7 @@ VIEW_EDGE_TOL = 1e-9
 class ParallelCamera:
     """A parallel projection onto a square picture.
 
-    It is separate from `geometry.camera.Camera`, which validates matrices of users, casts rays
+    It is separate from `method.pose.camera.Camera`, which validates matrices of users, casts rays
     through pixels, and refuses points that are not finite. Here depths are in pixels, and points
     that are not finite are left out.
 

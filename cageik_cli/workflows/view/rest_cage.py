@@ -17,7 +17,7 @@ from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.mesh_source import holds_caged_model, load_source, name_source
 from cageik_cli.inputs.model_file import load_surface, note_on
 from cageik_cli.inputs.scene import CommonScene
-from cageik_cli.posing.constraints import MAX_ASYMMETRY
+from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.report.player.clip import PlayerClip, make_single_pose
 from cageik_cli.report.player.rest_cage import check_drawn_weights, render_rest_cage_page
 from cageik_cli.util.arrays import Floats

@@ -8,7 +8,7 @@ import pytest
 from cageik_cli.editing.handles import schedule
 from cageik_cli.editing.handles.model import PosedSurface
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.anchors import anchor_positions
+from cageik_cli.method.pose.anchors import anchor_positions
 from cageik_cli.util.errors import HandlesError
 from tests.editing.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
 

@@ -6,8 +6,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cageik_cli.editing.handles.model import Motion
-from cageik_cli.geometry.camera import Camera
-from tests.geometry.test_camera import stand
+from cageik_cli.method.pose.camera import Camera
+from tests.method.pose.test_camera import stand
 
 FRAMES = np.arange(12)
 KEYS = np.array([2, 5, 9])

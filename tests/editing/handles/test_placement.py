@@ -7,7 +7,7 @@ from cageik_cli.editing.edits import PosingSettings
 from cageik_cli.editing.handles.model import HandleSet, PosedSurface
 from cageik_cli.editing.handles.placement import describe_place, place_handles
 from cageik_cli.formats.timeline import Timeline
-from cageik_cli.posing.anchors import anchor_positions
+from cageik_cli.method.pose.anchors import anchor_positions
 from cageik_cli.util.errors import HandlesError, SettingError
 from tests.editing.handles.files import (
     CAMERA,
@@ -21,7 +21,7 @@ from tests.editing.handles.files import (
     read_set,
     step,
 )
-from tests.geometry.test_camera import stand
+from tests.method.pose.test_camera import stand
 from tests.refusals import refused
 
 PIN = {"name": "foot", "vertex": 0, "pin": True}

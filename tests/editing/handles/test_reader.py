@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from cageik_cli.editing.handles.placement import place_handles
 from cageik_cli.editing.handles.reader import read_handles
-from cageik_cli.geometry.camera import Camera
+from cageik_cli.method.pose.camera import Camera
 from cageik_cli.util.errors import CageikError, InputError
 from tests.editing.handles.files import CAMERA, CLIP, HAND, KEYS, STILL, read, read_set
-from tests.geometry.test_camera import stand
+from tests.method.pose.test_camera import stand
 from tests.refusals import refused
 
 EYE = np.eye(4).tolist()

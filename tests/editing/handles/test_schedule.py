@@ -5,7 +5,7 @@ import pytest
 
 from cageik_cli.editing.handles.model import Motion
 from cageik_cli.editing.handles.schedule import HandleSchedule, ScheduledAnchor
-from cageik_cli.posing.anchors import Anchor, point_at_vertex
+from cageik_cli.method.pose.anchors import Anchor, point_at_vertex
 from cageik_cli.util.errors import HandlesError
 from tests.editing.handles.test_model import FRAMES, KEYS, POSITIONS, STANDING, VALUES
 from tests.shapes import box

@@ -11,9 +11,9 @@ from cageik_cli.editing.edits import LayeredEdit, PosingSettings
 from cageik_cli.editing.statistics import PoseStatistics
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mirror import Mirror
-from cageik_cli.posing import constraints
-from cageik_cli.posing.anchors import Anchor, point_at_vertex
-from cageik_cli.posing.constraints import MAX_LEAK, find_reach, mirror_pairs
+from cageik_cli.method.pose import constraints
+from cageik_cli.method.pose.anchors import Anchor, point_at_vertex
+from cageik_cli.method.pose.constraints import MAX_LEAK, find_reach, mirror_pairs
 from cageik_cli.util.errors import HandlesError
 from tests.editing.handles.files import read
 

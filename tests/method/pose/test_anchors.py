@@ -7,9 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.geometry.camera import Camera
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.anchors import (
+from cageik_cli.method.pose.anchors import (
     Anchor,
     anchor_matrix,
     anchor_positions,
@@ -18,11 +17,12 @@ from cageik_cli.posing.anchors import (
     point_at_vertex,
     point_on_face,
 )
+from cageik_cli.method.pose.camera import Camera
 from cageik_cli.util.errors import HandlesError
-from tests.geometry.test_camera import orthographic, stand
+from tests.method.pose.test_camera import orthographic, stand
 from tests.shapes import ball, box, changed, finer, octahedron, rotation
 
-WALKER = Path(__file__).parents[2] / "data_fixtures/walker/frames/walker_1.obj"
+WALKER = Path(__file__).parents[3] / "data_fixtures/walker/frames/walker_1.obj"
 BALL = ball(2, 1.0)
 
 

@@ -13,15 +13,15 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.geometry.shape import uniform_laplacian
-from cageik_cli.posing.anchors import Anchor, SurfacePoint, anchor_matrix, point_at_vertex
-from cageik_cli.posing.constraints import CageConstraints
-from cageik_cli.posing.poser import Poser
+from cageik_cli.method.pose.anchors import Anchor, SurfacePoint, anchor_matrix, point_at_vertex
+from cageik_cli.method.pose.constraints import CageConstraints
+from cageik_cli.method.pose.poser import Poser
 from cageik_cli.util.errors import HandlesError, NumericalError, SettingError
 from tests.shapes import ball, box, concave, finer, octahedron, rotation
 
 CAGE = finer(concave(), 1)
 FACES = np.arange(60).reshape(-1, 3)
-WALKER = Path(__file__).parents[2] / "data_fixtures/walker"
+WALKER = Path(__file__).parents[3] / "data_fixtures/walker"
 
 
 def bound(cage, seed=0):

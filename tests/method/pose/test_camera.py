@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.geometry.camera import Camera
+from cageik_cli.method.pose.camera import Camera
 from cageik_cli.util.errors import SettingError
 from tests.shapes import rotation
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.geometry.camera import Camera
 from cageik_cli.geometry.mesh import MAX_COORDINATE, TriMesh
 from cageik_cli.geometry.surface import closest_points
+from cageik_cli.method.pose.camera import Camera
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, InputError
 
