@@ -5,12 +5,12 @@ from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
 from typing import Any, Protocol
 
+from cageik_cli.method.solve.settings import AREA
 from cageik_cli.report.limits import Limits
 from cageik_cli.report.overview import ClipEntry, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import draw_thumbnail
 from cageik_cli.solver.executor import RunBlocks, run_in_threads
-from cageik_cli.solver.settings import AREA
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache_entry import compute_key
 from cageik_cli.store.result import Result, has_weights

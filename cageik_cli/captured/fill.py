@@ -33,7 +33,7 @@ import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.rotations import nearest_rotations_by_entry
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
 MAX_CONJUGATE_STEPS = 200
@@ -60,7 +60,7 @@ class FrameTerms:
         Whether a frame has data.
     lost : dict
         By frame, E_t, (n, n), of frames in which vertices weigh less, or are missing, if in no more
-        than `MAX_BRIDGED_FRAMES` of `solver.summary` in a row.
+        than `MAX_BRIDGED_FRAMES` of `method.solve.summary` in a row.
     """
 
     cages: Floats

@@ -11,9 +11,9 @@ import numpy as np
 
 from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.alignment import best_rotations
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.metrics import KeptMetrics, leave_gaps
+from cageik_cli.method.solve.alignment import best_rotations
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.metrics import KeptMetrics, leave_gaps
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
 MAX_RESIDUAL_RATIO = 5.0

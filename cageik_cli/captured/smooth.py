@@ -18,7 +18,7 @@ import numpy as np
 
 from cageik_cli.captured.fill import FrameTerms, make_bend_bands
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats, Mask
 
 MIN_WINDOW, MAX_WINDOW = 96, 512

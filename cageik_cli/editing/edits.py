@@ -15,7 +15,7 @@ from cageik_cli.editing.handles.schedule import HandleSchedule
 from cageik_cli.method.pose.anchors import Anchor
 from cageik_cli.method.pose.constraints import CageConstraints, find_reach, require_mirror
 from cageik_cli.method.pose.poser import DEFAULT_POSE_ALPHA, Poser, validate_weights
-from cageik_cli.solver.metrics import FrameMetrics, measure
+from cageik_cli.method.solve.metrics import FrameMetrics, measure
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import SettingError, error_context
 

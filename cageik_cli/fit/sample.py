@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cageik_cli.fit.problem import Displacements, estimate_memory
 from cageik_cli.fit.settings import MAX_HELD_OUT_BLOCKS
 from cageik_cli.geometry.points import choose_farthest
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats, Integers, count_frames
 from cageik_cli.util.errors import ConnectivityError, InputError, MissingFrameError
 from cageik_cli.util.threads import OrderedMap

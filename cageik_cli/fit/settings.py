@@ -8,7 +8,7 @@ from math import isfinite
 from types import NoneType
 from typing import Any, get_args
 
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.util.errors import SettingError
 
 FIT_VERSION = 4

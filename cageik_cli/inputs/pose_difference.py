@@ -11,7 +11,7 @@ from itertools import chain
 import numpy as np
 
 from cageik_cli.formats.scene_conversion import UP_TURNS
-from cageik_cli.solver.alignment import best_motions
+from cageik_cli.method.solve.alignment import best_motions
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.units import LONG_UNIT_NAMES, find_units_of_ratio, list_unit_ratios
 

@@ -24,7 +24,7 @@ from cageik_cli.formats.vertex_weights import (
 )
 from cageik_cli.inputs.mesh_source import load_rest
 from cageik_cli.inputs.scene import CommonScene
-from cageik_cli.solver.vertex_weights import make_vertex_weights
+from cageik_cli.method.solve.vertex_weights import make_vertex_weights
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import InputError, SettingError, error_context
 from cageik_cli.util.text import to_unicode

@@ -4,8 +4,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from cageik_cli.geometry.parts import name_part
+from cageik_cli.method.solve.regions import MAX_DEVIATION, MAX_RMS_RATIO, Cause, has_bad_regions
 from cageik_cli.report.figures import ReportSummary, format_percent
-from cageik_cli.solver.regions import MAX_DEVIATION, MAX_RMS_RATIO, Cause, has_bad_regions
 from cageik_cli.store.result import Result
 
 CAUSES = {

@@ -1,8 +1,8 @@
 """The verdict on a result: how good it is in one word, and the one step that would help most."""
 
 from cageik_cli.captured.settings import AUTO_SMOOTHING
+from cageik_cli.method.solve.regions import Cause
 from cageik_cli.report.notes import MIN_DATA_PER_CAGE_VERTEX, has_outliers
-from cageik_cli.solver.regions import Cause
 from cageik_cli.store.result import Result, has_weights
 
 MAX_GOOD_RMS = 0.3

@@ -28,7 +28,7 @@ from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.geometry.points import columns_to_frames, frames_to_columns
 from cageik_cli.geometry.rotations import nearest_rotations_by_entry
 from cageik_cli.geometry.shape import uniform_laplacian
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats
 
 NORMAL_LENGTH = 0.0075

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.captured.frames import KeptBlock
-from cageik_cli.solver.blocks import SolvedBlock
-from cageik_cli.solver.metrics import KEPT_TYPES, METRIC_TYPES, FrameMetrics, KeptMetrics
-from cageik_cli.solver.summary import DeviationPeaks
+from cageik_cli.method.solve.blocks import SolvedBlock
+from cageik_cli.method.solve.metrics import KEPT_TYPES, METRIC_TYPES, FrameMetrics, KeptMetrics
+from cageik_cli.method.solve.summary import DeviationPeaks
 
 _BLOCK_HEADER = struct.Struct("<QQQQQ")
 """First frame, frames, sampled vertices, bytes of the faults, and of what was kept."""

@@ -14,7 +14,7 @@ from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding, Correcti
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.settings import FIT_VERSION, FitRecord, FitSettings, FittedClip
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_entry import CorruptEntry, Entry, EntryFormat, compute_key
 from cageik_cli.store.hdf5_fields import parse_record

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli import __version__
-from cageik_cli.solver.blocks import SolvedBlock
-from cageik_cli.solver.summary import ClipSummary
+from cageik_cli.method.solve.blocks import SolvedBlock
+from cageik_cli.method.solve.summary import ClipSummary
 from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.util.errors import CheckpointError, FormatError, error_context, make_write_error
 from cageik_cli.util.files import open_input, open_locked, remove_locked, set_size

@@ -18,7 +18,7 @@ from cageik_cli.formats.base.hdf5 import (
     read_texts,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.metrics import FrameMetrics, KeptMetrics, are_lengths
+from cageik_cli.method.solve.metrics import FrameMetrics, KeptMetrics, are_lengths
 from cageik_cli.store import fit_fields
 from cageik_cli.store.fit_fields import UnfittedClip, read_fit_record, read_offset_mark
 from cageik_cli.store.hdf5_fields import (

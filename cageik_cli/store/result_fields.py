@@ -9,8 +9,8 @@ import numpy as np
 
 from cageik_cli.formats.base.hdf5 import read_array
 from cageik_cli.formats.settings import Scene
-from cageik_cli.solver.dual_laplacian import SolveQuality
-from cageik_cli.solver.metrics import (
+from cageik_cli.method.solve.dual_laplacian import SolveQuality
+from cageik_cli.method.solve.metrics import (
     KEPT_TYPES,
     MAX_LENGTH,
     METRIC_TYPES,
@@ -19,8 +19,8 @@ from cageik_cli.solver.metrics import (
     are_lengths,
     find_invalid_metric,
 )
-from cageik_cli.solver.regions import MAX_CAGE_FACES, MAX_REGIONS, Region
-from cageik_cli.solver.summary import VertexBound
+from cageik_cli.method.solve.regions import MAX_CAGE_FACES, MAX_REGIONS, Region
+from cageik_cli.method.solve.summary import VertexBound
 from cageik_cli.store.hdf5_fields import (
     parse_record,
     read_floats,

@@ -21,7 +21,7 @@ from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.formats.timeline import parse_frames
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.mesh_source import load_rest, load_source
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.store import result as result_file
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats

@@ -15,7 +15,7 @@ from cageik_cli.inputs.mesh_source import load_rest, load_source
 from cageik_cli.inputs.rest_pose import load_vertex_weights
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.weights import WeightSettings, bind_cached
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.store.binding_file import StoredBinding, write_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import error_context

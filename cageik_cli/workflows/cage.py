@@ -32,9 +32,9 @@ from cageik_cli.inputs.built_cage import check_cage_output
 from cageik_cli.inputs.mesh_source import holds_caged_model, load_source
 from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.report.views.cage import CageResult
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import (
     CageError,

@@ -12,8 +12,8 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
 from cageik_cli.geometry.parts import MAX_PARTS_NAMED, count_by_part
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.regions import (
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.regions import (
     MIN_DEVIATION,
     Region,
     blame_loose_cage,
@@ -22,7 +22,7 @@ from cageik_cli.solver.regions import (
     find_worst_regions,
     has_bad_regions,
 )
-from cageik_cli.solver.summary import MAX_BRIDGED_FRAMES, ClipSummary, DeviationPeaks
+from cageik_cli.method.solve.summary import MAX_BRIDGED_FRAMES, ClipSummary, DeviationPeaks
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.fit_fields import UnfittedClip

@@ -15,10 +15,10 @@ from cageik_cli.editing.summary import PoseResult, take_snapshot
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.inputs.caged_model import CagedModel
-from cageik_cli.solver.blocks import SolvedBlock
+from cageik_cli.method.solve.blocks import SolvedBlock
+from cageik_cli.method.solve.metrics import METRIC_TYPES, FrameMetrics, check_finite
+from cageik_cli.method.solve.summary import DeviationPeaks, summarize_blocks
 from cageik_cli.solver.executor import choose_block_size
-from cageik_cli.solver.metrics import METRIC_TYPES, FrameMetrics, check_finite
-from cageik_cli.solver.summary import DeviationPeaks, summarize_blocks
 from cageik_cli.store.result import Result, read_cages, read_result, read_rotations
 from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_writer import ResultWriter, open_result_writer

@@ -25,10 +25,10 @@ from cageik_cli.inputs.weights import (
     load_matching_binding,
     restore_unfitted,
 )
-from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.summary import DeviationPeaks
 from cageik_cli.solver.executor import MemoryPlan, RunBlocks, run_in_threads
-from cageik_cli.solver.summary import DeviationPeaks
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache_entry import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint

@@ -23,10 +23,10 @@ from cageik_cli.formats.base.skin import (
 )
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.reconstruction import RebuiltFrames, Reconstruction
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.solver.fitting.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
 from cageik_cli.solver.joints import JointPoses, JointSolver
-from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.turned_normals import NormalAngles
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats

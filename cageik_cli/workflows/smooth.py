@@ -12,10 +12,10 @@ from cageik_cli.captured.fill import FrameTerms, TimeFiller
 from cageik_cli.captured.settings import AUTO_SMOOTHING, CaptureSettings
 from cageik_cli.captured.smooth import TimeSmoother, choose_strengths
 from cageik_cli.formats.base.sequence import Block, MeshSequence
-from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.summary import Absences
 from cageik_cli.solver.executor import choose_block_size
-from cageik_cli.solver.summary import Absences
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result import placed_path, smoothed_path
 from cageik_cli.util.arrays import Floats, Integers, Mask

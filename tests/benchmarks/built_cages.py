@@ -29,8 +29,8 @@ from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.workflows.cage import make_measured_clip
 from cageik_cli.workflows.extract_arrays import extract
 from tests.cages.independent import examine

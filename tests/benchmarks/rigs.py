@@ -41,10 +41,10 @@ from cageik_cli.formats.gltf.skeleton import SkeletonWriter
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.alignment import best_motions
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.alignment import best_motions
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.solver.joints import JointPoses, JointSolver
-from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.turned_normals import NormalAngles
 from cageik_cli.util.threads import limit_blas_threads
 

@@ -5,8 +5,8 @@ import pytest
 
 from cageik_cli import bind
 from cageik_cli.captured.fill import BRIDGE_LENGTH, FrameTerms, TimeFiller
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.settings import SolveSettings
 from tests.shapes import ball, box
 
 RNG = np.random.default_rng(11)

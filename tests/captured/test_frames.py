@@ -6,8 +6,8 @@ import pytest
 from cageik_cli import bind
 from cageik_cli.captured.frames import measure_tolerances, take_medians, take_ring_medians
 from cageik_cli.captured.robust import RobustSolver
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.settings import SolveSettings
 from tests.shapes import ball, box
 
 RNG = np.random.default_rng(8)

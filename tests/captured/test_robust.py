@@ -8,9 +8,9 @@ import pytest
 from cageik_cli import bind
 from cageik_cli.captured.robust import RobustSolver, weigh
 from cageik_cli.geometry.shape import uniform_laplacian
-from cageik_cli.solver.alignment import best_rotations
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.alignment import best_rotations
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.settings import SolveSettings
 from tests.shapes import ball, box, rotation
 
 RNG = np.random.default_rng(5)

@@ -9,8 +9,8 @@ from cageik_cli.captured import smooth
 from cageik_cli.captured.fill import FrameTerms, TimeFiller
 from cageik_cli.captured.settings import MAX_SMOOTHING_PERIOD
 from cageik_cli.captured.smooth import MIN_WINDOW, STRENGTHS, TimeSmoother, choose_strengths
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.settings import SolveSettings
 from tests.shapes import ball, box
 
 RNG = np.random.default_rng(11)

@@ -5,7 +5,7 @@ import pytest
 
 from cageik_cli.fit.alternate import CageSolve, find_weighted_percentile
 from cageik_cli.fit.problem import Displacements
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.settings import SolveSettings
 from tests.fitted import clip_of, small_binding, true_weights
 
 

@@ -11,8 +11,8 @@ from cageik_cli.fit.fit import MAX_HELD_OUT_ROUNDS, Fitter, choose_regularizatio
 from cageik_cli.fit.problem import estimate_memory
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.solver.vertex_weights import normalize_weights
+from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.solve.vertex_weights import normalize_weights
 from cageik_cli.util.errors import CageError, ConnectivityError, SettingError
 from cageik_cli.workflows.extract_arrays import extract
 from tests.fitted import Frames, clip_of, small_binding, true_weights

@@ -12,10 +12,10 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import lumped_areas
+from cageik_cli.method.solve.vertex_weights import make_vertex_weights, weigh_by_area
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_text
-from cageik_cli.solver.vertex_weights import make_vertex_weights, weigh_by_area
 from cageik_cli.util.errors import FormatError, SettingError
 from cageik_cli.workflows.extract import extract as extract_to_file
 from cageik_cli.workflows.extract_arrays import extract

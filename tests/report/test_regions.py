@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cli.group import word_options
+from cageik_cli.method.solve.regions import Cause
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.html.pictures import draw_pictures
 from cageik_cli.report.overview import Overview, build_clip_entry
@@ -18,7 +19,6 @@ from cageik_cli.report.views.data import format_json
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.text import format_text
 from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY
-from cageik_cli.solver.regions import Cause
 from tests.report.markup import find_faults, parse_page
 from tests.report.views.test_markdown import list_items
 from tests.store.bindings import record

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cageik_cli.method.solve.regions import Cause
 from cageik_cli.report.record import build_report
 from cageik_cli.report.verdict import (
     MAX_FAIR_DEVIATION,
@@ -14,7 +15,6 @@ from cageik_cli.report.verdict import (
     judge_quality,
     suggest_step,
 )
-from cageik_cli.solver.regions import Cause
 from tests.shapes import ball
 
 FIT = "extract again with `fit=True` `overwrite=True`"

@@ -13,7 +13,7 @@ from cageik_cli.fit.settings import (
     FitSettings,
     FittedClip,
 )
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.settings import SolveSettings
 from tests.shapes import TETRAHEDRON, ball
 
 COMPARISON = Comparison(Distances(0.1, 0.3, 0.9), Distances(0.9, 4.0, 9.0), 24)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.sequence import Block
-from cageik_cli.solver.blocks import SolvedBlock, make_solved_block
-from cageik_cli.solver.dual_laplacian import Solution
-from cageik_cli.solver.metrics import FrameMetrics
-from cageik_cli.solver.summary import DeviationPeaks, summarize_blocks
+from cageik_cli.method.solve.blocks import SolvedBlock, make_solved_block
+from cageik_cli.method.solve.dual_laplacian import Solution
+from cageik_cli.method.solve.metrics import FrameMetrics
+from cageik_cli.method.solve.summary import DeviationPeaks, summarize_blocks
 from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.store.checkpoint import (
     CHECKPOINT_MAGIC,

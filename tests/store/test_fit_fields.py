@@ -9,7 +9,7 @@ import pytest
 
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.settings import FitSettings
-from cageik_cli.solver.summary import VertexBound
+from cageik_cli.method.solve.summary import VertexBound
 from cageik_cli.store import binding_file
 from cageik_cli.store import result as results
 from cageik_cli.util.errors import FormatError, InputError

@@ -11,8 +11,8 @@ import pytest
 from cageik_cli import __version__
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
-from cageik_cli.solver.dual_laplacian import SolveQuality
-from cageik_cli.solver.metrics import FrameMetrics, check_finite
+from cageik_cli.method.solve.dual_laplacian import SolveQuality
+from cageik_cli.method.solve.metrics import FrameMetrics, check_finite
 from cageik_cli.store import hdf5_fields as parts
 from cageik_cli.store import result as store
 from cageik_cli.store.result import read_key_frames

@@ -13,13 +13,13 @@ import pytest
 from cageik_cli.captured.settings import MAX_SMOOTHING_PERIOD, CaptureSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.method.solve.regions import Cause
+from cageik_cli.method.solve.summary import Absences
 from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver import executor
-from cageik_cli.solver.regions import Cause
-from cageik_cli.solver.summary import Absences
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result import placed_path, read_cages, read_result, smoothed_path
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, SettingError

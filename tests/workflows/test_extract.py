@@ -9,10 +9,10 @@ import pytest
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.settings import SceneHints
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.executor import ARRAYS_PER_FRAME, MemoryPlan, choose_block_size
-from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.errors import InputError, NumericalError
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.settings import ExtractSettings

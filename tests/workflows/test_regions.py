@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.regions import Cause
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.method.solve.regions import Cause
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.store.result import read_binding, read_key_frames, read_result
 from cageik_cli.workflows import compose
 from cageik_cli.workflows.edit import EditSettings, edit

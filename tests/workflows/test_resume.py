@@ -13,11 +13,11 @@ import pytest
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.settings import SceneHints
+from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver import executor
-from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.util.errors import CheckpointError, FileAccessError, InputError
 from cageik_cli.workflows.extract import extract

@@ -11,7 +11,7 @@ from cageik_cli.cli.command import HelpGroup, option
 from cageik_cli.cli.options import PATH_TYPE, Decorator, OptionGroup, is_given, refuse_options
 from cageik_cli.cli.options.types import OrWord
 from cageik_cli.fit.settings import FitSettings, find_kind
-from cageik_cli.solver.settings import AREA, SolveSettings
+from cageik_cli.method.solve.settings import AREA, SolveSettings
 
 vertex_weights_option = option(
     "--vertex-weights",

@@ -22,7 +22,7 @@ from scipy.linalg.blas import dgemv
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
-from cageik_cli.solver.dual_laplacian import MAX_CONDITION, MIN_REFINED_CONDITION
+from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION, MIN_REFINED_CONDITION
 from cageik_cli.util.arrays import Floats
 
 FREE_MODE_TOL = 1e-9

@@ -39,7 +39,7 @@ from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.method.pose.cage_response import CageResponseSolver, MirroredMap, Response
 from cageik_cli.method.pose.constraints import CageConstraints, free_basis
-from cageik_cli.solver.dual_laplacian import MAX_CONDITION
+from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, NumericalError, SettingError
 from cageik_cli.util.text import format_count

@@ -8,6 +8,7 @@ from cageik_cli.cages.bind import MIN_HARMONIC_WEIGHT
 from cageik_cli.coordinates.binding import WeightQuality
 from cageik_cli.coordinates.settings import ACCURACIES
 from cageik_cli.formats.timeline import format_frame_number
+from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION
 from cageik_cli.report.figures import (
     FrameRecord,
     format_change,
@@ -15,7 +16,6 @@ from cageik_cli.report.figures import (
     format_percent,
 )
 from cageik_cli.report.record import Report
-from cageik_cli.solver.dual_laplacian import MAX_CONDITION
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from functools import partial
 from textwrap import shorten, wrap
 
 from cageik_cli.formats.timeline import format_frame_number
+from cageik_cli.method.solve.regions import Cause
 from cageik_cli.report.figures import (
     FrameRecord,
     KeptSummary,
@@ -17,7 +18,6 @@ from cageik_cli.report.parts import label_vertex, sort_parts
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import name_cause
 from cageik_cli.report.views.text import format_check_row
-from cageik_cli.solver.regions import Cause
 from cageik_cli.util.progress import label_note, mark_warning
 from cageik_cli.util.text import format_count, format_row, single_line
 

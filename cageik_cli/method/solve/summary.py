@@ -18,7 +18,7 @@ from cageik_cli.util.arrays import Floats, Integers, spread_evenly
 
 if TYPE_CHECKING:
     from cageik_cli.captured.frames import KeptBlock
-    from cageik_cli.solver.blocks import SolvedBlock
+    from cageik_cli.method.solve.blocks import SolvedBlock
 
 MAX_BRIDGED_FRAMES = 10
 """Frames in a row for which the motion around them tells where hidden vertices are, at most."""

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.points import place_columns
-from cageik_cli.solver.alignment import best_motions, move_to_rest
-from cageik_cli.solver.metrics import METRIC_TYPES, measure
+from cageik_cli.method.solve.alignment import best_motions, move_to_rest
+from cageik_cli.method.solve.metrics import METRIC_TYPES, measure
 from cageik_cli.util import compiled
 from tests.shapes import ball, box
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.captured.frames import KeptBlock
-from cageik_cli.solver.summary import (
+from cageik_cli.method.solve.summary import (
     MAX_BOUND_VERTICES,
     MIN_BOUND_VERTICES,
     Absences,

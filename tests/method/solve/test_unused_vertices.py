@@ -9,10 +9,10 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.check.enclosure import check_enclosure
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.metrics import METRIC_TYPES
-from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.solver.vertex_weights import drop_unused_vertices
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.metrics import METRIC_TYPES
+from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
 from cageik_cli.util.errors import CageError, FormatError
 from cageik_cli.workflows.cage import build_cage
 from cageik_cli.workflows.extract_arrays import extract

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.solver.alignment import best_rotations, centroids
+from cageik_cli.method.solve.alignment import best_rotations, centroids
 from tests.shapes import ball, concave, rotation
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from cageik_cli.captured.frames import FrameWeights, KeptBlock, complete_frames, measure_tolerances
 from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.formats.base.sequence import Block, MeshSequence
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
-from cageik_cli.solver.metrics import (
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver, Solution
+from cageik_cli.method.solve.metrics import (
     FrameMetrics,
     check_finite,
     leave_gaps,
@@ -23,7 +23,7 @@ from cageik_cli.solver.metrics import (
     measure,
     measure_kept,
 )
-from cageik_cli.solver.summary import DeviationPeaks
+from cageik_cli.method.solve.summary import DeviationPeaks
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError, FormatError, InputError
 from cageik_cli.util.progress import ProgressListener

@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver import metrics
+from cageik_cli.method.solve import metrics
 from tests.shapes import ball, rotation
 
 REST = ball(1)

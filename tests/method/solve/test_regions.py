@@ -5,7 +5,7 @@ import pytest
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.regions import (
+from cageik_cli.method.solve.regions import (
     MAX_REGIONS,
     Cause,
     Evidence,
@@ -15,7 +15,7 @@ from cageik_cli.solver.regions import (
     find_worst_regions,
     has_bad_regions,
 )
-from cageik_cli.solver.summary import DeviationPeaks
+from cageik_cli.method.solve.summary import DeviationPeaks
 from tests.shapes import ball, box
 
 REST = ball(3)

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import lumped_areas
-from cageik_cli.solver.settings import AREA
+from cageik_cli.method.solve.settings import AREA
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError
 
