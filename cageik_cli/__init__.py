@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cageik_cli.cages.builder.build import BuiltCage
     from cageik_cli.cages.check.diagnosis import Diagnosis
-    from cageik_cli.coordinates.binding import Binding
     from cageik_cli.fit.settings import FitSettings
     from cageik_cli.formats.base.sequence import MeshSequence
     from cageik_cli.geometry.mesh import TriMesh
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from cageik_cli.method.points.field import HarmonicField
     from cageik_cli.method.pose.anchors import Anchor, closest_point, point_at_vertex
     from cageik_cli.method.pose.poser import Poser
+    from cageik_cli.method.weights.binding import Binding
     from cageik_cli.store.result import Result
     from cageik_cli.util.errors import CageikError
     from cageik_cli.workflows.api import (
@@ -82,7 +82,7 @@ __all__ = [
 
 _HOMES = {
     "Anchor": "method.pose.anchors",
-    "Binding": "coordinates.binding",
+    "Binding": "method.weights.binding",
     "BuiltCage": "cages.builder.build",
     "CageAnimation": "workflows.extract_arrays",
     "CageikError": "util.errors",

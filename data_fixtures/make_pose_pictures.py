@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from meshes import Points
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.editing.summary import PoseSnapshot
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
@@ -29,6 +28,7 @@ from cageik_cli.method.pose.anchors import (
     point_on_face,
 )
 from cageik_cli.method.pose.poser import Poser
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.plots.pose_plot import Panel, draw_pose
 from cageik_cli.report.plots.style import use_fixed_style
 

@@ -15,10 +15,10 @@ from hypothesis import settings
 
 from cageik_cli.cages.builder import build
 from cageik_cli.cli import main, options
-from cageik_cli.coordinates import harmonic
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs import built_cage
+from cageik_cli.method.weights import harmonic
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.solver import executor
 from cageik_cli.store.result import Result
 from cageik_cli.util import compiled
@@ -151,7 +151,7 @@ def coarse_panels(monkeypatch) -> None:
 
 
 def _use_coarse_panels(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cageik_cli.coordinates.harmonic.MIN_PANELS", 1)
+    monkeypatch.setattr("cageik_cli.method.weights.harmonic.MIN_PANELS", 1)
     monkeypatch.setitem(harmonic.ACCURACIES, "standard", harmonic.Accuracy(10.0, 1, 0.0, 0))
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.binding import Binding
 from tests.shapes import ball, rotation
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import cageik_cli
-from cageik_cli.coordinates import harmonic
 from cageik_cli.formats.base.sequence import as_sequence
+from cageik_cli.method.weights import harmonic
 from cageik_cli.util.errors import ConnectivityError, SettingError
 
 

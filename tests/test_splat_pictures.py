@@ -5,12 +5,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.ply_points import parse_points, read_splats
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.inputs.model_file import PointReconstruction
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented
+from cageik_cli.method.weights.settings import BindSettings
 from tests.shapes import ball
 from tests.splat_renderer import Camera, render
 from tests.splats import encode_rows, make_splat_rows

@@ -33,12 +33,12 @@ from cageik_cli.batch.jobs import (
 )
 from cageik_cli.captured.frames import FrameWeights
 from cageik_cli.captured.robust import RobustSolver
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.solver.executor import MemoryPlan, run_in_threads
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import checkpoint_path

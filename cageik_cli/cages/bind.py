@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 from cageik_cli.cages.check.enclosure import Placement, check_enclosure
 from cageik_cli.cages.check.quality import find_room_faults, find_thin_parts
-from cageik_cli.coordinates.binding import Binding, Weights, reproduction_error
-from cageik_cli.coordinates.settings import ACCURACIES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.binding import Binding, Weights, reproduction_error
+from cageik_cli.method.weights.settings import ACCURACIES, BindSettings
 from cageik_cli.util.errors import NumericalError
 from cageik_cli.util.progress import ignore_progress, mark_warning
 
@@ -95,10 +95,10 @@ def _compute_weights(
     cage, points = placement.cage, placement.points
     # Imported here because they are slow to import, and cached weights need neither.
     if settings.coordinates == "mean-value":
-        from cageik_cli.coordinates.mean_value import mean_value_weights
+        from cageik_cli.method.weights.mean_value import mean_value_weights
 
         return mean_value_weights(cage, points, jobs, progress)
-    from cageik_cli.coordinates.harmonic import harmonic_weights
+    from cageik_cli.method.weights.harmonic import harmonic_weights
 
     return harmonic_weights(cage, points, settings.accuracy, jobs, progress)
 

@@ -25,10 +25,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import measure_offsets
 from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION, DualLaplacianSolver, Solution
+from cageik_cli.method.weights.binding import measure_offsets
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
 from cageik_cli.util.errors import NumericalError
 

@@ -40,8 +40,8 @@ from cageik_cli.cli.options.solve import (
     choose_fit_settings,
     vertex_weights_option,
 )
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.method.weights.settings import BindSettings
 
 if TYPE_CHECKING:
     from cageik_cli.cli.output import ProgressBar

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding, measure_offsets, reconstruct
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.timeline import Timeline
 from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
+from cageik_cli.method.weights.binding import Binding, measure_offsets, reconstruct
 from cageik_cli.util.arrays import Floats, Integers
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding, reconstruct
 from cageik_cli.editing.cage_edits import CageEditLayer, EditFiles, MirrorImage
 from cageik_cli.editing.edit_target import EditTarget
 from cageik_cli.editing.handles.model import PosedSurface
@@ -16,6 +15,7 @@ from cageik_cli.method.pose.anchors import Anchor
 from cageik_cli.method.pose.constraints import CageConstraints, find_reach, require_mirror
 from cageik_cli.method.pose.poser import DEFAULT_POSE_ALPHA, Poser, validate_weights
 from cageik_cli.method.solve.metrics import FrameMetrics, measure
+from cageik_cli.method.weights.binding import Binding, reconstruct
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import SettingError, error_context
 

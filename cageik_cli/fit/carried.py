@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from cageik_cli.coordinates.binding import Binding, divide_rows
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import ClosestPoints, closest_points
+from cageik_cli.method.weights.binding import Binding, divide_rows
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.threads import run_blocks
 

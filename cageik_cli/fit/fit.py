@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.fit.alternate import Alternator, CageSolve
 from cageik_cli.fit.problem import (
     AFFINE_FUNCTIONS,
@@ -27,6 +26,7 @@ from cageik_cli.fit.settings import (
 from cageik_cli.fit.systems import SurfaceLaplacian
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.solver.fitting.influences import Influences
 from cageik_cli.solver.fitting.merging import JointTree, merge_joints
 from cageik_cli.solver.fitting.turning import fit_turning

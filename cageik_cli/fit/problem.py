@@ -31,9 +31,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Correction
 from cageik_cli.fit.systems import SurfaceLaplacian, count_columns
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.binding import Correction
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
 from cageik_cli.util.threads import OrderedMap

@@ -10,8 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.binding import Binding, reconstruct
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.carried import MAX_CARRY_DISTANCE, CarriedChange
 from cageik_cli.fit.settings import FitRecord
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
@@ -26,6 +24,8 @@ from cageik_cli.inputs.model_file import LoadedModel, load_model, note_on
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.inputs.scene import UNSTATED, CommonScene, Offer
 from cageik_cli.inputs.weights import WeightSettings, bind_cached, load_matching_binding
+from cageik_cli.method.weights.binding import Binding, reconstruct
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.figures import format_percent
 from cageik_cli.store import result as result_file
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding

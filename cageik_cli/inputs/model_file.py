@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.formats.base.files import decompress, describe_source, file_stem, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.find_files import split_member
@@ -34,6 +33,7 @@ from cageik_cli.geometry.points import PointCloud
 from cageik_cli.inputs.mesh_source import load_source
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented, Splats
+from cageik_cli.method.weights.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError, error_context, join_truncated
 from cageik_cli.util.files import read_input

@@ -7,10 +7,10 @@ from itertools import cycle
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.method.solve.alignment import best_rotations
+from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.store.result import Result, read_cages
 from cageik_cli.util.arrays import Floats, Integers, fill_gaps
 from cageik_cli.util.threads import OrderedMap

@@ -10,12 +10,12 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.cages.check.enclosure import refuse_other_unit
 from cageik_cli.cages.check.faults import validate_cage
 from cageik_cli.cages.check.quality import find_room_faults
-from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.built_cage import BUILT_CAGE
+from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_keys import find_binding

@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import Block, FramePrefetcher
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY, count_frames
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import OrderedMap

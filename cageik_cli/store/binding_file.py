@@ -10,9 +10,9 @@ import numpy as np
 from cageik_cli import __version__
 from cageik_cli.cages.bind import MAX_REPRODUCTION_ERROR
 from cageik_cli.cages.check.faults import validate_cage
-from cageik_cli.coordinates.binding import Binding, WeightQuality
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import open_checked
+from cageik_cli.method.weights.binding import Binding, WeightQuality
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store.fit_fields import (
     read_fit_record,
     read_low_rank,

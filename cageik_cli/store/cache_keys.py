@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from cageik_cli import __version__
 from cageik_cli.cages.settings import BUILDER_VERSION, BuildSettings
-from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding, Correction
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.settings import FIT_VERSION, FitRecord, FitSettings, FittedClip
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.binding import ALGORITHM_VERSIONS, Binding, Correction
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_entry import CorruptEntry, Entry, EntryFormat, compute_key
 from cageik_cli.store.hdf5_fields import parse_record

@@ -12,10 +12,10 @@ from dataclasses import asdict, dataclass
 import h5py
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding, Correction
 from cageik_cli.fit.settings import FitRecord
 from cageik_cli.formats.base.hdf5 import get_dataset, read_array, read_attribute
 from cageik_cli.method.solve.metrics import are_lengths
+from cageik_cli.method.weights.binding import Binding, Correction
 from cageik_cli.store.hdf5_fields import read_floats, read_optional_record, to_json, write_deflated
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError

@@ -8,7 +8,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding, Correction, reconstruct_frames
 from cageik_cli.fit.settings import FitRecord
 from cageik_cli.formats.base.hdf5 import (
     get_dataset,
@@ -19,6 +18,7 @@ from cageik_cli.formats.base.hdf5 import (
 )
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.metrics import FrameMetrics, KeptMetrics, are_lengths
+from cageik_cli.method.weights.binding import Binding, Correction, reconstruct_frames
 from cageik_cli.store import fit_fields
 from cageik_cli.store.fit_fields import UnfittedClip, read_fit_record, read_offset_mark
 from cageik_cli.store.hdf5_fields import (

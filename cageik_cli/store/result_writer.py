@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.method.solve.metrics import KEPT_TYPES, METRIC_TYPES, FrameMetrics, KeptMetrics
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.store.fit_fields import (
     MAX_STORED_ERROR,
     UnfittedClip,

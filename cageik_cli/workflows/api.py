@@ -12,8 +12,6 @@ import numpy as np
 from cageik_cli.cages import bind as cage_binding
 from cageik_cli.cages.check.diagnosis import Diagnosis, diagnose
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import open_clip_and_rest
@@ -22,6 +20,8 @@ from cageik_cli.formats.timeline import parse_frames
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.mesh_source import load_rest, load_source
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store import result as result_file
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.choose_parts import check_part_order
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
@@ -16,6 +15,7 @@ from cageik_cli.inputs.rest_pose import load_vertex_weights
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.weights import WeightSettings, bind_cached
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.store.binding_file import StoredBinding, write_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import error_context

@@ -17,8 +17,6 @@ from cageik_cli.cages.settings import (
     RepairSettings,
     SymmetryChoice,
 )
-from cageik_cli.coordinates.binding import reconstruct
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.choose_parts import order_parts
 from cageik_cli.formats.base.files import describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
@@ -34,6 +32,8 @@ from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.binding import reconstruct
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.cage import CageResult
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import (

@@ -6,7 +6,6 @@ import numpy as np
 
 from cageik_cli.cages.check.quality import has_too_much_room
 from cageik_cli.cages.check.sections import find_shared_sections
-from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.settings import Scene, SceneHints
@@ -23,6 +22,7 @@ from cageik_cli.method.solve.regions import (
     has_bad_regions,
 )
 from cageik_cli.method.solve.summary import MAX_BRIDGED_FRAMES, ClipSummary, DeviationPeaks
+from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.fit_fields import UnfittedClip

@@ -6,8 +6,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.mesh_data import check_vertex_order
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.writers import Animation
@@ -22,6 +20,8 @@ from cageik_cli.inputs.moved_meshes import MovedMeshes
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.weights import WeightSettings, bind_cached
+from cageik_cli.method.weights.binding import FRAMES_PER_PRODUCT, Binding
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store.result import read_low_rank, read_rotations
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, count_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 from cageik_cli.captured.robust import RobustSolver
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
@@ -28,6 +27,7 @@ from cageik_cli.inputs.weights import (
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.summary import DeviationPeaks
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.solver.executor import MemoryPlan, RunBlocks, run_in_threads
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache_entry import compute_key

@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.inputs.rest_pose import VertexWeights
 from cageik_cli.method.solve.metrics import METRIC_TYPES, FrameMetrics
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
+from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import SettingError

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cageik_cli.captured.robust import has_thrown_vertices
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.fit.settings import FitReport, FitSettings, FittedClip
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.metrics import check_finite, measure
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_keys import compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import UnfittedClip

@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from cageik_cli.captured.fill import RigidFiller
-from cageik_cli.coordinates.binding import reconstruct_frames
 from cageik_cli.formats.base.sequence import Block, MeshSequence
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver, Solution
+from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.solver.executor import choose_block_size
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.util.arrays import Floats

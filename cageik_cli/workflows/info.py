@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.cages.check.faults import find_cage_faults
-from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.fit.settings import FitRecord
 from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
@@ -20,6 +19,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.mesh_source import holds_caged_model
 from cageik_cli.inputs.model_file import LoadedModel, load_model
 from cageik_cli.method.points.oriented import REST_COUNTS
+from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.report.figures import group_digits
 from cageik_cli.report.fit_figures import format_fit_rows, list_fit_notes
 from cageik_cli.report.views.text import format_accuracy_row, format_weights_row

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.editing.cage_edits import EditFiles
 from cageik_cli.editing.edit_target import EditTarget
 from cageik_cli.editing.edits import LayeredEdit, PosingSettings
@@ -20,6 +19,7 @@ from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction, load_model
 from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, write_bytes

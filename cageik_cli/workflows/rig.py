@@ -7,12 +7,6 @@ from itertools import chain, tee
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import (
-    FRAMES_PER_PRODUCT,
-    Binding,
-    reconstruct,
-    reconstruct_frames,
-)
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import DEFAULT_REGULARIZATION, FitSettings
 from cageik_cli.formats.base.skin import (
@@ -25,6 +19,12 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.reconstruction import RebuiltFrames, Reconstruction
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.binding import (
+    FRAMES_PER_PRODUCT,
+    Binding,
+    reconstruct,
+    reconstruct_frames,
+)
 from cageik_cli.solver.fitting.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
 from cageik_cli.solver.joints import JointPoses, JointSolver
 from cageik_cli.solver.turned_normals import NormalAngles

@@ -6,12 +6,12 @@ from typing import Any, Final
 
 from cageik_cli.cages.settings import DEFAULT_SYMMETRY, BuildSettings
 from cageik_cli.captured.settings import CaptureSettings
-from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.find_files import list_input_files, split_member
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError
 

@@ -30,10 +30,10 @@ from cageik_cli.batch.dask_cluster import (
 )
 from cageik_cli.batch.jobs import ClipJob, ClipState, bind_clip, check_clip, run_clip
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.method.solve.blocks import BlockSolver
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.solver.executor import MemoryPlan
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.checkpoint import checkpoint_progress

@@ -23,7 +23,6 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.cages.builder.build import build_cage
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.open import load_mesh
@@ -31,6 +30,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.binding import reconstruct
 from cageik_cli.workflows.cage import make_measured_clip
 from cageik_cli.workflows.extract_arrays import extract
 from tests.cages.independent import examine

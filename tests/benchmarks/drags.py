@@ -9,9 +9,9 @@ import time
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.pose.anchors import Anchor, point_at_vertex
+from cageik_cli.method.weights.binding import Binding
 from tests.benchmarks.growth import spread_directions, wavy_sphere
 
 NEAREST = 10

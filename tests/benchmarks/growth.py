@@ -16,8 +16,8 @@ import time
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.harmonic import harmonic_weights
 
 CAGES, MODELS = (60, 120, 300, 1000), (10**4, 10**5, 10**6)
 

@@ -20,9 +20,9 @@ from scipy.spatial import cKDTree
 from cageik_cli.cages.builder.build import build_cage
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.harmonic import harmonic_weights
 from tests.cages.torture import grid_faces, hand, helix, spikes, torus
 from tests.shapes import ball, box, changed, concave, finer, merged
 

@@ -8,12 +8,12 @@ import pytest
 import trimesh
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.harmonic import harmonic_weights
 from cageik_cli.solver.executor import MAX_BLOCK_FRAMES
 from cageik_cli.util import compiled
 from cageik_cli.util.threads import count_processors, limit_blas_threads

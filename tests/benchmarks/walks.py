@@ -13,11 +13,11 @@ import igl
 import numpy as np
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.harmonic import harmonic_weights
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import winding_numbers
+from cageik_cli.method.weights.harmonic import harmonic_weights
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.threads import limit_blas_threads
 from tests.benchmarks.walked_cages import make_cages
 

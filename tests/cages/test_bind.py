@@ -6,12 +6,12 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.check.quality import find_thin_parts
-from cageik_cli.coordinates import harmonic as module
-from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Weights
-from cageik_cli.coordinates.harmonic import harmonic_weights
-from cageik_cli.coordinates.mean_value import mean_value_weights
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights import harmonic as module
+from cageik_cli.method.weights.binding import ALGORITHM_VERSIONS, Weights
+from cageik_cli.method.weights.harmonic import harmonic_weights
+from cageik_cli.method.weights.mean_value import mean_value_weights
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import CageError, NumericalError
 from tests.shapes import ball, box, concave, inside, two_chambers
 

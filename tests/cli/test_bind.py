@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.store.binding_file import StoredBinding
 from tests.shapes import TETRAHEDRON
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES
+from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.workflows import info
 
 

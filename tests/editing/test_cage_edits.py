@@ -8,7 +8,6 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.editing.cage_edits import (
     CAGE_EDITS_FORMAT,
     CageEditLayer,
@@ -22,6 +21,7 @@ from cageik_cli.editing.handles.schema import read_schema
 from cageik_cli.editing.statistics import PoseStatistics
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.timeline import Timeline
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import FormatError, HandlesError
 from tests.editing.handles.files import KEYS, read
 from tests.refusals import refused

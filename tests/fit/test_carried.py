@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.carried import MAX_CARRY_DISTANCE, CarriedChange, compute_fade
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.method.points.field import HarmonicField
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented
+from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.settings import BindSettings
 from tests.fitted import true_weights
 from tests.shapes import ball, finer, rotation
 

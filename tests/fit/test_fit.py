@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.fit.fit import MAX_HELD_OUT_ROUNDS, Fitter, choose_regularization
 from cageik_cli.fit.problem import estimate_memory
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import normalize_weights
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.errors import CageError, ConnectivityError, SettingError
 from cageik_cli.workflows.extract_arrays import extract
 from tests.fitted import Frames, clip_of, small_binding, true_weights

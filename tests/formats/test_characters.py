@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh, open_clip_and_rest, open_sequence
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.formats.write import Output
 from cageik_cli.geometry.parts import list_part_names, split_parts
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.workflows.deform import DeformSettings, deform
 from cageik_cli.workflows.export import ExportSettings, export
 from cageik_cli.workflows.extract import extract

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates import binding as binding_module
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
+from cageik_cli.method.weights import binding as binding_module
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.threads import limit_blas_threads
 from tests.shapes import ball, box
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.editing.cage_edits import EditFiles
 from cageik_cli.editing.edits import PosingSettings
 from cageik_cli.fit.settings import FitSettings
@@ -20,6 +19,7 @@ from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.binding import reconstruct
 from cageik_cli.store.result import read_binding, read_cages, read_result
 from cageik_cli.workflows.bind import BindRunSettings, bind_files
 from cageik_cli.workflows.deform import DeformSettings, deform

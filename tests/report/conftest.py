@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.settings import FitSettings
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.limits import Limits, check_limits
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip
 from cageik_cli.report.record import Report, build_report

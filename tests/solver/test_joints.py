@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.skeleton import Skeleton
 from cageik_cli.formats.base.skin import Skin, compute_skin_weights
 from cageik_cli.geometry.mesh import TriMesh
@@ -14,6 +13,7 @@ from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.solver.joints import JointSolver
 from cageik_cli.solver.turned_normals import turn_normals
 from tests.fitted import small_binding

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding, Correction
 from cageik_cli.fit.settings import (
     Comparison,
     Distances,
@@ -14,6 +13,7 @@ from cageik_cli.fit.settings import (
     FittedClip,
 )
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.binding import Binding, Correction
 from tests.shapes import TETRAHEDRON, ball
 
 COMPARISON = Comparison(Distances(0.1, 0.3, 0.9), Distances(0.9, 4.0, 9.0), 24)

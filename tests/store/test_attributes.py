@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box, quad_text

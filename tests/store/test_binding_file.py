@@ -9,7 +9,7 @@ import pytest
 
 from cageik_cli import __version__
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store import binding_file as store
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import InputError

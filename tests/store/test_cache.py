@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding
-from cageik_cli.coordinates.settings import COORDINATES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.binding import ALGORITHM_VERSIONS, Binding
+from cageik_cli.method.weights.settings import COORDINATES, BindSettings
 from cageik_cli.store import cache as module
 from cageik_cli.store import cache_keys
 from cageik_cli.store.cache import EntryCache

@@ -7,9 +7,9 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.method.solve.summary import VertexBound
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store import binding_file
 from cageik_cli.store import result as results
 from cageik_cli.util.errors import FormatError, InputError

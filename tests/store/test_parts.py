@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.result import read_result
 from tests.character import NAMES, make_cage, make_character

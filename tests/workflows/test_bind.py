@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.weights import WeightSettings, bind_cached, load_matching_binding
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError, SettingError
 from cageik_cli.workflows.bind import BindRunSettings, bind_files

@@ -7,9 +7,9 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.executor import ARRAYS_PER_FRAME, MemoryPlan, choose_block_size

@@ -10,10 +10,10 @@ import pytest
 from cageik_cli.batch.jobs import compute_weights_key
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.captured.settings import CaptureSettings
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import ClipSettings, SceneHints
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.util.errors import (
     CheckpointError,

@@ -7,11 +7,11 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.binding import reconstruct_frames
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.write import Output
 from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.report.fit_figures import list_fit_notes
 from cageik_cli.report.html.frames_table import build_quality_rows
 from cageik_cli.report.overview import Overview, build_clip_entry

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom, UsdSkel
 
-from cageik_cli.coordinates.binding import reconstruct_frames
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
+from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.store.result import read_binding, read_cages, read_result, read_rotations
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.progress import ProgressListener

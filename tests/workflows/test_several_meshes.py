@@ -10,9 +10,9 @@ import pytest
 from cageik_cli.cages.builder.build import build_cage
 from cageik_cli.cages.check.enclosure import locate_vertices
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.parts import list_part_names
 from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.check import format_check_json, format_check_text
 from cageik_cli.util.errors import CageError
 from cageik_cli.workflows.bind import BindRunSettings, bind_files

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_result
 from cageik_cli.workflows.bind import BindRunSettings, bind_files

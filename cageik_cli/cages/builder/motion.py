@@ -3,12 +3,12 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES, harmonic_weights
-from cageik_cli.coordinates.settings import Accuracy
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import choose_farthest
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.geometry.surface import closest_points
+from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES, harmonic_weights
+from cageik_cli.method.weights.settings import Accuracy
 from cageik_cli.util.arrays import Floats, Integers
 
 POSE_TOL = 1e-9

@@ -28,9 +28,9 @@ from cageik_cli.cages.builder.symmetry import (
 )
 from cageik_cli.cages.push import move_to_neighbours, push
 from cageik_cli.cages.surface_points import take_evenly
-from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.harmonic import harmonic_weights
 from cageik_cli.util.arrays import Floats, Integers
 
 MAX_RELAXED_PUSHES = 5

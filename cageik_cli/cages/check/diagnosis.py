@@ -24,11 +24,11 @@ from cageik_cli.cages.check.quality import (
     find_thin_parts,
     find_weak_vertices,
 )
-from cageik_cli.coordinates.harmonic import MAX_HARMONIC_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import find_mirror
 from cageik_cli.geometry.parts import PartShare
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
+from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES, harmonic_weights
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import format_count
 

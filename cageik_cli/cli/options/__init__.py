@@ -14,7 +14,12 @@ from click.core import ParameterSource
 from cageik_cli.cli.command import GroupedOption, HelpGroup, option, spell_param
 from cageik_cli.cli.config import apply_config
 from cageik_cli.cli.options.types import FrameFormatType, SizeType
-from cageik_cli.coordinates.settings import ACCURACIES, COORDINATES, OUTSIDE_POLICIES, BindSettings
+from cageik_cli.method.weights.settings import (
+    ACCURACIES,
+    COORDINATES,
+    OUTSIDE_POLICIES,
+    BindSettings,
+)
 from cageik_cli.util.errors import SettingError
 
 Record = TypeVar("Record", covariant=True)

@@ -11,10 +11,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.method.points.field import HarmonicField
 from cageik_cli.method.points.oriented import Oriented, count_map_faults
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats, allocate_floats
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.progress import ignore_progress

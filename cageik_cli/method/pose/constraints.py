@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror, find_mirror
 from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, join_truncated
 

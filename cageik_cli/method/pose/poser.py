@@ -33,13 +33,13 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.rotations import nearest_rotations_by_entry
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.method.pose.cage_response import CageResponseSolver, MirroredMap, Response
 from cageik_cli.method.pose.constraints import CageConstraints, free_basis
 from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, NumericalError, SettingError
 from cageik_cli.util.text import format_count

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.points import measure_distances
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import ClosestPoints, closest_points
 from cageik_cli.method.solve.summary import DeviationPeaks
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats, Integers
 
 MAX_RMS_RATIO = 10.0

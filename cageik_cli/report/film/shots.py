@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.report.film.settings import (
     DEFAULT_TURN_SECONDS,
     MAX_FILM_RATE,

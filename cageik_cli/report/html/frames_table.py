@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from cageik_cli.cages.bind import MIN_HARMONIC_WEIGHT
-from cageik_cli.coordinates.binding import WeightQuality
-from cageik_cli.coordinates.settings import ACCURACIES
 from cageik_cli.formats.timeline import format_frame_number
 from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION
+from cageik_cli.method.weights.binding import WeightQuality
+from cageik_cli.method.weights.settings import ACCURACIES
 from cageik_cli.report.figures import (
     FrameRecord,
     format_change,

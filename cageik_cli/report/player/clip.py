@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.timeline import Timeline
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.player.compression import MAX_LEVEL
 from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose_turn
 from cageik_cli.store.result import (

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS, render_template
 from cageik_cli.report.player.clip import PlayerClip, make_single_pose
 from cageik_cli.report.player.compression import Predictor, decimate, pack_arrays

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import find_mirror
 from cageik_cli.geometry.parts import get_parts
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.pose.poser import DEFAULT_POSE_ALPHA
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS, render_template
 from cageik_cli.report.parts import measure_rms
 from cageik_cli.report.player.clip import (

@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.timeline import format_frame_number
+from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.report.figures import format_briefly, format_scene_length
 from cageik_cli.report.plots.style import (
     PLOT_COLOURS,

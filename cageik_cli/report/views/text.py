@@ -1,6 +1,6 @@
 """The report as text for a terminal."""
 
-from cageik_cli.coordinates.binding import WeightQuality
+from cageik_cli.method.weights.binding import WeightQuality
 from cageik_cli.report.figures import (
     ReportSummary,
     describe_kept,

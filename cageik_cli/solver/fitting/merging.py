@@ -20,8 +20,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats, Integers
 
 COMPACTNESS = 1e-3

@@ -18,8 +18,8 @@ import numpy as np
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.check.faults import Finding
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.player.rest_cage import pack_weights
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import BusyError, CageikError, SlowError

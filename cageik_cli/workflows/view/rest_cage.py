@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.find_files import split_member
 from cageik_cli.formats.write import check_mesh_output, write_mesh
@@ -18,6 +17,7 @@ from cageik_cli.inputs.mesh_source import holds_caged_model, load_source, name_s
 from cageik_cli.inputs.model_file import load_surface, note_on
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.player.clip import PlayerClip, make_single_pose
 from cageik_cli.report.player.rest_cage import check_drawn_weights, render_rest_cage_page
 from cageik_cli.util.arrays import Floats

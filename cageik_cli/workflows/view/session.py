@@ -10,8 +10,6 @@ from types import MappingProxyType
 from typing import Any
 
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.editing.cage_edits import CageEdits, EditFiles
 from cageik_cli.editing.edits import PosingSettings
 from cageik_cli.editing.handles.model import Handles
@@ -24,6 +22,8 @@ from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.mesh_source import name_source
 from cageik_cli.inputs.model_file import load_surface
 from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
 from cageik_cli.report.player.section import render_view_page
 from cageik_cli.report.views.pose_text import format_pose_rows

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from html import escape
 
-from cageik_cli.coordinates.binding import Binding
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip, make_single_pose
 from cageik_cli.report.player.section import render_view_page
 from cageik_cli.store.result import Result, make_weights_error

@@ -5,7 +5,7 @@ import pytest
 
 from cageik_cli.cages.builder import motion as motion_module
 from cageik_cli.cages.builder.motion import EditGains, Motion, split_edges
-from cageik_cli.coordinates.harmonic import harmonic_weights
+from cageik_cli.method.weights.harmonic import harmonic_weights
 from tests.shapes import ball
 
 

@@ -3,8 +3,8 @@ import pytest
 
 from cageik_cli.cages.check import diagnosis as module
 from cageik_cli.cages.check.diagnosis import diagnose
-from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.harmonic import harmonic_weights
 from tests.cages.check.test_faults import pinched
 from tests.cages.torture import torus
 from tests.shapes import ball, box, changed, concave, finer, moved, octahedron, quad_box

@@ -20,8 +20,8 @@ from cageik_cli.cages.check.quality import (
     has_too_much_room,
 )
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.settings import BindSettings
 from tests.cages.check.test_sections import trousers
 from tests.shapes import ball, box, concave, finer, rotation
 

@@ -5,8 +5,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from cageik_cli.coordinates.bem import boundary_equation
 from cageik_cli.coordinates.bem.elimination import solve_in_place
-from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.harmonic import harmonic_weights
 from cageik_cli.util.errors import NumericalError
 from tests.shapes import box
 

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates import harmonic
 from cageik_cli.coordinates.bem.panel_geometry import Panels
-from cageik_cli.coordinates.settings import ACCURACIES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.method.points import gradients as gradients_module
 from cageik_cli.method.points.field import HarmonicField
+from cageik_cli.method.weights import harmonic
+from cageik_cli.method.weights.settings import ACCURACIES, BindSettings
 from cageik_cli.util.errors import CageError, FormatError, SettingError
-from tests.coordinates.random_cages import points_within, random_cage
+from tests.method.weights.random_cages import points_within, random_cage
 from tests.shapes import TETRAHEDRON, ball, box, concave, inside
 
 CAGES = {"box": box(), "concave": concave(), "ball": ball(1, 1.0)}
@@ -166,6 +166,6 @@ def test_points_outside_are_refused():
 def test_unknown_accuracy_and_too_many_faces_are_refused(monkeypatch):
     with pytest.raises(SettingError, match="accuracy is 'best'"):
         HarmonicField.solve(box(), np.full((1, 3), 0.5), "best")
-    monkeypatch.setattr("cageik_cli.coordinates.harmonic.MAX_HARMONIC_FACES", 5)
+    monkeypatch.setattr("cageik_cli.method.weights.harmonic.MAX_HARMONIC_FACES", 5)
     with pytest.raises(CageError, match="12 faces, at most 5"):
         HarmonicField.solve(box(), np.full((1, 3), 0.5))

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cageik_cli import bind, load_mesh
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.pose.anchors import Anchor, SurfacePoint, anchor_matrix, point_at_vertex
 from cageik_cli.method.pose.constraints import CageConstraints
 from cageik_cli.method.pose.poser import Poser
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.errors import HandlesError, NumericalError, SettingError
 from tests.shapes import ball, box, concave, finer, octahedron, rotation
 

@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.solve import dual_laplacian
@@ -12,6 +11,7 @@ from cageik_cli.method.solve.alignment import best_rotations, centroids
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import normalize_weights
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.errors import FormatError, NumericalError, SettingError
 from tests.shapes import ball, concave, finer, inside, octahedron, rotation
 

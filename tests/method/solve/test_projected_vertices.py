@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.settings import BindSettings
 from tests.shapes import ball, box, changed, finer, rotation
 
 CAGE = finer(box(0.8), 1)

@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.regions import (
     MAX_REGIONS,
@@ -16,6 +15,7 @@ from cageik_cli.method.solve.regions import (
     has_bad_regions,
 )
 from cageik_cli.method.solve.summary import DeviationPeaks
+from cageik_cli.method.weights.binding import Binding
 from tests.shapes import ball, box
 
 REST = ball(3)

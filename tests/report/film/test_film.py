@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cageik_cli.coordinates.binding import reconstruct_frames
+from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.report.film import film as film_module
 from cageik_cli.report.film import shots as shots_module
 from cageik_cli.report.film.film import FilmArtist, write_film

@@ -9,7 +9,7 @@ from importlib.resources import files
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS
 from cageik_cli.report.player import section

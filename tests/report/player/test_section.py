@@ -7,8 +7,8 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.report.player import clip as clip_module
 from cageik_cli.report.player import section
 from cageik_cli.report.player.clip import load_player_clip, make_single_pose

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.solver.fitting.merging import JointTree, merge_joints
 from tests.fitted import Frames, small_binding, smooth_motion
 from tests.shapes import ball, merged, moved, rotation

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.player.section import render_view_page
 from cageik_cli.util import outputs
 from cageik_cli.util.errors import CageikError, InputError

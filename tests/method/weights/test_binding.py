@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates import binding
-from cageik_cli.coordinates.binding import (
+from cageik_cli.method.weights import binding
+from cageik_cli.method.weights.binding import (
     BYTES_PER_PRODUCT,
     FRAMES_PER_PRODUCT,
     Binding,
     divide_rows,
     reconstruct,
 )
-from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.threads import limit_blas_threads
 from tests.shapes import box, octahedron

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 
-from cageik_cli.coordinates import mean_value
-from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import SURFACE_ROUNDING_TOL, closest_points, winding_numbers
+from cageik_cli.method.weights import mean_value
+from cageik_cli.method.weights.mean_value import mean_value_weights
 from tests.shapes import TETRAHEDRON, ball, box, concave, inside, octahedron, rotation
 
 CAGES = {"box": box(), "concave": concave(), "ball": ball(1, 1.0)}

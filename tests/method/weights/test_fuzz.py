@@ -6,12 +6,12 @@ import trimesh
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.check.faults import validate_cage
-from cageik_cli.coordinates import harmonic
-from cageik_cli.coordinates.settings import ACCURACIES, COORDINATES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
+from cageik_cli.method.weights import harmonic
+from cageik_cli.method.weights.settings import ACCURACIES, COORDINATES, BindSettings
 from cageik_cli.util.errors import CageikError, InputError, NumericalError
-from tests.coordinates.random_cages import KINDS, kind_of, points_within, random_cage
+from tests.method.weights.random_cages import KINDS, kind_of, points_within, random_cage
 from tests.shapes import box
 
 SEEDS = range(50)

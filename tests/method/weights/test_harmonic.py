@@ -4,21 +4,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates import harmonic
 from cageik_cli.coordinates.bem.boundary_equation import (
     interior_weights,
     rounded_interior_weights,
     solve_boundary,
 )
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.harmonic import (
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights import harmonic
+from cageik_cli.method.weights.harmonic import (
     STEADY_SHARE,
     Accuracy,
     HarmonicSolution,
     harmonic_weights,
 )
-from cageik_cli.coordinates.settings import ACCURACIES
-from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.settings import ACCURACIES
 from cageik_cli.util.errors import CageError, SettingError
 from tests.benchmarks.walked_cages import make_cages
 from tests.shapes import TETRAHEDRON, ball, box, concave, finer, inside, moved, rotation

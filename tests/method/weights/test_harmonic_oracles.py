@@ -7,9 +7,9 @@ import pytest
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from cageik_cli.coordinates.harmonic import harmonic_weights
-from cageik_cli.coordinates.settings import ACCURACIES
 from cageik_cli.geometry.surface import closest_points, winding_numbers
+from cageik_cli.method.weights.harmonic import harmonic_weights
+from cageik_cli.method.weights.settings import ACCURACIES
 from tests.shapes import ball, box, concave, finer, inside
 
 SOLID_HARMONICS = {

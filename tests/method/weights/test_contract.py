@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cageik_cli.coordinates import mean_value
-from cageik_cli.coordinates.harmonic import harmonic_weights
-from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights import mean_value
+from cageik_cli.method.weights.harmonic import harmonic_weights
+from cageik_cli.method.weights.mean_value import mean_value_weights
 from tests.shapes import ball, box, concave, inside, rotation
 
 pytestmark = pytest.mark.parametrize(

@@ -38,9 +38,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.coordinates.binding import Weights
 from cageik_cli.geometry.mesh import Edges, TriMesh
 from cageik_cli.geometry.surface import weights_on_surface
+from cageik_cli.method.weights.binding import Weights
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.threads import count_processors, limit_blas_threads

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import frames_to_columns, place_columns
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
 
