@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
 
 TETRAHEDRON = TriMesh(
     np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),

@@ -22,7 +22,7 @@ INLINE uint64_t to_bits(double value)
     return bits;
 }
 
-/* Coefficients and constants that `tests/coordinates/bem/derive_functions.py` derives. The second
+/* Coefficients and constants that `tests/method/weights/bem/derive_functions.py` derives. The second
    number of a pair is what the first leaves. */
 static const double LOG[] = {0.6666666666666734, 0.3999999999941468, 0.28571428742387184,
                              0.22222198573230587, 0.18183564323914897, 0.15314050601677748,

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights, weigh_by_area
+from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.record import build_report

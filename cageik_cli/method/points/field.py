@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.bem.boundary_equation import BoundarySolution, interior_weights
 from cageik_cli.geometry.mesh import TriMesh, validate_positions
 from cageik_cli.geometry.surface import ClosestPoints, closest_points, winding_numbers
 from cageik_cli.method.points.gradients import WeightGradients
+from cageik_cli.method.weights.bem.boundary_equation import BoundarySolution, interior_weights
 from cageik_cli.method.weights.harmonic import HarmonicSolution, check_request
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError

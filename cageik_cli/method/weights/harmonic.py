@@ -15,20 +15,20 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from cageik_cli.coordinates.bem.boundary_equation import (
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.points import measure_distances, order_by_place
+from cageik_cli.geometry.shape import thin_face_pairs
+from cageik_cli.geometry.surface import weights_on_surface
+from cageik_cli.method.weights.bem.boundary_equation import (
     BoundarySolution,
     rounded_interior_weights,
     solve_boundary,
     split_points,
 )
-from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.bem.error_estimate import estimate_error, measure_surface_error
-from cageik_cli.coordinates.bem.panel_geometry import LINEAR_TERMS, Panels, exponents
-from cageik_cli.coordinates.bem.potentials import FADE_FACTOR
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.points import measure_distances, order_by_place
-from cageik_cli.geometry.shape import thin_face_pairs
-from cageik_cli.geometry.surface import weights_on_surface
+from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.method.weights.bem.error_estimate import estimate_error, measure_surface_error
+from cageik_cli.method.weights.bem.panel_geometry import LINEAR_TERMS, Panels, exponents
+from cageik_cli.method.weights.bem.potentials import FADE_FACTOR
 from cageik_cli.method.weights.binding import Weights
 from cageik_cli.method.weights.settings import ACCURACIES, Accuracy
 from cageik_cli.util.arrays import Floats, Integers, Mask

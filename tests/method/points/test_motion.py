@@ -5,13 +5,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.bem.panel_geometry import Panels
 from cageik_cli.formats.ply_points import parse_points, place_positions, place_splats, read_splats
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.method.points import motion as point_motion
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented
+from cageik_cli.method.weights.bem.panel_geometry import Panels
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import FormatError, SettingError
 from tests.shapes import ball

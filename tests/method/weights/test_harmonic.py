@@ -4,14 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.bem.boundary_equation import (
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights import harmonic
+from cageik_cli.method.weights.bem.boundary_equation import (
     interior_weights,
     rounded_interior_weights,
     solve_boundary,
 )
-from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.method.weights import harmonic
+from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.method.weights.harmonic import (
     STEADY_SHARE,
     Accuracy,

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.bem.panel_geometry import Panels, monomials
-from cageik_cli.coordinates.bem.panels import (
+from cageik_cli.method.weights.bem.panel_geometry import Panels, monomials
+from cageik_cli.method.weights.bem.panels import (
     MAX_SERIES_TANGENT,
     PanelView,
     _arctan2,

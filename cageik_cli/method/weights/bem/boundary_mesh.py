@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.bem.higher_terms import HigherTerms
-from cageik_cli.coordinates.bem.panel_geometry import (
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.bem.higher_terms import HigherTerms
+from cageik_cli.method.weights.bem.panel_geometry import (
     LINEAR_TERMS,
     Panels,
     exponents,
     orthogonal_basis,
 )
-from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.bem.panel_geometry import (
+from cageik_cli.method.weights.bem.panel_geometry import (
     LINEAR_TERMS,
     edge_coefficients,
     exponents,

@@ -3,9 +3,9 @@ import pytest
 from scipy.linalg import lu_factor, lu_solve
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from cageik_cli.coordinates.bem import boundary_equation
-from cageik_cli.coordinates.bem.elimination import solve_in_place
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.bem import boundary_equation
+from cageik_cli.method.weights.bem.boundary_equation import solve_in_place
 from cageik_cli.method.weights.harmonic import harmonic_weights
 from cageik_cli.util.errors import NumericalError
 from tests.shapes import box

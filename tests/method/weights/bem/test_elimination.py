@@ -3,7 +3,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.bem.elimination import solve_in_place
+from cageik_cli.method.weights.bem.boundary_equation import solve_in_place
 
 
 def definite_system(count, columns=3):

@@ -3,9 +3,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.bem import error_estimate
-from cageik_cli.coordinates.bem.error_estimate import measure_surface_error
 from cageik_cli.method.points.field import HarmonicField
+from cageik_cli.method.weights.bem import error_estimate
+from cageik_cli.method.weights.bem.error_estimate import measure_surface_error
 from tests.shapes import box, inside
 
 

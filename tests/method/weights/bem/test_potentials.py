@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.bem import potentials as module
-from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.bem.panel_geometry import LINEAR_TERMS, monomials, orthogonal_basis
-from cageik_cli.coordinates.bem.panels import (
+from cageik_cli.method.weights.bem import potentials as module
+from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.method.weights.bem.panel_geometry import LINEAR_TERMS, monomials, orthogonal_basis
+from cageik_cli.method.weights.bem.panels import (
     CLOSED_ANGLE_TOL,
     EDGE_ON_TOL,
     MIN_GAP_RATIO,
     NEAR_EDGE_RATIO,
 )
-from cageik_cli.coordinates.bem.potentials import FADE_FACTOR, compute_potentials
+from cageik_cli.method.weights.bem.potentials import FADE_FACTOR, compute_potentials
 from cageik_cli.util import compiled
-from tests.coordinates.bem import derive_functions
+from tests.method.weights.bem import derive_functions
 from tests.shapes import ball, box, concave, inside
 
 needs_core = pytest.mark.skipif(compiled.kernel is None, reason="the core was not compiled")

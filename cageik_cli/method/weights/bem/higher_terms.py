@@ -18,7 +18,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.bem.panel_geometry import (
+from cageik_cli.method.weights.bem.panel_geometry import (
     LINEAR_TERMS,
     Panels,
     edge_coefficients,
@@ -26,7 +26,7 @@ from cageik_cli.coordinates.bem.panel_geometry import (
     exponents_at_degree,
     orthogonal_basis,
 )
-from cageik_cli.coordinates.bem.panels import PanelView
+from cageik_cli.method.weights.bem.panels import PanelView
 from cageik_cli.util.arrays import Floats, Integers
 
 

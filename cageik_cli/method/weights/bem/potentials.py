@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.bem.higher_terms import higher_moments
-from cageik_cli.coordinates.bem.panels import (
+from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.method.weights.bem.higher_terms import higher_moments
+from cageik_cli.method.weights.bem.panels import (
     CLOSED_ANGLE_TOL,
     EDGE_ON_TOL,
     INSIDE_ANGLE_TOL,

@@ -28,7 +28,7 @@ whole rows.
 
 import numpy as np
 
-from cageik_cli.coordinates.bem.panel_geometry import Panels
+from cageik_cli.method.weights.bem.panel_geometry import Panels
 from cageik_cli.util.arrays import Floats, Workspace
 
 EDGE_ON_TOL = 1e-13

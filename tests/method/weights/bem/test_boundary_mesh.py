@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.bem.panel_geometry import exponents
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.method.weights.bem.panel_geometry import exponents
 from tests.shapes import concave
 
 

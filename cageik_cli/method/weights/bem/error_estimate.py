@@ -4,18 +4,18 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from cageik_cli.coordinates.bem.boundary_equation import (
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import closest_points
+from cageik_cli.method.weights.bem.boundary_equation import (
     BoundarySolution,
     Densities,
     count_points_per_block,
     single_layer,
     split_points,
 )
-from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.bem.panel_geometry import gauss_rule
-from cageik_cli.coordinates.bem.potentials import compute_potentials
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import closest_points
+from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.method.weights.bem.panel_geometry import gauss_rule
+from cageik_cli.method.weights.bem.potentials import compute_potentials
 from cageik_cli.util.arrays import Floats, spread_evenly
 
 MAX_MEASURED_PANELS = 250

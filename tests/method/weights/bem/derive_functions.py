@@ -2,7 +2,7 @@
 
 ln((1 + s) / (1 - s)) = 2 s + s z P(z) and arctan t = t + t z P(z), with z = s² or t². P is a power
 series; the polynomial in its place leaves the smallest error of z P(z), which is that of the result
-in parts of its first term. `python -m tests.coordinates.bem.derive_functions` prints the lines.
+in parts of its first term. `python -m tests.method.weights.bem.derive_functions` prints the lines.
 """
 
 from decimal import Decimal, getcontext
