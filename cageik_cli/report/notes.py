@@ -11,7 +11,7 @@ from cageik_cli.captured.robust import MIN_OUTLIER_RATIO, average_neighbours
 from cageik_cli.geometry.mesh import signed_volumes
 from cageik_cli.geometry.parts import name_vertex
 from cageik_cli.report.figures import ReportSummary, format_percent
-from cageik_cli.report.fit_figures import list_fit_notes
+from cageik_cli.report.fit_rows import list_fit_notes
 from cageik_cli.report.limits import Limits, list_limit_notes, missing_in_baseline
 from cageik_cli.report.regions import list_region_notes
 from cageik_cli.store.result import Result, read_binding, read_cages, read_key_frames

@@ -19,7 +19,7 @@ from cageik_cli.report.figures import (
     VertexMetrics,
     make_whole,
 )
-from cageik_cli.report.fit_figures import (
+from cageik_cli.report.fit_rows import (
     UnfittedRecord,
     build_unfitted,
     is_fitted_to_clip,

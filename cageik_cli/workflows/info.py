@@ -21,7 +21,7 @@ from cageik_cli.inputs.model_file import LoadedModel, load_model
 from cageik_cli.method.points.oriented import REST_COUNTS
 from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.report.figures import group_digits
-from cageik_cli.report.fit_figures import format_fit_rows, list_fit_notes
+from cageik_cli.report.fit_rows import format_fit_rows, list_fit_notes
 from cageik_cli.report.views.text import format_accuracy_row, format_weights_row
 from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding

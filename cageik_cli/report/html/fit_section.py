@@ -11,7 +11,7 @@ import numpy as np
 from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.figures import format_percent
-from cageik_cli.report.fit_figures import UnfittedRecord
+from cageik_cli.report.fit_rows import UnfittedRecord
 from cageik_cli.report.html.pictures import View
 from cageik_cli.report.html.templating import format_ticks, make_png_url
 from cageik_cli.report.record import Report

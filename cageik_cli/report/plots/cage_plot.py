@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.report.check_marks import FaultMark
+from cageik_cli.report.marks import FaultMark
 from cageik_cli.report.plots.style import (
     PANEL_SIDE,
     PLOT_COLOURS,

@@ -8,7 +8,7 @@ from cageik_cli.cages.check.quality import MIN_CLEARANCE, MIN_INFLUENCE
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import get_parts, name_vertex
-from cageik_cli.report.check_marks import FaultMark, list_marks
+from cageik_cli.report.marks import FaultMark, list_marks
 from cageik_cli.report.views.cage import format_cage_record
 from cageik_cli.util.text import format_block, format_count, format_row
 

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from cageik_cli.report.figures import format_change, format_percent
-from cageik_cli.report.fit_figures import format_fit_line
+from cageik_cli.report.fit_rows import format_fit_line
 from cageik_cli.report.overview import ClipEntry, Overview, describe_poor
 from cageik_cli.report.regions import describe_region
 from cageik_cli.report.views.text import format_check_row

@@ -11,7 +11,7 @@ from cageik_cli.report.figures import (
     format_metric,
     format_percent,
 )
-from cageik_cli.report.fit_figures import format_fit_rows
+from cageik_cli.report.fit_rows import format_fit_rows
 from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.parts import format_part_rows, label_vertex
 from cageik_cli.report.record import Report

@@ -12,7 +12,7 @@ from cageik_cli.cli import main
 from cageik_cli.cli.extract import EXTRACT_OPTIONS
 from cageik_cli.cli.options.solve import make_setting_option
 from cageik_cli.fit.settings import FitSettings, declare_setting, find_kind
-from cageik_cli.report.fit_figures import format_fit_rows
+from cageik_cli.report.fit_rows import format_fit_rows
 from cageik_cli.report.vocabulary import SETTING_MEANINGS
 from tests.store.bindings import record
 
