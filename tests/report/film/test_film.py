@@ -9,8 +9,8 @@ from PIL import Image
 
 from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.report.film import film as film_module
-from cageik_cli.report.film import shots as shots_module
-from cageik_cli.report.film.film import FilmArtist, write_film
+from cageik_cli.report.film import film as shots_module
+from cageik_cli.report.film.film import FilmArtist, FilmPlan, write_film
 from cageik_cli.report.film.settings import (
     DEFAULT_TURN_SECONDS,
     MAX_FILM_RATE,
@@ -20,7 +20,6 @@ from cageik_cli.report.film.settings import (
     TURN_RATE,
     FilmSettings,
 )
-from cageik_cli.report.film.shots import FilmPlan
 from cageik_cli.store.result import read_binding, read_cages, read_rotations
 from cageik_cli.util.errors import OutputError, SettingError
 from cageik_cli.util.progress import ProgressListener

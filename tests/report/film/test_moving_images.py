@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cageik_cli.report.film.moving_images import (
+from cageik_cli.report.film.film import (
     GIF_COLOURS,
     GifImage,
     WebpImage,
