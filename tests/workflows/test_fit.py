@@ -13,7 +13,7 @@ from cageik_cli.formats.write import Output
 from cageik_cli.inputs.weights import WeightSettings
 from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.report.fit_rows import list_fit_notes
-from cageik_cli.report.html.frames_table import build_quality_rows
+from cageik_cli.report.html.page import build_quality_rows
 from cageik_cli.report.overview import Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_overview_csv

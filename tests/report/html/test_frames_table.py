@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import pytest
 
 from cageik_cli.report.figures import FrameRecord
-from cageik_cli.report.html.frames_table import (
+from cageik_cli.report.html.page import (
     FRAME_COLUMNS,
     build_quality_rows,
     choose_columns,

@@ -17,8 +17,14 @@ from cageik_cli.report.figures import (
     format_scene_length,
 )
 from cageik_cli.report.html import pictures
-from cageik_cli.report.html.frames_table import build_quality_rows, choose_columns, format_cells
-from cageik_cli.report.html.page import compute_record_digest, is_page_current, render_page
+from cageik_cli.report.html.page import (
+    build_quality_rows,
+    choose_columns,
+    compute_record_digest,
+    format_cells,
+    is_page_current,
+    render_page,
+)
 from cageik_cli.report.limits import (
     Limit,
     LimitCheck,
