@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.limits import Limit, LimitCheck
-from cageik_cli.report.plots.series import build_series, label_limit
+from cageik_cli.report.plots.error_plot import build_series, label_limit
 from cageik_cli.report.record import build_report
 from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY
 from tests.report.drawings import drawn, lines, texts
