@@ -85,7 +85,7 @@ def check_command(
     number in the picture is that in the list that is printed below the findings. The mesh of
     --marked is the cage followed by the rest pose.
     """
-    from cageik_cli.report.views.check import (
+    from cageik_cli.report.views.cage import (
         format_check_headline,
         format_check_json,
         format_marks_text,

@@ -11,8 +11,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.inputs import rest_pose as module
 from cageik_cli.inputs.rest_pose import choose_rest_frame, open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
-from cageik_cli.report.views.cage import format_cage_json
-from cageik_cli.report.views.check import format_check_text
+from cageik_cli.report.views.cage import format_cage_json, format_check_text
 from cageik_cli.util.errors import CheckpointError
 from cageik_cli.workflows.cage import CageSettings, build_cage_file
 from cageik_cli.workflows.check import CheckSettings, check_cage

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cageik_cli import __version__
-from cageik_cli.report.views.check import format_check_json, format_check_text
+from cageik_cli.report.views.cage import format_check_json, format_check_text
 from cageik_cli.workflows.check import CheckSettings, check_cage
 from tests.shapes import ball, box
 

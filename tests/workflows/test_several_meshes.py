@@ -13,7 +13,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.parts import list_part_names
 from cageik_cli.inputs.weights import WeightSettings
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.report.views.check import format_check_json, format_check_text
+from cageik_cli.report.views.cage import format_check_json, format_check_text
 from cageik_cli.util.errors import CageError
 from cageik_cli.workflows.bind import BindRunSettings, bind_files
 from cageik_cli.workflows.check import CheckSettings, check_cage
