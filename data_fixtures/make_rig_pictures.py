@@ -26,7 +26,7 @@ from cageik_cli.report.render.shading import (
     downsample,
     parse_colour,
 )
-from cageik_cli.solver.turned_normals import turn_normals
+from cageik_cli.rigs.joints import turn_normals
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.rig import make_rig

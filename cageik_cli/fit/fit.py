@@ -27,9 +27,9 @@ from cageik_cli.fit.systems import SurfaceLaplacian
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.solver.fitting.influences import Influences
-from cageik_cli.solver.fitting.merging import JointTree, merge_joints
-from cageik_cli.solver.fitting.turning import fit_turning
+from cageik_cli.rigs.influences import Influences
+from cageik_cli.rigs.merging import JointTree, merge_joints
+from cageik_cli.rigs.turning import fit_turning
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.threads import OrderedMap, limit_blas_threads

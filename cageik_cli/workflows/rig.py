@@ -25,9 +25,8 @@ from cageik_cli.method.weights.binding import (
     reconstruct,
     reconstruct_frames,
 )
-from cageik_cli.solver.fitting.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
-from cageik_cli.solver.joints import JointPoses, JointSolver
-from cageik_cli.solver.turned_normals import NormalAngles
+from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
+from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context

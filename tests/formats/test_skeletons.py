@@ -19,7 +19,7 @@ from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_vertex_normals
-from cageik_cli.solver.turned_normals import turn_normals
+from cageik_cli.rigs.joints import turn_normals
 from cageik_cli.util.errors import OutputError
 from tests.clips import frames_of
 from tests.formats.clips import faults_of

@@ -14,8 +14,7 @@ from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.solver.joints import JointSolver
-from cageik_cli.solver.turned_normals import turn_normals
+from cageik_cli.rigs.joints import JointSolver, turn_normals
 from tests.fitted import small_binding
 
 BALL = small_binding()

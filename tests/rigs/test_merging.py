@@ -7,7 +7,7 @@ from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.solver.fitting.merging import JointTree, merge_joints
+from cageik_cli.rigs.merging import JointTree, merge_joints
 from tests.fitted import Frames, small_binding, smooth_motion
 from tests.shapes import ball, merged, moved, rotation
 
@@ -40,7 +40,7 @@ def measure_rigid(rest, frames):
 
 
 def test_a_cost_is_the_distance_from_rigid_motions_of_the_strongest_followers(monkeypatch):
-    monkeypatch.setattr("cageik_cli.solver.fitting.merging.COMPACTNESS", 0.0)
+    monkeypatch.setattr("cageik_cli.rigs.merging.COMPACTNESS", 0.0)
     scales = np.linspace(0.5, 2, len(FRAMES))
     costs = JointTree._measure(grow(scales=scales)._sums[:1])
     # After all merges, the first joint holds the sums of all vertices.

@@ -17,8 +17,8 @@ import numpy as np
 
 from cageik_cli.fit.alternate import CageSolve
 from cageik_cli.fit.problem import ROUNDING_TOL, Displacements, WeightProblem
-from cageik_cli.solver.fitting.influences import Influences, solve_rows
-from cageik_cli.solver.joints import MAX_ROW_ENTRIES, NORMAL_LENGTH, JointSolver
+from cageik_cli.rigs.influences import Influences, solve_rows
+from cageik_cli.rigs.joints import MAX_ROW_ENTRIES, NORMAL_LENGTH, JointSolver
 from cageik_cli.util.arrays import Floats, Integers
 
 TURNING_REGULARIZATION = 0.01

@@ -7,7 +7,7 @@ from hypothesis.extra.numpy import arrays
 from cageik_cli.fit.problem import Displacements, Motion, WeightProblem, complement_basis
 from cageik_cli.fit.systems import SurfaceLaplacian
 from cageik_cli.geometry.shape import uniform_laplacian
-from cageik_cli.solver.fitting.influences import (
+from cageik_cli.rigs.influences import (
     Influences,
     minimize_on_simplex,
     project_to_simplex,

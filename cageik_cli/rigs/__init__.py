@@ -1,0 +1,1 @@
+"""Joints for programs that skin: influences, merged joints, and joints that turn."""
