@@ -31,20 +31,21 @@ if TYPE_CHECKING:
     from cageik_cli.method.pose.anchors import Anchor, closest_point, point_at_vertex
     from cageik_cli.method.pose.poser import Poser
     from cageik_cli.method.weights.binding import Binding
-    from cageik_cli.store.result import Result
-    from cageik_cli.util.errors import CageikError
-    from cageik_cli.workflows.api import (
+    from cageik_cli.run.api import (
+        CageAnimation,
         bind,
         check_cage,
+        extract,
         extract_to_file,
         load_clip,
         load_mesh,
         read_cages,
         read_result,
     )
-    from cageik_cli.workflows.cage import build_cage
-    from cageik_cli.workflows.extract_arrays import CageAnimation, extract
-    from cageik_cli.workflows.fit import FittedWeights, fit_weights
+    from cageik_cli.run.cage import build_cage
+    from cageik_cli.run.fit import FittedWeights, fit_weights
+    from cageik_cli.store.result import Result
+    from cageik_cli.util.errors import CageikError
     from cageik_cli.workflows.view.show import ShownPage, show
 
 __version__ = "0.1.0"
@@ -84,11 +85,11 @@ _HOMES = {
     "Anchor": "method.pose.anchors",
     "Binding": "method.weights.binding",
     "BuiltCage": "cages.builder.build",
-    "CageAnimation": "workflows.extract_arrays",
+    "CageAnimation": "run.api",
     "CageikError": "util.errors",
     "Diagnosis": "cages.check.diagnosis",
     "FitSettings": "fit.settings",
-    "FittedWeights": "workflows.fit",
+    "FittedWeights": "run.fit",
     "HarmonicField": "method.points.field",
     "MeshSequence": "formats.base.sequence",
     "PointCloud": "geometry.points",
@@ -96,21 +97,21 @@ _HOMES = {
     "Result": "store.result",
     "ShownPage": "workflows.view.show",
     "TriMesh": "geometry.mesh",
-    "build_cage": "workflows.cage",
+    "build_cage": "run.cage",
     "closest_point": "method.pose.anchors",
-    "extract": "workflows.extract_arrays",
-    "fit_weights": "workflows.fit",
+    "extract": "run.api",
+    "fit_weights": "run.fit",
     "point_at_vertex": "method.pose.anchors",
     "show": "workflows.view.show",
 }
-"""Modules of the names that are not defined in `workflows.api`."""
+"""Modules of the names that are not defined in `run.api`."""
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used, so that `import cageik_cli` is quick."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = import_module(f"{__name__}.{_HOMES.get(name, 'workflows.api')}")
+    module = import_module(f"{__name__}.{_HOMES.get(name, 'run.api')}")
     value = globals()[name] = getattr(module, name)
     return value
 

@@ -30,10 +30,10 @@ from PIL import Image
 
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Integers
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
 
 Flags = NDArray[np.bool_]
 

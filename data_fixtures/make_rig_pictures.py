@@ -27,9 +27,9 @@ from cageik_cli.report.render.shading import (
     parse_colour,
 )
 from cageik_cli.rigs.joints import turn_normals
+from cageik_cli.run.rig import make_rig
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.rig import make_rig
 
 FIXTURES = Path(__file__).resolve().parent
 FRAMES, CAGE = FIXTURES / "walker" / "frames", FIXTURES / "walker" / "cage.obj"

@@ -19,11 +19,11 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs import built_cage
 from cageik_cli.method.weights import harmonic
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.solver import executor
+from cageik_cli.run import executor
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.result import Result
 from cageik_cli.util import compiled
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.shapes import ball, box
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")

@@ -203,7 +203,7 @@ def test_an_unexpected_error_is_called_internal(run, folder, monkeypatch):
     def fail(settings, progress):
         raise ZeroDivisionError("by zero")
 
-    monkeypatch.setattr("cageik_cli.workflows.extract.extract", fail)
+    monkeypatch.setattr("cageik_cli.run.extraction.extract", fail)
     assert run(*EXTRACT).err == (
         "Error: internal error (ZeroDivisionError: by zero); please report it with the output of "
         "the same command with -vv\n"

@@ -39,14 +39,14 @@ from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.solver.executor import MemoryPlan, run_in_threads
+from cageik_cli.run.executor import MemoryPlan, run_in_threads
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import checkpoint_path
 from cageik_cli.util.errors import ClusterError, FileAccessError, format_error, require_optional
 from cageik_cli.util.files import open_locked
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import use_one_blas_thread
-from cageik_cli.workflows.settings import ExtractSettings
 
 PACKAGE_NAME = "cageik"
 """The name under which packages are installed."""

@@ -10,16 +10,16 @@ from cageik_cli.report.limits import Limits
 from cageik_cli.report.overview import ClipEntry, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import draw_thumbnail
-from cageik_cli.solver.executor import RunBlocks, run_in_threads
+from cageik_cli.run.executor import RunBlocks, run_in_threads
+from cageik_cli.run.extraction import Extraction
+from cageik_cli.run.resume import check_output
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache_entry import compute_key
 from cageik_cli.store.result import Result, has_weights
 from cageik_cli.util.errors import CageikError, InputError, describe_error
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.text import to_unicode
-from cageik_cli.workflows.extract import Extraction
-from cageik_cli.workflows.resume import check_output
-from cageik_cli.workflows.settings import ExtractSettings
 
 CLIPS_FOLDER = "clips"
 """The folder of the clips' results, inside the output folder."""

@@ -12,12 +12,12 @@ from cageik_cli.report.html.index import render_index
 from cageik_cli.report.overview import ClipEntry, Overview, shorten_names
 from cageik_cli.report.views.data import format_junit, format_overview_csv, format_overview_json
 from cageik_cli.report.views.markdown import format_markdown
+from cageik_cli.run.extraction import Extraction
 from cageik_cli.store.result import checkpoint_path, is_result
 from cageik_cli.util.errors import CageikError, OutputError, make_write_error
 from cageik_cli.util.files import open_locked, remove_locked
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.extract import Extraction
 
 REPORT_FILES = {
     "index.html": render_index,

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cageik_cli.batch.run import BatchPlan
     from cageik_cli.cli.options.limits import LoadBaseline
     from cageik_cli.report.limits import Limits
-    from cageik_cli.workflows.settings import ExtractSettings
+    from cageik_cli.run.settings import ExtractSettings
 
 BATCH_OPTIONS = (
     "output",

@@ -27,12 +27,12 @@ from cageik_cli.cli.options.solve import (
 from cageik_cli.fit.settings import FitSettings
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.bind import BindRunSettings
+    from cageik_cli.run.bind import BindRunSettings
 
 
 def make_bind_settings(fit: FitSettings | None, **others: Any) -> "BindRunSettings":
     """Make the settings of a run; options of a fit without one are wrong usage."""
-    from cageik_cli.workflows.bind import BindRunSettings
+    from cageik_cli.run.bind import BindRunSettings
 
     if fit is None:
         refuse_without_fit(("vertex_weights", "alpha", "beta", "align", "fps"))
@@ -86,9 +86,9 @@ def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool)
     cageik bind --cage cage.obj --rest rest.obj --fit walk --fit run -o hero.h5
     """  # noqa: D301
     from cageik_cli.cli.output import format_told, show_progress
+    from cageik_cli.run.bind import bind_files
+    from cageik_cli.run.info import format_binding_rows
     from cageik_cli.util.outputs import check_no_overlap
-    from cageik_cli.workflows.bind import bind_files
-    from cageik_cli.workflows.info import format_binding_rows
 
     output = settings.output
     check_no_overlap([*settings.outputs(), timings], settings.inputs())

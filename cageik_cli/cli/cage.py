@@ -28,7 +28,7 @@ from cageik_cli.cli.options.types import PercentType
 from cageik_cli.formats.timeline import format_frame_number
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.cage import CageSettings, RepairCageSettings
+    from cageik_cli.run.cage import CageSettings, RepairCageSettings
 
 
 def make_symmetric_option(group: HelpGroup | None = None) -> Any:
@@ -78,7 +78,7 @@ BUILD_OPTIONS = OptionGroup(
 
 def make_cage_settings(repair: Path | None, **values: Any) -> "CageSettings | RepairCageSettings":
     """Make the settings of a build or a repair; values that contradict are wrong usage."""
-    from cageik_cli.workflows.cage import CageSettings, RepairCageSettings
+    from cageik_cli.run.cage import CageSettings, RepairCageSettings
 
     model, rest = values["model"], values["rest"]
     if repair is None:
@@ -156,7 +156,7 @@ def cage_command(
         list_cage_rows,
         list_repair_rows,
     )
-    from cageik_cli.workflows.cage import CageSettings, build_cage_file, repair_cage_file
+    from cageik_cli.run.cage import CageSettings, build_cage_file, repair_cage_file
 
     check_views([json_path], settings.inputs(), settings.overwrite, settings.outputs())
     with show_progress(not quiet, None, settings.overwrite) as progress:

@@ -27,12 +27,12 @@ from cageik_cli.cli.options.types import SuffixedPath
 from cageik_cli.cli.output import check_views, format_told, list_files, write_or_print
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.check import CheckSettings
+    from cageik_cli.run.check import CheckSettings
 
 
 def make_check_settings(**values: Any) -> "CheckSettings":
     """Make the settings of a check; no cage, and a rest frame of no clip, are wrong usage."""
-    from cageik_cli.workflows.check import CheckSettings
+    from cageik_cli.run.check import CheckSettings
 
     if values["cage"] is None:
         frames = values["frames"]
@@ -92,7 +92,7 @@ def check_command(
         list_brief_check_rows,
         list_check_rows,
     )
-    from cageik_cli.workflows.check import check_cage
+    from cageik_cli.run.check import check_cage
 
     is_on_stdout = str(json_path) == "-"
     views = [json_path, plot, marked]

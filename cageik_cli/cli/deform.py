@@ -30,12 +30,12 @@ from cageik_cli.cli.options.types import JOINTS_TYPE
 from cageik_cli.formats.settings import MorphSettings
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.deform import DeformSettings
+    from cageik_cli.run.deform import DeformSettings
 
 
 def make_deform_settings(**values: Any) -> "DeformSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
-    from cageik_cli.workflows.deform import DeformSettings
+    from cageik_cli.run.deform import DeformSettings
 
     if values["cages"] is None:
         of_cages = ("selection", "layout", "allow_gaps", "close_gaps")
@@ -135,7 +135,7 @@ def deform_command(settings: "DeformSettings", quiet: bool) -> None:
     --mesh and --cages.
     """
     from cageik_cli.cli.output import format_told, show_progress
-    from cageik_cli.workflows.deform import deform
+    from cageik_cli.run.deform import deform
 
     with show_progress(not quiet, None, False) as progress:
         summary = deform(settings, progress)

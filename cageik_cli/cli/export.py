@@ -17,12 +17,12 @@ from cageik_cli.cli.options.types import JOINTS_TYPE
 from cageik_cli.formats.settings import ROOT_MOTIONS, MorphSettings
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.export import ExportSettings
+    from cageik_cli.run.export import ExportSettings
 
 
 def make_export_settings(**values: Any) -> "ExportSettings":
     """Make the settings of an export; values that contradict each other are wrong usage."""
-    from cageik_cli.workflows.export import ExportSettings
+    from cageik_cli.run.export import ExportSettings
 
     is_skeleton = values["skeleton"]
     if values["influences"] is not None and not is_skeleton:
@@ -111,8 +111,8 @@ def export_command(settings: "ExportSettings", quiet: bool) -> None:
     cage/cage_####.obj.
     """
     from cageik_cli.cli.output import format_told, show_progress
+    from cageik_cli.run.export import export
     from cageik_cli.util.outputs import check_no_overlap
-    from cageik_cli.workflows.export import export
 
     check_no_overlap(settings.outputs(), settings.inputs())
     with show_progress(not quiet, None, False) as progress:

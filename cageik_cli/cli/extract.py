@@ -46,10 +46,10 @@ from cageik_cli.method.weights.settings import BindSettings
 if TYPE_CHECKING:
     from cageik_cli.cli.output import ProgressBar
     from cageik_cli.report.record import Report
+    from cageik_cli.run.export import ExportSettings
+    from cageik_cli.run.settings import ExtractSettings
     from cageik_cli.store.result import Result
     from cageik_cli.util.progress import ProgressListener
-    from cageik_cli.workflows.export import ExportSettings
-    from cageik_cli.workflows.settings import ExtractSettings
 
 BUILT_CAGE_OPTIONS = OptionGroup(
     "build",
@@ -69,7 +69,7 @@ BUILT_CAGE_OPTIONS = OptionGroup(
 
 def make_extract_settings(**values: Any) -> "ExtractSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
-    from cageik_cli.workflows.settings import ExtractSettings
+    from cageik_cli.run.settings import ExtractSettings
 
     _refuse_swap(values["frames"], values["cage"])
     if values["binding"] is not None:
@@ -239,8 +239,8 @@ def extract_command(
     from cageik_cli.cli.output import echo_exceeded_limits, exit_with_code, show_progress
     from cageik_cli.report.overview import Overview, build_clip_entry
     from cageik_cli.report.record import build_report
+    from cageik_cli.run.extraction import extract
     from cageik_cli.util.outputs import check_no_overlap
-    from cageik_cli.workflows.extract import extract
 
     loaded_limits = limits.load()
     planned = _plan_exports(settings, exports)
@@ -295,7 +295,7 @@ def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> li
     """Write the exports, and return what is told of each."""
     if not planned:
         return []
-    from cageik_cli.workflows.export import export
+    from cageik_cli.run.export import export
 
     return [export(one, progress).message for one in planned]
 
@@ -305,7 +305,7 @@ def _plan_exports(settings: "ExtractSettings", paths: tuple[Path, ...]) -> list[
     if not paths:
         return []
     from cageik_cli.formats.write import Output
-    from cageik_cli.workflows.export import ExportSettings, check_export
+    from cageik_cli.run.export import ExportSettings, check_export
 
     outputs = [Output(path, overwrite=settings.overwrite) for path in paths]
     planned = [ExportSettings(settings.output, output) for output in outputs]

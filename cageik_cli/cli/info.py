@@ -26,7 +26,7 @@ def info_command(
     FILES are a result, a binding, a clip (files, a folder, a glob) or one mesh, such as a cage.
     Files that are not frames of one clip are described one after another.
     """
-    from cageik_cli.workflows.info import describe_files
+    from cageik_cli.run.info import describe_files
 
     text = describe_files(list(files), layout, exclude, fps)
     if not quiet:

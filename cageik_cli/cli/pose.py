@@ -24,8 +24,7 @@ from cageik_cli.cli.output import check_views, list_files, write_or_print
 from cageik_cli.formats.settings import UP_AXES
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.edit import EditSettings
-    from cageik_cli.workflows.pose import PoseSettings
+    from cageik_cli.run.edit import EditSettings, PoseSettings
 
 DEFAULT_SNAP = "2%"
 """How far a position may be from the surface if --snap has no number."""
@@ -81,9 +80,8 @@ def make_pose_settings(
     """Make the settings of an edit of a result, or of a pose of a model."""
     from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
     from cageik_cli.inputs.mesh_source import holds_caged_model
+    from cageik_cli.run.edit import EditSettings, PoseSettings
     from cageik_cli.store.binding_file import is_binding
-    from cageik_cli.workflows.edit import EditSettings
-    from cageik_cli.workflows.pose import PoseSettings
 
     handles = others["handles"]
     if handles is None and others["cage_edits"] is None:
@@ -206,9 +204,8 @@ def pose_command(
         format_pose_rows,
         list_brief_pose_rows,
     )
+    from cageik_cli.run.edit import EditSettings, edit, pose
     from cageik_cli.store.result import read_result
-    from cageik_cli.workflows.edit import EditSettings, edit
-    from cageik_cli.workflows.pose import pose
 
     check_views(
         [plot, json_path], settings.inputs(), settings.overwrite, [*settings.outputs(), timings]

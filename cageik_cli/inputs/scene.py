@@ -18,6 +18,7 @@ from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.pose_difference import PoseDifference, find_pose_difference
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import FormatError, InputError
 from cageik_cli.util.progress import locate_note, mark_warning
@@ -27,7 +28,6 @@ from cageik_cli.util.units import (
     UNIT_LENGTHS,
     find_unit,
 )
-from cageik_cli.workflows.settings import ExtractSettings
 
 UNSTATED = SceneHints()
 """What a file states of its scene that states nothing."""

@@ -34,15 +34,15 @@ from cageik_cli.method.solve.blocks import BlockSolver
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.solver.executor import MemoryPlan
+from cageik_cli.run.executor import MemoryPlan
+from cageik_cli.run.extraction import Extraction
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import checkpoint_path, read_result
 from cageik_cli.util.errors import ClusterError, FileAccessError, InputError
 from cageik_cli.util.files import open_locked
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.extract import Extraction
-from cageik_cli.workflows.settings import ExtractSettings
 
 pytestmark = pytest.mark.slow
 

@@ -7,8 +7,8 @@ import pytest
 from cageik_cli.batch.jobs import ClipJob
 from cageik_cli.batch.run import FAULT_LABEL, BatchPlan, describe_batch
 from cageik_cli.report.overview import ClipEntry
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from tests.listeners import Listener
 
 

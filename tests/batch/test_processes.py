@@ -14,8 +14,8 @@ from cageik_cli.batch import processes as local
 from cageik_cli.batch.jobs import ClipJob, ClipState, run_clip
 from cageik_cli.batch.processes import ProcessScheduler
 from cageik_cli.report.limits import Limits
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import ClusterError
-from cageik_cli.workflows.settings import ExtractSettings
 
 
 @dataclass(frozen=True)

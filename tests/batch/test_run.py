@@ -16,9 +16,9 @@ from cageik_cli.batch.run import (
     run_batch,
 )
 from cageik_cli.report.overview import ClipEntry
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import InputError, OutputError
 from cageik_cli.util.files import open_locked
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.listeners import Listener
 from tests.report.markup import parse_page
 

@@ -31,8 +31,8 @@ from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import reconstruct
-from cageik_cli.workflows.cage import make_measured_clip
-from cageik_cli.workflows.extract_arrays import extract
+from cageik_cli.run.api import extract
+from cageik_cli.run.cage import make_measured_clip
 from tests.cages.independent import examine
 from tests.fitted import Frames
 

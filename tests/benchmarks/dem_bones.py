@@ -19,8 +19,8 @@ from py_dem_bones import solve_skinning
 from cageik_cli.cages.bind import bind
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.workflows.extract_arrays import extract
-from cageik_cli.workflows.fit import fit_weights
+from cageik_cli.run.api import extract
+from cageik_cli.run.fit import fit_weights
 
 BONES = 20
 COUNTS = (60, 120)

@@ -17,8 +17,8 @@ import numpy as np
 from cageik_cli import Binding, TriMesh, bind, load_mesh
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import FitSettings
+from cageik_cli.run.api import extract
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.extract_arrays import extract
 from tests.fitted import Frames
 
 JOBS = count_processors()

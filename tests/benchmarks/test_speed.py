@@ -14,11 +14,11 @@ from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.harmonic import harmonic_weights
-from cageik_cli.solver.executor import MAX_BLOCK_FRAMES
+from cageik_cli.run.executor import MAX_BLOCK_FRAMES
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util import compiled
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.shapes import ball, inside
 
 pytestmark = pytest.mark.bench

@@ -14,8 +14,8 @@ from cageik_cli.report.limits import Limit, Limits
 from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import load_poses
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from tests.report.clips import change, make_500_clips
 from tests.report.hostile import NAMES, with_hostile_names
 

@@ -49,7 +49,7 @@ def test_info_shows_the_same(run, folder):
 
 
 def test_coordinates_in_closed_form_have_no_panels():
-    from cageik_cli.workflows.info import format_binding_rows
+    from cageik_cli.run.info import format_binding_rows
 
     bound = StoredBinding(Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4)), {})
     assert ("accuracy", "exact (closed form)") in format_binding_rows(bound)

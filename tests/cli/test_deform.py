@@ -9,7 +9,7 @@ import pytest
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_vertex_normals
-from cageik_cli.workflows import deform as deforming
+from cageik_cli.run import deform as deforming
 from tests.assets import parse_asset
 from tests.clips import frames_of
 from tests.conftest import EXTRACT

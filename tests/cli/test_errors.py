@@ -70,7 +70,7 @@ def failing(monkeypatch):
         def extract(settings, watch):
             raise error
 
-        monkeypatch.setattr("cageik_cli.workflows.extract.extract", extract)
+        monkeypatch.setattr("cageik_cli.run.extraction.extract", extract)
 
     return with_error
 

@@ -9,8 +9,8 @@ import pytest
 
 from cageik_cli.formats import write as opening
 from cageik_cli.formats.open import load_mesh, open_sequence
+from cageik_cli.run import export as exporting
 from cageik_cli.store.result import read_result
-from cageik_cli.workflows import export as exporting
 from tests.clips import frames_of
 from tests.conftest import EXTRACT
 from tests.formats.clips import faults_of

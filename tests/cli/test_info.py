@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES
-from cageik_cli.workflows import info
+from cageik_cli.run import info
 
 
 def rows_of(outcome):

@@ -41,14 +41,14 @@ def test_an_error_while_the_command_is_imported_is_one_sentence(run_process, err
 
 @pytest.mark.parametrize(("error", "says"), ERRORS.values(), ids=ERRORS)
 def test_an_error_while_a_command_imports_what_it_needs_is_one_sentence(run_process, error, says):
-    outcome = run_process("-c", SCRIPT.format(name="cageik_cli.workflows.info", error=error))
+    outcome = run_process("-c", SCRIPT.format(name="cageik_cli.run.info", error=error))
     assert (outcome.code, outcome.out) == (1, "")
     assert outcome.err.startswith("Error: ")
     assert says.replace("MemoryError", "out of memory") in outcome.err
     assert len(outcome.err.splitlines()) == 1
 
 
-@pytest.mark.parametrize("name", ["cageik_cli.cli", "click", "cageik_cli.workflows.info"])
+@pytest.mark.parametrize("name", ["cageik_cli.cli", "click", "cageik_cli.run.info"])
 def test_an_interruption_while_modules_are_imported_is_one_sentence(run_process, name):
     outcome = run_process("-c", SCRIPT.format(name=name, error="KeyboardInterrupt()"))
     assert (outcome.code, outcome.out, outcome.err) == (1, "", "Error: interrupted\n")

@@ -239,7 +239,7 @@ def test_gaps_stay_gaps(run, handles, folder):
 def test_blocks_do_not_change_the_result(run, handles, clip, monkeypatch):
     handles(LIFT, *PINS, frames=[2, 4], falloff=1)
     assert run(*EDIT, "--rigidity", "3").code == 0
-    monkeypatch.setattr("cageik_cli.solver.executor.MAX_BLOCK_FRAMES", 2)
+    monkeypatch.setattr("cageik_cli.run.executor.MAX_BLOCK_FRAMES", 2)
     assert run(*EDIT[:-1], "small.h5", "--rigidity", "3").code == 0
     np.testing.assert_array_equal(cages("edited.h5"), cages("small.h5"))
     whole, parted = (read_result(Path(name)) for name in ("edited.h5", "small.h5"))

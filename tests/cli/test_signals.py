@@ -101,7 +101,7 @@ def test_a_library_that_cannot_be_loaded_is_no_internal_error(run, extracted, mo
     def fail(*words):
         raise ImportError("libx.so: cannot open shared object file: Error 24")
 
-    monkeypatch.setattr("cageik_cli.workflows.info.describe_files", fail)
+    monkeypatch.setattr("cageik_cli.run.info.describe_files", fail)
     outcome = run("info", "cages.h5")
     assert outcome.code == 1
     assert "a library cannot be loaded (libx.so" in outcome.err

@@ -57,7 +57,7 @@ def test_an_error_names_the_option(monkeypatch, folder, run):
     def refuse(settings, progress):
         raise SettingError("wrong; give `outside=project`")
 
-    monkeypatch.setattr("cageik_cli.workflows.extract.extract", refuse)
+    monkeypatch.setattr("cageik_cli.run.extraction.extract", refuse)
     done = run("extract", "frames", "--cage", "cage.obj")
     assert done.code == 1
     assert "give --outside project" in done.err

@@ -4,7 +4,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from cageik_cli.solver.executor import MAX_BLOCK_FRAMES
+from cageik_cli.run.executor import MAX_BLOCK_FRAMES
 
 FIXTURES = Path(__file__).resolve().parents[2] / "data_fixtures" / "posed" / "surface"
 HANDLES = '{"handles": [{"name": "a", "vertex": 0, "offset": [0.01, 0, 0]}]}'

@@ -13,8 +13,8 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import normalize_weights
 from cageik_cli.method.weights.binding import Binding
+from cageik_cli.run.api import extract
 from cageik_cli.util.errors import CageError, ConnectivityError, SettingError
-from cageik_cli.workflows.extract_arrays import extract
 from tests.fitted import Frames, clip_of, small_binding, true_weights
 from tests.shapes import rotation
 

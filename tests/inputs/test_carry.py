@@ -20,14 +20,13 @@ from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import reconstruct
+from cageik_cli.run.bind import BindRunSettings, bind_files
+from cageik_cli.run.deform import DeformSettings, deform
+from cageik_cli.run.edit import EditSettings, PoseSettings, edit, pose, pose_model
+from cageik_cli.run.export import ExportSettings, export
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.result import read_binding, read_cages, read_result
-from cageik_cli.workflows.bind import BindRunSettings, bind_files
-from cageik_cli.workflows.deform import DeformSettings, deform
-from cageik_cli.workflows.edit import EditSettings, edit
-from cageik_cli.workflows.export import ExportSettings, export
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.pose import PoseSettings, pose, pose_model
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.conftest import _use_coarse_panels
 from tests.fitted import small_binding, smooth_motion
 from tests.listeners import Listener

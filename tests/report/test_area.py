@@ -16,10 +16,10 @@ from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_text
+from cageik_cli.run.api import extract
+from cageik_cli.run.extraction import extract as extract_to_file
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import FormatError, SettingError
-from cageik_cli.workflows.extract import extract as extract_to_file
-from cageik_cli.workflows.extract_arrays import extract
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.shapes import TETRAHEDRON, ball, box
 
 BODY = ball(3, 0.8)

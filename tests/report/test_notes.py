@@ -9,8 +9,8 @@ import pytest
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.notes import list_clip_notes, list_standout_notes
 from cageik_cli.report.record import build_report
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from tests.shapes import rotation
 
 

@@ -27,6 +27,8 @@ from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
 from cageik_cli.report.player.section import render_view_page
 from cageik_cli.report.views.pose_text import format_pose_rows
+from cageik_cli.run.edit import EditSettings, check_target_kind, edit, pose_model
+from cageik_cli.run.settings import READ, WRITTEN, CommandSettings
 from cageik_cli.store.result import Result
 from cageik_cli.util.errors import (
     OutputError,
@@ -34,9 +36,6 @@ from cageik_cli.util.errors import (
 )
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.edit import EditSettings, edit
-from cageik_cli.workflows.pose import check_target_kind, pose_model
-from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 from cageik_cli.workflows.view.page_edits import check_edit_fits, parse_sent, read_first_edit
 from cageik_cli.workflows.view.show import load_clip
 from cageik_cli.workflows.view.watched import OwnOutputs, WatchedInput

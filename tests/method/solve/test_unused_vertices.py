@@ -13,10 +13,10 @@ from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.metrics import METRIC_TYPES
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
+from cageik_cli.run.api import extract
+from cageik_cli.run.cage import build_cage
+from cageik_cli.run.fit import fit_weights
 from cageik_cli.util.errors import CageError, FormatError
-from cageik_cli.workflows.cage import build_cage
-from cageik_cli.workflows.extract_arrays import extract
-from cageik_cli.workflows.fit import fit_weights
 from tests.shapes import ball, box, finer
 
 REST = ball(2, 0.8)

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.plots.pose_plot import build_panels, render_pose_png
+from cageik_cli.run.edit import EditSettings, PoseSettings, edit, pose
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.result import read_result, read_weights
-from cageik_cli.workflows.edit import EditSettings, edit
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.pose import PoseSettings, pose
-from cageik_cli.workflows.settings import ExtractSettings
 
 HANDLES = [
     {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3], "hard": True},

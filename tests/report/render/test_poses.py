@@ -7,8 +7,8 @@ import pytest
 
 from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import load_poses
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 
 
 def vertex_errors(case):

@@ -6,8 +6,8 @@ import numpy as np
 from PIL import Image
 
 from cageik_cli.report.render.model_views import draw_thumbnail
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 
 
 def draw(result):

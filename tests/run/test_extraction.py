@@ -12,10 +12,10 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_text
-from cageik_cli.solver.executor import ARRAYS_PER_FRAME, MemoryPlan, choose_block_size
+from cageik_cli.run.executor import ARRAYS_PER_FRAME, MemoryPlan, choose_block_size
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import InputError, NumericalError
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.listeners import Listener
 from tests.shapes import ball, box, rotation
 

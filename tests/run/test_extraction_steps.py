@@ -14,6 +14,9 @@ from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.run.extraction import Extraction, extract
+from cageik_cli.run.resume import check_output
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.util.errors import (
     CheckpointError,
@@ -22,9 +25,6 @@ from cageik_cli.util.errors import (
     OutputError,
     SettingError,
 )
-from cageik_cli.workflows.extract import Extraction, extract
-from cageik_cli.workflows.resume import check_output
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.listeners import Listener
 
 
@@ -54,7 +54,7 @@ def test_to_open_writes_nothing(plain, folder):
 def test_known_weights_are_used(plain, monkeypatch):
     expected = extract(plain).path.read_bytes()
     stored = open_extraction(plain).bind()
-    monkeypatch.setattr("cageik_cli.workflows.extract.bind_cached", fail)
+    monkeypatch.setattr("cageik_cli.run.extraction.bind_cached", fail)
     again = replace(plain, overwrite=True)
     assert Extraction(again, stored=stored).run().path.read_bytes() == expected
     with pytest.raises(AssertionError, match="computed"):
@@ -170,7 +170,7 @@ def test_weights_in_a_built_cage_are_fitted_unless_that_is_refused(plain):
 
 @pytest.mark.usefixtures("coarse_grids")
 def test_a_fit_that_was_not_asked_for_does_not_hide_thrown_vertices(plain, monkeypatch):
-    monkeypatch.setattr("cageik_cli.workflows.fit.has_thrown_vertices", lambda *_: True)
+    monkeypatch.setattr("cageik_cli.run.fit.has_thrown_vertices", lambda *_: True)
     settings = replace(plain, cage=None, build=BuildSettings(16))
     result = extract(settings)
     assert result.fit is None
@@ -243,7 +243,7 @@ def test_known_weights_come_with_the_cage_that_was_built(plain, monkeypatch):
 
 def test_the_builder_is_imported_when_a_cage_is_built(run_process):
     program = """
-import sys, cageik_cli.workflows.extract
+import sys, cageik_cli.run.extraction
 found = [name for name in sys.modules if name.startswith("cageik_cli.cages.building")]
 assert not found, found
 """

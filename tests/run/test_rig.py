@@ -13,12 +13,12 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.method.weights.binding import reconstruct_frames
+from cageik_cli.run import export as exporting
+from cageik_cli.run import rig as rigs
+from cageik_cli.run.rig import make_rig
 from cageik_cli.store.result import read_binding, read_cages, read_result, read_rotations
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows import export as exporting
-from cageik_cli.workflows import rig as rigs
-from cageik_cli.workflows.rig import make_rig
 from tests.clips import frames_of
 from tests.formats.gltf.decoded import Glb
 from tests.shapes import finer

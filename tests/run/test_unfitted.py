@@ -12,11 +12,11 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.weights import WeightSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.record import build_report
+from cageik_cli.run.bind import BindRunSettings, bind_files
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.fit import choose_compared_frames, find_changed_vertex
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.result import read_result
-from cageik_cli.workflows.bind import BindRunSettings, bind_files
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.fit import choose_compared_frames, find_changed_vertex
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.fitted import clip_of, small_binding, true_weights
 
 BINDING = small_binding()

@@ -34,14 +34,14 @@ from cageik_cli.formats.write import (
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames
 from cageik_cli.inputs.reconstruction import Reconstruction
+from cageik_cli.run.rig import check_rig, make_rig, measure_input_rms
+from cageik_cli.run.settings import READ, WRITTEN, CommandSettings
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.util.arrays import Floats, count_frames
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.rig import check_rig, make_rig, measure_input_rms
-from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 MAX_EXPORT_BYTES = 1 << 26
 """Bytes of a block of cages, at most."""

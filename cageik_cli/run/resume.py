@@ -13,6 +13,7 @@ from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.built_cage import check_cage_output
 from cageik_cli.method.solve.blocks import SolvedBlock
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.checkpoint import (
     Checkpoint,
     RunSpec,
@@ -24,7 +25,6 @@ from cageik_cli.util.errors import CheckpointError, InputError
 from cageik_cli.util.files import read_input
 from cageik_cli.util.outputs import check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.settings import ExtractSettings
 
 
 def check_output(settings: ExtractSettings) -> None:

@@ -12,9 +12,9 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.weights import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.run.bind import BindRunSettings, bind_files
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError, SettingError
-from cageik_cli.workflows.bind import BindRunSettings, bind_files
 from tests.listeners import Listener
 from tests.shapes import ball, box
 

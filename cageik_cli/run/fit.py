@@ -22,6 +22,7 @@ from cageik_cli.method.solve.metrics import check_finite, measure
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
 from cageik_cli.method.weights.binding import Binding
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_keys import compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import UnfittedClip
@@ -30,7 +31,6 @@ from cageik_cli.util.errors import FileAccessError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_bytes, format_count
 from cageik_cli.util.threads import count_processors
-from cageik_cli.workflows.settings import ExtractSettings
 
 MIN_FRAMES_BY_DEFAULT = 3
 """Shorter clips have one pose beside that at rest: weights are fitted to it only if asked for."""

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.editing.edits import PosingSettings
+from cageik_cli.run.edit import PoseSettings, pose
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError
-from cageik_cli.workflows.pose import PoseSettings, pose
 from tests.listeners import Listener
 from tests.shapes import box, quad_text
 

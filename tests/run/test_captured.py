@@ -19,13 +19,13 @@ from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
-from cageik_cli.solver import executor
+from cageik_cli.run import executor
+from cageik_cli.run.bind import BindRunSettings, bind_files
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result import placed_path, read_cages, read_result, smoothed_path
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, SettingError
-from cageik_cli.workflows.bind import BindRunSettings, bind_files
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.corruptions import corrupt
 from tests.listeners import Listener
 
@@ -170,7 +170,7 @@ def test_what_is_placed_is_all_that_is_hidden_in_a_frame(walker, make, monkeypat
     used[600:610] = 0
     np.save("used.npy", used)
     monkeypatch.setattr(
-        "cageik_cli.workflows.hidden.RigidFiller.fill",
+        "cageik_cli.run.time_pass.RigidFiller.fill",
         lambda self, positions, is_hidden: found.append(is_hidden) or positions,
     )
     extract(make(spoilt, clip=MISSING, vertex_weights=Path("used.npy")))

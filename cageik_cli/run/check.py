@@ -10,7 +10,7 @@ from cageik_cli.inputs.mesh_source import load_rest, load_source
 from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.report.views.cage import CheckResult
-from cageik_cli.workflows.settings import READ, READ_CLIP, CommandSettings
+from cageik_cli.run.settings import READ, READ_CLIP, CommandSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import pytest
 
 from cageik_cli import __version__
 from cageik_cli.report.views.cage import format_check_json, format_check_text
-from cageik_cli.workflows.check import CheckSettings, check_cage
+from cageik_cli.run.check import CheckSettings, check_cage
 from tests.shapes import ball, box
 
 pytestmark = pytest.mark.usefixtures("folder")

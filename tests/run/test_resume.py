@@ -17,11 +17,11 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
-from cageik_cli.solver import executor
+from cageik_cli.run import executor
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.util.errors import CheckpointError, FileAccessError, InputError
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.listeners import Listener
 
 LOG = Path("cages.h5.partial")
@@ -139,7 +139,7 @@ def test_an_existing_result_is_found_before_weights_are_computed(plain, whole, m
     def bind(*given):
         raise AssertionError("bound")
 
-    monkeypatch.setattr("cageik_cli.workflows.extract.bind_cached", bind)
+    monkeypatch.setattr("cageik_cli.run.extraction.bind_cached", bind)
     assert extract(replace(plain, resume=True)).path.read_bytes() == whole
     with pytest.raises(AssertionError, match="bound"):
         extract(replace(plain, resume=True, overwrite=True, keep_weights=False))
@@ -201,7 +201,7 @@ def test_resume_does_not_replace_another_result(plain, whole, change, says):
 
 def test_a_result_of_another_version_is_another_result(plain, whole, monkeypatch):
     extract(plain)
-    monkeypatch.setattr("cageik_cli.workflows.resume.__version__", "9.9")
+    monkeypatch.setattr("cageik_cli.run.resume.__version__", "9.9")
     with pytest.raises(CheckpointError, match=r"cages\.h5: .*another version"):
         extract(replace(plain, resume=True))
     assert Path("cages.h5").read_bytes() == whole

@@ -22,15 +22,15 @@ from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.weights import WeightSettings, bind_cached
 from cageik_cli.method.weights.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.run.export import write_converted
+from cageik_cli.run.rig import check_rig, make_rig
+from cageik_cli.run.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 from cageik_cli.store.result import read_low_rank, read_rotations
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, count_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.export import write_converted
-from cageik_cli.workflows.rig import check_rig, make_rig
-from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
 NO_CAGES = "which has no cages; give them by `cages=`, or give a result"
 NO_SOLVE = "but `influences=` needs the settings of a result; give one"

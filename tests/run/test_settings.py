@@ -5,16 +5,15 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.formats.write import Output
+from cageik_cli.run.bind import BindRunSettings
+from cageik_cli.run.cage import CageSettings, RepairCageSettings
+from cageik_cli.run.check import CheckSettings
+from cageik_cli.run.deform import DeformSettings
+from cageik_cli.run.edit import EditSettings, PoseSettings
+from cageik_cli.run.export import ExportSettings
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import check_no_overlap
-from cageik_cli.workflows.bind import BindRunSettings
-from cageik_cli.workflows.cage import CageSettings, RepairCageSettings
-from cageik_cli.workflows.check import CheckSettings
-from cageik_cli.workflows.deform import DeformSettings
-from cageik_cli.workflows.edit import EditSettings
-from cageik_cli.workflows.export import ExportSettings
-from cageik_cli.workflows.pose import PoseSettings
-from cageik_cli.workflows.settings import ExtractSettings
 from cageik_cli.workflows.view.session import ViewSettings
 
 FRAMES = [f"frames/frame_{k}.obj" for k in range(1, 6)]

@@ -14,11 +14,11 @@ from cageik_cli.geometry.parts import list_part_names
 from cageik_cli.inputs.weights import WeightSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.cage import format_check_json, format_check_text
+from cageik_cli.run.bind import BindRunSettings, bind_files
+from cageik_cli.run.check import CheckSettings, check_cage
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import CageError
-from cageik_cli.workflows.bind import BindRunSettings, bind_files
-from cageik_cli.workflows.check import CheckSettings, check_cage
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.character import NAMES, make_cage, make_character
 
 TIGHT = 0.56

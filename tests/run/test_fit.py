@@ -19,6 +19,12 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_overview_csv
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.text import format_text
+from cageik_cli.run.bind import BindRunSettings, bind_files
+from cageik_cli.run.deform import DeformSettings, deform
+from cageik_cli.run.edit import EditSettings, edit
+from cageik_cli.run.export import ExportSettings, export
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.store.checkpoint import Checkpoint, checkpoint_progress
 from cageik_cli.store.result import (
@@ -30,12 +36,6 @@ from cageik_cli.store.result import (
 )
 from cageik_cli.store.result import read_binding as read_result_binding
 from cageik_cli.util.errors import CheckpointError, InputError, SettingError
-from cageik_cli.workflows.bind import BindRunSettings, bind_files
-from cageik_cli.workflows.deform import DeformSettings, deform
-from cageik_cli.workflows.edit import EditSettings, edit
-from cageik_cli.workflows.export import ExportSettings, export
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
 from tests.fitted import small_binding, smooth_motion
 from tests.listeners import Listener
 

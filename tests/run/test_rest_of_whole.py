@@ -9,10 +9,10 @@ import pytest
 
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.formats.timeline import parse_frames
+from cageik_cli.run.check import CheckSettings, check_cage
+from cageik_cli.run.extraction import extract
+from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import CageikError
-from cageik_cli.workflows.check import CheckSettings, check_cage
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.settings import ExtractSettings
 
 WALKER = Path(__file__).parents[2] / "data_fixtures" / "walker"
 PART = ClipSettings(selection=parse_frames("20-22"))

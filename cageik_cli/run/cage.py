@@ -35,6 +35,7 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import reconstruct
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.cage import CageResult
+from cageik_cli.run.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import (
     CageError,
@@ -46,7 +47,6 @@ from cageik_cli.util.errors import (
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,13 +16,13 @@ from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.weights import WeightSettings, bind_cached
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import Binding
+from cageik_cli.run.fit import fit_to_clips
+from cageik_cli.run.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 from cageik_cli.store.binding_file import StoredBinding, write_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener, label_note
-from cageik_cli.workflows.fit import fit_to_clips
-from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from cageik_cli import bind
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.workflows.hidden import find_rotations
+from cageik_cli.run.time_pass import find_rotations
 from tests.shapes import ball, box
 
 
