@@ -15,7 +15,7 @@ from cageik_cli.run.extraction import Extraction
 from cageik_cli.run.resume import check_output
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.cache_entry import compute_key
+from cageik_cli.store.cache import compute_key
 from cageik_cli.store.result import Result, has_weights
 from cageik_cli.util.errors import CageikError, InputError, describe_error
 from cageik_cli.util.outputs import make_folder, write_text

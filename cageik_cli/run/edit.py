@@ -31,8 +31,14 @@ from cageik_cli.method.solve.summary import DeviationPeaks, summarize_blocks
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.executor import choose_block_size
 from cageik_cli.run.settings import READ, WRITTEN, CommandSettings
-from cageik_cli.store.result import Result, read_cages, read_result, read_rotations
-from cageik_cli.store.result_fields import ResultHeader, ResultSummary
+from cageik_cli.store.result import (
+    Result,
+    ResultHeader,
+    ResultSummary,
+    read_cages,
+    read_result,
+    read_rotations,
+)
 from cageik_cli.store.result_writer import ResultWriter, open_result_writer
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context

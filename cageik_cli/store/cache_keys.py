@@ -15,8 +15,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import ALGORITHM_VERSIONS, Binding, Correction
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_entry import CorruptEntry, Entry, EntryFormat, compute_key
+from cageik_cli.store.cache import CorruptEntry, Entry, EntryCache, EntryFormat, compute_key
 from cageik_cli.store.hdf5_fields import parse_record
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.store.cache_entry import CorruptEntry
+from cageik_cli.store.cache import CorruptEntry
 from cageik_cli.store.cache_keys import WEIGHTS
 from tests.store.entries import entry, same
 

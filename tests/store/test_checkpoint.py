@@ -11,14 +11,15 @@ from cageik_cli.method.solve.blocks import SolvedBlock, make_solved_block
 from cageik_cli.method.solve.dual_laplacian import Solution
 from cageik_cli.method.solve.metrics import FrameMetrics
 from cageik_cli.method.solve.summary import DeviationPeaks, summarize_blocks
-from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.store.checkpoint import (
     CHECKPOINT_MAGIC,
     Checkpoint,
     RunSpec,
     checkpoint_progress,
     delete_checkpoint,
+    from_bytes,
     is_checkpoint,
+    to_bytes,
 )
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, OutputError
 from cageik_cli.util.files import open_locked
