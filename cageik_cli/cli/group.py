@@ -23,7 +23,7 @@ import click
 
 from cageik_cli.cli.command import spell_param
 from cageik_cli.util.errors import WrongUsageError, format_error
-from cageik_cli.util.leftovers import listen_to_leftovers
+from cageik_cli.util.outputs import listen_to_leftovers
 from cageik_cli.util.text import make_printable, single_line
 
 

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.util.files import open_locked, remove_locked
-from cageik_cli.util.leftovers import clear_leftovers, make_unfinished_path
+from cageik_cli.util.outputs import clear_leftovers, make_unfinished_path
 
 Value = TypeVar("Value")
 

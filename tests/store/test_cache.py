@@ -509,7 +509,7 @@ def workers(folder, count, turns, largest):
 def test_what_a_killed_process_left_of_an_entry_is_removed_by_the_next(kept):
     script = (
         "import os, sys; from pathlib import Path; "
-        "from cageik_cli.util.leftovers import make_unfinished_path; "
+        "from cageik_cli.util.outputs import make_unfinished_path; "
         "make_unfinished_path(Path(sys.argv[1])).write_text('half'); os._exit(9)"
     )
     kept.folder.mkdir()

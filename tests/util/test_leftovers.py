@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from cageik_cli.util import leftovers
-from cageik_cli.util.leftovers import clear_leftovers, listen_to_leftovers, make_unfinished_path
+from cageik_cli.util import outputs
+from cageik_cli.util.outputs import clear_leftovers, listen_to_leftovers, make_unfinished_path
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="processes cannot be asked for here")
 
@@ -62,7 +62,7 @@ def test_nothing_else_is_removed(tmp_path, of_dead, monkeypatch):
         of_dead(tmp_path / "b.npz"), of_dead(tmp_path / "a.npzx"), tmp_path / "a.npz.partial",
         tmp_path / "a.npz.0123.partial", of_dead(path).with_suffix(".txt"),
     ]  # fmt: skip
-    monkeypatch.setattr(leftovers, "_identify_machine", lambda: 7)
+    monkeypatch.setattr(outputs, "_identify_machine", lambda: 7)
     kept += [of_dead(path)]
     monkeypatch.undo()
     for file in kept:
@@ -84,7 +84,7 @@ def test_a_link_is_not_put_back_as_a_folder(tmp_path, of_dead):
     """The files in the folder it leads to would be replaced."""
     (tmp_path / "mine").mkdir()
     path = tmp_path / "frames"
-    of_dead(path, make=leftovers.make_displaced_path).symlink_to(tmp_path / "mine")
+    of_dead(path, make=outputs.make_displaced_path).symlink_to(tmp_path / "mine")
     assert "removed" in clear(path)[0]
     assert [item.name for item in tmp_path.iterdir()] == ["mine"]
 
@@ -92,7 +92,7 @@ def test_a_link_is_not_put_back_as_a_folder(tmp_path, of_dead):
 def test_a_displaced_folder_is_put_back_unless_it_was_replaced(tmp_path, of_dead):
     path = tmp_path / "frames"
     for _ in range(2):
-        old = of_dead(path, make=leftovers.make_displaced_path)
+        old = of_dead(path, make=outputs.make_displaced_path)
         old.mkdir()
         (old / "a_1.obj").write_text("old")
         said = clear(path)

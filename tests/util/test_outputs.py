@@ -12,7 +12,7 @@ import pytest
 from cageik_cli.util import outputs
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.files import exchange
-from cageik_cli.util.leftovers import (
+from cageik_cli.util.outputs import (
     listen_to_leftovers,
     make_displaced_path,
     make_unfinished_path,

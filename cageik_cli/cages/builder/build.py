@@ -26,8 +26,8 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.beside import call_beside
 from cageik_cli.util.errors import NumericalError
+from cageik_cli.util.processes import call_beside
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.text import format_count
 from cageik_cli.util.threads import limit_blas_threads

@@ -1,30 +1,121 @@
-"""Calls tried in another process first: a library may end the process on a damaged file.
+"""Calls of one function in other processes beside this one, where threads would not help.
+
+What is pickled goes from this process to its own child and back, through no named file. Only the
+command line asks for processes: `sys.executable` may be no Python in a program that imports the
+package.
+
+Calls tried in another process first: a library may end the process on a damaged file.
 
 Only the command line tries: what imports the package may not be ready for further processes.
 """
 
 import json
 import os
+import pickle
 import signal
+import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from importlib import import_module
+from tempfile import TemporaryFile
 from threading import Lock
+from typing import Any, TypeVar
+
+from cageik_cli.util.threads import use_one_blas_thread
+
+Result = TypeVar("Result")
+
+
+_Child = subprocess.Popen[bytes]
+
+
+_PROGRAM = (
+    "import sys; sys.path[:] = {}; from cageik_cli.util import processes; processes.run_in_child()"
+)
+
+
+def call_beside(
+    function: Callable[..., Result], calls: Sequence[tuple[Any, ...]], processes: int
+) -> Iterator[Result]:
+    """Yield the results of a function for the arguments of each call, in their order.
+
+    The first call is made in this process, and so are those for which there is no other, or whose
+    process fails. Results are the same to the bit: every call gets a copy of its arguments, as
+    arrays that are views may be summed in another order.
+
+    Parameters
+    ----------
+    function : callable
+        Of a module; a process finds it by name.
+    processes : int
+        This one and others, at most.
+    """
+    packed = [pickle.dumps(arguments) for arguments in calls]
+    with ExitStack() as stack:
+        others: list[_Child | None] = []
+        for data in packed[1:processes]:
+            others.append(_start(function, data))
+            stack.callback(_end, others[-1])
+        for data, other in zip(packed, [None, *others, *[None] * len(packed)], strict=False):
+            found = None if other is None else _wait_for_result(other)
+            yield function(*pickle.loads(data)) if found is None else found[0]
+
+
+def _start(function: Callable[..., Any], data: bytes) -> _Child | None:
+    """Start a process that makes a call; None if that is not possible."""
+    if not sys.executable or getattr(sys, "frozen", False):
+        return None
+    words = [sys.executable, "-I", "-c", _PROGRAM.format(sys.path)]
+    with suppress(OSError), TemporaryFile() as given:  # no room, no memory, no such program
+        pickle.dump((function.__module__, function.__name__), given)
+        given.write(data)
+        given.seek(0)
+        out, silent = subprocess.PIPE, subprocess.DEVNULL
+        return subprocess.Popen(words, stdin=given, stdout=out, stderr=silent)
+    return None
+
+
+def _wait_for_result(process: _Child) -> tuple[Any] | None:
+    """Return the result of a process in a tuple, or None if it failed."""
+    written, _ = process.communicate()
+    return None if process.returncode else (pickle.loads(written),)
+
+
+def _end(process: _Child | None) -> None:
+    """End a process, at once if it still works."""
+    if process is not None:
+        with process:
+            process.kill()
+
+
+def run_in_child() -> None:
+    """Make the call that standard input holds, and write its result to standard output."""
+    module, name = pickle.load(sys.stdin.buffer)
+    arguments = pickle.load(sys.stdin.buffer)
+    with os.fdopen(os.dup(1), "wb") as result:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries print there
+        use_one_blas_thread()
+        pickle.dump(getattr(import_module(module), name)(*arguments), result)
+
 
 MIN_TRIAL_BYTES = 768 << 20
 """Memory that a trial may take besides a multiple of its files; a quarter of it are libraries."""
 
+
 MAX_TRIAL_RATIO = 16
 """Memory that a trial may take, besides, in bytes of its files."""
+
 
 MIN_TRIAL_SECONDS = 10
 """Seconds of a processor that a trial may take, and one more for each MiB of its files."""
 
+
 OUT_OF_MEMORY, FOUND_FAULT = 77, 78
 """Exit codes of a trial that had too little memory, and of one whose call returned a fault."""
 
-_BEGIN = "import sys; sys.path[:] = {}; from cageik_cli.util import trial; trial.run_in_child()"
+
+_TRIAL_PROGRAM = "import sys; sys.path[:] = {}; from cageik_cli.util import processes; processes.run_trial_in_child()"
 
 
 class Trials:
@@ -114,9 +205,6 @@ class Trials:
             resource.setrlimit(kind, (limit, most))
 
 
-trials = Trials()
-
-
 def _run_child(words: str) -> tuple[int, bytes]:
     """Run a process that makes a call; return its exit code and what it prints."""
     import subprocess
@@ -126,7 +214,7 @@ def _run_child(words: str) -> tuple[int, bytes]:
     with TemporaryDirectory() as folder:
         environment = {"TMPDIR": folder, "PXR_WORK_THREAD_LIMIT": "1"}
         done = subprocess.run(
-            [sys.executable, "-I", "-c", _BEGIN.format(sys.path), words],
+            [sys.executable, "-I", "-c", _TRIAL_PROGRAM.format(sys.path), words],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -146,7 +234,10 @@ def _describe_end(code: int) -> str:
     return "takes too long" if name == "SIGXCPU" else f"ends with {name}"
 
 
-def run_in_child() -> None:
+trials = Trials()
+
+
+def run_trial_in_child() -> None:
     """Make the call that the arguments of this process name, within limits."""
     module, name, *arguments = json.loads(sys.argv[1])
     trials.allowed_bytes = 0

@@ -9,8 +9,8 @@ import time
 import numpy as np
 import pytest
 
-from cageik_cli.util import beside
-from cageik_cli.util.beside import call_beside
+from cageik_cli.util import processes as beside
+from cageik_cli.util.processes import call_beside
 
 
 def describe(number):
