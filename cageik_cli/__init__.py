@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from cageik_cli.run.fit import FittedWeights, fit_weights
     from cageik_cli.store.result import Result
     from cageik_cli.util.errors import CageikError
-    from cageik_cli.workflows.view.show import ShownPage, show
+    from cageik_cli.view.show import ShownPage, show
 
 __version__ = "0.1.0"
 
@@ -95,14 +95,14 @@ _HOMES = {
     "PointCloud": "geometry.points",
     "Poser": "method.pose.poser",
     "Result": "store.result",
-    "ShownPage": "workflows.view.show",
+    "ShownPage": "view.show",
     "TriMesh": "geometry.mesh",
     "build_cage": "run.cage",
     "closest_point": "method.pose.anchors",
     "extract": "run.api",
     "fit_weights": "run.fit",
     "point_at_vertex": "method.pose.anchors",
-    "show": "workflows.view.show",
+    "show": "view.show",
 }
 """Modules of the names that are not defined in `run.api`."""
 

@@ -25,15 +25,15 @@ from cageik_cli.cli.output import ProgressBar, show_progress
 from cageik_cli.util.progress import ProgressListener
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.view.run import Rows
-    from cageik_cli.workflows.view.session import ViewSettings
+    from cageik_cli.view.run import Rows
+    from cageik_cli.view.session import ViewSettings
 
 
 def make_view_settings(**values: Any) -> "ViewSettings":
     """Make the settings of a view; options that contradict each other are wrong usage."""
     from cageik_cli.inputs.mesh_source import holds_caged_model
     from cageik_cli.store.binding_file import is_binding
-    from cageik_cli.workflows.view.session import ViewSettings
+    from cageik_cli.view.session import ViewSettings
 
     target, weight_names = values["target"], sorted(WEIGHT_OPTIONS.option_names)
     if holds_caged_model(target):
@@ -140,16 +140,16 @@ def view_command(settings: "ViewSettings", port: int, no_browser: bool, quiet: b
     cageik view rest.obj --cage cage.obj --edit-cage -o mended.obj
     """  # noqa: D301
     from cageik_cli.util.text import format_block
-    from cageik_cli.workflows.view.run import PageSession, run_view
+    from cageik_cli.view.run import PageSession, run_view
 
     with show_progress(not quiet, None, settings.overwrite) as progress:
         session: PageSession
         if settings.edits_cage:
-            from cageik_cli.workflows.view.rest_cage import open_rest_cage
+            from cageik_cli.view.rest_cage import open_rest_cage
 
             session = open_rest_cage(settings, progress)
         else:
-            from cageik_cli.workflows.view.session import open_session
+            from cageik_cli.view.session import open_session
 
             session = open_session(settings, progress)
     if not quiet:

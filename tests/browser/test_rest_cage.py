@@ -14,7 +14,7 @@ from cageik_cli.cli import main
 from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mirror import Mirror
-from cageik_cli.workflows.view.sent_cage import parse_cage
+from cageik_cli.view.rest_cage import parse_cage
 from tests.browser.players import WALKER, drag, settle
 from tests.browser.test_accessibility import find_violations
 from tests.shapes import QUADS, quad_box

@@ -40,7 +40,7 @@ def workspace(tmp_path, monkeypatch, all_inputs, coarse_panels) -> Path:
     shutil.copytree(all_inputs, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     # No page is served, which would not end.
-    monkeypatch.setattr("cageik_cli.workflows.view.run.run_view", None)
+    monkeypatch.setattr("cageik_cli.view.run.run_view", None)
     return tmp_path
 
 

@@ -16,7 +16,7 @@ from cageik_cli.formats.write import Output, write_animation
 from cageik_cli.geometry.parts import join_meshes, list_part_names
 from cageik_cli.store.result import read_result
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.view.session import ViewSettings, open_session
+from cageik_cli.view.session import ViewSettings, open_session
 from tests.shapes import ball, box
 
 BALL = ball(1, 0.8)

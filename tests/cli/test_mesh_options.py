@@ -60,7 +60,7 @@ def meshes(tmp_path, monkeypatch, mesh_files, coarse_panels):
     folder = tmp_path / "all"
     shutil.copytree(mesh_files, folder)
     monkeypatch.chdir(folder)
-    monkeypatch.setattr("cageik_cli.workflows.view.run.run_view", _end)
+    monkeypatch.setattr("cageik_cli.view.run.run_view", _end)
     return folder
 
 

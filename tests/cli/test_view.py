@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.cli import view
-from tests.workflows.view.client import Client, make_body
+from tests.view.client import Client, make_body
 
 DOCUMENT = {
     "handles": [
@@ -32,7 +32,7 @@ def viewed(monkeypatch):
         listener.open("http://127.0.0.1:1/secret/")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cageik_cli.workflows.view.run.run_view", end)
+    monkeypatch.setattr("cageik_cli.view.run.run_view", end)
     return seen
 
 
@@ -83,7 +83,7 @@ def test_the_outcome_of_an_edit_is_shown(run, bound, monkeypatch):
         listener.tell_failed("handles: are wrong")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cageik_cli.workflows.view.run.run_view", use)
+    monkeypatch.setattr("cageik_cli.view.run.run_view", use)
     words = ("view", "cages.h5", "-o", "e.h5", "--handles-out", "h.json", "--overwrite")
     outcome = run(*words)
     assert outcome.code == 0
@@ -99,7 +99,7 @@ def test_what_the_page_tells_names_the_options(run, bound, monkeypatch):
         worded.append(listener.word("it shears; let it rotate with `rigidity=10`"))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cageik_cli.workflows.view.run.run_view", use)
+    monkeypatch.setattr("cageik_cli.view.run.run_view", use)
     assert run("view", "cages.h5").code == 0
     assert worded == ["it shears; let it rotate with --rigidity 10"]
 
@@ -109,7 +109,7 @@ def test_an_edit_that_is_dropped_is_told(run, bound, monkeypatch):
         with listener.show_edit():
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("cageik_cli.workflows.view.run.run_view", use)
+    monkeypatch.setattr("cageik_cli.view.run.run_view", use)
     outcome = run("view", "cages.h5", "-o", "e.h5")
     assert outcome.err.endswith(
         "the edit was dropped; files are complete, or as before it\nstopped\n"

@@ -14,7 +14,7 @@ from cageik_cli.run.export import ExportSettings
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import check_no_overlap
-from cageik_cli.workflows.view.session import ViewSettings
+from cageik_cli.view.session import ViewSettings
 
 FRAMES = [f"frames/frame_{k}.obj" for k in range(1, 6)]
 CAGE, REST, RESULT, OUT = map(Path, ("cage.obj", "rest.obj", "cages.h5", "out.h5"))

@@ -1,5 +1,5 @@
 // What only the page of `cageik view` does: it begins with an edit that is given, sends an edit to
-// the program (workflows/view/page_edits.py), and follows it until its end.
+// the program (view/session.py), and follows it until its end.
 const STATUS_MILLISECONDS = 250;
 
 async function ask(url, options) {

@@ -45,8 +45,8 @@ from cageik_cli.util.errors import (
     SlowError,
     describe_error,
 )
-from cageik_cli.workflows.view.page_edits import MAX_SENT_BYTES
-from cageik_cli.workflows.view.site import RefusedRequestError, Site, make_busy_error
+from cageik_cli.view.session import MAX_SENT_BYTES
+from cageik_cli.view.site import RefusedRequestError, Site, make_busy_error
 
 HOST = "127.0.0.1"
 

@@ -8,12 +8,11 @@ from dataclasses import replace
 import pytest
 
 from cageik_cli.util.errors import HandlesError, SettingError
-from cageik_cli.workflows.view import server
-from cageik_cli.workflows.view.page_edits import MAX_SENT_BYTES
-from cageik_cli.workflows.view.run import JobBoard
-from cageik_cli.workflows.view.server import serve
-from cageik_cli.workflows.view.site import Site
-from tests.workflows.view.client import Client, read_answer
+from cageik_cli.view import server
+from cageik_cli.view.server import serve
+from cageik_cli.view.session import MAX_SENT_BYTES
+from cageik_cli.view.site import JobBoard, Site
+from tests.view.client import Client, read_answer
 
 SECRET = "s" * 32
 

@@ -16,22 +16,19 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.util.errors import BusyError, CageikError, FormatError, InputError, SlowError
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.view import beside, sent_cage
-from cageik_cli.workflows.view.beside import describe_finding
-from cageik_cli.workflows.view.page_edits import MAX_SENT_BYTES
-from cageik_cli.workflows.view.rest_cage import open_rest_cage
-from cageik_cli.workflows.view.run import JobBoard
-from cageik_cli.workflows.view.sent_cage import encode_cage, list_polygons, parse_cage
-from cageik_cli.workflows.view.server import serve
-from cageik_cli.workflows.view.session import ViewSettings
-from cageik_cli.workflows.view.site import Site
-from tests.workflows.view.client import Client
+from cageik_cli.view import cage_process, rest_cage
+from cageik_cli.view.cage_process import describe_finding
+from cageik_cli.view.rest_cage import encode_cage, list_polygons, open_rest_cage, parse_cage
+from cageik_cli.view.server import serve
+from cageik_cli.view.session import MAX_SENT_BYTES, ViewSettings
+from cageik_cli.view.site import JobBoard, Site
+from tests.view.client import Client
 
 SECRET = "s" * 32
 REST_CAGE = ViewSettings(
     Path("frames/frame_1.obj"), cage=Path("quads.obj"), output=Path("new.obj"), edits_cage=True
 )
-BROKEN = sorted((Path(__file__).resolve().parents[3] / "data_fixtures/broken").glob("cage_*"))
+BROKEN = sorted((Path(__file__).resolve().parents[2] / "data_fixtures/broken").glob("cage_*"))
 ODD = "0.1 -0.0 1e-7", "0.30000000000000004 2 2", "1234567.000000123 0.5 0.25"
 
 
@@ -185,7 +182,7 @@ def test_what_cannot_be_edited_or_written_is_refused(quads, settings, told):
 
 
 def test_a_cage_that_is_too_large_is_refused(quads, monkeypatch):
-    monkeypatch.setattr(sent_cage, "MAX_EDITED_VERTICES", 7)
+    monkeypatch.setattr(rest_cage, "MAX_EDITED_VERTICES", 7)
     with pytest.raises(FormatError, match=r"^quads\.obj: the cage has 8 vertices, at most 7"):
         open_rest_cage(REST_CAGE, ProgressListener())
 
@@ -316,7 +313,7 @@ class Slow:
 
 
 def test_a_check_that_takes_too_long_is_ended(session, client, monkeypatch):
-    monkeypatch.setattr(beside, "MAX_CHECK_SECONDS", 0.05)
+    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 0.05)
     pool = session.laboratory._pool = Slow()
     data = encode(read_quads())
     with pytest.raises(SlowError, match=r"more than 0\.05 seconds and was ended"):
@@ -324,20 +321,20 @@ def test_a_check_that_takes_too_long_is_ended(session, client, monkeypatch):
     assert pool.is_shut
     session.laboratory._pool = Slow()
     assert client.ask("check", "POST", data).status == 503
-    monkeypatch.setattr(beside, "MAX_CHECK_SECONDS", 20.0)
+    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 20.0)
     assert session.check(data)["verdict"] == "fit"
 
 
 def test_a_check_that_really_takes_long_is_ended(session, monkeypatch):
-    monkeypatch.setattr(beside, "MAX_CHECK_SECONDS", 0.001)
+    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 0.001)
     with pytest.raises(SlowError):
         session.check(encode(read_quads()))
-    monkeypatch.setattr(beside, "MAX_CHECK_SECONDS", 20.0)
+    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 20.0)
     assert session.check(encode(read_quads()))["verdict"] == "fit"
 
 
 def test_of_checks_at_the_same_time_one_is_made(session, client, monkeypatch):
-    monkeypatch.setattr(beside, "MAX_CHECK_SECONDS", 1.0)
+    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 1.0)
     session.laboratory._pool = Slow()
     data, answers = encode(read_quads()), []
 

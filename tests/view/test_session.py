@@ -20,10 +20,10 @@ from cageik_cli.report.player.section import render_view_page
 from cageik_cli.util import outputs
 from cageik_cli.util.errors import CageikError, InputError
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.view.page_edits import MAX_SENT_BYTES
-from cageik_cli.workflows.view.run import JobBoard, ViewListener, run_view
-from cageik_cli.workflows.view.session import ViewSettings, open_session
-from tests.workflows.view.client import Client, make_body
+from cageik_cli.view.run import ViewListener, run_view
+from cageik_cli.view.session import MAX_SENT_BYTES, ViewSettings, open_session
+from cageik_cli.view.site import JobBoard
+from tests.view.client import Client, make_body
 
 LIFT = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}
 PINS = [{"name": f"pin {k}", "vertex": k, "pin": True} for k in (3, 7, 11, 15)]
@@ -328,7 +328,7 @@ def test_handles_that_the_page_cannot_show_are_refused_at_once(clip, settings, d
 
 def test_handles_are_read_before_any_work(clip, monkeypatch):
     Path("handles.json").write_text("{}")
-    monkeypatch.setattr("cageik_cli.workflows.view.session.load_surface", None)
+    monkeypatch.setattr("cageik_cli.view.session.load_surface", None)
     with pytest.raises(InputError, match=r"^handles\.json: has no handles"):
         open_(replace(MODEL, handles=Path("handles.json")))
 

@@ -1,8 +1,14 @@
-"""The model or the result of a page, and the edits that are applied to it."""
+"""The model or the result of a page, and the edits that are applied to it.
+
+The edits of a page: what it may begin with, and what is read of one that it sends.
+
+Files that a page reads and writes while it is open: what others do to them is noticed.
+"""
 
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -10,9 +16,12 @@ from types import MappingProxyType
 from typing import Any
 
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.editing.cage_edits import CageEdits, EditFiles
+from cageik_cli.editing.cage_edits import CageEditLayer, CageEdits, EditFiles, parse_cage_edits
 from cageik_cli.editing.edits import PosingSettings
-from cageik_cli.editing.handles.model import Handles
+from cageik_cli.editing.handles.model import Handle, Handles, PosedSurface
+from cageik_cli.editing.handles.placement import place_handles
+from cageik_cli.editing.handles.reader import parse_handles
+from cageik_cli.editing.handles.schema import MAX_HANDLES_BYTES, describe_location
 from cageik_cli.editing.summary import PoseResult
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.find_files import split_member
@@ -31,14 +40,18 @@ from cageik_cli.run.edit import EditSettings, check_target_kind, edit, pose_mode
 from cageik_cli.run.settings import READ, WRITTEN, CommandSettings
 from cageik_cli.store.result import Result
 from cageik_cli.util.errors import (
+    FileAccessError,
+    FormatError,
+    HandlesError,
     OutputError,
     SettingError,
+    error_context,
 )
-from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes
+from cageik_cli.util.files import Mark, mark_file
+from cageik_cli.util.json_files import JsonFormat, Steps, format_value, parse_json
+from cageik_cli.util.outputs import check_no_overlap, check_writable, replace_only, write_bytes
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.view.page_edits import check_edit_fits, parse_sent, read_first_edit
-from cageik_cli.workflows.view.show import load_clip
-from cageik_cli.workflows.view.watched import OwnOutputs, WatchedInput
+from cageik_cli.view.show import load_clip
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,6 +217,142 @@ class ViewSession(ABC):
         """Solve, and write all but the files of the edit."""
 
 
+SENT_FILES = {"handles": "handles", "cageEdits": "cage edits"}
+"""The fields of a body, and what messages call them."""
+
+
+MAX_SENT_BYTES = 2 * MAX_HANDLES_BYTES
+"""Largest body that is read: a handles file and a cage edits file."""
+
+
+def _describe_place(document: Any, steps: Steps) -> str:
+    """Return the place of a value in words, within its file."""
+    if not steps or not isinstance(document, dict) or steps[0] not in SENT_FILES:
+        return describe_location(document, steps)
+    name = str(steps[0])
+    inner = describe_location(document[name], steps[1:])
+    return f"{SENT_FILES[name]}: {inner}" if inner else SENT_FILES[name]
+
+
+SENT_FORMAT = JsonFormat("handles and cage edits", MAX_SENT_BYTES, _describe_place)
+"""What the JSON of a body should be."""
+
+
+def check_edit_fits(files: EditFiles, clip: PlayerClip) -> None:
+    """Refuse what is at no vertex or face of a model or its cage, or at no frame of its clip."""
+    rest = clip.binding.rest
+    surface = PosedSurface(rest, lambda _: rest.vertices, clip.timeline)
+    if files.handles is not None:
+        with error_context(files.handles.path):
+            for handle_set in files.handles.sets:
+                place_handles(handle_set, surface, allow_conflicts=True)
+    if files.cage_edits is not None:
+        with error_context(files.cage_edits.path):
+            for edit in files.cage_edits.edits:
+                CageEditLayer(edit, len(clip.binding.cage.vertices), clip.timeline)
+
+
+def parse_sent(data: bytes, handles: Path | None, cage_edits: Path | None) -> EditFiles:
+    """Return the edit of a body; the paths are where its files will be saved, if anywhere.
+
+    Raises
+    ------
+    FormatError, HandlesError
+        When it is no JSON object of handles and cage edits; the message says where.
+    """
+    sent = split_sent(data)
+    found_handles = found_edits = None
+    if (text := sent["handles"]) is not None:
+        found_handles = parse_handles(handles or Path("handles of the page"), text)
+    if (text := sent["cageEdits"]) is not None:
+        found_edits = parse_cage_edits(cage_edits or Path("cage edits of the page"), text)
+    return EditFiles(found_handles, found_edits)
+
+
+def split_sent(data: bytes) -> dict[str, bytes | None]:
+    """Return the bytes of each file of a body, as a page saves it; None if there is none.
+
+    Raises
+    ------
+    FormatError
+        When it is not a JSON object of these fields, one of which is not null, or a file is larger
+        than what is read.
+    """
+    document = parse_json(data, SENT_FORMAT)
+    if not isinstance(document, dict) or set(document) != set(SENT_FILES):
+        raise FormatError(
+            f"is {format_value(document)}, expected an object of handles and cageEdits; load the "
+            "page again"
+        )
+    if all(content is None for content in document.values()):
+        raise FormatError("has neither handles nor cage edits; add some")
+    files = {}
+    for name, content in document.items():
+        text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+        files[name] = None if content is None else text.encode(errors="surrogatepass")
+        if len(files[name] or b"") > MAX_HANDLES_BYTES:
+            raise FormatError(
+                f"{SENT_FILES[name]}: have more than {MAX_HANDLES_BYTES} bytes; keep fewer of them"
+            )
+    return files
+
+
+class WatchedInput:
+    """An input that has to stay as it was when it was read."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._mark = path, mark_file(path)
+
+    def check(self) -> None:
+        """Refuse the file if it has changed.
+
+        Raises
+        ------
+        FileAccessError
+        """
+        if mark_file(self._path) != self._mark:
+            raise FileAccessError(
+                f"{self._path}: has changed since the page was opened; start cageik view again"
+            )
+
+
+class OwnOutputs:
+    """Outputs that are written again and again: only what this run wrote is replaced.
+
+    Parameters
+    ----------
+    may_replace : bool
+        Whether other files may be replaced, too.
+    """
+
+    def __init__(self, may_replace: bool) -> None:
+        self._may_replace = may_replace
+        self._marks: dict[Path, Mark | None] = {}
+
+    def may_replace(self, path: Path) -> bool:
+        """Whether the file at `path` may be replaced: it is as this run wrote it, or any may."""
+        return self._may_replace or (
+            path in self._marks and mark_file(path) == self._marks[path] is not None
+        )
+
+    def guard(self) -> AbstractContextManager[None]:
+        """Refuse, while the block runs, to replace what others write to these outputs meanwhile.
+
+        What `may_replace` says is of the moment; an edit takes seconds before it writes.
+        """
+        return replace_only({} if self._may_replace else self._marks)
+
+    def record(self, path: Path) -> None:
+        """Take a file as one that this run has just written."""
+        self._marks[path] = mark_file(path)
+
+    def withdraw(self, path: Path) -> None:
+        """Remove a file if it is as this run wrote it."""
+        mark = self._marks.pop(path, None)
+        if mark is not None and mark_file(path) == mark:
+            path.unlink()
+
+
 class _ResultSession(ViewSession):
     """The animation of a result; edits are results."""
 
@@ -306,3 +455,28 @@ def _list_target_words(settings: ViewSettings, target: CagedModel) -> list[str]:
         if (value := getattr(settings.weights.bind, name)) != getattr(usual, name):
             words += [f"--{name}", value]
     return words
+
+
+def read_first_edit(handles: Path | None, cage_edits: Path | None) -> EditFiles:
+    """Read handles and cage edits that a page can show, if they fit its model."""
+    files = EditFiles.read(handles, cage_edits)
+    for handle_set in files.handles.sets if files.handles else ():
+        with error_context(handles or ""):
+            for handle in handle_set.handles:
+                _check_shown(handle)
+    return files
+
+
+def _check_shown(handle: Handle) -> None:
+    """Refuse what the page has no means to show."""
+    is_on_screen = handle.motion.camera is not None
+    if is_on_screen or handle.place.kind in ("position", "screen.source"):
+        raise HandlesError(
+            f"handle {handle.name!r}: has a position or a screen, which the page does not show; "
+            "pose it with cageik pose, or give a vertex or a face, and an offset or a target"
+        )
+    if handle.radius is not None:
+        raise HandlesError(
+            f"handle {handle.name!r}: has a radius, which the page does not show; pose it with "
+            "cageik pose, or remove the radius"
+        )
