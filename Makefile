@@ -25,9 +25,9 @@ unexport PYTHONDONTWRITEBYTECODE
 SANITIZED     := $(OUT)/sanitized
 # As a call, memcpy is checked to the byte; inlined, a word that begins inside an array may end behind it.
 SANITIZE      := -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-builtin-memcpy
-PURE_TESTS    := tests/coordinates tests/formats/obj tests/formats/test_frame_files.py tests/formats/test_fuzz_readers.py tests/cages/test_bind.py tests/run/test_bind.py tests/run/test_extraction.py tests/solver tests/geometry tests/test_fixtures.py
+PURE_TESTS    := tests/method tests/captured tests/fit tests/formats/obj tests/formats/test_frame_files.py tests/formats/test_fuzz_readers.py tests/cages/test_bind.py tests/run/test_bind.py tests/run/test_extraction.py tests/geometry tests/test_fixtures.py
 SCRIPT_TYPES  := --ignoreConfig --allowJs --checkJs --noEmit --strict false --target es2022 --lib es2022,dom,dom.iterable
-KERNEL_TESTS  := tests/coordinates/bem tests/method/weights/test_harmonic.py tests/formats/obj tests/formats/test_fuzz_readers.py tests/geometry/test_surface.py tests/report/render/test_raster.py tests/method/solve/test_compiled_frames.py tests/method/solve/test_summary.py
+KERNEL_TESTS  := tests/method/weights/bem tests/method/weights/test_harmonic.py tests/formats/obj tests/formats/test_fuzz_readers.py tests/geometry/test_surface.py tests/report/render/test_raster.py tests/method/solve/test_compiled_frames.py tests/method/solve/test_summary.py
 
 .PHONY: help run test test-slow test-all test-pure sanitize test-blender test-browser check check-script format fuzz faults bench growth latency docs fixtures view-pictures clean
 

@@ -285,7 +285,7 @@ def _render_plot(report: "Report", path: Path | None) -> str | bytes:
 
 
 def _render_player(result: "Result") -> str:
-    from cageik_cli.report.player.section import render_player_page
+    from cageik_cli.view.player.section import render_player_page
 
     return render_player_page(result)
 

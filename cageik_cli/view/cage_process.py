@@ -20,10 +20,10 @@ from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.check.faults import Finding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.report.player.rest_cage import pack_weights
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import BusyError, CageikError, SlowError
 from cageik_cli.util.text import format_count
+from cageik_cli.view.player.rest_cage import pack_weights
 
 MAX_CHECK_SECONDS = 20.0
 """A check that takes longer is ended: one of a usual cage takes less than a second."""

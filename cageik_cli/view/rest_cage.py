@@ -23,8 +23,6 @@ from cageik_cli.inputs.model_file import load_surface, note_on
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.report.player.clip import PlayerClip, make_single_pose
-from cageik_cli.report.player.rest_cage import check_drawn_weights, render_rest_cage_page
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CageikError, FormatError, SettingError, error_context
 from cageik_cli.util.json_files import JsonFormat, format_value, parse_json
@@ -32,6 +30,8 @@ from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_count
 from cageik_cli.view.cage_process import Answer, CageLaboratory
+from cageik_cli.view.player.clip import PlayerClip, make_single_pose
+from cageik_cli.view.player.rest_cage import check_drawn_weights, render_rest_cage_page
 from cageik_cli.view.session import MAX_SENT_BYTES, OwnOutputs, ViewSettings, WatchedInput
 
 Rows = tuple[tuple[str, str], ...]

@@ -33,8 +33,6 @@ from cageik_cli.inputs.model_file import load_surface
 from cageik_cli.inputs.weights import WeightSettings
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.report.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
-from cageik_cli.report.player.section import render_view_page
 from cageik_cli.report.views.pose_text import format_pose_rows
 from cageik_cli.run.edit import EditSettings, check_target_kind, edit, pose_model
 from cageik_cli.run.settings import READ, WRITTEN, CommandSettings
@@ -51,6 +49,8 @@ from cageik_cli.util.files import Mark, mark_file
 from cageik_cli.util.json_files import JsonFormat, Steps, format_value, parse_json
 from cageik_cli.util.outputs import check_no_overlap, check_writable, replace_only, write_bytes
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.view.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
+from cageik_cli.view.player.section import render_view_page
 from cageik_cli.view.show import load_clip
 
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 from html import escape
 
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.report.player.clip import PlayerClip, load_player_clip, make_single_pose
-from cageik_cli.report.player.section import render_view_page
 from cageik_cli.store.result import Result, make_weights_error
+from cageik_cli.view.player.clip import PlayerClip, load_player_clip, make_single_pose
+from cageik_cli.view.player.section import render_view_page
 
 DEFAULT_HEIGHT = 720
 """Pixels: the whole player is seen in a usual notebook."""

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from cageik_cli.report.player.clip import load_player_clip
-from cageik_cli.report.player.section import render_view_page
+from cageik_cli.view.player.clip import load_player_clip
+from cageik_cli.view.player.section import render_view_page
 
 pytestmark = pytest.mark.browser
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.html.page import render_result_page
-from cageik_cli.report.player.clip import load_player_clip, make_single_pose
-from cageik_cli.report.player.section import render_view_page
 from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_binding
+from cageik_cli.view.player.clip import load_player_clip, make_single_pose
+from cageik_cli.view.player.section import render_view_page
 from tests.browser.players import camera_of, check_positions, settle
 
 pytestmark = pytest.mark.browser

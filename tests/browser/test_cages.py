@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.html.page import render_page, render_result_page
-from cageik_cli.report.player.clip import make_single_pose
 from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_binding, read_result
+from cageik_cli.view.player.clip import make_single_pose
 from tests.browser.players import check_positions, drag, run_cageik, settle
 
 pytestmark = pytest.mark.browser

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.report.player.clip import load_player_clip
-from cageik_cli.report.player.section import render_view_page
 from cageik_cli.store.result import read_binding
+from cageik_cli.view.player.clip import load_player_clip
+from cageik_cli.view.player.section import render_view_page
 from tests.browser.players import settle
 
 pytestmark = pytest.mark.browser

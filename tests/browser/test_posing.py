@@ -8,9 +8,9 @@ import pytest
 
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.report.html.page import render_page, render_result_page
-from cageik_cli.report.player.clip import load_player_clip, make_single_pose
 from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_binding, read_result
+from cageik_cli.view.player.clip import load_player_clip, make_single_pose
 from tests.browser.players import WALKER, check_positions, drag, middle_of, run_cageik, settle
 
 pytestmark = pytest.mark.browser
@@ -492,7 +492,7 @@ def test_a_name_and_exactness_are_saved(pose, tmp_path):
 
 
 def test_a_decimated_model_has_the_vertex_numbers_of_its_file(pose, walk, tmp_path, monkeypatch):
-    from cageik_cli.report.player import section
+    from cageik_cli.view.player import section
 
     monkeypatch.setattr(section, "MAX_DRAWN_VERTICES", 400)
     result = walk[0]

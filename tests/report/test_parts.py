@@ -15,15 +15,15 @@ from cageik_cli.report.parts import (
     label_vertex,
     sort_parts,
 )
-from cageik_cli.report.player.clip import load_player_clip
-from cageik_cli.report.player.section import build_payload
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.store.result import read_rotations
+from cageik_cli.view.player.clip import load_player_clip
+from cageik_cli.view.player.section import build_payload
 from tests.character import NAMES, make_character
 from tests.report.markup import parse_page
-from tests.report.player.rebuild import unpack_payload
+from tests.view.player.rebuild import unpack_payload
 
 COUNTS = (208, 112, 56, 56)
 PARTS = tuple(

@@ -31,8 +31,6 @@ from cageik_cli.report.html.pictures import draw_pictures
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS, make_data_url, render_template
 from cageik_cli.report.limits import PERCENT, LimitCheck, make_overall_verdict
 from cageik_cli.report.parts import label_vertex, place_vertex, sort_parts
-from cageik_cli.report.player.clip import PlayerClip, load_player_clip
-from cageik_cli.report.player.section import build_player_values
 from cageik_cli.report.plots.error_plot import render_page_plot
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import (
@@ -49,6 +47,8 @@ from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary
 from cageik_cli.store.result import Result
 from cageik_cli.util.files import open_input
 from cageik_cli.util.text import format_count
+from cageik_cli.view.player.clip import PlayerClip, load_player_clip
+from cageik_cli.view.player.section import build_player_values
 
 SECTIONS = (
     ("verdict", "Verdict"),

@@ -5,7 +5,7 @@
 type Point = [number, number, number];
 type Points = Float32Array | Float64Array;
 
-// What report/player/section.py packs beside the arrays.
+// What view/player/section.py packs beside the arrays.
 interface Header {
   schema: number;
   arrays: { name: string; type: "f4" | "i1" | "i2" | "u1" | "u2" | "u4"; shape: number[] }[];

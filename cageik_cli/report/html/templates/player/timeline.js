@@ -1,4 +1,4 @@
-// The bar of time: the frames and keys of edits. Errors of frames are part of the page (report/player/timeline.py).
+// The bar of time: the frames and keys of edits. Errors of frames are part of the page (view/player/section.py).
 class Timeline {
   constructor(stage) { Object.assign(this, { strip: stage.find("strip"), ends: stage.clip.ends, marks: {} }); }
 

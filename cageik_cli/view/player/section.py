@@ -1,9 +1,13 @@
 """The player of a page: its data for the script as one text, its section, and a page of it alone.
 
 Large models are drawn coarser.
+
+The bar of time: how far off each frame is, as paths of an SVG, and where the worst frame is.
 """
 
+import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,22 +21,6 @@ from cageik_cli.method.pose.poser import DEFAULT_POSE_ALPHA
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS, render_template
 from cageik_cli.report.parts import measure_rms
-from cageik_cli.report.player.clip import (
-    PlayerClip,
-    find_base_colours,
-    find_ground,
-    load_player_clip,
-)
-from cageik_cli.report.player.compression import (
-    SMALL_MAX_LEVEL,
-    Predictor,
-    RoundedWeights,
-    decimate,
-    find_smooth_motions,
-    pack_arrays,
-    round_weights,
-)
-from cageik_cli.report.player.timeline import build_timeline, list_frame_errors
 from cageik_cli.report.render.shading import (
     COLOUR_SCALE,
     MESH_COLOURS,
@@ -43,21 +31,41 @@ from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.store.result import Result, make_weights_error
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.text import format_count
+from cageik_cli.view.player.clip import (
+    PlayerClip,
+    find_base_colours,
+    find_ground,
+    load_player_clip,
+)
+from cageik_cli.view.player.compression import (
+    SMALL_MAX_LEVEL,
+    Predictor,
+    RoundedWeights,
+    decimate,
+    find_smooth_motions,
+    pack_arrays,
+    round_weights,
+)
 
 MAX_DRAWN_VERTICES = 50_000
 """A larger model is decimated."""
 
+
 MAX_WEIGHTS = 1 << 24
 """Weights of a page at most; a model of more in its cage is decimated, too."""
+
 
 MAX_INT16 = 32_767
 """The largest integer that steps of lengths are stored as."""
 
+
 MIN_ERROR_STEP = 1e-5
 """Smallest step of stored errors, in diagonals: smaller errors are not seen."""
 
+
 MODES = {"look": "Look", "pose": "Pose", "cage": "Cage", "influence": "Influence"}
 """What pointers on the picture can do: names of modes, and of their buttons."""
+
 
 PANELS = ("pose", "cage", "influence", "look", "parts")
 """Groups of the side panel, from top to bottom: names of templates."""
@@ -341,3 +349,57 @@ def _list_focus(clip: PlayerClip, chosen: Integers) -> dict[str, Any] | None:
     rest = clip.binding.rest.vertices
     nearest = np.linalg.norm(rest[chosen] - rest[clip.focus["vertex"]], axis=1).argmin()
     return clip.focus | {"vertex": int(nearest)}
+
+
+MAX_TIMELINE_COLUMNS = 600
+"""More frames share columns: the bar has about so many pixels."""
+
+
+MIN_COLUMN_HEIGHT = 0.04
+"""Share of the bar that a frame without error takes, so that it is seen to be there."""
+
+
+def list_frame_errors(clip: PlayerClip) -> list[float | None] | None:
+    """List the errors of the frames, percent; None for a frame that was skipped."""
+    if clip.frame_rms is None:
+        return None
+    digits = 6  # more than the bar of time can show
+    errors = clip.frame_rms.tolist()
+    return [round(one, digits) if math.isfinite(one) else None for one in errors]
+
+
+def build_timeline(clip: PlayerClip) -> dict[str, Any]:
+    """Build the values of the bar of time.
+
+    Returns
+    -------
+    dict
+        `last`, the number of the last frame from 0, which is the width of `paths`; these, by the
+        class of what they show: columns as high as the errors of their frames, and full ones
+        where all frames were skipped; and `ticks`, pairs of what a frame is, such as "worst", and
+        where, percent of the width; and `jumps`, pairs of a frame from 0 and what it is.
+    """
+    last = max(len(clip.frames) - 1, 0)
+    return {
+        "last": last,
+        "paths": {} if clip.frame_rms is None or not last else draw_columns(clip.frame_rms),
+        "ticks": [
+            (label, 100 * frame / last) for frame, (label, _) in clip.held.items() if last > 0
+        ],
+        "jumps": [(frame, label) for frame, (label, _) in clip.held.items()],
+    }
+
+
+def draw_columns(errors: Floats) -> dict[str, str]:
+    """Draw columns of errors, nan where a frame was skipped, in a bar of the height 1."""
+    last = len(errors) - 1
+    columns = min(len(errors), MAX_TIMELINE_COLUMNS)
+    edges = np.arange(columns + 1) * len(errors) // columns
+    top = float(errors[np.isfinite(errors)].max(initial=0.0)) or 1.0
+    paths = {"error": "", "skipped": ""}
+    for start, stop in pairwise(edges):
+        known = errors[start:stop][np.isfinite(errors[start:stop])]
+        height = max(MIN_COLUMN_HEIGHT, known.max() / top) if len(known) else 1.0
+        left, right = max(start - 0.5, 0), min(stop - 0.5, last)
+        paths["error" if len(known) else "skipped"] += f"M{left:g} 1V{1 - height:.4g}H{right:g}V1z"
+    return paths

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.attributes import FaceLabels, SurfaceAttributes
-from cageik_cli.report.player.clip import find_base_colours, load_player_clip, make_single_pose
 from cageik_cli.store.result import read_result
+from cageik_cli.view.player.clip import find_base_colours, load_player_clip, make_single_pose
 from tests.shapes import box
 
 

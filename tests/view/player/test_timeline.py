@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.report.player.timeline import (
+from cageik_cli.view.player.section import (
     MAX_TIMELINE_COLUMNS,
     MIN_COLUMN_HEIGHT,
     build_timeline,

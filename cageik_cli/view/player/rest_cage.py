@@ -5,17 +5,17 @@ import numpy as np
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS, render_template
-from cageik_cli.report.player.clip import PlayerClip, make_single_pose
-from cageik_cli.report.player.compression import Predictor, decimate, pack_arrays
-from cageik_cli.report.player.section import (
+from cageik_cli.report.vocabulary import choose_vocabulary
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
+from cageik_cli.view.player.clip import PlayerClip, make_single_pose
+from cageik_cli.view.player.compression import Predictor, decimate, pack_arrays
+from cageik_cli.view.player.section import (
     MAX_DRAWN_VERTICES,
     MAX_WEIGHTS,
     build_player_values,
     pack_skin,
 )
-from cageik_cli.report.vocabulary import choose_vocabulary
-from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import FormatError
 
 REST_SCRIPTS = ("apply", "cage_mesh", "rest_mode")
 """Scripts that are added for this page."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.report.player.compression import PACKED_TYPES
+from cageik_cli.view.player.compression import PACKED_TYPES
 
 
 def unpack_arrays(text: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -9,18 +9,18 @@ import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding, reconstruct_frames
-from cageik_cli.report.player import clip as clip_module
-from cageik_cli.report.player import section
-from cageik_cli.report.player.clip import load_player_clip, make_single_pose
-from cageik_cli.report.player.compression import SMALL_MAX_LEVEL, decimate
-from cageik_cli.report.player.section import (
+from cageik_cli.store.result import read_binding, read_cages, read_rotations
+from cageik_cli.view.player import clip as clip_module
+from cageik_cli.view.player import section
+from cageik_cli.view.player.clip import load_player_clip, make_single_pose
+from cageik_cli.view.player.compression import SMALL_MAX_LEVEL, decimate
+from cageik_cli.view.player.section import (
     build_payload,
     render_player_page,
     render_view_page,
 )
-from cageik_cli.store.result import read_binding, read_cages, read_rotations
-from tests.report.player.rebuild import rebuild_frame, unpack_payload
 from tests.shapes import ball, box, quad_box, rotation
+from tests.view.player.rebuild import rebuild_frame, unpack_payload
 
 
 def _check_frames(result, found):

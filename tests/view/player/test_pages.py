@@ -12,13 +12,13 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS
-from cageik_cli.report.player import section
-from cageik_cli.report.player.clip import make_single_pose
-from cageik_cli.report.player.rest_cage import REST_SCRIPTS, render_rest_cage_page
-from cageik_cli.report.player.section import render_view_page
+from cageik_cli.view.player import section
+from cageik_cli.view.player.clip import make_single_pose
+from cageik_cli.view.player.rest_cage import REST_SCRIPTS, render_rest_cage_page
+from cageik_cli.view.player.section import render_view_page
 from tests.report.markup import find_faults, parse_page
-from tests.report.player.rebuild import unpack_payload
 from tests.shapes import ball, box
+from tests.view.player.rebuild import unpack_payload
 
 MAX_SCRIPT_BYTES = 90_000
 

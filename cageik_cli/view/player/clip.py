@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from cageik_cli.formats.timeline import Timeline
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.report.player.compression import MAX_LEVEL
 from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose_turn
 from cageik_cli.store.result import (
     KeyFrames,
@@ -23,6 +22,7 @@ from cageik_cli.store.result import (
 )
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.text import single_line, to_unicode
+from cageik_cli.view.player.compression import MAX_LEVEL
 
 UNNAMED_CAGE = "CAGE.obj"
 """Stands for a cage that is in no file."""

@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.report.player import compression
-from cageik_cli.report.player.compression import (
+from cageik_cli.view.player import compression
+from cageik_cli.view.player.compression import (
     MAX_LEVEL,
     PACKED_TYPES,
     Predictor,
     find_smooth_motions,
     pack_arrays,
 )
-from tests.report.player.rebuild import add_predictions, unpack_arrays
 from tests.shapes import ball
+from tests.view.player.rebuild import add_predictions, unpack_arrays
 
 
 def round_weights(weights, **options):

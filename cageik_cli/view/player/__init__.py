@@ -1,0 +1,1 @@
+"""What the scripts of a page draw and pose: clips, cages and weights, packed for a page."""
