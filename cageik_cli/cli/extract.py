@@ -226,9 +226,9 @@ def extract_command(
 ) -> None:
     """Extract the cage of every frame.
 
-    FRAMES are meshes of one connectivity: files, folders and globs (.obj, .ply, .off, each also
-    .gz), in natural order of their names, or one file that contains a clip (.h5, .npz, .npy, .mdd,
-    .pc2, .anime, .usd*, .abc, .glb, .gltf). FILE::CLIP names one of several clips in a file.
+    FRAMES are meshes of one connectivity: files, folders and globs (.obj, .ply, .off, .stl, each
+    also .gz), in natural order of their names, or one file that contains a clip (.h5, .npz, .npy,
+    .mdd, .pc2, .anime, .usd*, .abc, .glb, .gltf). FILE::CLIP names one of several clips in a file.
 
     \b
     cageik extract frames --cage-vertices 150

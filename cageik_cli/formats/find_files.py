@@ -226,7 +226,7 @@ def _spread_frames(series: Sequence[Path]) -> list[Path]:
     return [series[k * (len(series) - 1) // max(count - 1, 1)] for k in range(count)]
 
 
-def _agree(counts: Iterable[tuple[int, int] | None], allows_some: bool) -> bool:
+def _agree(counts: Iterable[tuple[int | None, int] | None], allows_some: bool) -> bool:
     """Return whether all meshes have the same counts, or more than half; damaged ones agree."""
     found = Counter(counts)
     damaged = found.pop(None, 0)
@@ -234,19 +234,27 @@ def _agree(counts: Iterable[tuple[int, int] | None], allows_some: bool) -> bool:
     return len(found) < 2 or (allows_some and 2 * (most + damaged) > found.total() + damaged)
 
 
-def _count_mesh(path: Path) -> tuple[int, int] | None:
-    """Return how many vertices and triangles a mesh file has; None if it cannot be read."""
+def _count_mesh(path: Path) -> tuple[int | None, int] | None:
+    """Return how many vertices and triangles a mesh file has; None if it cannot be read.
+
+    Vertices that are welded are not counted: some may meet in one frame alone.
+    """
     try:
         reader = find_mesh_readers()[file_suffix(path)]
         mesh = parse_mesh(reader, decompress(read_input(path), file_suffix(path)))
     except Exception:  # whatever is in the file: opening the frame says what is wrong
         return None
-    return len(mesh.vertices), len(mesh.fans)
+    return len(mesh.vertices) if reader.numbers_vertices else None, len(mesh.fans)
 
 
-def _describe_mesh(path: Path, counts: tuple[int, int] | None) -> str:
+def _describe_mesh(path: Path, counts: tuple[int | None, int] | None) -> str:
     name = to_unicode(path.name)
-    return name if counts is None else f"{name} of {counts[0]} vertices"
+    if counts is None:
+        return name
+    vertices, triangles = counts
+    return f"{name} of " + (
+        f"{triangles} triangles" if vertices is None else f"{vertices} vertices"
+    )
 
 
 def _suggest_mesh(path: Path) -> str:

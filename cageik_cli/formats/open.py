@@ -11,6 +11,7 @@ from cageik_cli.formats.base.files import decompress, describe_source, file_suff
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity, describe_folded
 from cageik_cli.formats.base.readers import ArrayClipFile, FrameFileReader, parse_mesh
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
+from cageik_cli.formats.base.welding import number_as_clip
 from cageik_cli.formats.find_files import (
     check_frames,
     expand_arguments,
@@ -136,6 +137,8 @@ def open_clip_and_rest(
     if rest is not None:
         with error_context(rest.path or rest.source["name"]):
             ordered, notes = order_parts(rest.mesh, sequence.first, "the clip")
+            if rest.is_welded:
+                ordered = number_as_clip(ordered, sequence.first)
             fans = ordered.fan_triangulated
             expected = sequence.first.fan_triangulated
             check_connectivity(len(fans.vertices), fans.faces, expected, "the first frame")
@@ -217,7 +220,8 @@ def load_mesh(path: Path, exclude: Sequence[str] = ()) -> LoadedMesh:
         source = describe_source(file, data)
         if member is not None:
             source["name"] += f"::{to_unicode(member)}"
-        return LoadedMesh(mesh, source, (*read.notes, *describe_folded(whole), *left_out), path)
+        notes = (*read.notes, *describe_folded(whole), *left_out)
+        return LoadedMesh(mesh, source, notes, path, is_welded=not reader.numbers_vertices)
 
 
 def _load_first_frame(path: Path, exclude: Sequence[str]) -> LoadedMesh:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.find_files import clip_suffixes
@@ -21,6 +22,7 @@ KINDS = {
     "obj": ("rest.obj", "cage.obj"),
     "ply": ("rest.ply", "cage.ply"),
     "off": ("rest.off", "cage.off"),
+    "stl": ("rest.stl", "cage.stl"),
     "usd": ("rest.usdc", "cage.usdc"),
     "usd path": ("rest.usdc::/hero/geo", "cage.usdc::/hero"),
     "abc": ("rest.abc", "cage.abc"),
@@ -42,6 +44,8 @@ def mesh_files(tmp_path_factory, tiny_files, animation):
         for kind in ("obj", "ply", "off"):
             data = encode_polygons(kind, mesh.vertices, mesh.faces)
             (folder / f"{name}.{kind}").write_bytes(data)
+        solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        solid.export(folder / f"{name}.stl")
         for kind in ("usdc", "abc", "glb", "npz", "pc2", "mdd"):
             model = join_meshes([mesh], [f"/hero/geo/{name}"])
             moved = Animation(model, 2, Scene(), name)
@@ -100,7 +104,8 @@ def test_every_format_is_taken(run, meshes, animation, kind, command):
     if command == "extract":
         result = read_result(Path("new.h5"))
         np.testing.assert_allclose(result.rest.vertices, animation.rest.vertices, atol=1e-6)
-        np.testing.assert_allclose(result.cage.vertices, animation.cage.vertices, atol=1e-6)
+        found, expected = (mesh.vertices[mesh.faces] for mesh in (result.cage, animation.cage))
+        np.testing.assert_allclose(found, expected, atol=1e-6)
         names = [name.rpartition("/")[2] for name in KINDS[kind]]
         assert [result.sources[role]["name"].rpartition("/")[2] for role in ("rest", "cage")] == [
             _name_source(name, role) for name, role in zip(names, ("rest", "cage"), strict=True)
@@ -147,3 +152,20 @@ def test_a_mesh_that_is_read_is_not_written_over(run, meshes):
 def test_the_first_of_several_frames_is_said_to_be_taken(run, meshes):
     outcome = run(*words("bind", "rest.abc", "cage.obj"))
     assert "rest.abc: the first of its 2 frames is taken" in outcome.err
+
+
+def test_frames_in_stl_have_the_errors_of_the_same_frames_in_obj(run, meshes, animation):
+    Path("solids").mkdir()
+    for k, vertices in enumerate(animation.frames, start=1):
+        solid = trimesh.Trimesh(vertices, animation.rest.faces, process=False)
+        solid.export(f"solids/frame_{k}.stl")
+    assert run("extract", "frames", "--cage", "cage.obj", "-o", "obj.h5").code == 0
+    expected = read_result(Path("obj.h5"))
+    for name, rest in (("welded", ()), ("as rest", ("--rest", "frames/frame_1.obj"))):
+        outcome = run("extract", "solids", *rest, "--cage", "cage.stl", "-o", f"{name}.h5")
+        assert outcome.code == 0, outcome.err
+        result = read_result(Path(f"{name}.h5"))
+        tolerance = 1e-6 * expected.rest.diagonal
+        np.testing.assert_allclose(result.metrics.rms, expected.metrics.rms, rtol=0, atol=tolerance)
+        is_same = np.array_equal(result.rest.faces, expected.rest.faces)
+        assert is_same == (name == "as rest")

@@ -37,6 +37,16 @@ def write_ply(path, frames):
     path.write_bytes(trimesh.Trimesh(frames[0], FACES, process=False).export(file_type="ply"))
 
 
+def write_stl(path, frames, kind="stl"):
+    mesh = trimesh.Trimesh(frames[0], FACES, process=False)
+    data = mesh.export(file_type=kind)
+    path.write_bytes(data if kind == "stl" else data.encode())
+
+
+def write_text_stl(path, frames):
+    write_stl(path, frames, "stl_ascii")
+
+
 HDF5 = {name: write for name, write in KINDS.items() if Path(name).suffix in HDF5_SUFFIXES}
 OWN = {
     name: write
@@ -45,7 +55,12 @@ OWN = {
 }
 """Files that no library of another reads."""
 
-IN_PROCESS = OWN | {"deflated_clip.npz": write_deflated, "clip.ply": write_ply}
+IN_PROCESS = OWN | {
+    "deflated_clip.npz": write_deflated,
+    "clip.ply": write_ply,
+    "clip.stl": write_stl,
+    "text_clip.stl": write_text_stl,
+}
 
 
 def damaged(data, rng):

@@ -91,6 +91,30 @@ def write_face_sets(path):
         schema.createFaceSet(f"s{number}").getSchema().set(OFaceSetSchemaSample(numbers))
 
 
+STL_FACET = (
+    b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex %b 1 0\nendloop\n"
+    b"endfacet\n"
+)
+
+
+def write_wide_stl(path):
+    """A number that is no number at its end, and one that is."""
+    digits = b"1" * 2_000_000
+    facets = STL_FACET % (b"0." + digits) + STL_FACET % (digits + b"x")
+    path.write_bytes(b"solid\n" + facets + b"endsolid\n")
+
+
+def write_many_solids(path):
+    text = (b"solid\nendsolid\n" * 50 + b"solid\n" + STL_FACET % b"0" + b"endsolid\n") * 20_000
+    path.write_bytes(gzip.compress(text, 1, mtime=0))
+
+
+def write_zeros_stl(path):
+    count = 1_000_000
+    data = bytes(80) + count.to_bytes(4, "little") + bytes(50 * count)
+    path.write_bytes(gzip.compress(data, mtime=0))
+
+
 def damage_clip(path, place):
     """Write a 1 over a number of a clip, on which the library ends its process by a signal."""
     KINDS[f"clip{path.suffix}"](path, FRAMES)
@@ -107,6 +131,9 @@ FILES = {
     "opacity.usdc": write_opacity,
     "shared_meshes.usdc": write_shared_meshes,
     "face_sets.abc": write_face_sets,
+    "wide.stl": write_wide_stl,
+    "solids.stl.gz": write_many_solids,
+    "zeros.stl.gz": write_zeros_stl,
     "ends_by_SIGABRT.usdc": lambda path: damage_clip(path, 96),
     "ends_by_SIGSEGV.abc": lambda path: damage_clip(path, 872),
 }

@@ -148,7 +148,7 @@ def test_texture_seams_of_a_ply_split_no_vertex(tmp_path):
 FAULTS = {
     "missing.obj": (None, "no such file"),
     "folder.obj": ("folder", "folder"),
-    "mesh.stl": (b"solid", ".stl"),
+    "mesh.step": (b"solid", ".step"),
     "mesh": (b"", "expected .abc, "),
     "empty.obj": (b"", "empty"),
     "empty.ply": (b"", "empty"),

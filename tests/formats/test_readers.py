@@ -45,7 +45,8 @@ def name_frames(name, sequence):
 
 
 def test_no_format_of_clips_is_left_out():
-    frames = {".obj", ".ply", ".off", ".obj.gz", ".ply.gz", ".off.gz"}
+    meshes = (".obj", ".ply", ".off", ".stl")
+    frames = {*meshes, *(f"{suffix}.gz" for suffix in meshes)}
     names = {name.removeprefix("clip") for name in KINDS}
     assert names | frames == set(clip_suffixes())
 

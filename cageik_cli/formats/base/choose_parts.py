@@ -122,8 +122,8 @@ def select_parts(
     parts = {part.name: part for part in split_parts(mesh)}
     if "" in parts:
         raise SettingError(
-            "has no objects to choose from: each `o` line must be followed by faces whose vertices "
-            "no other object has; export it again, or take all of it"
+            "has no objects to choose from: each `o` line (in STL, each solid) must be followed by "
+            "faces whose vertices no other object has; export it again, or take all of it"
         )
     names, notes = choose_parts(list(parts), member, exclude)
     chosen = [parts[name] for name in names]

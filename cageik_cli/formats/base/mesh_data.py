@@ -40,7 +40,7 @@ class FileMesh:
     attributes : SurfaceAttributes, optional
         What else the file says of the surface; its polygons alone if absent.
     left_out : tuple of str
-        What of that cannot be used, one sentence each.
+        What of that cannot be used, or was changed, one sentence each.
     """
 
     vertices: Floats
@@ -150,6 +150,8 @@ class LoadedMesh:
         The mesh file; None of a mesh that is in no file, or in one of many frames.
     scene : SceneHints
         Unit and up axis, as far as the file states them.
+    is_welded : bool
+        Whether its file holds corners alone, so that the numbers of its vertices mean nothing.
     """
 
     mesh: TriMesh
@@ -157,6 +159,7 @@ class LoadedMesh:
     notes: tuple[str, ...] = ()
     path: Path | None = None
     scene: SceneHints = field(default_factory=SceneHints)
+    is_welded: bool = False
 
 
 def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_name: str) -> None:

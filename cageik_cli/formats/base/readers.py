@@ -50,12 +50,24 @@ class FrameFileReader(MeshSequence):
 
     The same class reads single meshes, see `formats.open.load_mesh`. Names that end in `.gz`
     are unpacked first, where a format lists such suffixes (`base.files.with_gzip`).
+
+    Attributes
+    ----------
+    numbers_vertices : bool
+        Whether a file says which corners of its faces are one vertex.
     """
+
+    numbers_vertices = True
 
     @classmethod
     @abstractmethod
     def parse(cls, data: bytes) -> FileMesh:
         """Parse the content of a file, which is not empty; errors do not name the file."""
+
+    @classmethod
+    def number_vertices(cls, mesh: FileMesh, rest: TriMesh) -> FileMesh:
+        """Return a first frame with the vertices of the rest pose, if it has none of its own."""
+        return mesh
 
     @classmethod
     def make_frame_parser(
@@ -94,6 +106,9 @@ class FrameFileReader(MeshSequence):
         with error_context(paths[0]):
             data = self._read(0)
             parsed = parse_mesh(type(self), data)
+            is_whole = request.member is None and not request.settings.exclude
+            if request.rest is not None and is_whole:
+                parsed = self.number_vertices(parsed, request.rest.mesh)
             completed = replace(parsed, vertices=request.complete_first(parsed.vertices))
             mesh = self.read_library(paths[0], self.read_attributes(data, completed))
             # Its shape decides how polygons are cut, for all frames.
