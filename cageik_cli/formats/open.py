@@ -42,6 +42,12 @@ _UNSUPPORTED_REASONS = {
     "blender --background --python docs/scripts/bake_rig.py -- {file} {stem}.abc",
     ".ma .max .mb .hip .hipnc .hiplc .bgeo": "is a scene of another program; export the meshes "
     "from it as USD, Alembic or OBJ frames",
+    ".3mf .amf": "is a package for 3D printing, which is not read; export the mesh in it as STL or "
+    "OBJ",
+    ".dae .x3d .wrl .3ds .3dxml .xaml": "is a scene in a format that is not read; export it as "
+    "glTF, USD or OBJ",
+    ".step .stp .iges .igs .brep": "holds curved surfaces, not a mesh; mesh them, and export that "
+    "as STL or OBJ",
 }
 """Why files that look like clips cannot be read, by their suffixes, with the names to type."""
 

@@ -172,8 +172,8 @@ def _check_text(data: bytes) -> tuple[bytes, Solids]:
             _refuse_line(
                 text,
                 place,
-                "`endsolid`, or a facet: `facet normal X Y Z`, `outer loop`, three lines "
-                "`vertex X Y Z`, `endloop` and `endfacet`",
+                "a whole facet (`facet normal X Y Z`, `outer loop`, three lines `vertex X Y Z`, "
+                "`endloop`, `endfacet`) or `endsolid`",
             )
         if count:
             solids.append((_decode_name(head[1]), count))

@@ -15,7 +15,7 @@ from tests.clips import frames_of
 from tests.refusals import refused
 from tests.shapes import octahedron
 
-WALKS = ["walk.bvh", "walk.C3D", "walk.fbx", "walk.mb"]
+WALKS = ["walk.bvh", "walk.C3D", "walk.fbx", "walk.mb", "walk.3mf", "walk.DAE", "walk.step"]
 NUMBERS = ["frame_1.obj", "frame_2.obj", "frame_10.obj", "frame_11.obj"]
 
 
@@ -110,6 +110,9 @@ def test_a_glob_may_name_folders_as_the_shell_would(frames):
         (["clip.npz", "clop.npz"], "clip.npz: 2 files"),
         (["clip.npz::walk"], "clip.npz::walk: a `.npz` file holds one clip"),
         (["walk.bvh"], "walk.bvh: holds the motion of a skeleton"),
+        (["walk.3mf"], "walk.3mf: is a package for 3D printing, which is not read; export the"),
+        (["walk.DAE"], "walk.DAE: is a scene in a format that is not read; export it as glTF"),
+        (["walk.step"], "walk.step: holds curved surfaces, not a mesh; mesh them, and export"),
         (["walk.C3D"], "walk.C3D: holds the motion of a skeleton"),
         (["walk.fbx"], "walk.fbx: is a scene of another program"),
         (["walk.fbx"], "docs/scripts/bake_rig.py -- walk.fbx walk.abc"),
