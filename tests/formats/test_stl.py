@@ -15,7 +15,7 @@ from cageik_cli.geometry.parts import list_part_names
 from cageik_cli.util.errors import ConnectivityError, FormatError, InputError, SettingError
 from tests.clips import frames_of
 from tests.refusals import refused
-from tests.shapes import ball
+from tests.shapes import ball, quad_box, quad_text
 
 MESH = ball(levels=1, size=np.pi)
 
@@ -68,6 +68,12 @@ def test_vertices_are_numbered_as_the_corners_come(tmp_path):
     assert (np.diff(firsts) > 0).all()
 
 
+def test_a_binary_file_may_begin_as_text_does(tmp_path):
+    path = tmp_path / "ball.stl"
+    path.write_bytes(b"solid ball".ljust(80) + encode(MESH)[80:])
+    assert load_mesh(path).mesh.is_closed
+
+
 def test_zeros_of_both_signs_are_one_place(tmp_path):
     path = tmp_path / "square.stl"
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [-0.0, 0, -0.0], [1, 1, 0], [0, 1, 0]])
@@ -102,6 +108,18 @@ def test_frames_are_numbered_as_the_rest_pose(clip, animation, kind):
     np.testing.assert_array_equal(frames_of(sequence), animation.frames.astype(np.float32))
     np.testing.assert_array_equal(rest.mesh.faces, animation.rest.faces)
     assert "f0.stl: vertices numbered as in the rest pose, as in all frames" in sequence.notes
+
+
+def test_quads_of_the_rest_pose_are_kept(tmp_path):
+    rest = quad_box(2.0)
+    path = tmp_path / "rest.obj"
+    path.write_text(quad_text(2.0))
+    for k in range(3):
+        (tmp_path / f"f{k}.stl").write_bytes(encode(rest, rest.vertices + k))
+    frames = (str(tmp_path / "f*.stl"),)
+    sequence, loaded = open_clip_and_rest(frames, ClipSettings(), load_mesh(path))
+    np.testing.assert_array_equal(frames_of(sequence), [rest.vertices + k for k in range(3)])
+    assert loaded.mesh.attributes.corner_counts.tolist() == [4] * 6
 
 
 def test_a_rest_pose_is_numbered_as_the_clip(folder, animation):
