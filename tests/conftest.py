@@ -26,6 +26,8 @@ from cageik_cli.store.result import Result
 from cageik_cli.util import compiled
 from tests.shapes import ball, box
 
+pytest_plugins = ("tests.results",)
+
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
 BIND = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-q")
 
