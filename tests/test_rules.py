@@ -3,17 +3,13 @@
 import pytest
 
 from tests.rules import (
-    MIN_LINES,
     RULES,
+    find_long_modules,
     find_lost_modules,
     find_option_words,
     find_repeated_constants,
-    find_sizes,
     read_modules,
 )
-from tests.rules import SHORT as SHORT_MODULES
-
-SHORT, LONG, FINE = "x = 1\n" * 59, "x = 1\n" * 351, "x = 1\n" * 60
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -22,9 +18,9 @@ def test_the_package_keeps_the_rules(rule):
 
 
 def test_constant_of_two_modules_is_found():
-    modules = [("solver/a.py", "MAX_ROUNDS = 3\n"), ("cages/b.py", "A, MAX_ROUNDS = 1, 4\n")]
+    modules = [("run/a.py", "MAX_ROUNDS = 3\n"), ("cages/b.py", "A, MAX_ROUNDS = 1, 4\n")]
     (fault,) = find_repeated_constants(modules)
-    assert fault.startswith("cages/b.py:1: MAX_ROUNDS is also a constant of solver/a.py:1")
+    assert fault.startswith("cages/b.py:1: MAX_ROUNDS is also a constant of run/a.py:1")
 
 
 def test_constants_of_other_names_and_locals_pass():
@@ -32,26 +28,21 @@ def test_constants_of_other_names_and_locals_pass():
     assert list(find_repeated_constants(modules)) == []
 
 
-def test_crumbs_and_giants_are_found():
-    modules = [("a.py", SHORT), ("b.py", LONG), ("c.py", FINE), ("formats/pc2.py", SHORT)]
-    assert [fault.split(":")[0] for fault in find_sizes(modules)] == ["a.py", "b.py"]
-
-
-def test_modules_that_may_be_short_are_there_and_short():
-    lines = {path: source.count("\n") for path, source in read_modules()}
-    assert all(lines[path] < MIN_LINES for path in SHORT_MODULES)
+def test_long_modules_are_found_and_short_ones_pass():
+    modules = [("a.py", "x = 1\n" * 701), ("b.py", "x = 1\n" * 700), ("c.py", "x = 1\n")]
+    assert [fault.split(":")[0] for fault in find_long_modules(modules)] == ["a.py"]
 
 
 def test_options_below_the_command_line_are_found():
     message = 'raise ValueError("give it with --rest-frame")\n'
-    modules = [("solver/a.py", message), ("cli/b.py", message)]
+    modules = [("run/a.py", message), ("cli/b.py", message)]
     (fault,) = find_option_words(modules)
-    assert fault.startswith("solver/a.py:1: names --rest-frame")
+    assert fault.startswith("run/a.py:1: names --rest-frame")
 
 
 def test_short_options_below_the_command_line_are_found():
-    (fault,) = find_option_words([("solver/a.py", 'TEXT = "start cageik view with -o"\n')])
-    assert fault.startswith("solver/a.py:1: names -o")
+    (fault,) = find_option_words([("run/a.py", 'TEXT = "start cageik view with -o"\n')])
+    assert fault.startswith("run/a.py:1: names -o")
 
 
 @pytest.mark.parametrize(
@@ -64,8 +55,8 @@ def test_short_options_below_the_command_line_are_found():
     ],
 )
 def test_own_options_beside_those_of_other_programs_are_found(text):
-    (fault,) = find_option_words([("solver/a.py", f'TEXT = "{text}"\n')])
-    assert fault.startswith("solver/a.py:1: names --rest")
+    (fault,) = find_option_words([("run/a.py", f'TEXT = "{text}"\n')])
+    assert fault.startswith("run/a.py:1: names --rest")
 
 
 PACKAGE = [("cages/push.py", "def push():\n    pass\n"), ("cages/mesh_parts.py", "")]
@@ -91,9 +82,9 @@ def test_docstrings_that_name_modules_or_values_pass(name):
     ],
 )
 def test_words_of_commands_pass(source):
-    assert list(find_option_words([("workflows/a.py", source)])) == []
+    assert list(find_option_words([("run/a.py", source)])) == []
 
 
 def test_parameters_in_backticks_and_docstrings_pass():
     source = '"""As --rest does."""\nTEXT = "give it with `rest`, or a -- dash"\n'
-    assert list(find_option_words([("solver/a.py", source)])) == []
+    assert list(find_option_words([("run/a.py", source)])) == []
