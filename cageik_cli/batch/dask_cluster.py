@@ -31,7 +31,7 @@ from cageik_cli.batch.jobs import (
     make_failed_outcome,
     run_clip,
 )
-from cageik_cli.captured.frames import FrameWeights
+from cageik_cli.captured.frames import CapturedBlockSolver, FrameWeights
 from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
@@ -321,7 +321,7 @@ class ClusterExecutor:
     min_seconds: float = MIN_PIECE_SECONDS
 
     def run_blocks(
-        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
+        self, block_solver: BlockSolver[MeshSequence], starts: range, memory_plan: MemoryPlan
     ) -> AbstractContextManager[Iterator[SolvedBlock]]:
         """Open an iterator over the blocks that begin at `starts`, in order."""
         return closing(
@@ -333,7 +333,7 @@ class ClusterExecutor:
         )
 
     def _solve_blocks(
-        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
+        self, block_solver: BlockSolver[MeshSequence], starts: range, memory_plan: MemoryPlan
     ) -> Generator[SolvedBlock]:
         start_time, done = time.monotonic(), 0
         with run_in_threads(block_solver, starts, memory_plan) as local_blocks:
@@ -349,7 +349,10 @@ class ClusterExecutor:
                 yield from blocks
 
     def _solve_on_workers(
-        self, block_solver: BlockSolver, pieces: Iterator[range], memory_plan: MemoryPlan
+        self,
+        block_solver: BlockSolver[MeshSequence],
+        pieces: Iterator[range],
+        memory_plan: MemoryPlan,
     ) -> Generator[SolvedBlock]:
         """Solve pieces as tasks, no more at once than keep all workers busy."""
         from distributed import KilledWorker, worker_client
@@ -383,12 +386,17 @@ class ClipContext:
     """What all pieces of a clip need; it is sent to a worker once, which opens the clip once."""
 
     def __init__(
-        self, settings: ExtractSettings, block_solver: BlockSolver, memory_plan: MemoryPlan
+        self,
+        settings: ExtractSettings,
+        block_solver: BlockSolver[MeshSequence],
+        memory_plan: MemoryPlan,
     ) -> None:
         self.settings, self.memory_plan = settings, memory_plan
         sequence = block_solver.sequence
         self._names, self._first_digest = sequence.names, sequence.digest_or_zeros(0)
-        solvers = block_solver.solver, block_solver.robust, block_solver.frame_weights
+        solvers: Solvers = block_solver.solver, None, None
+        if isinstance(block_solver, CapturedBlockSolver):
+            solvers = block_solver.solver, block_solver.robust, block_solver.frame_weights
         self._solvers = pickle_without_weights(block_solver.solver.binding, solvers)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -412,15 +420,17 @@ class ClipContext:
         sequence.set_digests(0, (self._first_digest,))
         return sequence
 
-    def build_block_solver(self, binding: Binding) -> BlockSolver:
+    def build_block_solver(self, binding: Binding) -> BlockSolver[MeshSequence]:
         """Make the block solver, of the clip and the weights."""
         solver, robust, frame_weights = unpickle_with_weights(binding, self._solvers)
-        return BlockSolver(
+        progress, skips = ProgressListener(), self.settings.skips_bad_frames
+        if robust is None:
+            return BlockSolver(self.sequence, solver, progress, skips_bad_frames=skips)
+        return CapturedBlockSolver(
             self.sequence,
-            solver,
-            ProgressListener(),
-            skips_bad_frames=self.settings.skips_bad_frames,
-            robust=robust,
+            robust,
+            progress,
+            skips_bad_frames=skips,
             frame_weights=frame_weights,
             accepts_gaps=self.settings.accepts_gaps,
         )

@@ -3,18 +3,32 @@
 What a cage cannot follow is no outlier: the residuals that each vertex may have are measured.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from cageik_cli.captured.robust import RobustSolver
+from cageik_cli.geometry.frames import Block
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.alignment import best_rotations
-from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
-from cageik_cli.method.solve.metrics import KeptMetrics, leave_gaps
-from cageik_cli.util.arrays import Floats, Integers, Mask
+from cageik_cli.method.solve.blocks import (
+    BlockSolver,
+    Clip,
+    KeptBlock,
+    SolvedBlock,
+    make_solved_block,
+)
+from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver, Solution
+from cageik_cli.method.solve.metrics import measure, measure_kept
+from cageik_cli.util.arrays import Floats, Mask, spread_evenly
+from cageik_cli.util.errors import FileAccessError, FormatError, InputError
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.threads import limit_blas_threads
+
+MAX_TOLERANCE_FRAMES = 16
+"""Frames on which residuals are measured, at most; they are spread evenly over the clip."""
 
 MAX_RESIDUAL_RATIO = 5.0
 """Tolerance, in the sum of the median residuals of a vertex and of all vertices."""
@@ -134,51 +148,122 @@ def take_ring_medians(mesh: TriMesh, values: Floats) -> Floats:
     return medians
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KeptBlock:
-    """What was kept of k frames.
+class CapturedBlockSolver(BlockSolver[Clip]):
+    """Solver and measurement of blocks whose vertices may count differently in each frame.
 
-    Attributes
+    Missing vertices have the weight 0.
+
+    Parameters
     ----------
-    metrics : KeptMetrics
-        nan, and -1 for counts, of skipped frames.
-    starts : (k + 1,) int64
-        Where the weights that are not 1 begin and end for each frame; skipped ones have none.
-    vertices : (e,) int64
-    weights : (e,) float64
-    counts : (m,) int64
-        Frames in which each vertex was kept.
+    robust : RobustSolver
+    frame_weights : FrameWeights, optional
+        Of each frame of the clip.
+    accepts_gaps : bool
+        Whether frames of too few data become gaps; otherwise they are refused.
+
+    All parameters are attributes too, and those of `BlockSolver`.
     """
 
-    metrics: KeptMetrics
-    starts: Integers
-    vertices: Integers
-    weights: Floats
-    counts: Integers
+    def __init__(
+        self,
+        sequence: Clip,
+        robust: RobustSolver,
+        progress: ProgressListener,
+        *,
+        skips_bad_frames: bool = False,
+        frame_weights: FrameWeights | None = None,
+        accepts_gaps: bool = False,
+    ) -> None:
+        super().__init__(sequence, robust.solver, progress, skips_bad_frames=skips_bad_frames)
+        self.robust, self.frame_weights = robust, frame_weights
+        self.accepts_gaps = accepts_gaps
 
-    @staticmethod
-    def of(metrics: KeptMetrics, weights: Floats, is_kept: Mask, gaps: Integers) -> "KeptBlock":
-        """Return what was kept of k frames with weights (k, m); `gaps` have nothing."""
-        weights = weights.copy()
-        weights[gaps] = 1
-        frames, vertices = np.nonzero(weights != 1)
-        return KeptBlock(
-            metrics=leave_gaps(metrics, gaps),
-            starts=np.searchsorted(frames, np.arange(len(weights) + 1)),
-            vertices=vertices,
-            weights=weights[frames, vertices],
-            counts=np.delete(is_kept, gaps, axis=0).sum(axis=0),
-        )
+    def find_tolerances(self) -> None:
+        """Measure the residuals that each vertex may have: above them, it is an outlier.
 
-    def get_weights(self, place: int) -> tuple[Integers, Floats]:
-        """Return the vertices of a frame whose weight is not 1, by its place, and these weights."""
-        entries = slice(self.starts[place], self.starts[place + 1])
-        return self.vertices[entries], self.weights[entries]
+        At most `MAX_TOLERANCE_FRAMES` are solved twice: their residuals give tolerances, with which
+        those of the second time are not led astray by outliers.
+        """
+        with self.progress.stage("solve"), limit_blas_threads(1):
+            for _ in range(2):
+                tolerances = measure_tolerances(self.robust, self._read_some(MAX_TOLERANCE_FRAMES))
+                self.robust = RobustSolver(self.solver, tolerances)
 
-    def expand_weights(self, vertex_count: int) -> Floats:
-        """Return all weights, (k, m)."""
-        weights = np.ones((len(self.starts) - 1, vertex_count))
-        for place, row in enumerate(weights):
-            vertices, values = self.get_weights(place)
-            row[vertices] = values
-        return weights
+    def _read_some(self, most: int) -> Iterator[tuple[Floats, Floats | None]]:
+        """Read evenly spread frames, one by one, as of `complete`."""
+        is_any = False
+        for index in spread_evenly(len(self.sequence), most).tolist():
+            if index in self.sequence.missing:
+                continue
+            try:
+                positions = self.sequence.read_frame(index)[None]
+            except InputError:
+                if not self.skips_bad_frames:
+                    raise
+                continue
+            is_any = True
+            yield self.complete(Block(index, positions, {}))
+        if not is_any:
+            raise FileAccessError("none of the frames on which tolerances are measured can be read")
+
+    def complete(self, block: Block) -> tuple[Floats, Floats | None]:
+        """Return the frames of a block with a position for every vertex, and given weights.
+
+        Both are as of `complete_frames`.
+        """
+        weights = self.frame_weights
+        given = None if weights is None else weights.read(block.start, block.stop)
+        return complete_frames(self.solver, block.positions, given)
+
+    def _solve_and_measure(self, block: Block, digests: tuple[bytes, ...]) -> SolvedBlock:
+        """Solve and measure a block, whose frames of too few data become gaps, too."""
+        with self.progress.stage("solve"):
+            positions, given = self.complete(block)
+            solution = self.robust.solve(positions, given, self._workspace)
+            block = replace(self._skip_thin_frames(block, given, solution), positions=positions)
+        with self.progress.stage("measure"):
+            return self.measure_block(block, given, solution, digests)
+
+    def measure_block(
+        self, block: Block, given: Floats | None, solution: Solution, digests: tuple[bytes, ...]
+    ) -> SolvedBlock:
+        """Measure a solved block, whose vertices all have positions and may count as `given`.
+
+        Frames that could not be read are gaps.
+        """
+        rest, frames, rebuilt = self.solver.binding.rest, block.positions, solution.reconstructions
+        is_data = is_kept = self._find_data(frames, given)
+        weights = np.ones(is_data.shape) if solution.weights is None else solution.weights
+        if self.robust.tolerances is not None:
+            # A small weight that is given is no outlier: only what is taken from it counts.
+            is_kept = is_data & (weights >= (1.0 if given is None else given))
+        metrics, squares = measure(rest, frames, rebuilt, is_data, is_kept=is_kept)
+        kept_metrics = measure_kept(squares, is_data, is_kept)
+        kept = KeptBlock.of(kept_metrics, weights, is_kept, gaps=block.gaps)
+        return make_solved_block(block, solution, metrics, squares, digests, kept)
+
+    def _find_data(self, frames: Floats, given: Floats | None) -> Mask:
+        """Return which vertices of each frame are data, (k, m)."""
+        is_data = np.broadcast_to(self.solver.vertex_weights > 0, frames.shape[:2])
+        return is_data if given is None else is_data & (given > 0)
+
+    def _skip_thin_frames(self, block: Block, given: Floats | None, solution: Solution) -> Block:
+        """Return the block with an error for each frame of too few data."""
+        errors: dict[int, InputError] = {}
+        least = solution.cages.shape[1]
+        counts = self._find_data(block.positions, given).sum(axis=1)
+        for place, count in enumerate(counts):
+            fault, frame = solution.faults.get(place), block.start + place
+            if (count >= least and fault is None) or frame in block.read_errors:
+                continue
+            reason = fault or f"fewer than the {least} vertices of the cage"
+            errors[frame] = FormatError(
+                f"{self.sequence.location(frame)}: {count} of {block.positions.shape[1]} vertices "
+                f"are data ({reason})"
+            )
+        if errors and not self.accepts_gaps:
+            raise FormatError(
+                f"{errors[min(errors)]}; leave a gap by `on_bad_frame=skip`, or fill it by "
+                "`fill_gaps=True`"
+            )
+        return replace(block, read_errors=block.read_errors | errors)

@@ -26,8 +26,8 @@ from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction, load_model
 from cageik_cli.inputs.weights import WeightSettings
 from cageik_cli.method.solve.blocks import SolvedBlock
-from cageik_cli.method.solve.metrics import METRIC_TYPES, FrameMetrics, check_finite
-from cageik_cli.method.solve.summary import DeviationPeaks, summarize_blocks
+from cageik_cli.method.solve.metrics import METRIC_TYPES, DeviationPeaks, FrameMetrics, check_finite
+from cageik_cli.method.solve.summary import summarize_blocks
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.executor import choose_block_size
 from cageik_cli.run.settings import READ, WRITTEN, CommandSettings

@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 
-from cageik_cli.formats.base.sequence import Block, FramePrefetcher
+from cageik_cli.formats.base.sequence import FramePrefetcher, MeshSequence
+from cageik_cli.geometry.frames import Block
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY, count_frames
@@ -62,14 +63,14 @@ class MemoryPlan:
 
 
 RunBlocks = Callable[
-    [BlockSolver, range, MemoryPlan], AbstractContextManager[Iterator[SolvedBlock]]
+    [BlockSolver[MeshSequence], range, MemoryPlan], AbstractContextManager[Iterator[SolvedBlock]]
 ]
 """Opens an iterator of the blocks that begin at a range of frames, in order, solved ahead."""
 
 
 @contextmanager
 def run_in_threads(
-    block_solver: BlockSolver, starts: range, plan: MemoryPlan
+    block_solver: BlockSolver[MeshSequence], starts: range, plan: MemoryPlan
 ) -> Iterator[Iterator[SolvedBlock]]:
     """Solve blocks in threads of this process, which also read frames ahead."""
     frames, count = range(starts.start, starts.stop), plan.max_parallel_blocks

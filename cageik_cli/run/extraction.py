@@ -12,6 +12,7 @@ import numpy as np
 
 from cageik_cli.cages.check.quality import has_too_much_room
 from cageik_cli.cages.check.sections import find_shared_sections
+from cageik_cli.captured.frames import CapturedBlockSolver
 from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
@@ -35,6 +36,7 @@ from cageik_cli.inputs.weights import (
 )
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.solve.metrics import DeviationPeaks
 from cageik_cli.method.solve.regions import (
     MIN_DEVIATION,
     Region,
@@ -44,7 +46,7 @@ from cageik_cli.method.solve.regions import (
     find_worst_regions,
     has_bad_regions,
 )
-from cageik_cli.method.solve.summary import MAX_BRIDGED_FRAMES, ClipSummary, DeviationPeaks
+from cageik_cli.method.solve.summary import MAX_BRIDGED_FRAMES, ClipSummary
 from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.run.executor import MemoryPlan, RunBlocks, run_in_threads
 from cageik_cli.run.fit import choose_compared_frames, choose_fit, fit_to_clips, measure_unfitted
@@ -115,7 +117,7 @@ class Extraction:
     sequence: MeshSequence
     rest: LoadedMesh
     rest_index: int | None
-    block_solver: BlockSolver
+    block_solver: BlockSolver[MeshSequence]
 
     def __init__(
         self,
@@ -268,17 +270,21 @@ class Extraction:
         # One thread: the matrix is small, and threads that wait for each other take longer.
         with progress.stage("factor"), limit_blas_threads(1):
             solver = DualLaplacianSolver(self.binding, settings.solve, self.vertex_weights.vertices)
-        self.block_solver = BlockSolver(
+        if not self.weighs_frames:
+            self.block_solver = BlockSolver(
+                self.sequence, solver, progress, skips_bad_frames=settings.skips_bad_frames
+            )
+            return
+        self.block_solver = captured = CapturedBlockSolver(
             self.sequence,
-            solver,
+            RobustSolver(solver),
             progress,
             skips_bad_frames=settings.skips_bad_frames,
-            robust=RobustSolver(solver) if self.weighs_frames else None,
             frame_weights=self.vertex_weights.frames,
             accepts_gaps=settings.accepts_gaps,
         )
         if settings.capture.robust:
-            self.block_solver.find_tolerances()
+            captured.find_tolerances()
 
     def open_blocks(self, start: int) -> AbstractContextManager[Iterator[SolvedBlock]]:
         """Open an iterator of the frames from `start` on, solved and measured, in blocks."""
@@ -339,14 +345,16 @@ class Extraction:
     def _make_spec(self) -> RunSpec:
         """Return what this run has to do, by which an interrupted one is known again."""
         binding, weights = self.binding, self.vertex_weights.vertices
-        robust = self.block_solver.robust
         rate = self.settings.clip.fps  # at which some files are sampled
         is_fitted_here = self.fit is not None
         given = (binding.unfitted if is_fitted_here else None) or binding
         meshes = binding.rest, binding.cage
         arrays = [array for mesh in meshes for array in (mesh.vertices, mesh.faces)]
         arrays += [given.weights] if weights is None else [given.weights, weights]
-        found = [] if robust is None or robust.tolerances is None else [robust.tolerances]
+        found = []
+        if isinstance(self.block_solver, CapturedBlockSolver):
+            tolerances = self.block_solver.robust.tolerances
+            found = [] if tolerances is None else [tolerances]
         arrays += [] if is_fitted_here else found
         return RunSpec(
             frames=list(self.sequence.names),

@@ -15,9 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.captured.fill import FrameTerms, RigidFiller, TimeFiller
+from cageik_cli.captured.frames import CapturedBlockSolver
 from cageik_cli.captured.settings import AUTO_SMOOTHING, CaptureSettings
 from cageik_cli.captured.smooth import TimeSmoother, choose_strengths
-from cageik_cli.formats.base.sequence import Block, MeshSequence
+from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.geometry.frames import Block
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver, Solution
@@ -229,7 +231,7 @@ def _hold_ends(cages: Floats, is_known: Mask) -> Floats:
 
 
 def run_time_pass(
-    block_solver: BlockSolver,
+    block_solver: CapturedBlockSolver[MeshSequence],
     checkpoint: Checkpoint,
     output: Checkpoint,
     *,
@@ -303,7 +305,10 @@ def _set_filled(
 
 @contextmanager
 def open_refined(
-    block_solver: BlockSolver, checkpoint: Checkpoint, settings: ExtractSettings, fps: float
+    block_solver: BlockSolver[MeshSequence],
+    checkpoint: Checkpoint,
+    settings: ExtractSettings,
+    fps: float,
 ) -> Iterator[tuple[Checkpoint, tuple[int, ...]]]:
     """Open a checkpoint with the frames as they are written, and say which of them were filled.
 
@@ -313,6 +318,9 @@ def open_refined(
     summary = checkpoint.summary
     filled: tuple[int, ...] = ()
     is_empty = len(summary.skipped) == len(block_solver.sequence)
+    if is_empty or not isinstance(block_solver, CapturedBlockSolver):
+        yield checkpoint, filled
+        return
     with ExitStack() as stack:
 
         def start(find_path: Callable[[Path], Path]) -> Checkpoint:
@@ -321,11 +329,11 @@ def open_refined(
             stack.callback(copy.discard)
             return copy
 
-        if summary.absences is not None and summary.absences.has_long and not is_empty:
+        if summary.absences is not None and summary.absences.has_long:
             placed = start(placed_path)
             place_hidden(block_solver, checkpoint, placed, settings.jobs)
             checkpoint = placed
-        if settings.capture.needs_time_pass and not is_empty:
+        if settings.capture.needs_time_pass:
             smoothed = start(smoothed_path)
             filled = run_time_pass(
                 block_solver,
@@ -340,7 +348,10 @@ def open_refined(
 
 
 def place_hidden(
-    block_solver: BlockSolver, checkpoint: Checkpoint, output: Checkpoint, jobs: int
+    block_solver: CapturedBlockSolver[MeshSequence],
+    checkpoint: Checkpoint,
+    output: Checkpoint,
+    jobs: int,
 ) -> None:
     """Place what is hidden for long in the frames of a checkpoint, and append them to another.
 
@@ -366,7 +377,7 @@ def place_hidden(
 
 
 def _solve_placed(
-    block_solver: BlockSolver,
+    block_solver: CapturedBlockSolver[MeshSequence],
     filler: RigidFiller,
     solved: SolvedBlock,
     block: Block,
@@ -403,7 +414,7 @@ def find_rotations(solver: DualLaplacianSolver, cages: Floats) -> Floats:
 
 
 def measure_again(
-    block_solver: BlockSolver,
+    block_solver: CapturedBlockSolver[MeshSequence],
     solved: SolvedBlock,
     cages: Floats,
     block: Block | None,

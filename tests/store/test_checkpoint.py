@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.sequence import Block
+from cageik_cli.geometry.frames import Block
 from cageik_cli.method.solve.blocks import SolvedBlock, make_solved_block
 from cageik_cli.method.solve.dual_laplacian import Solution
-from cageik_cli.method.solve.metrics import FrameMetrics
-from cageik_cli.method.solve.summary import DeviationPeaks, summarize_blocks
+from cageik_cli.method.solve.metrics import DeviationPeaks, FrameMetrics
+from cageik_cli.method.solve.summary import summarize_blocks
 from cageik_cli.store.checkpoint import (
     CHECKPOINT_MAGIC,
     Checkpoint,

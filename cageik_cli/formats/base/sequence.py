@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.settings import ClipSettings, Scene, SceneHints
 from cageik_cli.formats.timeline import Timeline
+from cageik_cli.geometry.frames import Block
 from cageik_cli.geometry.mesh import TriMesh, validate_known_positions, validate_positions
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import (
     ConnectivityError,
     FormatError,
     InputError,
-    MissingFrameError,
     SettingError,
     error_context,
     join_truncated,
@@ -74,37 +74,6 @@ class ClipRequest:
         """Return the indices of the selected frames of `count`, whose numbers are of a scene."""
         timeline = scene.override(Scene()).make_timeline(count)
         return timeline.choose(self.settings.selection)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Block:
-    """Consecutive frames of a clip.
-
-    Attributes
-    ----------
-    start : int
-        Number of the first.
-    positions : (k, m, 3) float64
-        The clip's first frame stands in for one that could not be read, so that the results of the
-        others do not depend on it.
-    read_errors : dict
-        By number in the clip, why a frame could not be read.
-    """
-
-    start: int
-    positions: Floats
-    read_errors: dict[int, InputError]
-
-    @property
-    def stop(self) -> int:
-        """Number of the frame after the last."""
-        return self.start + len(self.positions)
-
-    def raise_read_errors(self, ignore_missing: bool = False) -> None:
-        """Raise the first of the errors, if there is one; perhaps not those of missing frames."""
-        for _, error in sorted(self.read_errors.items()):
-            if not (ignore_missing and isinstance(error, MissingFrameError)):
-                raise error
 
 
 class MeshSequence(ABC):

@@ -1,37 +1,82 @@
 """The frames of a clip in blocks: solved, and measured.
 
-A plain solve is one in which all weights of vertices are 1. In captured clips, vertices of one
-frame may count differently than in another: missing ones have the weight 0.
+Frames whose vertices do not count alike, as in captured clips, are solved by a subclass.
 """
 
 import threading
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.captured.frames import FrameWeights, KeptBlock, complete_frames, measure_tolerances
-from cageik_cli.captured.robust import RobustSolver
-from cageik_cli.formats.base.sequence import Block, MeshSequence
+from cageik_cli.geometry.frames import Block, FrameSource
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.method.solve.metrics import (
+    DeviationPeaks,
     FrameMetrics,
+    KeptMetrics,
     check_finite,
     leave_gaps,
     map_columns,
     measure,
-    measure_kept,
 )
-from cageik_cli.method.solve.summary import DeviationPeaks
-from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace, spread_evenly
-from cageik_cli.util.errors import FileAccessError, FormatError, InputError
+from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
-from cageik_cli.util.threads import limit_blas_threads
 
-MAX_TOLERANCE_FRAMES = 16
-"""Frames on which residuals are measured, at most; they are spread evenly over the clip."""
+Clip = TypeVar("Clip", bound=FrameSource)
+"""What the frames are read from."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptBlock:
+    """What was kept of k frames.
+
+    Attributes
+    ----------
+    metrics : KeptMetrics
+        nan, and -1 for counts, of skipped frames.
+    starts : (k + 1,) int64
+        Where the weights that are not 1 begin and end for each frame; skipped ones have none.
+    vertices : (e,) int64
+    weights : (e,) float64
+    counts : (m,) int64
+        Frames in which each vertex was kept.
+    """
+
+    metrics: KeptMetrics
+    starts: Integers
+    vertices: Integers
+    weights: Floats
+    counts: Integers
+
+    @staticmethod
+    def of(metrics: KeptMetrics, weights: Floats, is_kept: Mask, gaps: Integers) -> "KeptBlock":
+        """Return what was kept of k frames with weights (k, m); `gaps` have nothing."""
+        weights = weights.copy()
+        weights[gaps] = 1
+        frames, vertices = np.nonzero(weights != 1)
+        return KeptBlock(
+            metrics=leave_gaps(metrics, gaps),
+            starts=np.searchsorted(frames, np.arange(len(weights) + 1)),
+            vertices=vertices,
+            weights=weights[frames, vertices],
+            counts=np.delete(is_kept, gaps, axis=0).sum(axis=0),
+        )
+
+    def get_weights(self, place: int) -> tuple[Integers, Floats]:
+        """Return the vertices of a frame whose weight is not 1, by its place, and these weights."""
+        entries = slice(self.starts[place], self.starts[place + 1])
+        return self.vertices[entries], self.weights[entries]
+
+    def expand_weights(self, vertex_count: int) -> Floats:
+        """Return all weights, (k, m)."""
+        weights = np.ones((len(self.starts) - 1, vertex_count))
+        for place, row in enumerate(weights):
+            vertices, values = self.get_weights(place)
+            row[vertices] = values
+        return weights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,42 +123,32 @@ class SolvedBlock:
         return self.start + len(self.cages)
 
 
-class BlockSolver:
-    """Solver and measurement of the blocks of a clip.
+class BlockSolver(Generic[Clip]):
+    """Solver and measurement of the blocks of a clip whose vertices count alike in all frames.
 
     Parameters
     ----------
     skips_bad_frames : bool
         Whether frames that cannot be read become gaps, as missing ones do; otherwise they are
         refused.
-    robust : RobustSolver, optional
-        Of frames whose vertices count differently; without it, all count alike.
-    frame_weights : FrameWeights, optional
-        Of each frame of the clip.
-    accepts_gaps : bool
-        Whether frames of too few data become gaps; otherwise they are refused.
 
     All parameters are attributes too.
     """
 
     def __init__(
         self,
-        sequence: MeshSequence,
+        sequence: Clip,
         solver: DualLaplacianSolver,
         progress: ProgressListener,
         *,
         skips_bad_frames: bool = False,
-        robust: RobustSolver | None = None,
-        frame_weights: FrameWeights | None = None,
-        accepts_gaps: bool = False,
     ) -> None:
         self.sequence, self.solver, self.progress = sequence, solver, progress
-        self.skips_bad_frames, self.accepts_gaps = skips_bad_frames, accepts_gaps
-        self.robust, self.frame_weights = robust, frame_weights
+        self.skips_bad_frames = skips_bad_frames
         self._thread_local = threading.local()
 
     def solve_block(self, block: Block) -> SolvedBlock:
-        """Solve and measure a block; frames of too few data become gaps.
+        """Solve and measure a block.
 
         Raises
         ------
@@ -125,113 +160,28 @@ class BlockSolver:
         if not self.skips_bad_frames:
             block.raise_read_errors(ignore_missing=True)
         digests = tuple(map(self.sequence.digest_or_zeros, range(block.start, block.stop)))
+        return self._solve_and_measure(block, digests)
+
+    def _solve_and_measure(self, block: Block, digests: tuple[bytes, ...]) -> SolvedBlock:
+        """Solve and measure a block, whose frames that could not be read are gaps."""
+        solver = self.solver
         with self.progress.stage("solve"):
-            positions, given = self.complete(block)
-            if self.robust is None:
-                solution = self.solver.solve(positions, self._workspace)
-            else:
-                solution = self.robust.solve(positions, given, self._workspace)
-                block = self._skip_thin_frames(block, given, solution)
-            block = replace(block, positions=positions)
+            solution = solver.solve(block.positions, self._workspace)
         with self.progress.stage("measure"):
-            return self.measure_block(block, given, solution, digests)
-
-    def find_tolerances(self) -> None:
-        """Measure the residuals that each vertex may have: above them, it is an outlier.
-
-        At most `MAX_TOLERANCE_FRAMES` are solved twice: their residuals give tolerances, with which
-        those of the second time are not led astray by outliers.
-        """
-        assert self.robust is not None
-        with self.progress.stage("solve"), limit_blas_threads(1):
-            for _ in range(2):
-                tolerances = measure_tolerances(self.robust, self._read_some(MAX_TOLERANCE_FRAMES))
-                self.robust = RobustSolver(self.solver, tolerances)
-
-    def _read_some(self, most: int) -> Iterator[tuple[Floats, Floats | None]]:
-        """Read evenly spread frames, one by one, as of `complete`."""
-        is_any = False
-        for index in spread_evenly(len(self.sequence), most).tolist():
-            if index in self.sequence.missing:
-                continue
-            try:
-                positions = self.sequence.read_frame(index)[None]
-            except InputError:
-                if not self.skips_bad_frames:
-                    raise
-                continue
-            is_any = True
-            yield self.complete(Block(index, positions, {}))
-        if not is_any:
-            raise FileAccessError("none of the frames on which tolerances are measured can be read")
-
-    def complete(self, block: Block) -> tuple[Floats, Floats | None]:
-        """Return the frames of a block with a position for every vertex, and given weights.
-
-        Both are as of `complete_frames`.
-        """
-        if self.robust is None:
-            return block.positions, None
-        weights = self.frame_weights
-        given = None if weights is None else weights.read(block.start, block.stop)
-        return complete_frames(self.solver, block.positions, given)
-
-    def measure_block(
-        self, block: Block, given: Floats | None, solution: Solution, digests: tuple[bytes, ...]
-    ) -> SolvedBlock:
-        """Measure a solved block, whose vertices all have positions and may count as `given`.
-
-        Frames that could not be read are gaps.
-        """
-        rest, frames, rebuilt = self.solver.binding.rest, block.positions, solution.reconstructions
-        if self.robust is None:
-            measured = measure(rest, frames, rebuilt, self.solver.data_vertices, self._workspace)
-            return make_solved_block(block, solution, *measured, digests)
-        is_data = is_kept = self._find_data(frames, given)
-        weights = np.ones(is_data.shape) if solution.weights is None else solution.weights
-        if self.robust.tolerances is not None:
-            # A small weight that is given is no outlier: only what is taken from it counts.
-            is_kept = is_data & (weights >= (1.0 if given is None else given))
-        metrics, squares = measure(rest, frames, rebuilt, is_data, is_kept=is_kept)
-        kept = KeptBlock.of(
-            measure_kept(squares, is_data, is_kept),
-            weights,
-            is_kept,
-            gaps=_find_gaps(block),
-        )
-        return make_solved_block(block, solution, metrics, squares, digests, kept)
+            metrics, squares = measure(
+                solver.binding.rest,
+                block.positions,
+                solution.reconstructions,
+                solver.data_vertices,
+                self._workspace,
+            )
+            return make_solved_block(block, solution, metrics, squares, digests)
 
     @property
     def _workspace(self) -> Workspace:
         """Memory of this thread."""
         found: Workspace = self._thread_local.__dict__.setdefault("workspace", Workspace())
         return found
-
-    def _find_data(self, frames: Floats, given: Floats | None) -> Mask:
-        """Return which vertices of each frame are data, (k, m)."""
-        is_data = np.broadcast_to(self.solver.vertex_weights > 0, frames.shape[:2])
-        return is_data if given is None else is_data & (given > 0)
-
-    def _skip_thin_frames(self, block: Block, given: Floats | None, solution: Solution) -> Block:
-        """Return the block with an error for each frame of too few data."""
-        errors: dict[int, InputError] = {}
-        least = solution.cages.shape[1]
-        counts = self._find_data(block.positions, given).sum(axis=1)
-        for place, count in enumerate(counts):
-            fault, frame = solution.faults.get(place), block.start + place
-            if (count >= least and fault is None) or frame in block.read_errors:
-                continue
-            reason = fault or f"fewer than the {least} vertices of the cage"
-            errors[frame] = FormatError(
-                f"{self.sequence.location(frame)}: {count} of {block.positions.shape[1]} vertices "
-                f"are data ({reason})"
-            )
-        if errors and not self.accepts_gaps:
-            raise FormatError(
-                f"{errors[min(errors)]}; leave a gap by `on_bad_frame=skip`, or fill it by "
-                "`fill_gaps=True`"
-            )
-        return replace(block, read_errors=block.read_errors | errors)
 
 
 def make_solved_block(
@@ -246,7 +196,7 @@ def make_solved_block(
 
     `squares` are its squared errors, (k, m), as of `measure`.
     """
-    gaps = _find_gaps(block)
+    gaps = block.gaps
     known = np.delete(np.arange(len(solution.cages)), gaps)
     cages, rotations, sampled = solution.cages, solution.rotations, solution.sampled
     readable = map_columns(metrics, lambda column: column[known])
@@ -271,8 +221,3 @@ def make_solved_block(
         sampled=sampled,
         kept=kept,
     )
-
-
-def _find_gaps(block: Block) -> Integers:
-    """Return the places of the frames of a block that could not be read, ascending."""
-    return np.array(sorted(block.read_errors), np.int64) - block.start

@@ -11,7 +11,7 @@ from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.points import measure_distances
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import ClosestPoints, closest_points
-from cageik_cli.method.solve.summary import DeviationPeaks
+from cageik_cli.method.solve.metrics import DeviationPeaks
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats, Integers
 

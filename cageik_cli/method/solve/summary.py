@@ -1,146 +1,17 @@
-"""What is known of a clip after its blocks: skipped frames, errors of vertices, what is possible.
-
-The error of the best possible cage animation is found on some vertices and all frames of a clip.
-Displacements of s vertices in F frames are a matrix D, (s, 3F). Weights and cages with n points
-give a matrix of rank n at most; the best one leaves the singular values of D beyond n (Eckart and
-Young 1936). No cage of n points has a smaller error on these vertices. They are a sample of all, so
-the error over all vertices is seldom smaller, and a few percent larger.
-"""
+"""What is known of a clip after its blocks: skipped frames, errors of vertices, absences."""
 
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.util.arrays import Floats, Integers, spread_evenly
-
-if TYPE_CHECKING:
-    from cageik_cli.captured.frames import KeptBlock
-    from cageik_cli.method.solve.blocks import SolvedBlock
+from cageik_cli.method.solve.blocks import KeptBlock, SolvedBlock
+from cageik_cli.method.solve.metrics import DeviationPeaks
+from cageik_cli.solver.vertex_bound import VertexBound, VertexBoundAccumulator
+from cageik_cli.util.arrays import Floats, Integers
 
 MAX_BRIDGED_FRAMES = 10
 """Frames in a row for which the motion around them tells where hidden vertices are, at most."""
-
-MIN_BOUND_VERTICES, MAX_BOUND_VERTICES = 512, 1024
-"""Vertices on which the best possible error is found; within these limits, 8 per cage vertex."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DeviationPeaks:
-    """The largest deviation of each vertex over some frames.
-
-    Peaks of blocks of frames, merged in order, are those of all their frames at once.
-
-    Attributes
-    ----------
-    deviations : (m,) float64
-        max |v̂ − v|, file units; 0 for vertices without data.
-    frames : (m,) int64
-        The first frame in which it was; −1 where no frame deviates.
-    """
-
-    deviations: Floats
-    frames: Integers
-
-    @staticmethod
-    def of_frames(squared_errors: Floats, frames: Integers) -> "DeviationPeaks":
-        """Find the peaks of the frames with these numbers, (k,).
-
-        Squared errors, |v̂ − v|², are (k, m), and nan in all frames for vertices without data.
-        """
-        squares = np.zeros(squared_errors.shape[1])
-        found = np.full(len(squares), -1)
-        for row, frame in zip(squared_errors, frames, strict=True):
-            is_larger = row > squares  # not where it is nan
-            np.copyto(squares, row, where=is_larger)
-            np.copyto(found, frame, where=is_larger)
-        return DeviationPeaks(np.sqrt(squares), found)
-
-    @staticmethod
-    def none(vertex_count: int) -> "DeviationPeaks":
-        """Return the peaks of no frame."""
-        return DeviationPeaks(np.zeros(vertex_count), np.full(vertex_count, -1))
-
-    def merge(self, later: "DeviationPeaks") -> "DeviationPeaks":
-        """Return the peaks of these frames and of later ones; the first of equal ones counts."""
-        is_later = later.deviations > self.deviations
-        return DeviationPeaks(
-            np.where(is_later, later.deviations, self.deviations),
-            np.where(is_later, later.frames, self.frames),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class VertexBound:
-    """The smallest error that a cage animation can have.
-
-    Attributes
-    ----------
-    rms_percent : float
-        Root mean square over the sampled vertices and all frames, in percent of the diagonal.
-    points : int
-        Vertices of the cage.
-    vertices : int
-        Vertices that were sampled.
-    """
-
-    rms_percent: float
-    points: int
-    vertices: int
-
-
-def spread_vertices(numbers: Integers, points: int) -> Integers:
-    """Choose vertices for a cage of `points`, spread over the given numbers; all of a few."""
-    count = min(max(MIN_BOUND_VERTICES, 8 * points), MAX_BOUND_VERTICES)
-    if count >= len(numbers):
-        return numbers
-    return np.asarray(numbers[spread_evenly(len(numbers), count)])
-
-
-class VertexBoundAccumulator:
-    """Accumulates the displacements of a clip, block by block, in memory that does not grow.
-
-    Columns are kept until there are as many as vertices; then only D Dᵀ is.
-    """
-
-    def __init__(self) -> None:
-        self._columns: list[NDArray[np.float32]] = []
-        self._gram: Floats | None = None
-
-    def update(self, columns: NDArray[np.float32]) -> None:
-        """Add the displacements of the next frames, (s, 3k), in diagonals of the rest pose."""
-        self._columns.append(columns)
-        if sum(part.shape[1] for part in self._columns) > len(columns) > 0:
-            self._fold()
-
-    def finish(self, points: int, frames: int) -> VertexBound | None:
-        """Return the bound for a cage of `points` vertices, from so many frames without gaps.
-
-        None if no displacements were added.
-        """
-        held = self._columns[0] if self._columns else self._gram
-        if held is None or not len(held) or not frames:
-            return None
-        if self._gram is None:
-            data = np.hstack(self._columns).astype(np.float64)
-            gram = data.T @ data
-        else:
-            self._fold()
-            gram = self._gram
-        left = np.linalg.eigvalsh(gram)[::-1][points:]
-        mean = float(np.maximum(left, 0).sum()) / (len(held) * frames)
-        return VertexBound(float(100 * np.sqrt(mean)), points, len(held))
-
-    def _fold(self) -> None:
-        """Replace the columns by their part of D Dᵀ."""
-        if not self._columns:
-            return
-        data = np.hstack(self._columns).astype(np.float64)
-        product = data @ data.T
-        self._gram = product if self._gram is None else self._gram + product
-        self._columns = []
 
 
 class Absences:
@@ -159,7 +30,7 @@ class Absences:
         self._present, self._stop = np.zeros(vertex_count, np.int64), 0
         self._long: list[tuple[range, Integers]] = []
 
-    def update(self, kept: "KeptBlock", frames: range, skipped: Collection[int]) -> None:
+    def update(self, kept: KeptBlock, frames: range, skipped: Collection[int]) -> None:
         """Count the frames of the next block, of which those that are skipped have no data."""
         for place, frame in enumerate(frames):
             if frame in skipped:
@@ -216,7 +87,7 @@ class ClipSummary:
         self._rms: list[Floats] = []
         self._bound = VertexBoundAccumulator()
 
-    def update(self, block: "SolvedBlock") -> None:
+    def update(self, block: SolvedBlock) -> None:
         """Add the next block."""
         self.skipped |= block.skipped
         self.peaks = self.peaks.merge(block.peaks) if self.frames_done else block.peaks
@@ -272,7 +143,7 @@ class ClipSummary:
         return np.array([ranked[-1], ranked[(len(ranked) - 1) // 2], best])
 
 
-def summarize_blocks(blocks: "Iterable[SolvedBlock]") -> ClipSummary:
+def summarize_blocks(blocks: Iterable[SolvedBlock]) -> ClipSummary:
     """Summarise all blocks of a clip."""
     summary = ClipSummary()
     for block in blocks:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.solve.metrics import DeviationPeaks
 from cageik_cli.method.solve.regions import (
     MAX_REGIONS,
     Cause,
@@ -14,7 +15,6 @@ from cageik_cli.method.solve.regions import (
     find_worst_regions,
     has_bad_regions,
 )
-from cageik_cli.method.solve.summary import DeviationPeaks
 from cageik_cli.method.weights.binding import Binding
 from tests.shapes import ball, box
 

@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.captured.frames import KeptBlock
-from cageik_cli.method.solve.summary import (
+from cageik_cli.method.solve.blocks import KeptBlock
+from cageik_cli.method.solve.metrics import DeviationPeaks
+from cageik_cli.method.solve.summary import Absences, summarize_blocks
+from cageik_cli.solver.vertex_bound import (
     MAX_BOUND_VERTICES,
     MIN_BOUND_VERTICES,
-    Absences,
-    DeviationPeaks,
     VertexBoundAccumulator,
     spread_vertices,
-    summarize_blocks,
 )
 from tests.store.test_checkpoint import BLOCKS
 
