@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from cageik_cli.method.solve.settings import AREA
 from cageik_cli.report.limits import Limits
@@ -20,6 +20,9 @@ from cageik_cli.store.result import Result, has_weights
 from cageik_cli.util.errors import CageikError, InputError, describe_error
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.text import to_unicode
+
+if TYPE_CHECKING:
+    from cageik_cli.report.html.templating import PlayerPart
 
 CLIPS_FOLDER = "clips"
 """The folder of the clips' results, inside the output folder."""
@@ -38,18 +41,18 @@ class ClipJob:
         results of other files or settings are replaced.
     has_page : bool
         Whether a page is written beside the result.
-    has_player : bool
-        Whether the page plays the clip.
+    load_player : callable, optional
+        Reads the player of the page, which else has none.
     word : callable
         Puts notes into the words of who reads the reports, as in `build_report`. It is sent to the
-        process that does the job.
+        process that does the job, as `load_player` is.
     """
 
     name: str
     settings: ExtractSettings
     limits: Limits = field(default_factory=Limits)
     has_page: bool = True
-    has_player: bool = False
+    load_player: "Callable[[Result], PlayerPart | None] | None" = None
     word: Callable[[str], str] = str
 
 
@@ -183,8 +186,9 @@ def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
 
     page = result.path.with_suffix(".html")
     has_pictures = has_weights(result)
-    has_player = job.has_player and has_pictures
-    if not is_page_current(page, report, has_pictures, has_player):
-        text = render_result_page(result, report, has_player, job.word)
+    load_player = job.load_player if has_pictures else None
+    if not is_page_current(page, report, has_pictures, load_player is not None):
+        player = None if load_player is None else load_player(result)
+        text = render_result_page(result, report, player, job.word)
         write_text(page, text, overwrite=True)
     return Outcome(build_clip_entry(report, file, f"{CLIPS_FOLDER}/{page.name}", picture), state)

@@ -205,7 +205,12 @@ def _make_job(
         overwrite=options.resume or options.overwrite,
         jobs=1,
     )
-    return ClipJob(clip.name, settings, limits, options.pages, options.player)
+    job = ClipJob(clip.name, settings, limits, options.pages)
+    if options.player:
+        from cageik_cli.view.player.section import load_player
+
+        job = replace(job, load_player=load_player)
+    return job
 
 
 def _check_not_results(folder: Path, output: Path) -> None:

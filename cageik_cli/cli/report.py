@@ -273,8 +273,10 @@ def _choose_names(results: tuple[Path, ...]) -> list[str]:
 
 def _render_page(result: "Result", report: "Report", has_player: bool) -> str:
     from cageik_cli.report.html.page import render_result_page
+    from cageik_cli.view.player.section import load_player
 
-    return render_result_page(result, report, has_player, word_options)
+    player = load_player(result) if has_player else None
+    return render_result_page(result, report, player, word_options)
 
 
 def _render_plot(report: "Report", path: Path | None) -> str | bytes:

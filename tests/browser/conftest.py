@@ -14,6 +14,7 @@ import pytest
 from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_result
+from cageik_cli.view.player.section import load_player
 from tests.browser.players import WALKER, run_cageik
 
 ARGUMENTS = [
@@ -92,7 +93,7 @@ def walk(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def walk_page(walk):
-    return render_result_page(walk[0], build_report(walk[0]))
+    return render_result_page(walk[0], build_report(walk[0]), load_player(walk[0]))
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_binding
 from cageik_cli.view.player.clip import load_player_clip, make_single_pose
-from cageik_cli.view.player.section import render_view_page
+from cageik_cli.view.player.section import load_player, render_view_page
 from tests.browser.players import camera_of, check_positions, settle
 
 pytestmark = pytest.mark.browser
@@ -235,7 +235,7 @@ def test_only_the_group_of_the_mode_is_shown(play, view_page):
 
 def test_the_report_and_the_app_draw_the_same(play, view_page, walk):
     result, frames = walk
-    for text in (view_page, render_result_page(result, build_report(result))):
+    for text in (view_page, render_result_page(result, build_report(result), load_player(result))):
         check_positions(play(text), frames[0], result.rest.diagonal)
 
 

@@ -9,6 +9,7 @@ from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_binding, read_result
 from cageik_cli.view.player.clip import make_single_pose
+from cageik_cli.view.player.section import build_player, load_player
 from tests.browser.players import check_positions, drag, run_cageik, settle
 
 pytestmark = pytest.mark.browser
@@ -310,7 +311,7 @@ def test_both_sides_of_a_symmetric_cage_move(edit, tmp_path_factory, animation, 
     cage = write_obj(folder / "cage.obj", animation.cage.vertices, animation.cage.faces)
     run_cageik("extract", folder / "clip.npz", "--cage", cage, "-o", folder / "ball.h5", "-q")
     result = read_result(folder / "ball.h5")
-    page = edit(render_result_page(result, build_report(result)))
+    page = edit(render_result_page(result, build_report(result), load_player(result)))
     page.get_by_label("Mirror", exact=True).check()
     type_in(page, "Cage vertices", 0)
     page.locator("[data-cage-move-x]").fill("0.2")
@@ -382,7 +383,7 @@ def test_a_file_that_is_loaded_is_saved_again(edit, walk, tmp_path):
 def test_a_model_at_rest_is_edited_without_keys(edit, walk, tmp_path):
     result = walk[0]
     clip = make_single_pose(read_binding(result), ["walker_1.obj", "--cage", "cage.obj"])
-    page = edit(render_page(build_report(result), player=clip))
+    page = edit(render_page(build_report(result), player=build_player(clip)))
     type_in(page, "Cage vertices", HAND)
     page.locator("[data-cage-move-y]").fill("0.3")
     page.keyboard.press("Enter")

@@ -6,6 +6,7 @@ import pytest
 from cageik_cli.geometry.parts import split_parts
 from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
+from cageik_cli.view.player.section import load_player
 from tests.browser.players import (
     WALKER,
     camera_of,
@@ -286,7 +287,11 @@ def test_the_player_is_not_printed(play):
 @pytest.fixture
 def character_page(play, character_result):
     """The page of the character of four parts, with the list of parts open."""
-    page = play(render_result_page(character_result, build_report(character_result)))
+    page = play(
+        render_result_page(
+            character_result, build_report(character_result), load_player(character_result)
+        )
+    )
     page.locator("#player [data-parts] summary").click()
     return page
 

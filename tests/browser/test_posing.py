@@ -11,6 +11,7 @@ from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_binding, read_result
 from cageik_cli.view.player.clip import load_player_clip, make_single_pose
+from cageik_cli.view.player.section import build_player, load_player
 from tests.browser.players import WALKER, check_positions, drag, middle_of, run_cageik, settle
 
 pytestmark = pytest.mark.browser
@@ -36,7 +37,7 @@ def single_page(walk):
     """A page that poses the walker at rest."""
     result = walk[0]
     clip = make_single_pose(read_binding(result), ["walker_1.obj", "--cage", "cage.obj"])
-    return render_page(build_report(result), player=clip)
+    return render_page(build_report(result), player=build_player(clip))
 
 
 def place_of(page, vertex):
@@ -358,7 +359,7 @@ def symmetric(tmp_path_factory, animation, write_obj):
 
 
 def test_a_symmetric_cage_is_posed_on_both_sides(pose, symmetric, tmp_path):
-    page = pose(render_result_page(symmetric, build_report(symmetric)))
+    page = pose(render_result_page(symmetric, build_report(symmetric), load_player(symmetric)))
     page.get_by_label("Symmetric").check()
     settle(page)
     handles = [
@@ -499,7 +500,7 @@ def test_a_decimated_model_has_the_vertex_numbers_of_its_file(pose, walk, tmp_pa
     clip = load_player_clip(result)
     drawn = section.choose_vertices(clip.binding)[0]
     report = replace(build_report(result), notes=())
-    page = pose(render_page(report, player=clip))
+    page = pose(render_page(report, player=build_player(clip)))
     hand = int(drawn[np.abs(drawn - HAND).argmin()])
     for vertex in drawn[[10, 100, 200]].tolist():
         add_vertex(page, vertex, "pin")

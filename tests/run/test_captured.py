@@ -26,6 +26,7 @@ from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result import placed_path, read_cages, read_result, smoothed_path
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, SettingError
+from cageik_cli.view.player.section import load_player
 from tests.corruptions import corrupt
 from tests.listeners import Listener
 
@@ -114,7 +115,7 @@ def test_rejected_vertices_are_counted_everywhere(walker, make):
     text = format_text(report)
     assert f"most in {report.kept.most_rejected_frame}" in text
     assert "over what was not rejected" in text
-    page = render_result_page(result, report)
+    page = render_result_page(result, report, load_player(result))
     assert "Rejected" in page
     assert "over what was not rejected" in page
     assert record["settings"]["robust"] is True
@@ -145,7 +146,7 @@ def test_missing_pieces_are_left_out(walker, make):
     np.testing.assert_allclose(result.metrics.max_deviation, np.nanmax(errors, axis=1), atol=1e-12)
     assert np.isnan(result.metrics.volume[1:]).all()
     assert np.isfinite(result.metrics.volume[0])
-    page = render_result_page(result, build_report(result))
+    page = render_result_page(result, build_report(result), load_player(result))
     assert "Missing 18" in page
 
 
@@ -389,7 +390,7 @@ def test_filled_gaps_are_read_as_they_were_filled(walker, make):
     report = build_report(result)
     assert report.filled == ("clip.npz[6]",)
     assert "1 frame from those around: clip.npz[6]" in format_text(report)
-    assert "Filled cages of 1 frame come" in render_result_page(result, report)
+    assert "Filled cages of 1 frame come" in render_result_page(result, report, load_player(result))
     plain = make(spoilt, "plain", clip=MISSING, on_bad_frame="skip")
     linear = np.concatenate(list(read_cages(extract(plain), 16)))
     filled = np.concatenate(list(read_cages(result, 16)))

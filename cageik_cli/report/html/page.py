@@ -28,7 +28,7 @@ from cageik_cli.report.figures import (
 )
 from cageik_cli.report.html.fit_section import FitShapes, draw_fit_section, load_fit_shapes
 from cageik_cli.report.html.pictures import draw_pictures
-from cageik_cli.report.html.templating import PLAYER_SCRIPTS, make_data_url, render_template
+from cageik_cli.report.html.templating import PlayerPart, make_data_url, render_template
 from cageik_cli.report.limits import PERCENT, LimitCheck, make_overall_verdict
 from cageik_cli.report.parts import label_vertex, place_vertex, sort_parts
 from cageik_cli.report.plots.error_plot import render_page_plot
@@ -47,8 +47,6 @@ from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary
 from cageik_cli.store.result import Result
 from cageik_cli.util.files import open_input
 from cageik_cli.util.text import format_count
-from cageik_cli.view.player.clip import PlayerClip, load_player_clip
-from cageik_cli.view.player.section import build_player_values
 
 SECTIONS = (
     ("verdict", "Verdict"),
@@ -78,7 +76,7 @@ def render_page(
     poses: PoseSet | None = None,
     shapes: FitShapes | None = None,
     *,
-    player: PlayerClip | None = None,
+    player: PlayerPart | None = None,
     word: Callable[[str], str] = str,
     pixels: int = 360,
 ) -> str:
@@ -90,7 +88,7 @@ def render_page(
         None for a result without weights; the page then has no pictures, and says so.
     shapes : FitShapes, optional
         None for a result that does not hold the weights before a fit.
-    player : PlayerClip, optional
+    player : PlayerPart, optional
         None for a page without a player.
     word : callable
         Puts parameters that the page names into the words of its reader, as in `build_report`.
@@ -104,14 +102,13 @@ def render_page(
     optional = {"regions": report.regions, "fit": fit, "player": player, "parts": report.parts}
     return render_template(
         "page.html.j2",
-        player_scripts=PLAYER_SCRIPTS if player else (),
+        player=player,
         mark=_make_record_mark(digest, pictures is not None, player is not None),
         report=report,
         digest=digest,
         words=words,
         sections=[one for one in SECTIONS if one[0] not in optional or optional[one[0]]],
         fit=fit,
-        player=None if player is None else build_player_values(player),
         badges=_list_badges(report),
         advice=[row for row in list_verdict_rows(report) if row[0] in ("look at", "better")],
         worst=find_worst_frame(report, "rms"),
@@ -215,18 +212,17 @@ def _build_provenance(report: Report) -> dict[str, Any]:
 def render_result_page(
     result: Result,
     report: Report,
-    has_player: bool = True,
+    player: PlayerPart | None = None,
     word: Callable[[str], str] = str,
 ) -> str:
-    """Render the page of a result and its report, with pictures.
+    """Render the page of a result and its report, with pictures if it has weights.
 
-    Without weights a page has neither pictures nor a player. `word` is as in `render_page`.
+    `player` and `word` are as in `render_page`.
     """
     poses = load_poses(result)
     if poses is None:
-        return render_page(report, word=word)
+        return render_page(report, player=player, word=word)
     shapes = load_fit_shapes(result, poses)
-    player = load_player_clip(result) if has_player else None
     return render_page(report, poses, shapes, player=player, word=word)
 
 

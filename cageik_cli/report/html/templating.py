@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import re
-from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -21,53 +21,36 @@ _environment = Environment(
 )
 
 
-PLAYER_SCRIPTS = (
-    "payload",
-    "algebra",
-    "skin",
-    "clip",
-    "colours",
-    "camera",
-    "renderer",
-    "pointers",
-    "selection",
-    "transport",
-    "stage",
-    "controls",
-    "panel",
-    "modes",
-    "timeline",
-    "axes",
-    "parts",
-    "response",
-    "poser",
-    "tracks",
-    "document",
-    "cage_edits",
-    "editor",
-    "handles",
-    "cage_mode",
-    "influence",
-    "start",
-)
-"""Scripts of the player, in the order in which they use each other."""
+@dataclass(frozen=True, slots=True, eq=False)
+class PlayerPart:
+    """What a page that has a player is handed of it.
+
+    Attributes
+    ----------
+    values : dict
+        What the template of its section shows.
+    scripts : tuple of str
+        Texts of its scripts, in the order in which they use each other.
+    """
+
+    values: dict[str, Any]
+    scripts: tuple[str, ...]
 
 
-def render_template(template: str, *, player_scripts: Sequence[str] = (), **values: Any) -> str:
+def render_template(template: str, *, player: PlayerPart | None = None, **values: Any) -> str:
     """Render a page from a template and its values.
 
     All values are escaped. The page's security policy allows only the script of this digest. With
-    `player_scripts`, names of scripts of the player, it has these too, and the player's style.
+    a player it has its scripts and its style, too.
     """
-    styles = ["style.css"]
-    script = _join_scripts(tuple(player_scripts))
-    if player_scripts:
-        styles.append("player.css")
+    styles = ["style.css", *(["player.css"] if player else [])]
+    script = _join_scripts(player.scripts if player else ())
     return _environment.get_template(template).render(
         style="".join(map(_read_template, styles)),
         script=script,
         script_digest=_compute_policy_digest(script),
         generator=f"cageik {__version__}",
+        player=player.values if player else None,
         **values,
     )
 
@@ -75,9 +58,7 @@ def render_template(template: str, *, player_scripts: Sequence[str] = (), **valu
 @cache
 def _join_scripts(player_scripts: tuple[str, ...]) -> str:
     """Return the script of a page with these scripts of the player; all pages share it."""
-    names = [f"player/{name}.js" for name in player_scripts]
-    shortened = [shorten_script(_read_template(name)) for name in names]
-    return "".join([_read_template("script.js"), *shortened])
+    return "".join([_read_template("script.js"), *map(shorten_script, player_scripts)])
 
 
 def make_data_url(content: bytes, kind: str) -> str:

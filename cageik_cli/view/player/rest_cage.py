@@ -4,7 +4,7 @@ import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.report.html.templating import PLAYER_SCRIPTS, render_template
+from cageik_cli.report.html.templating import PlayerPart, render_template
 from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
@@ -13,8 +13,10 @@ from cageik_cli.view.player.compression import Predictor, decimate, pack_arrays
 from cageik_cli.view.player.section import (
     MAX_DRAWN_VERTICES,
     MAX_WEIGHTS,
+    PLAYER_SCRIPTS,
     build_player_values,
     pack_skin,
+    read_scripts,
 )
 
 REST_SCRIPTS = ("apply", "cage_mesh", "rest_mode")
@@ -54,13 +56,13 @@ def render_rest_cage_page(clip: PlayerClip, apply_url: str, cage: str) -> str:
         The JSON of the cage to begin with.
     """
     *scripts, start = (name for name in PLAYER_SCRIPTS if name not in POSE_SCRIPTS)
+    values = build_player_values(clip, apply_url)
+    values |= {"is_app": True, "title": clip.title, "mode": "rest"}
+    values |= {"panels": REST_PANELS, "modes": REST_MODES}
     return render_template(
         "view.html.j2",
-        player_scripts=(*scripts, *REST_SCRIPTS, start),
+        player=PlayerPart(values, read_scripts((*scripts, *REST_SCRIPTS, start))),
         words=choose_vocabulary(None),
-        player=build_player_values(clip, apply_url)
-        | {"is_app": True, "title": clip.title, "mode": "rest"}
-        | {"panels": REST_PANELS, "modes": REST_MODES},
         title=clip.title,
         is_applied=True,  # checks and weights are asked for, too
         handles="",

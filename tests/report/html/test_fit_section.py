@@ -13,6 +13,7 @@ from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.store.result import read_binding
+from cageik_cli.view.player.section import load_player
 from tests.report.html.test_pictures import PIXELS, open_png
 from tests.report.markup import find_faults, parse_page
 from tests.shapes import box, quad_box
@@ -172,6 +173,6 @@ def test_a_result_without_a_fit_has_nothing_to_compare(closed):
 
 @pytest.mark.slow
 def test_a_fitted_result_has_its_section(fitted, report):
-    page = render_result_page(fitted, report)
+    page = render_result_page(fitted, report, load_player(fitted))
     assert len(list(parse_page(page).by_id("fit").all("img"))) == 12
     assert find_faults(page) == []

@@ -12,11 +12,11 @@ from jinja2 import DictLoader, UndefinedError
 
 from cageik_cli.report.html import templating
 from cageik_cli.report.html.templating import (
-    PLAYER_SCRIPTS,
     make_data_url,
     render_template,
     shorten_script,
 )
+from cageik_cli.view.player.section import PLAYER_SCRIPTS
 from tests.report.markup import parse_page
 
 

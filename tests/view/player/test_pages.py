@@ -11,11 +11,10 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.html.page import render_page, render_result_page
-from cageik_cli.report.html.templating import PLAYER_SCRIPTS
 from cageik_cli.view.player import section
 from cageik_cli.view.player.clip import make_single_pose
 from cageik_cli.view.player.rest_cage import REST_SCRIPTS, render_rest_cage_page
-from cageik_cli.view.player.section import render_view_page
+from cageik_cli.view.player.section import PLAYER_SCRIPTS, build_player, render_view_page
 from tests.report.markup import find_faults, parse_page
 from tests.shapes import ball, box
 from tests.view.player.rebuild import unpack_payload
@@ -25,7 +24,7 @@ MAX_SCRIPT_BYTES = 90_000
 
 @pytest.fixture(scope="module")
 def page(report, poses, clip):
-    return render_page(report, poses, player=clip, pixels=8)
+    return render_page(report, poses, player=build_player(clip), pixels=8)
 
 
 def test_the_player_follows_the_verdict(page):
@@ -82,17 +81,17 @@ def test_every_script_of_the_player_is_in_the_page(page):
 
 
 def test_the_same_result_gives_the_same_bytes(page, report, poses, clip):
-    assert render_page(report, poses, player=clip, pixels=8) == page
+    assert render_page(report, poses, player=build_player(clip), pixels=8) == page
 
 
 def test_without_a_player_nothing_of_it_is_there(closed, report):
-    page = render_result_page(closed.result, report, has_player=False)
+    page = render_result_page(closed.result, report)
     assert "player" not in page
 
 
 def test_what_is_left_out_is_said(report, clip, monkeypatch):
     monkeypatch.setattr(section, "MAX_DRAWN_VERTICES", 10)
-    page = parse_page(render_page(report, player=clip)).by_id("player").text
+    page = parse_page(render_page(report, player=build_player(clip))).by_id("player").text
     drawn = len(section.choose_vertices(clip.binding)[0])
     assert f"The player draws {drawn} of 18 vertices" in page
 
