@@ -27,10 +27,7 @@ from cageik_cli.fit.systems import SurfaceLaplacian
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.rigs.influences import Influences
-from cageik_cli.rigs.merging import JointTree, merge_joints
-from cageik_cli.rigs.turning import fit_turning
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.threads import OrderedMap, limit_blas_threads
 
@@ -69,6 +66,11 @@ class Fitter:
     max_rounds : int
         Rounds of weights and cages by turns.
 
+    Attributes
+    ----------
+    cage_solve : CageSolve
+        Solves cages, and measures errors, with the weights before the fit or others.
+
     Raises
     ------
     CageError
@@ -94,7 +96,7 @@ class Fitter:
         self._memory, self._jobs, self._max_rounds = memory, jobs, max_rounds
         _check_freedom(binding, self._settings)
         weights = drop_unused_vertices(vertex_weights, binding.rest)
-        self._cage_solve = CageSolve(binding, self._solve, weights)
+        self.cage_solve = CageSolve(binding, self._solve, weights)
         self._problem = WeightProblem(
             # A change of low rank is one of the binding's own weights, which a receiver computes.
             rest_weights=(
@@ -131,8 +133,8 @@ class Fitter:
             # Before the fit to all frames, whose weights would be one more large array meanwhile.
             blocks, third = self._measure_unseen(sample, strength, is_strength_chosen=bool(curve))
             fitted = self.fit_sample(sample, strength)
-            measured = self._cage_solve.compare(fitted.weights, sample.target)
-            solver = self._cage_solve.prepare(self._binding.weights)
+            measured = self.cage_solve.compare(fitted.weights, sample.target)
+            solver = self.cage_solve.prepare(self._binding.weights)
             report = FitReport(
                 regularization=strength,
                 smoothness=self._settings.smoothness,
@@ -157,7 +159,7 @@ class Fitter:
         """Sample the frames of `clips`."""
         return sample_frames(
             clips,
-            self._cage_solve.prepare(self._binding.weights),
+            self.cage_solve.prepare(self._binding.weights),
             memory=self._memory,
             jobs=self._jobs,
             skips_bad_frames=skips_bad_frames,
@@ -165,59 +167,20 @@ class Fitter:
 
     def fit_sample(self, sample: Sample, strength: float) -> Binding:
         """Fit the weights to a sample, with a given regularization, and do not measure them."""
-        alternator = self._make_alternator(strength, self._count_threads(sample))
-        return alternator.fit(sample.target, self._settings)
+        return self.make_alternator(sample, strength).fit(sample.target, self._settings)
 
-    def group_joints(self, sample: Sample) -> JointTree:
-        """Find in which order the joints of the binding's weights are merged best."""
-        solver, target = self._cage_solve.prepare(self._binding.weights), sample.target
-        return JointTree(
-            self._binding.weights * (solver.vertex_weights > 0)[:, None],
-            solver.rest,
-            target.blocks(),
-            np.sqrt(target.shares[target.frames]),
-            self._binding.cage.edges.ends,
-        )
+    def make_alternator(self, sample: Sample, strength: float) -> Alternator:
+        """Make what fits to a sample with a given regularization, in the threads there is room for.
 
-    def limit_influences(
-        self,
-        sample: Sample,
-        strength: float,
-        count: int,
-        *,
-        turns: bool = False,
-        joints: Integers | None = None,
-    ) -> Binding:
-        """Fit weights with at most `count` influences to frames that the binding's weights give.
-
-        They are for joints that only move, or for those that turn, too. These may be fewer than
-        the vertices of the cage, each of which becomes one of `joints`, (n,).
+        It also fits weights for joints, see `rigs.turning`.
         """
-        alternator = self._make_alternator(strength, self._count_threads(sample))
-        if joints is not None:
-            merged = merge_joints(self._binding, joints)
-            problem = replace(alternator.problem, rest_weights=merged.weights)
-            cage_solve, weights = replace(self._cage_solve, binding=merged), merged.weights
-            for most in (2 * count, count):  # else the strongest before the fit would decide
-                form = Influences.from_dense(weights, most)
-                weights = fit_turning(problem, cage_solve, sample.target, form)
-            return replace(merged, weights=weights)
-        limited = alternator.fit_influences(sample.target, self._binding.weights, count)
-        if not turns:
-            return limited
-        weights = fit_turning(
-            alternator.problem,
-            self._cage_solve,
-            sample.target,
-            Influences.from_dense(limited.weights, count),
-        )
-        return replace(limited, weights=weights)
+        return self._make_alternator(strength, self._count_threads(sample))
 
     def _make_alternator(self, strength: float, jobs: int, most: int | None = None) -> Alternator:
         """Make what fits with `jobs` threads, in `most` rounds if that is fewer."""
         problem = replace(self._problem, regularization=strength, jobs=jobs)
         rounds = self._max_rounds if most is None else min(most, self._max_rounds)
-        return Alternator(problem, self._cage_solve, rounds)
+        return Alternator(problem, self.cage_solve, rounds)
 
     def _count_threads(self, sample: Sample) -> int:
         """Count the threads of a fit that there is memory for beside the sample; one at least."""
@@ -295,7 +258,7 @@ class Fitter:
                 return None
             seen = sample.target.take(np.flatnonzero(~is_held))
             held_out = sample.target.take(np.flatnonzero(is_held))
-            return self._cage_solve.compare(fit(seen).weights, held_out)
+            return self.cage_solve.compare(fit(seen).weights, held_out)
 
         fits = self._count_fits(sample)
         with OrderedMap(compare, cases, fits, fits) as found:

@@ -15,10 +15,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from cageik_cli.fit.alternate import CageSolve
+from cageik_cli.fit.alternate import Alternator, CageSolve
 from cageik_cli.fit.problem import ROUNDING_TOL, Displacements, WeightProblem
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.rigs.influences import Influences, solve_rows
 from cageik_cli.rigs.joints import MAX_ROW_ENTRIES, NORMAL_LENGTH, JointSolver
+from cageik_cli.rigs.merging import JointTree, merge_joints
 from cageik_cli.util.arrays import Floats, Integers
 
 TURNING_REGULARIZATION = 0.01
@@ -26,6 +28,48 @@ TURNING_REGULARIZATION = 0.01
 
 TURNING_ROUNDS = 5
 """Joints and weights take so many rounds; after three, the error is 3 to 15 % larger."""
+
+
+def group_joints(cage_solve: CageSolve, target: Displacements) -> JointTree:
+    """Find in which order the joints of the weights before the fit are merged best."""
+    binding = cage_solve.binding
+    solver = cage_solve.prepare(binding.weights)
+    return JointTree(
+        binding.weights * (solver.vertex_weights > 0)[:, None],
+        solver.rest,
+        target.blocks(),
+        np.sqrt(target.shares[target.frames]),
+        binding.cage.edges.ends,
+    )
+
+
+def limit_influences(
+    alternator: Alternator,
+    target: Displacements,
+    count: int,
+    *,
+    turns: bool = False,
+    joints: Integers | None = None,
+) -> Binding:
+    """Fit weights with at most `count` influences to frames that the weights before give.
+
+    They are for joints that only move, or for those that turn, too. These may be fewer than the
+    vertices of the cage, each of which becomes one of `joints`, (n,).
+    """
+    problem, cage_solve = alternator.problem, alternator.cage_solve
+    if joints is not None:
+        merged = merge_joints(cage_solve.binding, joints)
+        problem = replace(problem, rest_weights=merged.weights)
+        cage_solve, weights = replace(cage_solve, binding=merged), merged.weights
+        for most in (2 * count, count):  # else the strongest before the fit would decide
+            form = Influences.from_dense(weights, most)
+            weights = fit_turning(problem, cage_solve, target, form)
+        return replace(merged, weights=weights)
+    limited = alternator.fit_influences(target, cage_solve.binding.weights, count)
+    if not turns:
+        return limited
+    form = Influences.from_dense(limited.weights, count)
+    return replace(limited, weights=fit_turning(problem, cage_solve, target, form))
 
 
 def fit_turning(

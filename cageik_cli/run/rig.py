@@ -27,6 +27,7 @@ from cageik_cli.method.weights.binding import (
 )
 from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
 from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
+from cageik_cli.rigs.turning import group_joints, limit_influences
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context
@@ -215,12 +216,13 @@ def _fit_rig(
             fitter = Fitter(binding, settings, solve=solve, memory=memory, jobs=jobs)
             sample = fitter.sample([target])
             if needs_tree:
-                tree = fitter.group_joints(sample)
+                tree = group_joints(fitter.cage_solve, sample.target)
                 labels = tree.cut(joints) if isinstance(joints, int) else None
                 limbs = tree.group_limbs(labels)
             if influences is not None:
-                held = fitter.limit_influences(
-                    sample, DEFAULT_REGULARIZATION, influences, turns=turns, joints=labels
+                alternator = fitter.make_alternator(sample, DEFAULT_REGULARIZATION)
+                held = limit_influences(
+                    alternator, sample.target, influences, turns=turns, joints=labels
                 )
         weights = compute_skin_weights(held.weights)
         solver = DualLaplacianSolver(_bind_skin(held, weights), solve)

@@ -45,6 +45,7 @@ from cageik_cli.method.solve.alignment import best_motions
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
+from cageik_cli.rigs.turning import group_joints, limit_influences
 from cageik_cli.util.threads import limit_blas_threads
 
 CLIPS = ("samba", "horse-gallop", "chickenCrossing")
@@ -99,10 +100,11 @@ class Model:
         """A binding of few influences, and the part of the body of each joint."""
         fitter = Fitter(self.binding, FitSettings(influences=influences))
         sample = fitter.sample([self.clip])
-        tree = fitter.group_joints(sample) if turns else None
+        tree = group_joints(fitter.cage_solve, sample.target) if turns else None
         joints = None if count is None else tree.cut(count)
-        limited = fitter.limit_influences(
-            sample, DEFAULT_REGULARIZATION, influences, turns=turns, joints=joints
+        alternator = fitter.make_alternator(sample, DEFAULT_REGULARIZATION)
+        limited = limit_influences(
+            alternator, sample.target, influences, turns=turns, joints=joints
         )
         return limited, tree.group_parts(joints) if turns else None
 
