@@ -408,7 +408,8 @@ class ClipContext:
         """Open the clip, which must have the same frames as at the start of the run."""
         settings = self.settings
         # Any frame will do as rest pose: that of the run is in the solver.
-        scene = CommonScene.of_run(settings)
+        beside = settings.rest, settings.cage
+        scene = CommonScene.of_clip(settings.scene, settings.given_in, beside)
         clip = replace(settings.clip, fps=settings.scene.fps)
         sequence, *_ = open_clip_and_choose_rest(settings.frames, clip, settings.rest, 0, scene)
         if sequence.names != self._names:

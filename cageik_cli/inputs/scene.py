@@ -4,10 +4,11 @@ Where both sides state unit and up axis, meshes and clips are converted. Where o
 are taken as they stand, and refused if they then fit another unit or up axis.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from functools import partial
 from math import isclose
+from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.pose_difference import PoseDifference, find_pose_difference
-from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import FormatError, InputError
 from cageik_cli.util.progress import locate_note, mark_warning
@@ -69,14 +69,14 @@ class CommonScene:
         self._given_in, self._is_shared, self._can_restate = given_in, is_shared, can_restate
 
     @staticmethod
-    def of_run(settings: ExtractSettings) -> "CommonScene":
-        """Return the scene of a clip that is extracted, as far as the settings say it."""
-        return CommonScene(
-            settings.scene,
-            settings.given_in,
-            is_shared=None not in (settings.rest, settings.cage),
-            can_restate=True,
-        )
+    def of_clip(
+        stated: SceneHints, given_in: SceneHints, beside: Collection[Path | None]
+    ) -> "CommonScene":
+        """Return the scene of a clip, as far as the user says it.
+
+        `beside` are the meshes that are given beside the clip; None for those that are not.
+        """
+        return CommonScene(stated, given_in, is_shared=None not in beside, can_restate=True)
 
     def state(self, hints: SceneHints) -> None:
         """Take what a clip states, where nothing is stated yet."""

@@ -132,7 +132,8 @@ class Extraction:
         self._run_blocks = run_blocks
         self.existing: Result | None = None
         self.replaced = ""
-        self.common = CommonScene.of_run(settings)
+        beside = settings.rest, settings.cage
+        self.common = CommonScene.of_clip(settings.scene, settings.given_in, beside)
         self.cage: LoadedMesh | None = None
         self._offer: Offer | None = None
         self.vertex_weights = VertexWeights(None)
