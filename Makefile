@@ -119,7 +119,7 @@ check-script:  ## Check the types of the scripts of pages; needs npm
 	@command -v npm >/dev/null || { echo "npm: no such program; install Node.js, which has it" >&2; exit 1; }
 	npm install --silent --no-audit --no-fund --no-save --prefix build/script typescript@7.0.2
 	build/script/node_modules/.bin/tsc $(SCRIPT_TYPES) \
-		$(addprefix cageik_cli/report/html/templates/, player.d.ts player/*.js)
+		$(addprefix cageik_cli/view/templates/, player.d.ts player/*.js)
 
 format: $(READY)  ## Format the code and sort the imports
 	$(BIN)/ruff format .

@@ -6,7 +6,7 @@ from typing import Any
 from urllib.parse import quote
 
 from cageik_cli.report.figures import ReportSummary, format_change, format_percent
-from cageik_cli.report.html.templating import make_png_url, render_template
+from cageik_cli.report.html.templating import REPORT_TEMPLATES, make_png_url
 from cageik_cli.report.limits import make_overall_verdict
 from cageik_cli.report.overview import ClipEntry, Curve, Overview, describe_poor
 from cageik_cli.report.record import Report
@@ -33,7 +33,7 @@ def render_index(overview: Overview) -> str:
         ("Poor", poor, "warn"),
         ("OK", sum(not entry.states for entry in done), "good"),
     ]
-    return render_template(
+    return REPORT_TEMPLATES.render_page(
         "index.html.j2",
         total=len(overview.clips),
         verdict=_make_batch_verdict(len(failed), over, poor, len(overview.clips)),

@@ -28,7 +28,7 @@ from cageik_cli.report.figures import (
 )
 from cageik_cli.report.html.fit_section import FitShapes, draw_fit_section, load_fit_shapes
 from cageik_cli.report.html.pictures import draw_pictures
-from cageik_cli.report.html.templating import PlayerPart, make_data_url, render_template
+from cageik_cli.report.html.templating import REPORT_TEMPLATES, PlayerPart, make_data_url
 from cageik_cli.report.limits import PERCENT, LimitCheck, make_overall_verdict
 from cageik_cli.report.parts import label_vertex, place_vertex, sort_parts
 from cageik_cli.report.plots.error_plot import render_page_plot
@@ -100,7 +100,7 @@ def render_page(
     pictures = None if poses is None else draw_pictures(poses, words, pixels)
     fit = None if poses is None else draw_fit_section(report, poses, shapes, pixels)
     optional = {"regions": report.regions, "fit": fit, "player": player, "parts": report.parts}
-    return render_template(
+    return REPORT_TEMPLATES.render_page(
         "page.html.j2",
         player=player,
         mark=_make_record_mark(digest, pictures is not None, player is not None),

@@ -4,19 +4,18 @@ import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.report.html.templating import PlayerPart, render_template
-from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.view.player.clip import PlayerClip, make_single_pose
 from cageik_cli.view.player.compression import Predictor, decimate, pack_arrays
+from cageik_cli.view.player.scripts import PLAYER_SCRIPTS
 from cageik_cli.view.player.section import (
     MAX_DRAWN_VERTICES,
     MAX_WEIGHTS,
-    PLAYER_SCRIPTS,
+    VIEW_TEMPLATES,
     build_player_values,
     pack_skin,
-    read_scripts,
+    render_player,
 )
 
 REST_SCRIPTS = ("apply", "cage_mesh", "rest_mode")
@@ -59,10 +58,9 @@ def render_rest_cage_page(clip: PlayerClip, apply_url: str, cage: str) -> str:
     values = build_player_values(clip, apply_url)
     values |= {"is_app": True, "title": clip.title, "mode": "rest"}
     values |= {"panels": REST_PANELS, "modes": REST_MODES}
-    return render_template(
+    return VIEW_TEMPLATES.render_page(
         "view.html.j2",
-        player=PlayerPart(values, read_scripts((*scripts, *REST_SCRIPTS, start))),
-        words=choose_vocabulary(None),
+        player=render_player(values, (*scripts, *REST_SCRIPTS, start)),
         title=clip.title,
         is_applied=True,  # checks and weights are asked for, too
         handles="",

@@ -7,8 +7,6 @@ The bar of time: how far off each frame is, as paths of an SVG, and where the wo
 
 import math
 from dataclasses import replace
-from functools import cache
-from importlib.resources import files
 from itertools import pairwise
 from typing import Any
 
@@ -21,7 +19,7 @@ from cageik_cli.geometry.parts import get_parts
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.pose.poser import DEFAULT_POSE_ALPHA
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.report.html.templating import PlayerPart, render_template
+from cageik_cli.report.html.templating import PlayerPart, Templates
 from cageik_cli.report.parts import measure_rms
 from cageik_cli.report.render.shading import (
     COLOUR_SCALE,
@@ -48,6 +46,7 @@ from cageik_cli.view.player.compression import (
     pack_arrays,
     round_weights,
 )
+from cageik_cli.view.player.scripts import PLAYER_SCRIPTS, read_scripts
 
 MAX_DRAWN_VERTICES = 50_000
 """A larger model is decimated."""
@@ -65,37 +64,7 @@ MIN_ERROR_STEP = 1e-5
 """Smallest step of stored errors, in diagonals: smaller errors are not seen."""
 
 
-PLAYER_SCRIPTS = (
-    "payload",
-    "algebra",
-    "skin",
-    "clip",
-    "colours",
-    "camera",
-    "renderer",
-    "pointers",
-    "selection",
-    "transport",
-    "stage",
-    "controls",
-    "panel",
-    "modes",
-    "timeline",
-    "axes",
-    "parts",
-    "response",
-    "poser",
-    "tracks",
-    "document",
-    "cage_edits",
-    "editor",
-    "handles",
-    "cage_mode",
-    "influence",
-    "start",
-)
-"""Scripts of the player, in the order in which they use each other."""
-
+VIEW_TEMPLATES = Templates("cageik_cli.view", "cageik_cli.report.html")
 
 MODES = {"look": "Look", "pose": "Pose", "cage": "Cage", "influence": "Influence"}
 """What pointers on the picture can do: names of modes, and of their buttons."""
@@ -105,22 +74,27 @@ PANELS = ("pose", "cage", "influence", "look", "parts")
 """Groups of the side panel, from top to bottom: names of templates."""
 
 
-def build_player(clip: PlayerClip) -> PlayerPart:
-    """Build what the page of a report is handed of a player."""
-    return PlayerPart(build_player_values(clip), read_scripts(PLAYER_SCRIPTS))
+def build_player(clip: PlayerClip, edited_from: str | None = None) -> PlayerPart:
+    """Build the player that the page of a report is handed."""
+    return render_player(build_player_values(clip), PLAYER_SCRIPTS, edited_from)
+
+
+def render_player(
+    values: dict[str, Any], scripts: tuple[str, ...], edited_from: str | None = None
+) -> PlayerPart:
+    """Render the section of a player from its values, with scripts by their names."""
+    words = choose_vocabulary(edited_from)
+    return PlayerPart(
+        VIEW_TEMPLATES.render("player.html.j2", player=values, words=words),
+        VIEW_TEMPLATES.read("player.css"),
+        read_scripts(scripts),
+    )
 
 
 def load_player(result: Result) -> PlayerPart | None:
     """Read what the page of a report is handed of a player; None of a result without weights."""
     clip = load_player_clip(result)
-    return None if clip is None else build_player(clip)
-
-
-@cache
-def read_scripts(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Read scripts of the player."""
-    folder = files("cageik_cli.report.html") / "templates" / "player"
-    return tuple((folder / f"{name}.js").read_text("utf-8") for name in names)
+    return None if clip is None else build_player(clip, result.edited_from)
 
 
 def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]:
@@ -187,10 +161,9 @@ def render_view_page(
     *scripts, start = PLAYER_SCRIPTS
     values = build_player_values(clip, apply_url)
     values |= {"is_app": True, "title": clip.title or "Model in its cage"}
-    return render_template(
+    return VIEW_TEMPLATES.render_page(
         "view.html.j2",
-        player=PlayerPart(values, read_scripts((*scripts, "apply", start))),
-        words=choose_vocabulary(edited_from),
+        player=render_player(values, (*scripts, "apply", start), edited_from),
         title=clip.title,
         is_applied=bool(apply_url),
         # In JSON, "<" is only in strings; so written, it cannot end the element that holds it.

@@ -75,7 +75,7 @@ def test_the_scripts_of_pages_of_view_are_small(report, clip):
 
 
 def test_every_script_of_the_player_is_in_the_page(page):
-    folder = files("cageik_cli.report.html") / "templates" / "player"
+    folder = files("cageik_cli.view") / "templates" / "player"
     names = {one.name.removesuffix(".js") for one in folder.iterdir()}
     assert names == {*PLAYER_SCRIPTS, *REST_SCRIPTS}
 

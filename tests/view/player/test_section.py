@@ -87,7 +87,7 @@ def test_a_model_far_from_the_origin_is_as_precise(clip):
 
 @pytest.mark.parametrize("record", ["Header", "Arrays"])
 def test_the_types_of_the_script_name_what_a_page_holds(clip, record):
-    types = (files("cageik_cli.report.html") / "templates" / "player.d.ts").read_text()
+    types = (files("cageik_cli.view") / "templates" / "player.d.ts").read_text()
     body = types.split(f"interface {record} {{")[1].split("\n}")[0]
     fields = dict(re.findall(r"^  (\w+)(\??):", body, re.MULTILINE))
     header, arrays = unpack_payload(build_payload(clip))
