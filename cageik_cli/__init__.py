@@ -43,7 +43,8 @@ if TYPE_CHECKING:
         read_result,
     )
     from cageik_cli.run.cage import build_cage
-    from cageik_cli.run.fit import FittedWeights, fit_weights
+    from cageik_cli.run.fit import fit_weights
+    from cageik_cli.solver.fitting.fitted import FittedWeights
     from cageik_cli.store.result import Result
     from cageik_cli.util.errors import CageikError
     from cageik_cli.view.show import ShownPage, show
@@ -89,7 +90,7 @@ _HOMES = {
     "CageikError": "util.errors",
     "Diagnosis": "cages.check.diagnosis",
     "FitSettings": "fit.settings",
-    "FittedWeights": "run.fit",
+    "FittedWeights": "solver.fitting.fitted",
     "HarmonicField": "method.points.field",
     "MeshSequence": "formats.base.sequence",
     "PointCloud": "geometry.points",

@@ -1,6 +1,7 @@
 """Binding of a model to its cage: check the cage, compute the weights, check the weights."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from cageik_cli.cages.check.enclosure import Placement, check_enclosure
 from cageik_cli.cages.check.quality import find_room_faults, find_thin_parts
@@ -58,7 +59,6 @@ def bind(
     weights = _compute_weights(placement, settings, jobs, progress)
     warnings = _list_weight_warnings(weights, settings)
     warnings += tuple(found.sentence for found in find_thin_parts(placement.cage))
-    room_faults = _list_room_faults(placement.cage, rest)
     binding = Binding(
         rest=rest,
         cage=placement.cage,
@@ -68,8 +68,6 @@ def bind(
         estimated_error=weights.error,
         projected=len(placement.outside_indices),
         notes=placement.notes + tuple(map(mark_warning, warnings)),
-        cage_warnings=() if len(placement.outside_indices) else room_faults,
-        has_loose_cage=bool(room_faults) if len(rest.faces) else None,
     )
     if not weights.error <= MAX_ESTIMATED_ERROR:
         raise NumericalError(
@@ -103,14 +101,33 @@ def _compute_weights(
     return harmonic_weights(cage, points, settings.accuracy, jobs, progress)
 
 
-def _list_room_faults(cage: TriMesh, rest: TriMesh) -> tuple[str, ...]:
-    """Return what is poor about the room in the cage, unless the model has points only.
+@dataclass(frozen=True, slots=True, eq=False)
+class JudgedBinding:
+    """A binding, and how the room in its cage is judged.
+
+    Attributes
+    ----------
+    cage_warnings : tuple of str
+        What is poor about the cage if it is this model's own: not for other meshes in it.
+    has_loose_cage : bool, optional
+        Whether the cage has far too much room for this model; None if it has points only.
+    """
+
+    binding: Binding
+    cage_warnings: tuple[str, ...]
+    has_loose_cage: bool | None
+
+
+def judge_binding(binding: Binding) -> JudgedBinding:
+    """Judge the room in the cage of a binding.
 
     `cageik check` looks more thoroughly; this takes a hundredth of the time of the weights.
     """
-    if not len(rest.faces):
-        return ()
-    return tuple(finding.sentence for finding in find_room_faults(cage, rest, False))
+    if not len(binding.rest.faces):
+        return JudgedBinding(binding, (), None)
+    found = find_room_faults(binding.cage, binding.rest, False)
+    faults = tuple(finding.sentence for finding in found)
+    return JudgedBinding(binding, () if binding.projected else faults, bool(faults))
 
 
 def _list_weight_warnings(weights: Weights, settings: BindSettings) -> tuple[str, ...]:

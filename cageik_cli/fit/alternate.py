@@ -148,8 +148,18 @@ class Alternator:
     max_rounds: int
     min_gain: float = 0.003
 
-    def fit(self, target: Displacements, settings: FitSettings) -> Binding:
-        """Return the binding with weights of the form that the settings ask for."""
+    def fit(
+        self, target: Displacements, settings: FitSettings
+    ) -> tuple[Binding, Correction | None]:
+        """Fit weights of the form that the settings ask for.
+
+        Returns
+        -------
+        Binding
+            With these weights.
+        Correction or None
+            Of a fit of low rank, what it has added to the weights before.
+        """
         target = target.compress(self.problem.vertex_weights)
         if settings.rank is not None:
             return self._fit_low_rank(target, settings.rank)
@@ -157,9 +167,9 @@ class Alternator:
             strength = min(self.problem.regularization, MAX_START_REGULARIZATION)
             close = replace(self, problem=replace(self.problem, regularization=strength))
             whole = self.problem.add_change(close._fit_whole(target)[0])
-            return self.fit_influences(target, whole, settings.influences)
+            return self.fit_influences(target, whole, settings.influences), None
         change, _ = self._fit_whole(target)
-        return self._bind(self.problem.add_change(change))
+        return self._bind(self.problem.add_change(change)), None
 
     def fit_influences(self, target: Displacements, whole: Floats, count: int) -> Binding:
         """Return the binding with at most `count` influences, from weights (m, n) that fit well."""
@@ -169,24 +179,20 @@ class Alternator:
         found, _ = self._alternate(target, start, step, lambda form: form.to_dense(n))
         return self._bind(found.to_dense(n), has_offsets=True)
 
-    def _fit_low_rank(self, target: Displacements, rank: int) -> Binding:
+    def _fit_low_rank(self, target: Displacements, rank: int) -> tuple[Binding, Correction]:
         """Fit weights whose change has at most `rank`, from the change that has any rank."""
         whole, motion = self._fit_whole(target)
         start = self.problem.truncate(motion, whole, rank)
         change, _ = self._alternate(target, start, self.problem.refit, self.problem.add_change)
-        return self._bind(self.problem.add_change(change), low_rank=change)
+        return self._bind(self.problem.add_change(change)), change
 
     def _fit_whole(self, target: Displacements) -> tuple[Correction, Motion]:
         """Return the change of all weights, and the motion of the cage for it."""
         start = Correction.none(*self.problem.rest_weights.shape)
         return self._alternate(target, start, self.problem.fit, self.problem.add_change)
 
-    def _bind(
-        self, weights: Floats, low_rank: Correction | None = None, has_offsets: bool = False
-    ) -> Binding:
-        return replace(
-            self.cage_solve.binding, weights=weights, low_rank=low_rank, has_offsets=has_offsets
-        )
+    def _bind(self, weights: Floats, has_offsets: bool = False) -> Binding:
+        return replace(self.cage_solve.binding, weights=weights, has_offsets=has_offsets)
 
     def _alternate(
         self,

@@ -113,7 +113,7 @@ class CarriedChange:
         own, vertices = places.find_vertices(points)
         weights[own] = self._fitted.weights[vertices]
         has_offsets = self._fitted.has_offsets
-        return replace(binding, weights=weights, has_offsets=has_offsets, carried=self)
+        return replace(binding, weights=weights, has_offsets=has_offsets)
 
     def add_gradients_to(self, gradients: Floats, points: Floats) -> None:
         """Add the gradients of the change at points, (m, 3), to those of their weights, (m, n, 3).

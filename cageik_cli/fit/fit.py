@@ -26,7 +26,8 @@ from cageik_cli.fit.settings import (
 from cageik_cli.fit.systems import SurfaceLaplacian
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
-from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.binding import Binding, Correction
+from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.threads import OrderedMap, limit_blas_threads
@@ -111,14 +112,13 @@ class Fitter:
             smoothness=self._settings.smoothness,
         )
 
-    def fit(self, clips: Sequence[FrameReader], skips_bad_frames: bool = False) -> Binding:
+    def fit(self, clips: Sequence[FrameReader], skips_bad_frames: bool = False) -> FittedWeights:
         """Fit the weights to `clips`, and measure them.
 
         Returns
         -------
-        Binding
-            With the fitted weights, the record of the fit, whose clips are not described, and the
-            given binding as the unfitted one.
+        FittedWeights
+            The record of the fit does not describe the clips.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class Fitter:
             strength, curve = self._choose_regularization(sample)
             # Before the fit to all frames, whose weights would be one more large array meanwhile.
             blocks, third = self._measure_unseen(sample, strength, is_strength_chosen=bool(curve))
-            fitted = self.fit_sample(sample, strength)
+            fitted, low_rank = self.fit_sample(sample, strength)
             measured = self.cage_solve.compare(fitted.weights, sample.target)
             solver = self.cage_solve.prepare(self._binding.weights)
             report = FitReport(
@@ -149,11 +149,11 @@ class Fitter:
                 / len(fitted.weights),
                 min_weight=float(fitted.weights.min()),
                 roughness=self._compare_roughness(fitted.weights),
-                fixed_floats=_count_fixed_floats(fitted),
+                fixed_floats=_count_fixed_floats(fitted, low_rank),
                 curve=tuple(curve),
             )
         record = FitRecord(self._settings, self._solve, (), report)
-        return replace(fitted, fit=record, unfitted=self._binding)
+        return FittedWeights(fitted, record, low_rank, self._binding)
 
     def sample(self, clips: Sequence[FrameReader], skips_bad_frames: bool = False) -> Sample:
         """Sample the frames of `clips`."""
@@ -165,8 +165,11 @@ class Fitter:
             skips_bad_frames=skips_bad_frames,
         )
 
-    def fit_sample(self, sample: Sample, strength: float) -> Binding:
-        """Fit the weights to a sample, with a given regularization, and do not measure them."""
+    def fit_sample(self, sample: Sample, strength: float) -> tuple[Binding, Correction | None]:
+        """Fit the weights to a sample, with a given regularization, and do not measure them.
+
+        What is returned is as of `Alternator.fit`.
+        """
         return self.make_alternator(sample, strength).fit(sample.target, self._settings)
 
     def make_alternator(self, sample: Sample, strength: float) -> Alternator:
@@ -242,7 +245,7 @@ class Fitter:
         """
         jobs = max(1, self._count_threads(sample) // self._count_fits(sample))
         alternator = self._make_alternator(strength, jobs, MAX_HELD_OUT_ROUNDS)
-        return is_held, lambda target: alternator.fit(target, self._settings)
+        return is_held, lambda target: alternator.fit(target, self._settings)[0]
 
     def _compare_held_out(
         self, sample: Sample, cases: Sequence[HeldOutCase]
@@ -294,10 +297,10 @@ def _check_freedom(binding: Binding, settings: FitSettings) -> None:
         )
 
 
-def _count_fixed_floats(fitted: Binding) -> int:
+def _count_fixed_floats(fitted: Binding, low_rank: Correction | None) -> int:
     """Count the numbers to store beside cages; of few influences, with places and offsets."""
-    if fitted.low_rank is not None:
-        return fitted.low_rank.columns.size + fitted.low_rank.basis.size
+    if low_rank is not None:
+        return low_rank.columns.size + low_rank.basis.size
     if fitted.has_offsets:
         return 2 * int(np.count_nonzero(fitted.weights)) + fitted.rest.vertices.size
     return fitted.weights.size

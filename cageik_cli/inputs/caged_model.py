@@ -179,7 +179,7 @@ class CagedModel:
     def fit(self) -> FitRecord | None:
         """How the weights were fitted; None if they were not."""
         if self.stored is not None:
-            return self.stored.binding.fit
+            return self.stored.fit
         return None if self.result is None else self.result.fit
 
     def read_reconstruction(self, user: str) -> Reconstruction:
@@ -196,19 +196,19 @@ class CagedModel:
             cage = build_cached(self.model.mesh.mesh, settings, cache, progress)
         return replace(self, cage=cage)
 
-    def bind(self, weights: WeightSettings, progress: ProgressListener) -> Binding:
+    def bind(self, weights: WeightSettings, progress: ProgressListener) -> StoredBinding:
         """Return the weights of the binding; or bind model and cage, and note what changed."""
         if self.stored is not None:
-            return self.stored.binding
+            return self.stored
         rest, cage = self.model.mesh, self.cage
         assert cage is not None
         with progress.stage("bind"), suggest_repair(cage, rest, self.offer):
-            binding = bind_cached(rest, cage, weights, progress).binding
+            stored = bind_cached(rest, cage, weights, progress)
         note_on(progress, self.model.name, *rest.notes)
-        note_on(progress, cage.source["name"], *binding.notes)
+        note_on(progress, cage.source["name"], *stored.binding.notes)
         if self.source is None:
-            return binding
-        return carry_fit(self.source, binding, weights, progress, self.conversion)
+            return stored
+        return carry_fit(self.source, stored, weights, progress, self.conversion)
 
 
 def _hold_meshes(
@@ -239,18 +239,18 @@ def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
 
 def carry_fit(
     source: "CagedModel",
-    binding: Binding,
+    stored: StoredBinding,
     weights: WeightSettings,
     progress: ProgressListener,
     conversion: SceneConversion,
-) -> Binding:
+) -> StoredBinding:
     """Return the weights of another model in the cage of a source, with what a fit has changed.
 
     Parameters
     ----------
     source : CagedModel
         A result or a binding. If its weights are not fitted, nothing changes.
-    binding : Binding
+    stored : StoredBinding
         The computed weights, which are changed in place.
     weights : WeightSettings
         How they were computed.
@@ -263,7 +263,7 @@ def carry_fit(
         When the weights of the source are damaged, or cannot be computed again.
     """
     if source.fit is None:
-        return binding
+        return stored
     found = _find_weights(source, weights, progress)
     if found is None:
         progress.note(
@@ -272,17 +272,18 @@ def carry_fit(
             "to this mesh, which follows the cages less closely; extract it again with them "
             "(`keep_weights=True`)",
         )
-        return binding
+        return stored
     # One thread: the last digits depend on how many.
     with progress.stage("carry"), limit_blas_threads(1):
         fitted, computed = found
         change = CarriedChange(_convert_meshes(fitted, conversion), computed)
-        places = change.locate(binding.rest.vertices)
-        carried = change.add_to(binding, places)
-        distances = places.distances[binding.rest.is_used]
+        rest = stored.binding.rest
+        places = change.locate(rest.vertices)
+        carried = change.add_to(stored.binding, places)
+        distances = places.distances[rest.is_used]
         progress.note("note", _describe_distances(source.path.name, distances))
         progress.note("note", _describe_errors(source, change, fitted, computed))
-    return carried
+    return replace(stored, binding=carried, carried=change)
 
 
 def _find_weights(
@@ -299,7 +300,7 @@ def _find_weights(
         if change is None:
             return None
         computed = _compute_weights(source, replace(weights, bind=held), progress)
-        fitted = replace(computed, weights=change.add_to(computed.weights), fit=source.fit)
+        fitted = replace(computed, weights=change.add_to(computed.weights))
         if asked.coordinates == held.coordinates and asked.accuracy == held.accuracy:
             return fitted, computed.weights
     bind = BindSettings(asked.coordinates, asked.accuracy, held.outside)
@@ -344,8 +345,8 @@ def _describe_errors(
     result = source.result
     # An edited result keeps how far it was edited, and one without weights keeps nothing.
     if result is None or result.edited_from is not None or not has_weights(result):
-        assert fitted.fit is not None
-        found = fitted.fit.report.fitted
+        assert source.fit is not None
+        found = source.fit.report.fitted
         return (
             "at its own vertices, carried weights are the fitted ones; on the frames of the fit, "
             f"their error is {format_percent(found.fitted.rms)} % of the diagonal, that of "

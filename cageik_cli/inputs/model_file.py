@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.fit.carried import CarriedChange
 from cageik_cli.formats.base.files import decompress, describe_source, file_stem, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.find_files import split_member
@@ -235,14 +236,23 @@ class PointReconstruction:
 
     @staticmethod
     def prepare(
-        binding: Binding, oriented: Oriented, *, memory: int, jobs: int, progress: ProgressListener
+        binding: Binding,
+        oriented: Oriented,
+        *,
+        memory: int,
+        jobs: int,
+        progress: ProgressListener,
+        carried: CarriedChange | None = None,
     ) -> "PointReconstruction":
-        """Compute the gradients of the weights of points; raises as `PointMotion`."""
+        """Compute the gradients of the weights of points; raises as `PointMotion`.
+
+        `carried` is what was added to the weights from the fit of another model.
+        """
+        add = None if carried is None else carried.add_gradients_to
         with progress.stage("gradients"):
             room = max(0, memory - binding.weights.nbytes)
-            return PointReconstruction(
-                PointMotion(binding, oriented, room, jobs, progress.update), jobs
-            )
+            motion = PointMotion(binding, oriented, room, jobs, progress.update, add)
+            return PointReconstruction(motion, jobs)
 
     def stream_rows(
         self,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.cages.bind import bind
+from cageik_cli.cages.bind import JudgedBinding, bind, judge_binding
 from cageik_cli.cages.check.enclosure import refuse_other_unit
 from cageik_cli.cages.check.faults import validate_cage
 from cageik_cli.cages.check.quality import find_room_faults
@@ -14,7 +14,6 @@ from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.built_cage import BUILT_CAGE
-from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding
 from cageik_cli.store.cache import EntryCache
@@ -56,19 +55,24 @@ def bind_cached(
             f"is the model itself, {len(rest.mesh.vertices)} vertices at the same places, expected "
             "a coarse cage around it; give one, or build it by cageik cage"
         )
-    compute = partial(bind, rest.mesh, cage.mesh, settings.bind, settings.jobs, progress.update)
+
+    def compute() -> JudgedBinding:
+        taken = settings.bind, settings.jobs, progress.update
+        return judge_binding(bind(rest.mesh, cage.mesh, *taken))
+
     if settings.cache is None:
-        binding = compute()
+        judged = compute()
     else:
         cache = EntryCache(settings.cache, partial(progress.note, "cache"))
-        binding = find_binding(cache, rest.mesh, cage.mesh, settings.bind, compute)
+        judged = find_binding(cache, rest.mesh, cage.mesh, settings.bind, compute)
         progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
-    sources = {"cage": cage.source, "rest": rest.source}
+    binding, sources = judged.binding, {"cage": cage.source, "rest": rest.source}
     notes = cage.notes + binding.notes
     if is_own_cage:
         refuse_other_unit(binding.cage, binding.rest)
-        notes += tuple(map(mark_warning, _list_cage_warnings(cage, binding)))
-    return StoredBinding(replace(binding, notes=notes), sources)
+        notes += tuple(map(mark_warning, _list_cage_warnings(cage, judged)))
+    binding = replace(binding, notes=notes)
+    return StoredBinding(binding, sources, has_loose_cage=judged.has_loose_cage)
 
 
 def _are_same(cage: TriMesh, rest: TriMesh) -> bool:
@@ -76,10 +80,11 @@ def _are_same(cage: TriMesh, rest: TriMesh) -> bool:
     return np.array_equal(cage.vertices, rest.vertices) and np.array_equal(cage.faces, rest.faces)
 
 
-def _list_cage_warnings(cage: LoadedMesh, binding: Binding) -> tuple[str, ...]:
+def _list_cage_warnings(cage: LoadedMesh, judged: JudgedBinding) -> tuple[str, ...]:
     """Return how a cage is judged; of one that was built, what to build it with."""
-    if not binding.cage_warnings or cage.source["name"] != BUILT_CAGE:
-        return binding.cage_warnings
+    if not judged.cage_warnings or cage.source["name"] != BUILT_CAGE:
+        return judged.cage_warnings
+    binding = judged.binding
     faults = find_room_faults(binding.cage, binding.rest, is_thorough=False, is_built=True)
     return tuple(fault.sentence for fault in faults)
 
@@ -106,13 +111,13 @@ def restore_unfitted(
 ) -> StoredBinding:
     """Return known weights with those before their fit, which binding files do not hold."""
     binding = stored.binding
-    if binding.fit is None or binding.unfitted is not None:
+    if stored.fit is None or stored.unfitted is not None:
         return stored
     cage = LoadedMesh(binding.cage, stored.sources["cage"])
     settings = replace(settings, bind=binding.settings)
     with error_context(stored.sources["binding"]["name"]):
         unfitted = bind_cached(rest, cage, settings, progress).binding
-    return replace(stored, binding=replace(binding, unfitted=unfitted))
+    return replace(stored, unfitted=unfitted)
 
 
 def _check_same_mesh(path: Path, what: str, expected: TriMesh, given: TriMesh) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from cageik_cli.cages import bind as cage_binding
 from cageik_cli.cages.check.diagnosis import Diagnosis, diagnose
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.fit.settings import FitSettings
+from cageik_cli.fit.settings import FitRecord, FitSettings
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
@@ -334,6 +334,8 @@ class CageAnimation:
         of the clip.
     rotations : (F, 3, 3) float64
         `points @ R` turns points of the rest pose to each frame.
+    fit : FitRecord, optional
+        How the weights were fitted to the clip, if that was done here.
 
     Examples
     --------
@@ -352,6 +354,7 @@ class CageAnimation:
     cages: Floats
     metrics: FrameMetrics
     rotations: Floats
+    fit: FitRecord | None = None
 
     def __len__(self) -> int:
         return len(self.cages)
@@ -467,8 +470,9 @@ def extract(
     sequence = as_sequence(clip, binding.rest)
     chosen, notes = choose_fit(settings, sequence)
     binding = replace(binding, notes=binding.notes + notes)
+    stored = StoredBinding(binding, {})
     if chosen is not None:
-        binding = fit_weights(
+        fitted = fit_weights(
             binding,
             [sequence],
             chosen,
@@ -476,8 +480,9 @@ def extract(
             vertex_weights=vertex_weights,
             memory=memory,
             jobs=settings.jobs,
-        ).binding
-    extraction = Extraction(settings, stored=StoredBinding(binding, {}))
+        )
+        stored = stored.with_fit(fitted)
+    extraction = Extraction(settings, stored=stored)
     extraction.sequence = sequence
     extraction.vertex_weights = VertexWeights(make_vertex_weights(vertex_weights, binding.rest))
     extraction.factor()
@@ -492,7 +497,11 @@ def extract(
             if progress is not None:
                 progress(block.stop, len(sequence))
     return CageAnimation(
-        binding, np.concatenate(cages), _join_metrics(metrics), np.concatenate(rotations)
+        stored.binding,
+        np.concatenate(cages),
+        _join_metrics(metrics),
+        np.concatenate(rotations),
+        stored.fit,
     )
 
 

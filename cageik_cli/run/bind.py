@@ -1,6 +1,6 @@
 """The weights of a run: computed, from the cache, or from a binding file."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from cageik_cli.fit.settings import FitSettings
@@ -18,6 +18,7 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.fit import fit_to_clips
 from cageik_cli.run.settings import READ, READ_CLIP, WRITTEN, CommandSettings
+from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.store.binding_file import StoredBinding, write_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import error_context
@@ -76,7 +77,7 @@ def bind_files(
     if settings.clips:
         with progress.stage("fit"):
             fitted = _fit_to_files(stored.binding, rest, scene, settings, progress)
-            stored = replace(stored, binding=fitted)
+            stored = stored.with_fit(fitted)
     with progress.stage("write"):
         write_binding(settings.output, stored, settings.overwrite)
     return stored
@@ -88,7 +89,7 @@ def _fit_to_files(
     scene: CommonScene,
     settings: BindRunSettings,
     progress: ProgressListener,
-) -> Binding:
+) -> FittedWeights:
     """Fit the weights to the clips of the settings."""
     clips, taken = [], ClipSettings(exclude=settings.exclude, fps=settings.fps)
     for name in settings.clips:

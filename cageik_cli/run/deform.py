@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from cageik_cli.fit.carried import CarriedChange
 from cageik_cli.formats.base.mesh_data import check_vertex_order
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.writers import Animation
@@ -123,7 +124,7 @@ class _Deformation:
             check_rig(result, settings.influences, settings.joints)
         clip = self._open_clip()
         self._model = model
-        self._binding = self._load_or_compute_binding()
+        self._binding, self._carried = self._load_or_compute_binding()
         if clip is None:
             result = self._source.require_result(NO_CAGES)
             report_skipped_frames(result, self._progress)
@@ -220,8 +221,11 @@ class _Deformation:
             read_expected=CageFrames.from_result(result).read if result and is_edit else None,
         )
 
-    def _load_or_compute_binding(self) -> Binding:
-        """Return the weights of the source if they fit the settings; else bind the mesh."""
+    def _load_or_compute_binding(self) -> tuple[Binding, CarriedChange | None]:
+        """Return the weights of the source if they fit the settings; else bind the mesh.
+
+        With them comes what was added to weights of the mesh from the fit of the source.
+        """
         settings, source, mesh = self._settings, self._source, self._model.mesh
         held = source.read_bind_settings()
         bind = BindSettings(
@@ -232,7 +236,7 @@ class _Deformation:
         is_own = not settings.mesh and bind == held
         found = source.find_binding() if is_own else None
         if found is not None:
-            return found
+            return found, None
         assert source.cage is not None
         weights = WeightSettings(bind, settings.cache, settings.jobs)
         with (
@@ -240,17 +244,19 @@ class _Deformation:
             error_context(self._place),
             self._meshes.explain_outside(source.cage.mesh, bind.outside),
         ):
-            binding = bind_cached(
+            stored = bind_cached(
                 mesh, source.cage, weights, self._progress, is_own_cage=not settings.mesh
-            ).binding
+            )
+            binding = stored.binding
             if settings.mesh and not binding.projected:
                 self._meshes.check_small(source.cage.mesh, source.model.mesh.mesh)
         note_on(self._progress, self._model.name, *mesh.notes, *binding.notes)
         if source.fit is None:
-            return binding
+            return binding, None
         if settings.mesh:
-            return carry_fit(source, binding, weights, self._progress, SceneConversion())
-        return self._apply_fit(binding, is_own)
+            stored = carry_fit(source, stored, weights, self._progress, SceneConversion())
+            return stored.binding, stored.carried
+        return self._apply_fit(binding, is_own), None
 
     def _apply_fit(self, binding: Binding, is_own: bool) -> Binding:
         """Return computed weights of the rest model with what a fit has changed, if known."""
@@ -290,6 +296,7 @@ class _Deformation:
                 memory=settings.memory,
                 jobs=settings.jobs,
                 progress=self._progress,
+                carried=self._carried,
             )
         rotations = self._read_needed_rotations()
         return points.stream_rows(model.make_rest_rows(), self._cages, note, rotations)

@@ -31,11 +31,13 @@ from cageik_cli.method.solve.summary import summarize_blocks
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.executor import choose_block_size
 from cageik_cli.run.settings import READ, WRITTEN, CommandSettings
+from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import (
     Result,
     ResultHeader,
     ResultSummary,
     read_cages,
+    read_low_rank,
     read_result,
     read_rotations,
 )
@@ -115,7 +117,9 @@ class _EditRun:
         writer = open_result_writer(
             settings.output,
             _build_header(settings, self._files, result),
-            binding=self._target.binding,
+            stored=StoredBinding(
+                self._target.binding, {}, fit=result.fit, low_rank=read_low_rank(result)
+            ),
             frames=result.frames,
             overwrite=settings.overwrite,
         )
@@ -268,14 +272,15 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
         for path in settings.outputs():
             check_mesh_output(path, settings.overwrite)
         files = EditFiles.read(settings.handles, settings.cage_edits)
-    binding = target.bind(settings.weights, progress)
+    stored = target.bind(settings.weights, progress)
+    binding = stored.binding
     with progress.stage("pose"):
         posed = pose_model(binding, files, settings.posing, progress)
     with progress.stage("write"):
         if target.model.points is None:
             write_mesh(settings.output, binding.rest, posed.snapshot.after, settings.overwrite)
         else:
-            rows = _move_points(target.model, binding, posed, settings, progress)
+            rows = _move_points(target.model, stored, posed, settings, progress)
             with error_context(settings.output):
                 data = target.model.points.encode(rows)
             write_bytes(settings.output, data, settings.overwrite)
@@ -288,7 +293,7 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
 
 def _move_points(
     model: LoadedModel,
-    binding: Binding,
+    stored: StoredBinding,
     posed: PoseResult,
     settings: PoseSettings,
     progress: ProgressListener,
@@ -296,14 +301,19 @@ def _move_points(
     """Return the rows of posed points or splats, (m,)."""
     assert model.points is not None
     rows, note = model.points.rows.copy(), model.note(progress)
-    oriented = model.find_oriented(binding, note)
+    oriented = model.find_oriented(stored.binding, note)
     if oriented is None:
         place_positions(rows, posed.snapshot.after)
         return rows
     jobs = settings.weights.jobs
     with error_context(settings.target):
         moved = PointReconstruction.prepare(
-            binding, oriented, memory=DEFAULT_MEMORY, jobs=jobs, progress=progress
+            stored.binding,
+            oriented,
+            memory=DEFAULT_MEMORY,
+            jobs=jobs,
+            progress=progress,
+            carried=stored.carried,
         )
     with limit_blas_threads(1):
         moved.fill_rows(rows[None], posed.snapshot.cage_after[None])

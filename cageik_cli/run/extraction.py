@@ -207,8 +207,12 @@ class Extraction:
     @property
     def recorded_settings(self) -> dict[str, Any]:
         """The settings on which the numbers depend, as a result file records them."""
-        known = None if self.stored is None else self.stored.binding
-        return self.settings.record(known, self.fit, self.rest_index)
+        known, fit = self.stored, self.fit
+        if known is None:
+            return self.settings.record(None, fit, self.rest_index)
+        if fit is None and known.fit is not None:
+            fit = known.fit.settings
+        return self.settings.record(known.binding.settings, fit, self.rest_index)
 
     @property
     def weighs_frames(self) -> bool:
@@ -256,7 +260,7 @@ class Extraction:
                     skips_bad_frames=settings.skips_bad_frames,
                     cache=settings.cache,
                 )
-            self.stored = replace(self.stored, binding=fitted)
+            self.stored = self.stored.with_fit(fitted)
         return self.stored
 
     @property
@@ -289,7 +293,8 @@ class Extraction:
 
     def open_blocks(self, start: int) -> AbstractContextManager[Iterator[SolvedBlock]]:
         """Open an iterator of the frames from `start` on, solved and measured, in blocks."""
-        unfitted = self.binding.unfitted
+        assert self.stored is not None
+        unfitted = self.stored.unfitted
         held = 0 if unfitted is None else unfitted.weights.nbytes
         plan = MemoryPlan.make(self.settings.memory - held, self.binding, self.settings.jobs)
         starts = range(start, len(self.sequence), plan.block_size)
@@ -322,12 +327,12 @@ class Extraction:
         output = settings.output
         with self.progress.stage("write"):
             composer = ResultComposer(
-                checkpoint, self.binding, self.sequence, self.rest_index, unsmoothed
+                checkpoint, self.stored, self.sequence, self.rest_index, unsmoothed
             )
             with open_result_writer(
                 output,
                 header,
-                binding=self.binding,
+                stored=self.stored,
                 frames=self.sequence.names,
                 overwrite=settings.overwrite or settings.resume,
                 keep_weights=settings.keep_weights,
@@ -338,17 +343,19 @@ class Extraction:
 
     def _make_unfitted_solver(self) -> DualLaplacianSolver | None:
         """Return the solver with the weights before the fit, if the result compares them."""
-        before, settings = self.binding.unfitted, self.settings
+        assert self.stored is not None
+        before, settings = self.stored.unfitted, self.settings
         if before is None or not settings.keep_weights or self.weighs_frames:
             return None
         return DualLaplacianSolver(before, settings.solve, self.vertex_weights.vertices)
 
     def _make_spec(self) -> RunSpec:
         """Return what this run has to do, by which an interrupted one is known again."""
-        binding, weights = self.binding, self.vertex_weights.vertices
+        assert self.stored is not None
+        binding, weights = self.stored.binding, self.vertex_weights.vertices
         rate = self.settings.clip.fps  # at which some files are sampled
         is_fitted_here = self.fit is not None
-        given = (binding.unfitted if is_fitted_here else None) or binding
+        given = (self.stored.unfitted if is_fitted_here else None) or binding
         meshes = binding.rest, binding.cage
         arrays = [array for mesh in meshes for array in (mesh.vertices, mesh.faces)]
         arrays += [given.weights] if weights is None else [given.weights, weights]
@@ -387,16 +394,17 @@ class ResultComposer:
     def __init__(
         self,
         checkpoint: Checkpoint,
-        binding: Binding,
+        stored: StoredBinding,
         sequence: MeshSequence,
         rest_index: int | None,
         unsmoothed: DeviationPeaks | None = None,
     ) -> None:
-        self._checkpoint, self._binding, self._sequence = checkpoint, binding, sequence
+        self._checkpoint, self._sequence = checkpoint, sequence
+        self._binding = binding = stored.binding
         self._summary = summary = checkpoint.summary
         if len(summary.skipped) == len(sequence):
             raise FileAccessError(f"no frame can be read, the first: {summary.skipped[0]}")
-        self._regions = find_clip_regions(binding, summary)
+        self._regions = find_clip_regions(stored, summary)
         if unsmoothed is not None:
             self._regions = blame_smoothing(self._regions, unsmoothed, binding.rest.diagonal)
         self._key_frames = _find_key_frames(binding.rest, rest_index, summary, self._regions)
@@ -555,14 +563,14 @@ def _list_absence_notes(summary: ClipSummary) -> tuple[str, ...]:
     )
 
 
-def find_clip_regions(binding: Binding, summary: ClipSummary) -> tuple[Region, ...]:
+def find_clip_regions(stored: StoredBinding, summary: ClipSummary) -> tuple[Region, ...]:
     """Find the worst regions of a clip; none if its largest deviation is within the usual."""
+    binding, has_loose_cage = stored.binding, stored.has_loose_cage
     rms = float(np.sqrt(np.nanmean(summary.frame_rms**2)))
     largest = float(summary.peaks.deviations.max())
     if not has_bad_regions(rms, largest, binding.rest.diagonal):
         return ()
     regions = find_worst_regions(binding, summary.peaks)
-    has_loose_cage = binding.has_loose_cage
     if has_loose_cage is None:  # nothing was said of it when it was bound
         has_loose_cage = has_too_much_room(binding.cage, binding.rest)
     if has_loose_cage:

@@ -6,7 +6,7 @@ The algorithm is imported when weights are fitted: other runs start without it.
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cageik_cli.captured.robust import has_thrown_vertices
-from cageik_cli.fit.settings import FitReport, FitSettings, FittedClip
+from cageik_cli.fit.settings import FitSettings, FittedClip
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.metrics import check_finite, measure
@@ -23,6 +23,7 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_keys import compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import UnfittedClip
@@ -40,39 +41,6 @@ MAX_PROBED_FRAMES = 100
 
 MAX_COMPARED_FIT_FRAMES = 64
 """Evenly spread frames on which a fit is compared; key frames are measured beside them."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FittedWeights:
-    """Weights fitted to clips.
-
-    Examples
-    --------
-    >>> from cageik_cli import bind, fit_weights, load_clip, load_mesh
-    >>> clip = load_clip("data_fixtures/walker/frames", selection=slice(0, 12))
-    >>> binding = bind(clip.first, load_mesh("data_fixtures/walker/cage.obj"), accuracy="preview")
-    >>> fitted = fit_weights(binding, [clip])
-    >>> fitted.binding.weights.shape, fitted.report.fitted_frames
-    ((1570, 80), 12)
-    >>> errors = fitted.report.held_out_blocks
-    >>> errors.fitted.rms < errors.unfitted.rms
-    True
-    """
-
-    binding: Binding
-
-    @property
-    def report(self) -> FitReport:
-        """What the fit gains, on which frames, and what it costs."""
-        assert self.binding.fit is not None
-        return self.binding.fit.report
-
-    def __repr__(self) -> str:
-        count, cage_count = self.binding.weights.shape
-        return (
-            f"<FittedWeights: {count} vertices in a cage of {cage_count}, fitted to "
-            f"{self.report.fitted_frames} of {self.report.frames} frames>"
-        )
 
 
 def fit_weights(
@@ -133,7 +101,7 @@ def fit_weights(
         memory=memory,
         jobs=jobs or count_processors(),
     )
-    return FittedWeights(fitter.fit([as_sequence(clip, binding.rest) for clip in clips]))
+    return fitter.fit([as_sequence(clip, binding.rest) for clip in clips])
 
 
 def choose_fit(
@@ -208,7 +176,7 @@ def fit_to_clips(
     jobs: int,
     skips_bad_frames: bool = False,
     cache: Path | None = None,
-) -> Binding:
+) -> FittedWeights:
     """Fit the weights of a binding to clips, or take them from the cache of fits.
 
     Parameters
@@ -222,7 +190,7 @@ def fit_to_clips(
         digests = [list(pool.map(clip.content_digest, range(len(clip)))) for clip in clips]
     described = tuple(map(_describe_clip, clips))
 
-    def compute() -> Binding:
+    def compute() -> FittedWeights:
         from cageik_cli.fit.fit import Fitter
 
         fitter = Fitter(
@@ -235,7 +203,6 @@ def fit_to_clips(
         )
         fitted = fitter.fit(clips, skips_bad_frames)
         _check_unchanged(clips, digests)
-        assert fitted.fit is not None
         return replace(fitted, fit=replace(fitted.fit, clips=described))
 
     if cache is None:

@@ -86,7 +86,7 @@ def _is_mesh_file(path: Path) -> bool:
 
 def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list[tuple[str, str]]:
     """Return the rows on the meshes of a binding, its settings, its quality and its fit."""
-    binding, quality = stored.binding, stored.binding.quality
+    binding, quality, fit = stored.binding, stored.binding.quality, stored.fit
     settings = asdict(binding.settings)
     return [
         ("model", _format_counts(binding.rest)),
@@ -97,7 +97,7 @@ def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list
         format_accuracy_row(quality, binding.settings.accuracy),
         *([("projected", f"{quality.projected} vertices outside")] if quality.projected else []),
         *((f"from {key}", str(source.get("name"))) for key, source in stored.sources.items()),
-        *([] if binding.fit is None else _format_fit(binding.fit, is_verbose)),
+        *([] if fit is None else _format_fit(fit, is_verbose)),
         *(label_note(locate_note(stored.sources["cage"]["name"], note)) for note in binding.notes),
     ]
 

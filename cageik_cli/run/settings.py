@@ -10,7 +10,6 @@ from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.find_files import list_input_files, split_member
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError
@@ -148,22 +147,20 @@ class ExtractSettings(CommandSettings):
             )
 
     def record(
-        self, known: Binding | None, fit: FitSettings | None, rest_index: int | None
+        self, known: BindSettings | None, fit: FitSettings | None, rest_index: int | None
     ) -> dict[str, Any]:
         """Return the settings on which the numbers depend, as a result file records them.
 
         Parameters
         ----------
-        known : Binding, optional
-            Weights that come from a binding file: how they were computed and fitted counts.
+        known : BindSettings, optional
+            Of weights that come from a binding file: how they were computed counts.
         fit : FitSettings, optional
-            How weights are fitted to the clip.
+            How weights are fitted to the clip, or were fitted.
         rest_index : int, optional
             Which of the frames that are taken the rest pose is, if it is one of them.
         """
         weights = self.vertex_weights
-        if fit is None and known is not None and known.fit is not None:
-            fit = known.fit.settings
         built: dict[str, Any] = {
             "cage_vertices": self.build.vertices,
             "cage_clearance": self.build.clearance,
@@ -175,7 +172,7 @@ class ExtractSettings(CommandSettings):
             "alpha": self.solve.alpha,
             "beta": self.solve.beta,
             "align": self.solve.align,
-            **asdict(self.bind if known is None else known.settings),
+            **asdict(known or self.bind),
             "rest_frame": rest_index,
             "vertex_weights": weights if isinstance(weights, str) else weights is not None,
             **(built if self.builds_cage else {}),

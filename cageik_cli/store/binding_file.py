@@ -1,6 +1,6 @@
 """Binding files: the weights of a model in a cage, with both meshes, fully checked when read."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,12 @@ import numpy as np
 from cageik_cli import __version__
 from cageik_cli.cages.bind import MAX_REPRODUCTION_ERROR
 from cageik_cli.cages.check.faults import validate_cage
+from cageik_cli.fit.carried import CarriedChange
+from cageik_cli.fit.settings import FitRecord
 from cageik_cli.formats.base.hdf5 import open_checked
-from cageik_cli.method.weights.binding import Binding, WeightQuality
+from cageik_cli.method.weights.binding import Binding, Correction, WeightQuality
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.store.fit_fields import (
     read_fit_record,
     read_low_rank,
@@ -41,7 +44,9 @@ BINDING_FORMAT, BINDING_SCHEMA = "cageik.binding", 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredBinding:
-    """A binding with what a binding file records beside it.
+    """A binding with what is known of where it comes from.
+
+    Files hold neither what was judged, nor weights before a fit, nor a transferred change.
 
     Attributes
     ----------
@@ -49,11 +54,36 @@ class StoredBinding:
         Name and digest of the cage and of the rest pose.
     version : str
         Of the program that wrote it.
+    has_loose_cage : bool, optional
+        Whether the cage has far too much room for the model; None if that was not judged.
+    fit : FitRecord, optional
+        How the weights were fitted to clips; None if they were computed.
+    low_rank : Correction, optional
+        What a fit of low rank has added to the computed weights.
+    unfitted : Binding, optional
+        The same model with the weights before the fit, if they are known.
+    carried : CarriedChange, optional
+        What was added to the computed weights from the fit of another model.
     """
 
     binding: Binding
     sources: dict[str, Any]
     version: str = __version__
+    has_loose_cage: bool | None = None
+    fit: FitRecord | None = None
+    low_rank: Correction | None = None
+    unfitted: Binding | None = None
+    carried: CarriedChange | None = None
+
+    def with_fit(self, fitted: FittedWeights) -> "StoredBinding":
+        """Return it with fitted weights, and the record of their fit."""
+        return replace(
+            self,
+            binding=fitted.binding,
+            fit=fitted.fit,
+            low_rank=fitted.low_rank,
+            unfitted=fitted.unfitted,
+        )
 
 
 def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
@@ -61,7 +91,7 @@ def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
     binding = stored.binding
     with atomic_file(path, overwrite) as sink, create_hdf5(sink) as file:
         write_meshes(file, binding.rest, binding.cage)
-        write_weights(file, binding)
+        write_weights(file, binding, stored.fit, stored.low_rank)
         file.attrs.update(format=BINDING_FORMAT, schema=BINDING_SCHEMA, version=stored.version)
         file.attrs["settings"] = to_json(asdict(binding.settings))
         file.attrs["quality"] = to_json(asdict(binding.quality))
@@ -101,11 +131,11 @@ def read_binding(path: Path) -> StoredBinding:
             projected=quality.projected,
             notes=read_notes(file),
             has_offsets=read_offset_mark(file),
-            fit=fit,
-            low_rank=read_low_rank(file, fit, *shape),
         )
+        low_rank = read_low_rank(file, fit, *shape)
         _check_weights(binding, quality)
-        return StoredBinding(binding, _read_binding_sources(file), read_version(file))
+        sources, version = _read_binding_sources(file), read_version(file)
+        return StoredBinding(binding, sources, version, fit=fit, low_rank=low_rank)
 
 
 def read_bind_settings(path: Path) -> BindSettings:

@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli import __version__
+from cageik_cli.cages.bind import JudgedBinding
 from cageik_cli.cages.settings import BUILDER_VERSION, BuildSettings
 from cageik_cli.fit.settings import FIT_VERSION, FitRecord, FitSettings, FittedClip
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import ALGORITHM_VERSIONS, Binding, Correction
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.store.cache import CorruptEntry, Entry, EntryCache, EntryFormat, compute_key
 from cageik_cli.store.hdf5_fields import parse_record
 from cageik_cli.util import compiled
@@ -58,18 +60,29 @@ def find_binding(
     rest: TriMesh,
     cage: TriMesh,
     settings: BindSettings,
-    compute: Callable[[], Binding],
-) -> Binding:
+    compute: Callable[[], JudgedBinding],
+) -> JudgedBinding:
     """Return the binding that `compute` gives, from the cache if it is there."""
 
-    def to_entry(binding: Binding) -> Entry:
-        figures = {name: getattr(binding, name) for name in WEIGHTS.values}
-        return {"faces": binding.cage.faces, "weights": binding.weights, **figures}
+    def to_entry(judged: JudgedBinding) -> Entry:
+        binding = judged.binding
+        return {
+            "faces": binding.cage.faces,
+            "weights": binding.weights,
+            "panels": binding.panels,
+            "estimated_error": binding.estimated_error,
+            "projected": binding.projected,
+            "notes": binding.notes,
+            "cage_warnings": judged.cage_warnings,
+            "has_loose_cage": judged.has_loose_cage,
+        }
 
-    def from_entry(entry: Entry) -> Binding:
+    def from_entry(entry: Entry) -> JudgedBinding:
         _check_shape(entry["weights"], len(rest.vertices), len(cage.vertices))
         is_outward = np.array_equal(cage.faces, entry.pop("faces"))
-        return Binding(rest, cage if is_outward else cage.flip(), settings=settings, **entry)
+        warnings, is_loose = entry.pop("cage_warnings"), entry.pop("has_loose_cage")
+        outward = cage if is_outward else cage.flip()
+        return JudgedBinding(Binding(rest, outward, settings=settings, **entry), warnings, is_loose)
 
     key = compute_weight_key(rest, cage, settings)
     return cache.find_or_compute(WEIGHTS, key, compute, to_entry, from_entry)
@@ -96,22 +109,22 @@ def find_fit(
     key: str,
     binding: Binding,
     clips: tuple[FittedClip, ...],
-    fit: Callable[[], Binding],
-) -> Binding:
+    fit: Callable[[], FittedWeights],
+) -> FittedWeights:
     """Return what `fit` makes of a binding, from the cache if it is there.
 
     The key is of `compute_fit_key`. The record names `clips`, whose files may have had other names
     when they were fitted.
     """
 
-    def to_entry(fitted: Binding) -> Entry:
-        assert fitted.fit is not None
+    def to_entry(fitted: FittedWeights) -> Entry:
         change = fitted.low_rank or Correction.none(0, 0)
         record = json.dumps(asdict(replace(fitted.fit, clips=())))
-        arrays = {"weights": fitted.weights, "columns": change.columns, "basis": change.basis}
+        weights = fitted.binding.weights
+        arrays = {"weights": weights, "columns": change.columns, "basis": change.basis}
         return {**arrays, "record": record}
 
-    def from_entry(entry: Entry) -> Binding:
+    def from_entry(entry: Entry) -> FittedWeights:
         record: FitRecord = parse_record(FitRecord, json.loads(entry["record"]), "fit")
         change = Correction(entry["columns"], entry["basis"])
         rows, columns = binding.weights.shape
@@ -119,10 +132,9 @@ def find_fit(
         if record.settings.rank is not None:
             _check_shape(change.columns, rows, change.basis.shape[1])
             _check_shape(change.basis, columns, change.basis.shape[1])
-        return replace(
-            binding,
-            weights=entry["weights"],
-            has_offsets=record.settings.influences is not None,
+        has_offsets = record.settings.influences is not None
+        return FittedWeights(
+            replace(binding, weights=entry["weights"], has_offsets=has_offsets),
             fit=replace(record, clips=clips),
             low_rank=None if record.settings.rank is None else change,
             unfitted=binding,

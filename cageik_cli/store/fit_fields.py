@@ -24,18 +24,23 @@ MAX_STORED_ERROR = float(np.finfo(np.float32).max)
 """Longer errors of vertices, in diagonals, are stored as this."""
 
 
-def write_weights(file: h5py.File, binding: Binding, keep_weights: bool = True) -> None:
+def write_weights(
+    file: h5py.File,
+    binding: Binding,
+    fit: FitRecord | None,
+    low_rank: Correction | None,
+    keep_weights: bool = True,
+) -> None:
     """Write the weights in their form, and the record of their fit if there is one.
 
     Without `keep_weights`, only a change of low rank is written: what can be computed is not.
     """
     file.attrs["has_offsets"] = binding.has_offsets
-    fit, change = binding.fit, binding.low_rank
     if fit is not None:
         file.attrs["fit"] = to_json(asdict(fit))
-    if change is not None:
-        write_deflated(file, "fit/columns", change.columns)
-        write_deflated(file, "fit/basis", change.basis)
+    if low_rank is not None:
+        write_deflated(file, "fit/columns", low_rank.columns)
+        write_deflated(file, "fit/basis", low_rank.basis)
     if not keep_weights:
         return
     if fit is None or fit.settings.influences is None:

@@ -336,14 +336,8 @@ def read_binding(result: Result) -> Binding | None:
     weights = read_weights(result)
     if weights is None:
         return None
-    return Binding(
-        rest=result.rest,
-        cage=result.cage,
-        weights=weights,
-        has_offsets=result.has_offsets,
-        fit=result.fit,
-        low_rank=read_low_rank(result),
-    )
+    read_low_rank(result)  # refuses weights of another form than their fit has
+    return Binding(result.rest, result.cage, weights, has_offsets=result.has_offsets)
 
 
 def load_binding(result: Result, user: str) -> Binding:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.method.solve.metrics import KEPT_TYPES, METRIC_TYPES, FrameMetrics, KeptMetrics
-from cageik_cli.method.weights.binding import Binding
+from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.fit_fields import (
     MAX_STORED_ERROR,
     UnfittedClip,
@@ -39,15 +39,15 @@ class ResultWriter:
         sink: DeferredErrorFile,
         header: ResultHeader,
         *,
-        binding: Binding,
+        stored: StoredBinding,
         frames: tuple[str, ...],
         keep_weights: bool,
         has_kept: bool,
     ) -> None:
-        self._file, self._sink, self._binding = file, sink, binding
+        self._file, self._sink, self._stored = file, sink, stored
         self._keep_weights = keep_weights
         self._frames_done, self._frame_count = 0, len(frames)
-        cage, rest = binding.cage, binding.rest
+        cage, rest = stored.binding.cage, stored.binding.rest
         file.create_dataset("verts", (len(frames), *cage.vertices.shape), "f8")
         file.create_dataset("rotations", (len(frames), 3, 3), "f8")
         write_meshes(file, rest, cage)
@@ -96,12 +96,12 @@ class ResultWriter:
         """
         if self._frames_done != self._frame_count:
             raise ValueError(f"{self._frames_done} of {self._frame_count} frames were appended")
-        file = self._file
-        write_weights(file, self._binding, self._keep_weights)
+        file, stored = self._file, self._stored
+        write_weights(file, stored.binding, stored.fit, stored.low_rank, self._keep_weights)
         if self._keep_weights:
             file.create_dataset("poses/frame", data=key_frames, dtype="i8")
             # In diagonals, so that they fit single precision in any units.
-            misses = key_frame_errors / self._binding.rest.diagonal
+            misses = key_frame_errors / stored.binding.rest.diagonal
             misses = np.clip(misses, -MAX_STORED_ERROR, MAX_STORED_ERROR)
             file.create_dataset("poses/misses", data=misses, dtype="f4")
             if unfitted is not None:
@@ -115,7 +115,7 @@ def open_result_writer(
     path: Path,
     header: ResultHeader,
     *,
-    binding: Binding,
+    stored: StoredBinding,
     frames: tuple[str, ...],
     overwrite: bool,
     keep_weights: bool = True,
@@ -134,7 +134,7 @@ def open_result_writer(
             file,
             sink,
             header,
-            binding=binding,
+            stored=stored,
             frames=frames,
             keep_weights=keep_weights,
             has_kept=has_kept,

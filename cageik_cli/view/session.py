@@ -420,7 +420,7 @@ def _open_target(settings: ViewSettings, progress: ProgressListener) -> ViewSess
         return _ResultSession(settings, target.result, watched)
     if target.cage is None and target.stored is None:
         target = target.build_cage(settings.build, settings.weights.cache, progress)
-    binding = target.bind(settings.weights, progress)
+    binding = target.bind(settings.weights, progress).binding
     clip = make_single_pose(binding, _list_target_words(settings, target))
     return _ModelSession(settings, clip, binding)
 

@@ -128,7 +128,7 @@ def measure_errors(model, cage, frames):
         total += ((reconstruct(binding.weights, cages) - block) ** 2).sum()
     rms = 100 * np.sqrt(total / (len(frames) * len(model.vertices))) / model.diagonal
     frames = np.asarray(frames, float)
-    fitted = Fitter(binding, FitSettings(), jobs=1).fit([Frames(frames)])
+    fitted = Fitter(binding, FitSettings(), jobs=1).fit([Frames(frames)]).binding
     return rms, extract(frames, fitted).rms_percent
 
 

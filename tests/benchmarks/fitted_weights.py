@@ -18,6 +18,7 @@ from cageik_cli import Binding, TriMesh, bind, load_mesh
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.run.api import extract
+from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from tests.fitted import Frames
 
@@ -32,8 +33,8 @@ def load(folder: Path) -> tuple[np.ndarray, TriMesh]:
         return file["verts"][:].astype(float), rest
 
 
-def timed(binding: Binding, frames: np.ndarray, **settings: object) -> tuple[Binding, float]:
-    """The fitted binding with its report, and the seconds of all of it."""
+def timed(binding: Binding, frames: np.ndarray, **settings: object) -> tuple[FittedWeights, float]:
+    """The fitted weights with their report, and the seconds of all of it."""
     start = time.perf_counter()
     found = Fitter(binding, FitSettings(**settings), jobs=JOBS).fit([Frames(frames)])
     return found, time.perf_counter() - start
@@ -58,10 +59,10 @@ def errors(name: str, frames: np.ndarray, binding: Binding) -> None:
     print(f"{name:16} {n:4} harmonic {deviations(frames[1::2], binding)}")
     for strength in (0.1, 0.01):
         found, seconds = timed(binding, frames[::2], regularization=strength)
-        report, quality = found.fit.report, found.quality
+        report, quality = found.report, found.binding.quality
         exactness = max(quality.partition_of_unity, quality.linear_precision)
         print(
-            f"{name:16} {n:4} {strength:8} {deviations(frames[1::2], found)} "
+            f"{name:16} {n:4} {strength:8} {deviations(frames[1::2], found.binding)} "
             f"negative {report.negative_per_row:.4f} smallest {report.min_weight:.3f} "
             f"roughness {report.roughness:.3f} affine {exactness:.0e} "
             f"blocks {report.held_out_blocks.fitted.rms:.3f} "
@@ -77,7 +78,7 @@ def halves(name: str, frames: np.ndarray, binding: Binding) -> None:
     found, _ = timed(binding, frames[:middle])
     print(
         f"{name:16} {binding.weights.shape[1]:4} harmonic {deviations(frames[middle:], binding)}"
-        f"   fitted {deviations(frames[middle:], found)}",
+        f"   fitted {deviations(frames[middle:], found.binding)}",
         flush=True,
     )
 
@@ -86,10 +87,10 @@ def forms(name: str, frames: np.ndarray, binding: Binding, cases: list[dict[str,
     """Held-out frames for weights of other forms."""
     for case in cases:
         found, seconds = timed(binding, frames[::2], **case)
-        rms = 100 * np.sqrt(np.mean(extract(frames[1::2], found).rms ** 2))
+        rms = 100 * np.sqrt(np.mean(extract(frames[1::2], found.binding).rms ** 2))
         print(
             f"{name:16} {binding.weights.shape[1]:4} {case} {rms / binding.rest.diagonal:8.4f} "
-            f"roughness {found.fit.report.roughness:.3f} floats {found.fit.report.fixed_floats} "
+            f"roughness {found.report.roughness:.3f} floats {found.report.fixed_floats} "
             f"{seconds:5.2f} s",
             flush=True,
         )

@@ -92,7 +92,7 @@ class Model:
         self.frames, self.clip = frames, ArraySequence(frames, rest)
         binding = bind(rest, cage)
         fitter = Fitter(binding, FitSettings())
-        fitted = fitter.fit_sample(fitter.sample([self.clip]), REGULARIZATION)
+        fitted, _ = fitter.fit_sample(fitter.sample([self.clip]), REGULARIZATION)
         self.binding = replace(binding, weights=fitted.weights)
         self.seconds = process_time() - start
 

@@ -45,7 +45,7 @@ def test_a_fit_of_a_binding_takes_the_frames_of_the_rate(run, rig, rate):
     outcome = run("bind", *words)
     assert outcome.code == 0, outcome.err
     assert run("info", "rig.glb", "--fps", rate).out.count(f"rig.glb[{LAST[rate]}]") == 1
-    (clip,) = read_binding(Path("binding.h5")).binding.fit.clips
+    (clip,) = read_binding(Path("binding.h5")).fit.clips
     assert clip.frames == LAST[rate] + 1
 
 

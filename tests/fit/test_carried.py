@@ -34,15 +34,19 @@ def bind_points(points):
 
 
 @pytest.fixture(scope="module")
-def fitted():
+def computed():
     rest = ball(2, 0.6)
-    computed = Binding(rest, CAGE, interpolate(rest.vertices))
-    return replace(computed, weights=true_weights(computed), unfitted=computed)
+    return Binding(rest, CAGE, interpolate(rest.vertices))
 
 
 @pytest.fixture(scope="module")
-def change(fitted):
-    return CarriedChange(fitted, fitted.unfitted.weights)
+def fitted(computed):
+    return replace(computed, weights=true_weights(computed))
+
+
+@pytest.fixture(scope="module")
+def change(fitted, computed):
+    return CarriedChange(fitted, computed.weights)
 
 
 def carry(change, points):
@@ -70,11 +74,11 @@ def test_rows_stay_exact(change, points):
     assert_affine_exact(carry(change, points), points)
 
 
-def test_weights_in_single_precision_leave_rows_exact(fitted, points):
+def test_weights_in_single_precision_leave_rows_exact(fitted, points, computed):
     rounded = replace(fitted, weights=fitted.weights.astype(np.float32).astype(np.float64))
-    weights = carry(CarriedChange(rounded, fitted.unfitted.weights), points)
+    weights = carry(CarriedChange(rounded, computed.weights), points)
     assert_affine_exact(weights, points)
-    plain = rounded.weights - fitted.unfitted.weights
+    plain = rounded.weights - computed.weights
     assert abs(plain @ CAGE.vertices).max() > 1e-9
 
 
@@ -86,10 +90,10 @@ def test_vertices_of_the_model_have_its_rows_to_the_bit(change, fitted):
     assert 0 < abs(moved - fitted.weights).max() < 1e-4
 
 
-def test_a_finer_surface_interpolates_the_change(change, fitted):
+def test_a_finer_surface_interpolates_the_change(change, fitted, computed):
     mesh = finer(fitted.rest, 1)
     found = carry(change, mesh.vertices) - interpolate(mesh.vertices)
-    means = (fitted.weights - fitted.unfitted.weights)[fitted.rest.faces].mean(axis=1)
+    means = (fitted.weights - computed.weights)[fitted.rest.faces].mean(axis=1)
     centroids = fitted.rest.vertices[fitted.rest.faces].mean(axis=1)
     at_centroids = carry(change, centroids) - interpolate(centroids)
     np.testing.assert_allclose(at_centroids, means, rtol=0, atol=1e-12)
@@ -142,11 +146,11 @@ def test_gradients_are_derivatives(change, fitted, points):
     np.testing.assert_allclose(moments, 0, rtol=0, atol=1e-11)
 
 
-def test_gradients_on_the_surface_are_those_of_the_face(change, fitted):
+def test_gradients_on_the_surface_are_those_of_the_face(change, fitted, computed):
     faces = fitted.rest.vertices[fitted.rest.faces]
     points = faces.mean(axis=1)
     found = find_gradients(change, points)
-    changes = (fitted.weights - fitted.unfitted.weights)[fitted.rest.faces]
+    changes = (fitted.weights - computed.weights)[fitted.rest.faces]
     for k in (1, 2):
         along = faces[:, k] - faces[:, 0]
         slope = np.einsum("mnx,mx->mn", found, along)
@@ -181,26 +185,28 @@ def few(fitted):
     return replace(fitted, weights=weights, has_offsets=True)
 
 
-def test_few_influences_carry_with_their_offsets(few):
-    change = CarriedChange(few, few.unfitted.weights)
+def test_few_influences_carry_with_their_offsets(few, computed):
+    change = CarriedChange(few, computed.weights)
     own = bind_points(few.rest.vertices)
     carried = change.add_to(own, change.locate(few.rest.vertices))
     assert carried.has_offsets
     np.testing.assert_array_equal(carried.weights, few.weights)
 
 
-def test_points_turn_with_offsets(few, points, monkeypatch):
+def test_points_turn_with_offsets(few, computed, points, monkeypatch):
     """A rigid motion of the cage moves points with normals rigidly, if offsets turn with it."""
     from cageik_cli.method.points import motion as point_motion
 
-    change = CarriedChange(few, few.unfitted.weights)
-    computed = bind_points(points)
+    change = CarriedChange(few, computed.weights)
+    cloud = bind_points(points)
     monkeypatch.setattr(
         point_motion.HarmonicField, "solve", staticmethod(lambda *_: _LinearField())
     )
-    carried = change.add_to(computed, change.locate(points))
+    carried = change.add_to(cloud, change.locate(points))
     normals = directions(len(points), 5).T
-    motion = PointMotion(carried, Oriented(normals), 1 << 30, 1)
+    motion = PointMotion(
+        carried, Oriented(normals), 1 << 30, 1, add_gradients=change.add_gradients_to
+    )
     turn = rotation(2)
     cages = (CAGE.vertices @ turn)[None]
     places, oriented, _ = motion.move(slice(0, len(points)), cages, turn[None])
@@ -223,7 +229,9 @@ def test_splats_turn_by_the_derivative_of_what_is_carried(fitted):
     maps = field.gradient(points).swapaxes(1, 2) @ cage
     plain = PointMotion(cloud, Oriented(normals), 1 << 30, 1)
     carried = change.add_to(cloud, change.locate(points))
-    motion = PointMotion(carried, Oriented(normals), 1 << 30, 1)
+    motion = PointMotion(
+        carried, Oriented(normals), 1 << 30, 1, add_gradients=change.add_gradients_to
+    )
     whole = maps + difference_gradients(change, points).swapaxes(1, 2) @ cage
     for one, expected, others in ((plain, maps, whole), (motion, whole, maps)):
         found = one.move(one.blocks[0], cage[None])[1][0].normals.T

@@ -23,26 +23,26 @@ CLIP = clip_of(BINDING, true_weights(BINDING), 24)
 
 
 def fit(frames=CLIP, binding=BINDING, conditions=None, **settings_):
-    """The fitted binding; conditions are those of a `Fitter`."""
+    """The fitted weights; conditions are those of a `Fitter`."""
     return Fitter(binding, FitSettings(**settings_), **(conditions or {})).fit([Frames(frames)])
 
 
 def report_of(*arguments, **settings_):
-    return fit(*arguments, **settings_).fit.report
+    return fit(*arguments, **settings_).report
 
 
-EXPECTED = fit()
+EXPECTED = fit().binding
 
 
 def test_fitted_weights_are_nearer_and_affine_exact():
     found = fit()
-    quality = found.quality
+    quality = found.binding.quality
     assert quality.partition_of_unity < 1e-12
     assert quality.linear_precision < 1e-12
-    before, after = extract(CLIP, BINDING).rms_percent, extract(CLIP, found).rms_percent
+    before, after = extract(CLIP, BINDING).rms_percent, extract(CLIP, found.binding).rms_percent
     assert after < 0.6 * before
-    assert found.fit.report.fitted.fitted.rms == pytest.approx(after, rel=1e-6)
-    assert found.fit.report.fitted.unfitted.rms == pytest.approx(before, rel=1e-6)
+    assert found.report.fitted.fitted.rms == pytest.approx(after, rel=1e-6)
+    assert found.report.fitted.unfitted.rms == pytest.approx(before, rel=1e-6)
 
 
 def test_frames_of_known_weights_are_reproduced_as_the_regularization_vanishes():
@@ -58,8 +58,8 @@ def test_frames_of_known_weights_are_reproduced_as_the_regularization_vanishes()
 
 def test_the_report_describes_the_weights():
     found = fit()
-    report, weights = found.fit.report, found.weights
-    largest = np.abs(extract(CLIP, found).max_deviation).max() / BINDING.rest.diagonal
+    report, weights = found.report, found.binding.weights
+    largest = np.abs(extract(CLIP, found.binding).max_deviation).max() / BINDING.rest.diagonal
     assert report.fitted.fitted.largest == pytest.approx(100 * largest, rel=1e-5)
     assert report.fitted.fitted.percentile < report.fitted.fitted.largest
     assert report.negative_per_row == pytest.approx(-np.minimum(weights, 0).sum() / len(weights))
@@ -76,7 +76,7 @@ def test_held_out_frames_do_not_change_what_is_fitted_to_the_others():
     reported = report_of().unseen_third.fitted.rms
     seen = fit(CLIP[:16], conditions={"max_rounds": MAX_HELD_OUT_ROUNDS})
     # The sample of the whole clip has the same frames, so the fits are the same.
-    assert extract(CLIP[16:], seen).rms_percent == pytest.approx(reported, rel=1e-6)
+    assert extract(CLIP[16:], seen.binding).rms_percent == pytest.approx(reported, rel=1e-6)
 
 
 def test_one_frame_cannot_be_held_out():
@@ -88,7 +88,7 @@ def test_one_frame_cannot_be_held_out():
 def test_a_clip_that_does_not_move_leaves_the_weights():
     still = np.repeat(BINDING.rest.vertices[None], 4, axis=0)
     found = fit(still)
-    np.testing.assert_allclose(found.weights, BINDING.weights, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.binding.weights, BINDING.weights, rtol=0, atol=1e-9)
 
 
 @settings(max_examples=8, deadline=None)
@@ -105,7 +105,7 @@ def test_similarity_transforms_of_the_input_do_not_change_the_weights(scale, see
         BINDING.weights,
     )
     found = fit(move(CLIP), moved)
-    np.testing.assert_allclose(found.weights, EXPECTED.weights, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(found.binding.weights, EXPECTED.weights, rtol=0, atol=1e-7)
 
 
 @pytest.mark.parametrize("kind", [{}, {"rank": 3}, {"influences": 4}])
@@ -116,33 +116,33 @@ def test_missing_vertices_are_ignored(kind):
     damaged = CLIP.copy()
     damaged[:, 10:20] += np.random.default_rng(0).normal(size=(len(CLIP), 10, 3))
     found, expected = (fit(c, conditions=conditions, **kind) for c in (damaged, CLIP))
-    np.testing.assert_array_equal(found.weights, expected.weights)
-    assert found.fit.report == expected.fit.report
-    assert np.abs(found.weights - fit(**kind).weights).max() > 1e-6
+    np.testing.assert_array_equal(found.binding.weights, expected.binding.weights)
+    assert found.report == expected.report
+    assert np.abs(found.binding.weights - fit(**kind).binding.weights).max() > 1e-6
 
 
 @pytest.mark.parametrize("kind", [{}, {"rank": 3}, {"influences": 4}, {"regularization": None}])
 def test_threads_do_not_change_a_bit(kind):
     one, three = (fit(conditions={"jobs": jobs}, **kind) for jobs in (1, 3))
-    np.testing.assert_array_equal(one.weights, three.weights)
-    assert one.fit.report == three.fit.report
+    np.testing.assert_array_equal(one.binding.weights, three.binding.weights)
+    assert one.report == three.report
 
 
 def test_low_rank_weights_are_of_that_rank_and_exact():
     found = fit(rank=3)
-    change = found.weights - BINDING.weights
+    change = found.binding.weights - BINDING.weights
     assert np.linalg.matrix_rank(change, tol=1e-10) == 3
     model = found.low_rank
     np.testing.assert_allclose(change, model.columns @ model.basis.T, rtol=0, atol=1e-14)
     m, n = change.shape
-    assert found.fit.report.fixed_floats == 3 * (m + n)
-    assert found.quality.linear_precision < 1e-12
-    assert report_of().fitted.fitted.rms < found.fit.report.fitted.fitted.rms
-    assert found.fit.report.fitted.fitted.rms < found.fit.report.fitted.unfitted.rms
+    assert found.report.fixed_floats == 3 * (m + n)
+    assert found.binding.quality.linear_precision < 1e-12
+    assert report_of().fitted.fitted.rms < found.report.fitted.fitted.rms
+    assert found.report.fitted.fitted.rms < found.report.fitted.unfitted.rms
 
 
 def test_a_refit_is_better_than_the_truncation():
-    whole = fit().weights
+    whole = fit().binding.weights
     vectors = np.linalg.svd(whole - BINDING.weights, full_matrices=False)[2][:5]
     cut = BINDING.weights + (whole - BINDING.weights) @ vectors.T @ vectors
     truncated = extract(CLIP, replace(BINDING, weights=cut)).rms_percent
@@ -175,7 +175,7 @@ def test_a_cage_of_four_vertices_is_refused():
 
 def test_a_low_rank_change_of_weights_with_offsets_is_refused():
     with pytest.raises(SettingError, match="do not reproduce the rest pose"):
-        fit(binding=fit(influences=4), rank=2)
+        fit(binding=fit(influences=4).binding, rank=2)
 
 
 def test_weights_are_not_fitted_to_rounding():
@@ -201,23 +201,25 @@ def test_the_last_third_does_not_choose_the_regularization():
     rounds = {"max_rounds": MAX_HELD_OUT_ROUNDS}
     own = fit(CLIP[:16], conditions=rounds, regularization=seen.regularization)
     # Its blocks are those of the whole clip, which differ a little from those of its part.
-    error = extract(CLIP[16:], own).rms_percent
+    error = extract(CLIP[16:], own.binding).rms_percent
     assert reported.unseen_third.fitted.rms == pytest.approx(error, rel=0.2)
 
 
 def test_few_influences_are_sparse_and_reproduce_the_rest_pose():
     found = fit(influences=4)
-    assert np.count_nonzero(found.weights, axis=1).max() <= 4
-    assert found.weights.min() == 0
-    np.testing.assert_allclose(found.weights.sum(axis=1), 1, rtol=0, atol=1e-12)
-    stored = 2 * np.count_nonzero(found.weights) + found.rest.vertices.size  # with their places
-    assert found.fit.report.fixed_floats == stored
+    assert np.count_nonzero(found.binding.weights, axis=1).max() <= 4
+    assert found.binding.weights.min() == 0
+    np.testing.assert_allclose(found.binding.weights.sum(axis=1), 1, rtol=0, atol=1e-12)
+    stored = (
+        2 * np.count_nonzero(found.binding.weights) + found.binding.rest.vertices.size
+    )  # with their places
+    assert found.report.fixed_floats == stored
     turned = BINDING.rest.vertices @ rotation(1).T + [1, 2, 3]
-    assert extract(turned[None], found).rms_percent < 1e-10
-    rms = extract(CLIP, found).rms_percent
-    assert found.fit.report.fitted.fitted.rms == pytest.approx(rms, rel=1e-6)
-    assert found.fit.report.min_weight >= 0
-    animation = extract(CLIP, found)
+    assert extract(turned[None], found.binding).rms_percent < 1e-10
+    rms = extract(CLIP, found.binding).rms_percent
+    assert found.report.fitted.fitted.rms == pytest.approx(rms, rel=1e-6)
+    assert found.report.min_weight >= 0
+    animation = extract(CLIP, found.binding)
     error = animation.reconstruct(7) - CLIP[7]
     assert np.sqrt(np.square(error).sum(axis=1).mean()) == pytest.approx(animation.rms[7])
 
@@ -241,7 +243,7 @@ def test_the_strongest_of_nearly_equal_regularizations_is_chosen():
 
 def test_several_clips_are_fitted_together():
     clips = [Frames(CLIP[:10]), Frames(CLIP[10:])]
-    report = Fitter(BINDING).fit(clips).fit.report
+    report = Fitter(BINDING).fit(clips).report
     assert report.frames == 24
     assert report.unseen_third.frames == 3 + 4
 

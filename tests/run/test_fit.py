@@ -124,7 +124,7 @@ def test_binding_result_and_deform_give_the_same_meshes(settings, form):
         )
     )
     stored = read_binding(Path("b.h5"))
-    assert stored.binding.fit.settings == fit
+    assert stored.fit.settings == fit
     assert stored.binding.has_offsets == (form == "few")
     through = extract(
         replace(settings, cage=None, fit=None, binding=Path("b.h5"), output=Path("through.h5"))
@@ -288,7 +288,7 @@ def test_a_binding_is_fitted_to_several_clips(settings, write_obj):
     )  # fmt: skip
     first, again = Listener(), Listener()
     stored = bind_files(run, first)
-    assert [clip.frames for clip in stored.binding.fit.clips] == [20, 6]
+    assert [clip.frames for clip in stored.fit.clips] == [20, 6]
     bind_files(replace(run, overwrite=True), again)
     assert count_hits(again)
     result = extract(

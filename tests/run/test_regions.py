@@ -85,7 +85,7 @@ def test_what_the_bind_found_of_the_room_is_not_measured_again(plain, is_loose, 
     extraction = Extraction(plain)
     extraction.open()
     stored = extraction.bind()
-    stored = replace(stored, binding=replace(stored.binding, has_loose_cage=is_loose))
+    stored = replace(stored, has_loose_cage=is_loose)
     result = Extraction(plain, stored=stored).run()
     causes = {region.cause for region in result.regions}
     assert (causes == {Cause.LOOSE_CAGE}) == (is_loose is not False)

@@ -14,6 +14,7 @@ from cageik_cli.fit.settings import (
 )
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import Binding, Correction
+from cageik_cli.store.binding_file import StoredBinding
 from tests.shapes import TETRAHEDRON, ball
 
 COMPARISON = Comparison(Distances(0.1, 0.3, 0.9), Distances(0.9, 4.0, 9.0), 24)
@@ -56,14 +57,15 @@ def few_weights(binding: Binding, count: int = 2) -> np.ndarray:
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def as_fitted(binding: Binding, form: str) -> Binding:
+def as_fitted(binding: Binding, form: str, sources: dict | None = None) -> StoredBinding:
     """The binding as if its weights were fitted, of the form "dense", "low rank" or "few"."""
+    stored = StoredBinding(binding, sources or {})
     if form == "low rank":
         m, n = binding.weights.shape
         generator = np.random.default_rng(2)
         change = Correction(generator.normal(size=(m, 2)), generator.normal(size=(n, 2)))
-        return replace(binding, fit=record(rank=2), low_rank=change)
+        return replace(stored, fit=record(rank=2), low_rank=change)
     if form == "few":
-        few = few_weights(binding)
-        return replace(binding, weights=few, has_offsets=True, fit=record(influences=2))
-    return replace(binding, fit=record())
+        few = replace(binding, weights=few_weights(binding), has_offsets=True)
+        return replace(stored, binding=few, fit=record(influences=2))
+    return replace(stored, fit=record())

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.cages.bind import bind
+from cageik_cli.cages.bind import JudgedBinding, bind, judge_binding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import ALGORITHM_VERSIONS, Binding
 from cageik_cli.method.weights.settings import COORDINATES, BindSettings
@@ -67,9 +67,11 @@ def test_a_hit_gives_the_binding_that_was_computed(kept, said, coarse_panels, na
     def never():
         raise AssertionError("it is in the cache")
 
-    computed = find_binding(kept, rest, cage, settings, lambda: bind(rest, cage, settings))
+    given = rest, cage, settings
+    judged = find_binding(kept, *given, lambda: judge_binding(bind(*given)))
     assert said == []
-    found = find_binding(kept, rest, cage, settings, never)
+    held = find_binding(kept, *given, never)
+    found, computed = held.binding, judged.binding
     (remark,) = said
     assert remark.startswith("cache hit, saved ")
     assert remark.endswith(" s")
@@ -79,7 +81,8 @@ def test_a_hit_gives_the_binding_that_was_computed(kept, said, coarse_panels, na
     np.testing.assert_array_equal(found.cage.vertices, computed.cage.vertices)
     assert found.quality == computed.quality
     assert (found.notes, found.settings) == (computed.notes, settings)
-    assert found.has_loose_cage is computed.has_loose_cage is not None
+    assert held.has_loose_cage is judged.has_loose_cage is not None
+    assert held.cage_warnings == judged.cage_warnings
     assert len(found.notes) == (0 if shape == "sound" else 1)
     assert (found.projected > 0) == (shape == "projected")
 
@@ -88,7 +91,7 @@ def test_the_seconds_saved_are_those_of_the_computation(kept, said, monkeypatch)
     # Looked for, and again when nobody else computes it; computed; found.
     clock = iter([0.0, 5.0, 10.0, 12.5, 20.0, 20.5])
     monkeypatch.setattr(module.time, "perf_counter", lambda: next(clock))
-    bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
+    bound = JudgedBinding(Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4)), (), None)
     for _ in range(2):
         find_binding(kept, TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound)
     assert said == ["cache hit, saved 2.0 s"]
@@ -127,7 +130,7 @@ def test_one_process_at_a_time_computes_an_entry(kept, monkeypatch):
     def compute():
         raise AssertionError("computed")
 
-    found = find_binding(kept, *given, compute)
+    found = find_binding(kept, *given, compute).binding
     np.testing.assert_array_equal(found.weights, bound.weights)
     assert waited == [module.LOCK_POLL_SECONDS] * 2
     assert [path.suffix for path in kept.folder.iterdir()] == [".weights"]
@@ -138,7 +141,7 @@ def test_no_process_waits_in_a_folder_that_cannot_be_written(kept, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(module, "open_locked", full)
-    bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
+    bound = JudgedBinding(Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4)), (), None)
     assert find_binding(kept, TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound) is bound
 
 
@@ -269,10 +272,10 @@ def test_a_wrong_header_with_a_right_digest_is_not_used(kept, said, change):
 
 def test_a_wrong_shape_is_found_where_the_entry_is_used(kept, said):
     settings = BindSettings("mean-value")
-    computed = bind(box(), box(2.0), settings)
+    computed = judge_binding(bind(box(), box(2.0), settings))
 
     def find():
-        return find_binding(kept, box(), box(2.0), settings, lambda: computed)
+        return find_binding(kept, box(), box(2.0), settings, lambda: computed).binding
 
     find()
     (path,) = kept.folder.glob("*.weights")
@@ -381,8 +384,9 @@ def test_a_folder_that_cannot_be_created_is_noted_once(tmp_path, said, place):
         pytest.skip("no such folder")
     kept = EntryCache(folder or Path(place), said.append)
     fast = BindSettings("mean-value")
-    binding = find_binding(kept, ball(1), box(), fast, lambda: bind(ball(1), box(), fast))
-    assert binding.weights.shape == (18, 8)
+    given = ball(1), box(), fast
+    judged = find_binding(kept, *given, lambda: judge_binding(bind(*given)))
+    assert judged.binding.weights.shape == (18, 8)
     (remark,) = said
     assert remark.startswith(f"{kept.folder}: cannot be written (")
     assert remark.endswith("); the weights are not kept")
@@ -522,11 +526,11 @@ def test_what_a_killed_process_left_of_an_entry_is_removed_by_the_next(kept):
 @pytest.mark.parametrize("is_held", [False, True])
 def test_the_lock_of_a_process_that_was_killed_behind_its_entry_is_removed(kept, is_held):
     given = ball(1), box(), SETTINGS
-    binding = find_binding(kept, *given, lambda: bind(ball(1), box()))
+    binding = find_binding(kept, *given, lambda: judge_binding(bind(ball(1), box()))).binding
     path = kept.folder / f"{compute_weight_key(*given)}.lock.partial"
     path.touch()
     file = open_locked(path) if is_held else None
-    found = find_binding(kept, *given, lambda: pytest.fail("computed again"))
+    found = find_binding(kept, *given, lambda: pytest.fail("computed again")).binding
     assert (found.weights == binding.weights).all()
     assert path.exists() == is_held
     if file is not None:

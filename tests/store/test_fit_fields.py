@@ -23,22 +23,24 @@ FORMS = ("dense", "low rank", "few")
 
 
 def write_binding(path, form):
-    stored = binding_file.StoredBinding(as_fitted(BINDING, form), SOURCES)
+    stored = as_fitted(BINDING, form, SOURCES)
     binding_file.write_binding(path, stored, overwrite=True)
     return stored
 
 
 def write_result(path, form, **options):
     summary = replace(ENDING, bound=VertexBound(0.01, 4, 18))
-    return written(path, binding=as_fitted(MODEL, form), summary=summary, overwrite=True, **options)
+    return written(path, stored=as_fitted(MODEL, form), summary=summary, overwrite=True, **options)
 
 
-def assert_same_fit(found, expected):
-    assert found.fit == expected.fit
+def assert_same_weights(found, expected):
     assert found.has_offsets == expected.has_offsets
     np.testing.assert_array_equal(found.weights, expected.weights)
+
+
+def assert_same_change(found, expected):
     for name in ("columns", "basis"):
-        one, other = (getattr(binding.low_rank, name, None) for binding in (found, expected))
+        one, other = (getattr(change, name, None) for change in (found, expected))
         np.testing.assert_array_equal(one, other)
 
 
@@ -47,7 +49,9 @@ def test_a_fitted_binding_comes_back(tmp_path, form):
     path = tmp_path / "binding.h5"
     stored = write_binding(path, form)
     found = binding_file.read_binding(path)
-    assert_same_fit(found.binding, stored.binding)
+    assert found.fit == stored.fit
+    assert_same_weights(found.binding, stored.binding)
+    assert_same_change(found.low_rank, stored.low_rank)
     with h5py.File(path) as file:
         assert ("weights" in file) == (form != "few")
 
@@ -57,7 +61,10 @@ def test_a_fitted_result_comes_back(tmp_path, form):
     result = results.read_result(write_result(tmp_path / "cages.h5", form))
     assert results.has_weights(result)
     assert result.bound == VertexBound(0.01, 4, 18)
-    assert_same_fit(results.read_binding(result), as_fitted(MODEL, form))
+    stored = as_fitted(MODEL, form)
+    assert result.fit == stored.fit
+    assert_same_weights(results.read_binding(result), stored.binding)
+    assert_same_change(results.read_low_rank(result), stored.low_rank)
     assert result.has_offsets == (form == "few")
     np.testing.assert_array_equal(results.read_rotations(result), ROTATIONS)
 
@@ -84,7 +91,7 @@ def test_weights_that_are_not_fitted_have_no_fit(tmp_path):
     binding_file.write_binding(
         tmp_path / "b.h5", binding_file.StoredBinding(BINDING, SOURCES), overwrite=False
     )
-    assert binding_file.read_binding(tmp_path / "b.h5").binding.fit is None
+    assert binding_file.read_binding(tmp_path / "b.h5").fit is None
 
 
 def test_the_rotation_of_a_skipped_frame_is_that_of_the_nearest(tmp_path):
@@ -167,13 +174,13 @@ def test_a_damaged_fit_is_refused(tmp_path, form, damage, says):
 
 def test_fields_that_an_older_file_lacks_take_their_defaults(tmp_path):
     path = tmp_path / "binding.h5"
-    fit = write_binding(path, "dense").binding.fit
+    fit = write_binding(path, "dense").fit
     with h5py.File(path, "r+") as file:
         fit_attribute(["settings", "smoothness"], None)(file)
         fit_attribute(["report", "curve"], None)(file)
         file.attrs["settings"] = "{}"
-    found = binding_file.read_binding(path).binding
-    assert found.settings == BindSettings()
+    found = binding_file.read_binding(path)
+    assert found.binding.settings == BindSettings()
     assert found.fit.settings == replace(fit.settings, smoothness=FitSettings().smoothness)
     assert found.fit.report == replace(fit.report, curve=())
 

@@ -15,6 +15,7 @@ from cageik_cli.method.solve.dual_laplacian import SolveQuality
 from cageik_cli.method.solve.metrics import FrameMetrics, check_finite
 from cageik_cli.store import hdf5_fields as parts
 from cageik_cli.store import result as store
+from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import ResultHeader, ResultSummary, read_key_frames
 from cageik_cli.store.result_writer import open_result_writer
 from cageik_cli.util.errors import InputError, NumericalError
@@ -63,7 +64,7 @@ HEADER = ResultHeader(scene=SCENE, settings=SETTINGS, notes=("a note",), quality
 
 def open_writer(path, header=HEADER, **options):
     """A writer of a result of five frames."""
-    usual = {"binding": BINDING, "frames": NAMES, "overwrite": True}
+    usual = {"stored": StoredBinding(BINDING, {}), "frames": NAMES, "overwrite": True}
     return open_result_writer(path, header, **usual | options)
 
 

@@ -25,7 +25,7 @@ CLIP = UnfittedClip(
 
 def write_result(path, unfitted=CLIP, keep_weights=True):
     fitted = as_fitted(BINDING, "dense")
-    return written(path, binding=fitted, keep_weights=keep_weights, unfitted=unfitted)
+    return written(path, stored=fitted, keep_weights=keep_weights, unfitted=unfitted)
 
 
 def test_what_is_written_comes_back(tmp_path):

@@ -25,6 +25,9 @@ MAX_MOVED_POINTS = 4096
 MAX_GRADIENT_BYTES = 1 << 26
 """Bytes of gradients that are computed together: neighbours among them share near panels."""
 
+AddGradients = Callable[[Floats, Floats], None]
+"""Adds to gradients of weights, (m, n, 3), those of a change of the weights at points, (m, 3)."""
+
 
 class PointMotion:
     """Moves points with a cage, and what turns with them.
@@ -39,6 +42,8 @@ class PointMotion:
         Threads.
     progress : callable
         Called with (points done, points).
+    add_gradients : callable, optional
+        Adds the gradients of what was added to the harmonic weights.
 
     Attributes
     ----------
@@ -60,6 +65,7 @@ class PointMotion:
         memory: int,
         jobs: int,
         progress: Callable[[int, int], None] = ignore_progress,
+        add_gradients: AddGradients | None = None,
     ) -> None:
         if binding.settings.coordinates != "harmonic":
             raise SettingError(
@@ -76,7 +82,7 @@ class PointMotion:
         self._cage_count = n
         self._rest, self._has_offsets = binding.cage.vertices, binding.has_offsets
         self._points = binding.rest.vertices
-        self._fill(binding, jobs, progress)
+        self._fill(binding, jobs, progress, add_gradients)
 
     @property
     def moves_splats(self) -> bool:
@@ -127,7 +133,13 @@ class PointMotion:
         held = self._stored[size * chosen.start : size * chosen.stop]
         return held.reshape(4, self._cage_count, -1)
 
-    def _fill(self, binding: Binding, jobs: int, progress: Callable[[int, int], None]) -> None:
+    def _fill(
+        self,
+        binding: Binding,
+        jobs: int,
+        progress: Callable[[int, int], None],
+        add_gradients: AddGradients | None,
+    ) -> None:
         points = _find_places(binding)
         field = HarmonicField.solve(binding.cage, points, binding.settings.accuracy, jobs)
         together = max(1, MAX_GRADIENT_BYTES // (24 * self._cage_count * MAX_MOVED_POINTS))
@@ -135,8 +147,8 @@ class PointMotion:
             group = self.blocks[first : first + together]
             start, stop = group[0].start, group[-1].stop
             gradients = field.gradient(points[start:stop], jobs)
-            if binding.carried is not None:
-                binding.carried.add_gradients_to(gradients, self._points[start:stop])
+            if add_gradients is not None:
+                add_gradients(gradients, self._points[start:stop])
             for chosen in group:
                 block = self._block(chosen)
                 block[0] = binding.weights[chosen].T

@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +12,6 @@ from cageik_cli.geometry.points import frames_to_columns, place_columns
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
-
-if TYPE_CHECKING:
-    from cageik_cli.fit.carried import CarriedChange
-    from cageik_cli.fit.settings import FitRecord
 
 ALGORITHM_VERSIONS = {"harmonic": 10, "mean-value": 4}
 """Raise a number when weights, notes or refusals change, so that caches are not used."""
@@ -132,21 +127,9 @@ class Binding:
         As in `WeightQuality`.
     notes : tuple of str
         Changes of the cage, and warnings about the weights, one sentence each.
-    cage_warnings : tuple of str
-        What is poor about the cage if it is this model's own: not for other meshes in it.
-    has_loose_cage : bool, optional
-        Whether the cage has far too much room for this model; None if that was not judged.
     has_offsets : bool
         Whether `weights @ cage.vertices` is not the rest pose, as of weights with few influences.
         A frame is then W c + R (X - W C), with R the rotation of the rest pose to the frame.
-    fit : FitRecord, optional
-        How the weights were fitted to clips; None if they were computed.
-    low_rank : Correction, optional
-        What a fit of low rank has added to the computed weights.
-    unfitted : Binding, optional
-        The same model with the weights before the fit, if they are known; files do not hold it.
-    carried : CarriedChange, optional
-        What was added to the computed weights from the fit of another model; files do not hold it.
 
     Examples
     --------
@@ -168,13 +151,7 @@ class Binding:
     estimated_error: float = 0.0
     projected: int = 0
     notes: tuple[str, ...] = ()
-    cage_warnings: tuple[str, ...] = ()
-    has_loose_cage: bool | None = None
     has_offsets: bool = False
-    fit: "FitRecord | None" = None
-    low_rank: Correction | None = None
-    unfitted: "Binding | None" = None
-    carried: "CarriedChange | None" = None
 
     def __repr__(self) -> str:
         settings = [self.settings.coordinates]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.bind import bind
+from cageik_cli.cages.bind import bind, judge_binding
 from cageik_cli.cages.builder.build import build_cage
 from cageik_cli.cages.check.enclosure import locate_vertices
 from cageik_cli.cages.check.misfit import MAX_SIZE_RATIO
@@ -235,13 +235,14 @@ def test_a_built_cage_has_no_fault():
 def test_a_binding_has_the_warnings_unless_vertices_are_outside():
     settings = BindSettings("mean-value", outside="project")
     binding = bind(MODEL, box(1.5), settings)
-    assert binding.cage_warnings == tuple(f.sentence for f in find_room_faults(box(1.5), MODEL))
+    expected = tuple(fault.sentence for fault in find_room_faults(box(1.5), MODEL))
+    assert judge_binding(binding).cage_warnings == expected
     assert binding.notes == ()
     moved = placed(box(), 1.5, [1.2, 0, 0])
-    assert bind(MODEL, moved, settings).cage_warnings == ()
+    assert judge_binding(bind(MODEL, moved, settings)).cage_warnings == ()
 
 
 @pytest.mark.parametrize("scale", [1.5, 1.05])
 def test_a_binding_knows_whether_its_cage_is_loose(scale):
     binding = bind(MODEL, box(scale), BindSettings("mean-value"))
-    assert binding.has_loose_cage is has_too_much_room(box(scale), MODEL)
+    assert judge_binding(binding).has_loose_cage is has_too_much_room(box(scale), MODEL)
