@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cageik_cli.cages.builder.build import BuiltCage
     from cageik_cli.cages.check.diagnosis import Diagnosis
+    from cageik_cli.fit.fitted import FittedWeights
     from cageik_cli.fit.settings import FitSettings
     from cageik_cli.formats.base.sequence import MeshSequence
     from cageik_cli.geometry.mesh import TriMesh
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
     )
     from cageik_cli.run.cage import build_cage
     from cageik_cli.run.fit import fit_weights
-    from cageik_cli.solver.fitting.fitted import FittedWeights
     from cageik_cli.store.result import Result
     from cageik_cli.util.errors import CageikError
     from cageik_cli.view.show import ShownPage, show
@@ -90,7 +90,7 @@ _HOMES = {
     "CageikError": "util.errors",
     "Diagnosis": "cages.check.diagnosis",
     "FitSettings": "fit.settings",
-    "FittedWeights": "solver.fitting.fitted",
+    "FittedWeights": "fit.fitted",
     "HarmonicField": "method.points.field",
     "MeshSequence": "formats.base.sequence",
     "PointCloud": "geometry.points",

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.fit.alternate import Alternator, CageSolve
+from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.problem import (
     AFFINE_FUNCTIONS,
     Displacements,
@@ -27,7 +28,6 @@ from cageik_cli.fit.systems import SurfaceLaplacian
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
 from cageik_cli.method.weights.binding import Binding, Correction
-from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.threads import OrderedMap, limit_blas_threads

@@ -10,6 +10,7 @@ from cageik_cli.fit.settings import FitRecord
 from cageik_cli.geometry.points import smallest_enclosing_sphere
 from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.method.solve.dual_laplacian import SolveQuality
+from cageik_cli.method.solve.vertex_bound import VertexBound
 from cageik_cli.report.figures import (
     ClipRecord,
     FrameRecord,
@@ -30,7 +31,6 @@ from cageik_cli.report.parts import PartRecord, build_parts, sort_parts
 from cageik_cli.report.regions import RegionRecord, build_regions
 from cageik_cli.report.verdict import judge_quality, suggest_step
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
-from cageik_cli.solver.vertex_bound import VertexBound
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import to_unicode

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.choose_parts import check_part_order
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
@@ -18,7 +19,6 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.fit import fit_to_clips
 from cageik_cli.run.settings import READ, READ_CLIP, WRITTEN, CommandSettings
-from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.store.binding_file import StoredBinding, write_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import error_context

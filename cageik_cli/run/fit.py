@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cageik_cli.captured.robust import has_thrown_vertices
+from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.settings import FitSettings, FittedClip
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
@@ -23,7 +24,6 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.settings import ExtractSettings
-from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_keys import compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import UnfittedClip

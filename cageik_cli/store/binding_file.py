@@ -11,11 +11,11 @@ from cageik_cli import __version__
 from cageik_cli.cages.bind import MAX_REPRODUCTION_ERROR
 from cageik_cli.cages.check.faults import validate_cage
 from cageik_cli.fit.carried import CarriedChange
+from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.settings import FitRecord
 from cageik_cli.formats.base.hdf5 import open_checked
 from cageik_cli.method.weights.binding import Binding, Correction, WeightQuality
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.store.fit_fields import (
     read_fit_record,
     read_low_rank,

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from cageik_cli import __version__
 from cageik_cli.cages.bind import JudgedBinding
 from cageik_cli.cages.settings import BUILDER_VERSION, BuildSettings
+from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.settings import FIT_VERSION, FitRecord, FitSettings, FittedClip
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import ALGORITHM_VERSIONS, Binding, Correction
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.store.cache import CorruptEntry, Entry, EntryCache, EntryFormat, compute_key
 from cageik_cli.store.hdf5_fields import parse_record
 from cageik_cli.util import compiled

@@ -33,8 +33,8 @@ from cageik_cli.method.solve.metrics import (
     find_invalid_metric,
 )
 from cageik_cli.method.solve.regions import MAX_CAGE_FACES, MAX_REGIONS, Region
+from cageik_cli.method.solve.vertex_bound import VertexBound
 from cageik_cli.method.weights.binding import Binding, Correction, reconstruct_frames
-from cageik_cli.solver.vertex_bound import VertexBound
 from cageik_cli.store import fit_fields
 from cageik_cli.store.fit_fields import UnfittedClip, read_fit_record, read_offset_mark
 from cageik_cli.store.hdf5_fields import (

@@ -115,7 +115,10 @@ OUT_OF_MEMORY, FOUND_FAULT = 77, 78
 """Exit codes of a trial that had too little memory, and of one whose call returned a fault."""
 
 
-_TRIAL_PROGRAM = "import sys; sys.path[:] = {}; from cageik_cli.util import processes; processes.run_trial_in_child()"
+_TRIAL_PROGRAM = (
+    "import sys; sys.path[:] = {}; "
+    "from cageik_cli.util import processes; processes.run_trial_in_child()"
+)
 
 
 class Trials:

@@ -16,9 +16,9 @@ import numpy as np
 
 from cageik_cli import Binding, TriMesh, bind, load_mesh
 from cageik_cli.fit.fit import Fitter
+from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.run.api import extract
-from cageik_cli.solver.fitting.fitted import FittedWeights
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from tests.fitted import Frames
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.fit.settings import FitSettings
+from cageik_cli.method.solve.vertex_bound import VertexBound
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.solver.vertex_bound import VertexBound
 from cageik_cli.store import binding_file
 from cageik_cli.store import result as results
 from cageik_cli.util.errors import FormatError, InputError

@@ -1,4 +1,4 @@
 """The parts of a repair: tidy the faces, close holes, untangle, push outward.
 
-Depends on `cages` (the checks) and `geometry`. Start with `cages/repair/repair.py`, which runs them.
+Depends on `cages` (the checks) and `geometry`. Start with `repair`, which runs them.
 """

@@ -21,9 +21,9 @@ from cageik_cli.geometry.points import columns_to_frames, frames_to_columns, pla
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.solve.alignment import best_motions, centroids, move_to_rest
 from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.solve.vertex_bound import spread_vertices
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
 from cageik_cli.method.weights.binding import Binding, WeightQuality, measure_offsets
-from cageik_cli.solver.vertex_bound import spread_vertices
 from cageik_cli.util.arrays import Floats, Integers, Workspace
 from cageik_cli.util.errors import NumericalError
 

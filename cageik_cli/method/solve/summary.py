@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.method.solve.blocks import KeptBlock, SolvedBlock
 from cageik_cli.method.solve.metrics import DeviationPeaks
-from cageik_cli.solver.vertex_bound import VertexBound, VertexBoundAccumulator
+from cageik_cli.method.solve.vertex_bound import VertexBound, VertexBoundAccumulator
 from cageik_cli.util.arrays import Floats, Integers
 
 MAX_BRIDGED_FRAMES = 10

@@ -8,7 +8,7 @@ import pytest
 from cageik_cli.method.solve.blocks import KeptBlock
 from cageik_cli.method.solve.metrics import DeviationPeaks
 from cageik_cli.method.solve.summary import Absences, summarize_blocks
-from cageik_cli.solver.vertex_bound import (
+from cageik_cli.method.solve.vertex_bound import (
     MAX_BOUND_VERTICES,
     MIN_BOUND_VERTICES,
     VertexBoundAccumulator,
