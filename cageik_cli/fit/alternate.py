@@ -7,12 +7,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from cageik_cli.fit.influences import Influences, refit_influences
 from cageik_cli.fit.problem import ROUNDING_TOL, Displacements, Motion, WeightProblem
 from cageik_cli.fit.settings import Comparison, Distances, FitSettings
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import Binding, Correction
-from cageik_cli.rigs.influences import Influences, refit_influences
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
 

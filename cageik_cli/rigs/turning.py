@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 
 from cageik_cli.fit.alternate import Alternator, CageSolve
+from cageik_cli.fit.influences import Influences, solve_rows
 from cageik_cli.fit.problem import ROUNDING_TOL, Displacements, WeightProblem
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.rigs.influences import Influences, solve_rows
 from cageik_cli.rigs.joints import MAX_ROW_ENTRIES, NORMAL_LENGTH, JointSolver
 from cageik_cli.rigs.merging import JointTree, merge_joints
 from cageik_cli.util.arrays import Floats, Integers
