@@ -20,6 +20,8 @@ Modules below this one may change without notice.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from cageik_cli.util.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from cageik_cli.cages.builder.build import BuiltCage
     from cageik_cli.cages.check.diagnosis import Diagnosis
@@ -48,8 +50,6 @@ if TYPE_CHECKING:
     from cageik_cli.store.result import Result
     from cageik_cli.util.errors import CageikError
     from cageik_cli.view.show import ShownPage, show
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Anchor",

@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from cageik_cli import __version__
 from cageik_cli.batch.jobs import (
     ClipJob,
     Outcome,
@@ -47,6 +46,7 @@ from cageik_cli.util.errors import ClusterError, FileAccessError, format_error, 
 from cageik_cli.util.files import open_locked
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import use_one_blas_thread
+from cageik_cli.util.version import __version__
 
 PACKAGE_NAME = "cageik"
 """The name under which packages are installed."""

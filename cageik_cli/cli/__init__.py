@@ -7,9 +7,9 @@ Options that commands share are in `options/`; `group.py` decides the exit code 
 
 import click
 
-from cageik_cli import __version__
 from cageik_cli.cli.group import CageikGroup, LazyCommands
 from cageik_cli.util.compiled import describe_core
+from cageik_cli.util.version import __version__
 
 
 @click.group(

@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
-from cageik_cli import __version__
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.obj.frames import encode_exact_obj
@@ -25,6 +24,7 @@ from cageik_cli.util.errors import CheckpointError, InputError
 from cageik_cli.util.files import read_input
 from cageik_cli.util.outputs import check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.version import __version__
 
 
 def check_output(settings: ExtractSettings) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli import __version__
 from cageik_cli.cages.bind import MAX_REPRODUCTION_ERROR
 from cageik_cli.cages.check.faults import validate_cage
 from cageik_cli.fit.carried import CarriedChange
@@ -37,6 +36,7 @@ from cageik_cli.store.hdf5_fields import (
 )
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.outputs import atomic_file
+from cageik_cli.util.version import __version__
 
 BINDING_FORMAT, BINDING_SCHEMA = "cageik.binding", 1
 """What a binding file says that it is; raise the number when older versions cannot read it."""

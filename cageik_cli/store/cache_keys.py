@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli import __version__
 from cageik_cli.cages.bind import JudgedBinding
 from cageik_cli.cages.settings import BUILDER_VERSION, BuildSettings
 from cageik_cli.fit.fitted import FittedWeights
@@ -21,6 +20,7 @@ from cageik_cli.store.cache import CorruptEntry, Entry, EntryCache, EntryFormat,
 from cageik_cli.store.hdf5_fields import parse_record
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.version import __version__
 
 WEIGHTS = EntryFormat(
     "weights",

@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli import __version__
 from cageik_cli.method.solve.blocks import KeptBlock, SolvedBlock
 from cageik_cli.method.solve.metrics import (
     KEPT_TYPES,
@@ -34,6 +33,7 @@ from cageik_cli.method.solve.summary import ClipSummary
 from cageik_cli.util.errors import CheckpointError, FormatError, error_context, make_write_error
 from cageik_cli.util.files import open_input, open_locked, remove_locked, set_size
 from cageik_cli.util.text import format_count
+from cageik_cli.util.version import __version__
 
 CHECKPOINT_START = b"cageik.partial "
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from cageik_cli import __version__
 from cageik_cli.method.solve.metrics import KEPT_TYPES, METRIC_TYPES, FrameMetrics, KeptMetrics
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.fit_fields import (
@@ -28,6 +27,7 @@ from cageik_cli.store.result import (
 )
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.outputs import DeferredErrorFile, atomic_file
+from cageik_cli.util.version import __version__
 
 
 class ResultWriter:

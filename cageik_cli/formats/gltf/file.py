@@ -16,13 +16,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli import __version__
 from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.settings import GLTF_RATE_KEY, Scene
 from cageik_cli.geometry.parts import Part
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import OutputError, require_optional
 from cageik_cli.util.files import set_size
+from cageik_cli.util.version import __version__
 
 MAX_GLB_BYTES = 2**32 - 1
 """Largest size that a GLB file can state."""

@@ -8,7 +8,7 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from cageik_cli import __version__
+from cageik_cli.util.version import __version__
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cageik_cli import __version__
 from cageik_cli.cages.check.diagnosis import CageFacts, Diagnosis, RestFacts
 from cageik_cli.cages.check.quality import MIN_CLEARANCE, MIN_INFLUENCE
 from cageik_cli.cages.settings import BuildSettings
@@ -20,6 +19,7 @@ from cageik_cli.geometry.parts import get_parts, name_vertex
 from cageik_cli.report.figures import make_whole
 from cageik_cli.report.marks import FaultMark, list_marks
 from cageik_cli.util.text import format_block, format_count, format_row
+from cageik_cli.util.version import __version__
 
 if TYPE_CHECKING:
     from cageik_cli.cages.builder.build import BuiltCage, Candidate

@@ -9,7 +9,6 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from cageik_cli import __version__
 from cageik_cli.report.figures import ClipRecord, FrameRecord, ReportSummary
 from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.overview import ClipEntry, Overview, describe_poor
@@ -17,6 +16,7 @@ from cageik_cli.report.record import REPORT_SCHEMA, Report
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.text import single_line
+from cageik_cli.util.version import __version__
 
 
 def format_json(reports: Sequence[Report]) -> str:
