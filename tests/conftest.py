@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from hypothesis import settings
 
 from cageik_cli.cages.builder import build
-from cageik_cli.cli import main, options
+from cageik_cli.cli import main
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs import built_cage
 from cageik_cli.method.weights import harmonic
@@ -31,8 +31,6 @@ pytest_plugins = ("tests.results",)
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
 BIND = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-q")
 
-# Imported before tests change the accuracies that its help states.
-assert options.BIND_OPTIONS
 # A machine that is busy is not a fault of the code. Tests that need more examples say so.
 settings.register_profile("untimed", settings.default, deadline=None, max_examples=50)
 settings.load_profile("untimed")

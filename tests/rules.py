@@ -66,15 +66,24 @@ def find_long_modules(modules: list[Module]) -> Iterator[str]:
 def find_option_words(modules: list[Module]) -> Iterator[str]:
     """Find options of the command line in texts below `cli`, which words them.
 
-    An option that is a string of its own is a word of a command that is told, and no message.
+    An option that is a string of its own is a word of a command that is told, and no message. The
+    help of an option may name others: what is said in a declaration of a setting is the help.
     """
     for path, source in modules:
         if path.startswith("cli/"):
             continue
         tree = ast.parse(source)
         docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        declared = {
+            id(part)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "").startswith("declare_")
+            for part in ast.walk(node)
+        }
         for node in ast.walk(tree):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                if id(node) in declared:
+                    continue
                 text = "" if id(node) in docstrings else FOREIGN.sub("", node.value)
                 found = OPTION.search(text)
                 if found and found[0] != node.value:

@@ -45,6 +45,11 @@ def test_short_options_below_the_command_line_are_found():
     assert fault.startswith("run/a.py:1: names -o")
 
 
+def test_the_help_of_a_declared_setting_may_name_options():
+    declared = 'guide: bool = declare_setting(False, "With --with-model, hides the cage.")\n'
+    assert list(find_option_words([("workflows/a.py", declared)])) == []
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from cageik_cli.util.errors import SettingError
+from cageik_cli.util.settings import check_settings, declare_setting
 
 BUILDER_VERSION = 4
 """Raised when the same model and settings give another cage, so that kept ones are not used."""
@@ -43,33 +43,69 @@ class BuildSettings:
         Whether loops of a few vertices go around limbs.
     """
 
-    vertices: int = 100
-    clearance: float = 0.004
-    symmetric: SymmetryChoice = DEFAULT_SYMMETRY
-    quads: bool = False
-    loops: bool = False
+    vertices: int = declare_setting(
+        100,
+        "Vertices of the cage, at most; it has at least 0.9 times as many.",
+        name="cage_vertices",
+        meaning="vertices of the cage that was built, at most",
+        option="--vertices",
+        metavar="N",
+        minimum=MIN_VERTICES,
+        maximum=MAX_VERTICES,
+        refusal=f"a cage of {{value}} vertices is asked for, expected {MIN_VERTICES} to "
+        f"{MAX_VERTICES}",
+    )
+    clearance: float = declare_setting(
+        0.004,
+        "Smallest distance between cage and model, in percent of the diagonal.",
+        name="cage_clearance",
+        meaning="smallest distance of the cage that was built from the model, in diagonals",
+        option="--clearance",
+        kind="clearance",
+        typed="0.4%",
+        above=0,
+        maximum=MAX_CLEARANCE,
+        refusal="the clearance is {percent:g} % of the diagonal, expected more than 0 and at most "
+        f"{100 * MAX_CLEARANCE:g} %",
+    )
+    symmetric: SymmetryChoice = declare_setting(
+        DEFAULT_SYMMETRY,
+        "Build a cage that is its own mirror image: about the plane of a model that is one "
+        "(auto), or across an axis.",
+        name="cage_symmetric",
+        meaning="plane that the cage that was built is symmetric about, if any",
+        is_recorded_unset=False,  # so that earlier results are those of the default
+        option="--symmetric",
+        choices=get_args(SymmetryChoice),
+        refusal="symmetric is {value!r}, expected one of "
+        f"{', '.join(map(repr, get_args(SymmetryChoice)))}",
+    )
+    quads: bool = declare_setting(
+        False,
+        "Make quads of most triangles; the model is inside by either diagonal.",
+        name="cage_quads",
+        meaning="most triangles of the cage that was built are quads",
+        is_recorded_unset=False,
+        option="--quads",
+    )
+    loops: bool = declare_setting(
+        False,
+        "Lay loops of 4 to 6 vertices around limbs, more where they bend.",
+        name="cage_loops",
+        meaning="loops of vertices go around limbs of the cage that was built",
+        is_recorded_unset=False,
+        option="--loops",
+        excludes=(
+            (
+                "symmetric",
+                "`loops=True` and `symmetric=` do not go together: loops are not laid by pairs; "
+                "leave out one",
+            ),
+        ),
+    )
 
     def __post_init__(self) -> None:
-        if not MIN_VERTICES <= self.vertices <= MAX_VERTICES:
-            raise SettingError(
-                f"a cage of {self.vertices} vertices is asked for, expected {MIN_VERTICES} to "
-                f"{MAX_VERTICES}"
-            )
-        if not 0 < self.clearance <= MAX_CLEARANCE:
-            raise SettingError(
-                f"the clearance is {100 * self.clearance:g} % of the diagonal, expected more than "
-                f"0 and at most {100 * MAX_CLEARANCE:g} %"
-            )
-        if self.symmetric not in get_args(SymmetryChoice):
-            raise SettingError(
-                f"symmetric is {self.symmetric!r}, expected one of "
-                f"{', '.join(map(repr, get_args(SymmetryChoice)))}"
-            )
-        if self.loops and self.symmetric != "off":
-            raise SettingError(
-                "`loops=True` and `symmetric=` do not go together: loops are not laid by pairs; "
-                "leave out one"
-            )
+        check_settings(self)
 
 
 @dataclass(frozen=True, slots=True)

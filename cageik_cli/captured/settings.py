@@ -1,10 +1,10 @@
 """What is done for clips from scanners and trackers. This module imports no numerics."""
 
 from dataclasses import dataclass
-from math import isfinite
 from typing import Final, Literal
 
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
 AUTO_SMOOTHING: Final = "auto"
 """As the period that is smoothed: found by generalised cross-validation."""
@@ -33,14 +33,38 @@ class CaptureSettings:
         Fill frames that are skipped, or have no data, from those around them in time.
     """
 
-    robust: bool = False
-    smooth: float | Literal["auto"] | None = None
-    fill_gaps: bool = False
+    robust: bool = declare_setting(
+        False,
+        "Reject vertices that are thrown away in some frames.",
+        name="robust",
+        meaning="reject vertices that are thrown away in some frames",
+        is_recorded_unset=False,
+        group=HelpGroup.CAPTURED,
+    )
+    smooth: float | Literal["auto"] | None = declare_setting(
+        None,
+        "Smooth the cages over time: halve motions of this period, or find it from the noise.",
+        name="smooth",
+        meaning="period in seconds of motions that are smoothed away by half",
+        is_recorded_unset=False,
+        word=AUTO_SMOOTHING,
+        expected="a number of seconds",
+        metavar=f"SECONDS|{AUTO_SMOOTHING}",
+        above=0,
+        refusal="smooth is {value}, expected seconds above 0, or auto",
+        group=HelpGroup.CAPTURED,
+    )
+    fill_gaps: bool = declare_setting(
+        False,
+        "Fill frames without data from those around them.",
+        name="fill_gaps",
+        meaning="fill frames without data from those around them",
+        is_recorded_unset=False,
+        group=HelpGroup.CAPTURED,
+    )
 
     def __post_init__(self) -> None:
-        period = self.smooth
-        if isinstance(period, float | int) and not (isfinite(period) and period > 0):
-            raise SettingError(f"smooth is {period}, expected seconds above 0, or auto")
+        check_settings(self)
 
     def check_period(self, fps: float) -> None:
         """Refuse to smooth periods of more than `MAX_SMOOTHING_PERIOD` frames."""

@@ -6,15 +6,10 @@ from typing import TYPE_CHECKING
 import click
 
 from cageik_cli.cli.batch_plan import SHARED_OPTIONS, BatchOptions, SharedOptions, plan_batch
-from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
+from cageik_cli.cli.command import GroupedCommand, option
 from cageik_cli.cli.group import word_options
-from cageik_cli.cli.options import (
-    PATH_TYPE,
-    OptionGroup,
-    common_options,
-    count_processors,
-    is_on_command_line,
-)
+from cageik_cli.cli.options import common_options, count_processors
+from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup, is_on_command_line
 from cageik_cli.cli.output import (
     LineLogger,
     append_step_summary,
@@ -22,6 +17,7 @@ from cageik_cli.cli.output import (
     exit_with_code,
     show_progress,
 )
+from cageik_cli.util.settings import HelpGroup
 from cageik_cli.util.text import format_count, single_line
 
 if TYPE_CHECKING:

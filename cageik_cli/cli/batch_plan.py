@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from cageik_cli.cli.command import spell_param
+from cageik_cli.cli.command import GroupedOption, spell_param
 from cageik_cli.cli.config import CONFIG_NAME, ClipTables, is_auxiliary_path, list_commands
 from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
 from cageik_cli.cli.group import word_options
-from cageik_cli.cli.options import Decorator, OptionGroup
-from cageik_cli.cli.options.clip import make_exclude_option
+from cageik_cli.cli.options.group import Decorator, OptionGroup, list_options
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS
+from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import CageikError, SettingError, WrongUsageError
 
 if TYPE_CHECKING:
@@ -25,21 +25,6 @@ if TYPE_CHECKING:
     from cageik_cli.cli.options.limits import LoadBaseline
     from cageik_cli.report.limits import Limits
     from cageik_cli.run.settings import ExtractSettings
-
-BATCH_OPTIONS = (
-    "output",
-    "cage_output",
-    "exports",
-    "overwrite",
-    "resume",
-    "timings",
-    "jobs",
-    "quiet",
-    "config",
-    "verbose",
-    "help_all",
-)
-"""Options of `extract` that apply to the whole batch, or to no batch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +98,11 @@ SHARED_OPTIONS = OptionGroup(
     *(
         _repeat_option(option)
         for option in extract_command.params
-        if isinstance(option, click.Option) and option.name not in (*BATCH_OPTIONS, "exclude")
+        if isinstance(option, GroupedOption)
+        and option.setting.is_per_clip
+        and option.name != "exclude"
     ),
-    make_exclude_option("--exclude-parts"),
+    *list_options(ClipSettings, {"exclude": {"option": "--exclude-parts"}}),
 )
 
 
@@ -139,7 +126,7 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
     if not options.overwrite:
         (check_batch_folder if options.resume else check_folder_empty)(options.output)
     commands = list_commands(click.get_current_context())
-    tables = ClipTables(extract_command, commands, BATCH_OPTIONS, options.folders)
+    tables = ClipTables(extract_command, commands, options.folders)
     notes: list[str] = []
     found = _find_clips(options, shared, tables, notes.append)
     load_baseline = cache(read_baseline)

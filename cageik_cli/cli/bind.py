@@ -1,41 +1,24 @@
 """`cageik bind`: the weights of a rest pose in a cage."""
 
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
-from cageik_cli.cli.options import (
-    PATH_TYPE,
-    WEIGHT_OPTIONS,
-    OptionGroup,
-    common_options,
-    is_given,
-    memory_option,
-    overwrite_option,
-    timings_option,
-)
-from cageik_cli.cli.options.clip import exclude_option, make_given_option, rate_option
-from cageik_cli.cli.options.solve import (
-    FIT_STRENGTH_OPTIONS,
-    SOLVE_OPTIONS,
-    make_fit_settings,
-    refuse_without_fit,
-    vertex_weights_option,
-)
+from cageik_cli.cli.command import GroupedCommand, get_verbosity
+from cageik_cli.cli.options import CACHE_OPTIONS, common_options, jobs_option, timings_option
+from cageik_cli.cli.options.group import OptionGroup, is_given, list_options
+from cageik_cli.cli.options.solve import make_fit_settings, refuse_without_fit
 from cageik_cli.fit.settings import FitSettings
+from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.run.settings import BindRunSettings
 
-if TYPE_CHECKING:
-    from cageik_cli.run.bind import BindRunSettings
 
-
-def make_bind_settings(fit: FitSettings | None, **others: Any) -> "BindRunSettings":
+def make_bind_settings(fit: FitSettings | None, **others: Any) -> BindRunSettings:
     """Make the settings of a run; options of a fit without one are wrong usage."""
-    from cageik_cli.run.bind import BindRunSettings
-
     if fit is None:
-        refuse_without_fit(("vertex_weights", "alpha", "beta", "align", "fps"))
+        refuse_without_fit(("vertex_weights", *(one.name for one in fields(SolveSettings)), "fps"))
     return BindRunSettings(fit=fit or FitSettings(), **others)
 
 
@@ -48,36 +31,16 @@ def make_clip_fit(**options: Any) -> FitSettings | None:
 @OptionGroup(
     "settings",
     make_bind_settings,
-    option("--cage", type=PATH_TYPE, required=True, help="The cage around the rest pose."),
-    option("--rest", type=PATH_TYPE, required=True, help="Mesh of the rest pose."),
-    option(
-        "-o",
-        "--output",
-        type=PATH_TYPE,
-        default="binding.h5",
-        show_default=True,
-        help="The binding file.",
+    *list_options(
+        BindRunSettings,
+        cache=CACHE_OPTIONS,
+        jobs=jobs_option,
+        fit=OptionGroup("fit", make_clip_fit, *list_options(FitSettings)),
     ),
-    WEIGHT_OPTIONS,
-    option(
-        "--fit",
-        "clips",
-        metavar="CLIP",
-        multiple=True,
-        help="Fit the weights to this clip: a folder, a glob or a file; may be repeated.",
-    ),
-    OptionGroup("fit", make_clip_fit, *FIT_STRENGTH_OPTIONS),
-    SOLVE_OPTIONS,
-    vertex_weights_option,
-    exclude_option,
-    rate_option,
-    make_given_option("--cage and --fit", "--rest"),
-    memory_option,
-    overwrite_option,
 )
 @timings_option
 @common_options
-def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool) -> None:
+def bind_command(settings: BindRunSettings, timings: Path | None, quiet: bool) -> None:
     """Compute and save the weights of a model.
 
     `cageik extract --binding` and `cageik pose` take the binding file.

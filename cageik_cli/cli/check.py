@@ -2,45 +2,26 @@
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
 from cageik_cli.cli.group import word_options
-from cageik_cli.cli.options import (
-    PATH_TYPE,
-    OptionGroup,
-    common_options,
-    is_given,
-    jobs_option,
-    json_option,
-    overwrite_option,
-)
-from cageik_cli.cli.options.clip import (
-    SAMPLED_CLIP_OPTIONS,
-    make_given_option,
-    rest_frame_option,
-    rest_option,
-)
+from cageik_cli.cli.options import common_options, jobs_option, json_option, overwrite_option
+from cageik_cli.cli.options.group import OptionGroup, list_options
 from cageik_cli.cli.options.types import SuffixedPath
 from cageik_cli.cli.output import check_views, format_told, list_files, write_or_print
-
-if TYPE_CHECKING:
-    from cageik_cli.run.check import CheckSettings
+from cageik_cli.run.settings import CheckSettings
 
 
-def make_check_settings(**values: Any) -> "CheckSettings":
-    """Make the settings of a check; no cage, and a rest frame of no clip, are wrong usage."""
-    from cageik_cli.run.check import CheckSettings
-
+def make_check_settings(**values: Any) -> CheckSettings:
+    """Make the settings of a check; no cage is wrong usage."""
     if values["cage"] is None:
         frames = values["frames"]
         is_first = bool(frames) and Path(frames[0]).is_file()  # the cage is, more often than not
         words = shlex.join(frames[:3] if is_first else ("CAGE", *(frames[:2] or ("FRAMES",))))
         raise click.UsageError(f"Missing option '--cage': cageik check --cage {words}")
-    if is_given("rest_frame") and not values["frames"]:
-        raise click.UsageError("--rest-frame needs FRAMES; name them, or leave it out")
     return CheckSettings(**values)
 
 
@@ -48,13 +29,7 @@ def make_check_settings(**values: Any) -> "CheckSettings":
 @OptionGroup(
     "settings",
     make_check_settings,
-    click.argument("frames", nargs=-1),
-    option("--cage", type=PATH_TYPE, help="The cage to diagnose.  [required]"),
-    rest_option,
-    rest_frame_option,
-    SAMPLED_CLIP_OPTIONS,
-    make_given_option("--cage and --rest", "the clip, or of --rest without one"),
-    jobs_option,
+    *list_options(CheckSettings, jobs=jobs_option),
 )
 @json_option
 @option(
@@ -70,7 +45,7 @@ def make_check_settings(**values: Any) -> "CheckSettings":
 @overwrite_option
 @common_options
 def check_command(
-    settings: "CheckSettings",
+    settings: CheckSettings,
     json_path: Path | None,
     plot: Path | None,
     marked: Path | None,

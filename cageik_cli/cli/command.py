@@ -3,25 +3,12 @@
 from collections import Counter
 from collections.abc import Callable
 from difflib import get_close_matches
-from enum import StrEnum
 from textwrap import wrap
 from typing import Any
 
 import click
 
-
-class HelpGroup(StrEnum):
-    """A group of options, by its title in the help; the help has them in this order."""
-
-    FIRST = "Options"
-    SOLVE = "Weights and solve"
-    FIT = "Fit of the weights"
-    CAPTURED = "Captured data"
-    CLIP = "Clip and scene"
-    WRITTEN = "What is written"
-    LIMITS = "Limits"
-    RUNNING = "Running"
-
+from cageik_cli.util.settings import HelpGroup, Setting
 
 MAX_HELP_LINES = 45
 """Lines of a help that shows all options; a longer one describes the first group, and names the
@@ -36,11 +23,21 @@ class GroupedOption(click.Option):
     group : HelpGroup, optional
         If absent, that of the `OptionGroup` that holds the option, or the
         first.
+    setting : Setting
+        What is said of the setting that it sets; of an option that sets none, little.
     """
 
-    def __init__(self, *args: Any, group: HelpGroup | None = None, **kwargs: Any) -> None:
+    def __init__(
+        self,
+        *args: Any,
+        group: HelpGroup | None = None,
+        setting: Setting | None = None,
+        is_per_clip: bool = True,
+        **kwargs: Any,
+    ) -> None:
         super().__init__(*args, **kwargs)
         self.group = group
+        self.setting = setting or Setting(self.help or "", is_per_clip=is_per_clip)
 
 
 def option(*names: str, **attributes: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -66,6 +63,7 @@ class GroupedCommand(click.Command):
             is_eager=True,
             expose_value=False,
             callback=self._print_full_help,
+            is_per_clip=False,
             help="Show what all options do and exit.",
             group=HelpGroup.RUNNING,
         )

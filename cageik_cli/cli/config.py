@@ -22,9 +22,10 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.command import spell_param
+from cageik_cli.cli.command import GroupedOption, spell_param
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.files import read_input
+from cageik_cli.util.settings import Setting
 
 CLIPS_TABLE = "clips"
 """The table of the tables for some clips of `cageik batch`."""
@@ -141,8 +142,6 @@ class ClipTables:
         The command whose options a clip may set.
     commands : sequence of str
         Commands that may have tables in a file; only that of `command` is read.
-    batch_options : sequence of str
-        Options of `command` that apply to the whole batch, by the names of parameters.
     folders : sequence of Path
         The folders that are searched. Above them, only files of the user or of the system count.
     """
@@ -151,12 +150,10 @@ class ClipTables:
         self,
         command: click.Command,
         commands: Sequence[str],
-        batch_options: Sequence[str],
         folders: Sequence[Path] = (),
     ) -> None:
         self._command = command
         self._commands = commands
-        self._batch_options = batch_options
         self._folders = [folder.absolute() for folder in folders]
         self._tables_by_file: dict[Path, dict[str, Any]] = {}
 
@@ -247,12 +244,13 @@ class ClipTables:
         """Return the options of a table for clips in `folder`, with absolute paths."""
         options = parse_options(file, title, table, self._command)
         for name in options:
-            if name in self._batch_options:
+            setting = find_setting(self._command, name)
+            if not setting.is_per_clip:
                 raise click.BadParameter(
                     f"{file}: {name_table(title)} sets {self._name_option(name)}, which no clip of "
                     "a batch has of its own; remove it, or use an option of cageik batch"
                 )
-            if name == "cache":  # the only option of a clip that names what is written
+            if setting.role == "written":
                 raise click.BadParameter(
                     f"{file}: {name_table(title)} sets {self._name_option(name)}, which a file "
                     f"among clips may not; use --{self._name_option(name)}, or CAGEIK_CACHE"
@@ -283,7 +281,13 @@ def _resolve_path(file: Path, value: str, folder: Path) -> str:
 
 def is_auxiliary_path(command: click.Command, name: str, value: object) -> bool:
     """Tell whether a parameter names a file that is no frame; a rest pose may be a frame."""
-    return name != "rest" and is_path(command, name, value)
+    return is_path(command, name, value) and not find_setting(command, name).may_be_frame
+
+
+def find_setting(command: click.Command, name: str) -> Setting:
+    """Return what is said of the setting of an option."""
+    option = next(param for param in command.params if param.name == name)
+    return option.setting if isinstance(option, GroupedOption) else Setting("")
 
 
 def is_path(command: click.Command, name: str, value: object) -> bool:

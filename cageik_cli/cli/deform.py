@@ -1,50 +1,35 @@
 """`cageik deform`: the cage animation of a result applied to a mesh."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, HelpGroup, get_verbosity, option
+from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
 from cageik_cli.cli.options import (
     CACHE_OPTIONS,
-    PATH_TYPE,
-    OptionGroup,
+    check_morph_usage,
     common_options,
     jobs_option,
-    make_binding_options,
-    memory_option,
-    negate,
     output_options,
+)
+from cageik_cli.cli.options.group import (
+    PATH_TYPE,
+    OptionGroup,
+    list_options,
     refuse_options,
 )
-from cageik_cli.cli.options.clip import (
-    CLIP_OPTIONS,
-    MORPH_MEMBERS,
-    SCENE_OPTIONS,
-    check_morph_usage,
-    make_given_option,
-    make_morph_settings,
-    to_option,
-)
-from cageik_cli.cli.options.types import JOINTS_TYPE
 from cageik_cli.formats.settings import MorphSettings
-
-if TYPE_CHECKING:
-    from cageik_cli.run.deform import DeformSettings
+from cageik_cli.run.settings import DeformSettings
 
 
-def make_deform_settings(**values: Any) -> "DeformSettings":
+def make_deform_settings(**values: Any) -> DeformSettings:
     """Make the settings of a run; values that contradict each other are wrong usage."""
-    from cageik_cli.run.deform import DeformSettings
-
     if values["cages"] is None:
         of_cages = ("selection", "layout", "allow_gaps", "close_gaps")
         refuse_options(of_cages, "{} is for the clip of --cages; leave it out, or give --cages")
         if not values["mesh"]:
             said = "{} is for --mesh and --cages; leave it out, or give one of them"
             refuse_options(("exclude",), said)
-    if values["influences"] is None:
-        refuse_options(("joints",), "{} needs --influences; give both, or neither")
     has_morphs = values["morphs"] != MorphSettings(has_normals=True)
     check_morph_usage("--morphs, --tolerance and --flat", has_morphs, values["output"].path)
     return DeformSettings(compares=get_verbosity() > 0, **values)
@@ -54,77 +39,29 @@ def make_deform_settings(**values: Any) -> "DeformSettings":
 @OptionGroup(
     "settings",
     make_deform_settings,
-    click.argument("source", metavar="RESULT", type=PATH_TYPE),
-    option(
-        "--mesh",
-        type=PATH_TYPE,
-        multiple=True,
-        help="Another mesh in the rest cage, or points or Gaussian splats (.ply); meshes may be "
-        "repeated, and are parts of what is written.  [default: the rest model]",
-    ),
-    option(
-        "--cages",
-        help="Cages from elsewhere, such as edited ones: a folder, a quoted glob, or one file.  "
-        "[default: those of the result]",
-    ),
-    OptionGroup(
-        "output",
-        "formats.write.Output",
-        option(
-            "-o",
-            "--output",
-            "path",
-            type=PATH_TYPE,
-            required=True,
-            metavar="OUT",
-            help="A file, a folder, or files in a folder, such as mesh/mesh_####.obj; {part} in "
-            "the name stands for that of each part.",
-        ),
-        *output_options,
-    ),
-    CLIP_OPTIONS,
-    SCENE_OPTIONS,
-    to_option,
-    make_given_option("--mesh and --cages", "RESULT"),
-    *make_binding_options(None),
-    CACHE_OPTIONS,
-    option(
-        "--influences",
-        type=click.IntRange(min=1),
-        help="Fit the weights again to the motion of the mesh, with at most this number of cage "
-        "vertices per vertex, as export --skeleton does.  [default: the weights of the mesh]",
-        group=HelpGroup.WRITTEN,
-    ),
-    option(
-        "--joints",
-        type=JOINTS_TYPE,
-        default="turn",
-        show_default=True,
-        metavar="turn|translate|N",
-        help="With --influences: move the mesh by joints that turn, by joints that only translate, "
-        "or by N that turn.",
-        group=HelpGroup.WRITTEN,
-    ),
-    OptionGroup(
-        "morphs",
-        make_morph_settings,
-        *MORPH_MEMBERS,
-        OptionGroup(
-            "has_normals",
-            negate,
+    *list_options(
+        DeformSettings,
+        output=OptionGroup(
+            "output",
+            "formats.write.Output",
             option(
-                "--flat",
-                is_flag=True,
-                help="Leave out normals: half the size, and programs show facets (.glb).",
+                "-o",
+                "--output",
+                "path",
+                type=PATH_TYPE,
+                required=True,
+                metavar="OUT",
+                help="A file, a folder, or files in a folder, such as mesh/mesh_####.obj; {part} "
+                "in the name stands for that of each part.",
             ),
+            *output_options,
         ),
-        group=HelpGroup.WRITTEN,
+        cache=CACHE_OPTIONS,
+        jobs=jobs_option,
     ),
-    memory_option,
-    jobs_option,
 )
 @common_options
-def deform_command(settings: "DeformSettings", quiet: bool) -> None:
+def deform_command(settings: DeformSettings, quiet: bool) -> None:
     """Move a mesh, points or splats by cages.
 
     The cages of RESULT move its rest model, or another mesh. With --cages, RESULT may also be

@@ -7,77 +7,40 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.cli.cage import make_symmetric_option
-from cageik_cli.cli.command import GroupedCommand, HelpGroup, get_verbosity, option
+from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
 from cageik_cli.cli.group import word_options
-from cageik_cli.cli.options import (
-    BIND_OPTIONS,
-    CACHE_OPTIONS,
+from cageik_cli.cli.options import CACHE_OPTIONS, common_options, jobs_option, timings_option
+from cageik_cli.cli.options.group import (
     PATH_TYPE,
     OptionGroup,
-    common_options,
     is_on_command_line,
-    jobs_option,
-    memory_option,
-    negate,
-    overwrite_option,
+    list_options,
     refuse_options,
-    timings_option,
-)
-from cageik_cli.cli.options.clip import (
-    CLIP_MEMBERS,
-    SCENE_OPTIONS,
-    make_given_option,
-    rest_frame_option,
-    rest_option,
 )
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
-from cageik_cli.cli.options.solve import (
-    CAPTURE_OPTIONS,
-    FIT_STRENGTH_OPTIONS,
-    SOLVE_OPTIONS,
-    choose_fit_settings,
-    vertex_weights_option,
-)
-from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.cli.options.solve import choose_fit_settings
+from cageik_cli.fit.settings import FitSettings
+from cageik_cli.inputs.settings import BUILD_OPTIONS
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.run.settings import ExportSettings, ExtractSettings
+from cageik_cli.util.settings import HelpGroup
 
 if TYPE_CHECKING:
     from cageik_cli.cli.output import ProgressBar
     from cageik_cli.report.record import Report
-    from cageik_cli.run.export import ExportSettings
-    from cageik_cli.run.settings import ExtractSettings
     from cageik_cli.store.result import Result
     from cageik_cli.util.progress import ProgressListener
 
-BUILT_CAGE_OPTIONS = OptionGroup(
-    "build",
-    BuildSettings,
-    option(
-        "--cage-vertices",
-        "vertices",
-        type=int,
-        metavar="N",
-        default=BuildSettings().vertices,
-        show_default=True,
-        help="Vertices of the cage that is built, at most.",
-    ),
-    make_symmetric_option(HelpGroup.SOLVE),
-)
 
-
-def make_extract_settings(**values: Any) -> "ExtractSettings":
+def make_extract_settings(**values: Any) -> ExtractSettings:
     """Make the settings of a run; values that contradict each other are wrong usage."""
-    from cageik_cli.run.settings import ExtractSettings
-
     _refuse_swap(values["frames"], values["cage"])
     if values["binding"] is not None:
         _check_binding_settings(values["binding"], values["bind"])
     if values["cage"] is not None or values["binding"] is not None:
         given = "--binding" if values["cage"] is None else "--cage"
         message = "{} is for a cage that is built; leave out {} or " + given
-        refuse_options(("vertices", "symmetric", "cage_output"), message)
+        refuse_options((*BUILD_OPTIONS, "cage_output"), message)
     return ExtractSettings(**values)
 
 
@@ -114,93 +77,23 @@ def _check_binding_settings(binding: Path, requested: BindSettings) -> None:
 EXTRACT_OPTIONS = OptionGroup(
     "settings",
     make_extract_settings,
-    click.argument("frames", nargs=-1, required=True),
-    option(
-        "--cage",
-        type=PATH_TYPE,
-        help="The cage around the rest pose.  [default: one is built, as by cageik cage]",
-    ),
-    BUILT_CAGE_OPTIONS,
-    option(
-        "--cage-out",
-        "cage_output",
-        type=PATH_TYPE,
-        help="Write the cage that is built to this .obj file.",
-        group=HelpGroup.WRITTEN,
-    ),
-    option(
-        "--binding",
-        type=PATH_TYPE,
-        help="Take the weights and the cage from this file of cageik bind.",
-        group=HelpGroup.SOLVE,
-    ),
-    option(
-        "-o",
-        "--output",
-        type=PATH_TYPE,
-        default="cages.h5",
-        show_default=True,
-        help="The result file.",
-    ),
-    rest_option,
-    rest_frame_option,
-    BIND_OPTIONS,
-    CACHE_OPTIONS,
-    SOLVE_OPTIONS,
-    OptionGroup(
-        "fit",
-        choose_fit_settings,
-        option(
-            "--fit/--no-fit",
-            "is_fitted",
-            default=None,
-            help="Fit the weights to the clip.  [default: if a cage is built]",
-            group=HelpGroup.FIRST,
+    *list_options(
+        ExtractSettings,
+        cache=CACHE_OPTIONS,
+        fit=OptionGroup(
+            "fit",
+            choose_fit_settings,
+            option(
+                "--fit/--no-fit",
+                "is_fitted",
+                default=None,
+                help="Fit the weights to the clip.  [default: if a cage is built]",
+                group=HelpGroup.FIRST,
+            ),
+            *list_options(FitSettings),
         ),
-        *FIT_STRENGTH_OPTIONS,
+        jobs=jobs_option,
     ),
-    vertex_weights_option,
-    CAPTURE_OPTIONS,
-    SCENE_OPTIONS,
-    make_given_option("--rest and --cage", "the clip"),
-    OptionGroup(
-        "keep_weights",
-        negate,
-        option(
-            "--no-weights",
-            is_flag=True,
-            help="Do not store the weights in the result (smaller file).",
-        ),
-        group=HelpGroup.WRITTEN,
-    ),
-    OptionGroup(
-        "clip",
-        ClipSettings,
-        *CLIP_MEMBERS,
-        option(
-            "--missing",
-            is_flag=True,
-            help="Take vertices whose position is nan as missing data.",
-            group=HelpGroup.CAPTURED,
-        ),
-    ),
-    option(
-        "--resume",
-        is_flag=True,
-        help="Continue an interrupted run from its checkpoint; start if there is none.",
-        group=HelpGroup.RUNNING,
-    ),
-    option(
-        "--on-bad-frame",
-        type=click.Choice(["stop", "skip"]),
-        default="stop",
-        show_default=True,
-        help="If a frame cannot be read: stop, or leave a gap and report it.",
-        group=HelpGroup.CAPTURED,
-    ),
-    overwrite_option,
-    memory_option,
-    jobs_option,
 )
 
 
@@ -211,6 +104,7 @@ EXTRACT_OPTIONS = OptionGroup(
     "exports",
     type=PATH_TYPE,
     multiple=True,
+    is_per_clip=False,
     help="Also write the cages to this file, as cageik export does; may be repeated.",
     group=HelpGroup.WRITTEN,
 )
@@ -218,7 +112,7 @@ EXTRACT_OPTIONS = OptionGroup(
 @timings_option
 @common_options
 def extract_command(
-    settings: "ExtractSettings",
+    settings: ExtractSettings,
     exports: tuple[Path, ...],
     limits: LimitOptions,
     timings: Path | None,
@@ -283,7 +177,7 @@ def _format_run(report: "Report", progress: "ProgressBar") -> str:
     return "\n".join([text, *map(format_row, progress.make_rows())])
 
 
-def _list_written(settings: "ExtractSettings", result: "Result") -> list[str]:
+def _list_written(settings: ExtractSettings, result: "Result") -> list[str]:
     """Return lines on the files that were written, and what to do with the result."""
     from cageik_cli.cli.output import list_next_steps
 
@@ -291,7 +185,7 @@ def _list_written(settings: "ExtractSettings", result: "Result") -> list[str]:
     return [*cage, f"wrote {settings.output}", *list_next_steps(result)]
 
 
-def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> list[str]:
+def _export(planned: list[ExportSettings], progress: "ProgressListener") -> list[str]:
     """Write the exports, and return what is told of each."""
     if not planned:
         return []
@@ -300,12 +194,12 @@ def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> li
     return [export(one, progress).message for one in planned]
 
 
-def _plan_exports(settings: "ExtractSettings", paths: tuple[Path, ...]) -> list["ExportSettings"]:
+def _plan_exports(settings: ExtractSettings, paths: tuple[Path, ...]) -> list[ExportSettings]:
     """Make the settings of the exports, and check them before any work."""
     if not paths:
         return []
     from cageik_cli.formats.write import Output
-    from cageik_cli.run.export import ExportSettings, check_export
+    from cageik_cli.run.export import check_export
 
     outputs = [Output(path, overwrite=settings.overwrite) for path in paths]
     planned = [ExportSettings(settings.output, output) for output in outputs]

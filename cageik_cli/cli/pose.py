@@ -2,85 +2,37 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, HelpGroup, get_verbosity, option
+from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
 from cageik_cli.cli.options import (
-    PATH_TYPE,
-    WEIGHT_OPTIONS,
-    OptionGroup,
+    CACHE_OPTIONS,
+    WEIGHT_NAMES,
     common_options,
-    is_on_command_line,
-    overwrite_option,
-    posed_cage_option,
-    refuse_options,
+    jobs_option,
     timings_option,
 )
-from cageik_cli.cli.options.clip import exclude_option, make_given_option
-from cageik_cli.cli.options.types import PercentType, SuffixedPath
+from cageik_cli.cli.options.group import (
+    PATH_TYPE,
+    OptionGroup,
+    is_on_command_line,
+    list_options,
+    refuse_options,
+)
+from cageik_cli.cli.options.types import SuffixedPath
 from cageik_cli.cli.output import check_views, list_files, write_or_print
 from cageik_cli.formats.settings import UP_AXES
-
-if TYPE_CHECKING:
-    from cageik_cli.run.edit import EditSettings, PoseSettings
-
-DEFAULT_SNAP = "2%"
-"""How far a position may be from the surface if --snap has no number."""
-
-POSING_OPTIONS: OptionGroup[Any] = OptionGroup(
-    "posing",
-    "editing.edits.PosingSettings",
-    option(
-        "--alpha",
-        type=float,
-        default=1e-6,
-        show_default=True,
-        help="Weight of the cage's Laplacian: higher is smoother, and meets handles less exactly.",
-    ),
-    option("--beta", type=float, default=1.0, show_default=True, help="Weight of the handles."),
-    option(
-        "--rigidity",
-        type=click.IntRange(min=0),
-        default=0,
-        show_default=True,
-        help="Rounds in which parts of the cage rotate with the motion; 0 shears them.",
-    ),
-    option("--hard", is_flag=True, help="Meet all handles exactly."),
-    option(
-        "--mirror",
-        is_flag=True,
-        help="Mirror the edit to the other side, about the plane of a symmetric cage.",
-    ),
-    option(
-        "--snap",
-        type=PercentType(
-            "a percentage",
-            f"10%; without a number, put --snap last or write --snap={DEFAULT_SNAP}",
-        ),
-        is_flag=False,
-        flag_value=DEFAULT_SNAP,
-        metavar="NUMBER[%]",
-        help="Move handles with a position to the nearest point of the surface, if it is at "
-        f"most this far away; {DEFAULT_SNAP} of the diagonal if no number is given.",
-    ),
-    option(
-        "--allow-conflicts",
-        is_flag=True,
-        help="Take the mean if one point has different targets.",
-    ),
-    group=HelpGroup.SOLVE,
-)
+from cageik_cli.run.settings import EditSettings, PoseSettings
 
 
 def make_pose_settings(
     target: Path, cage: Path | None, cage_output: Path | None, **others: Any
-) -> "PoseSettings | EditSettings":
+) -> PoseSettings | EditSettings:
     """Make the settings of an edit of a result, or of a pose of a model."""
     from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
     from cageik_cli.inputs.mesh_source import holds_caged_model
-    from cageik_cli.run.edit import EditSettings, PoseSettings
     from cageik_cli.store.binding_file import is_binding
 
     handles = others["handles"]
@@ -88,7 +40,7 @@ def make_pose_settings(
         raise click.UsageError("Missing argument 'HANDLES', or option '--cage-edits'.")
     if handles and target.suffix.lower() == ".json" and handles.suffix.lower() != ".json":
         raise click.UsageError(f"TARGET comes before HANDLES; swap {target} and {handles}")
-    weight_names = sorted(WEIGHT_OPTIONS.option_names)
+    weight_names = WEIGHT_NAMES
     is_hdf5 = target.suffix.lower() in HDF5_SUFFIXES
     is_clip = is_hdf5 and cage is not None and not holds_caged_model(target)
     is_hdf5 = is_hdf5 and not is_clip
@@ -124,32 +76,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
 @OptionGroup(
     "settings",
     make_pose_settings,
-    click.argument("target", type=PATH_TYPE),
-    click.argument("handles", type=PATH_TYPE, required=False),
-    option(
-        "-o",
-        "--output",
-        type=PATH_TYPE,
-        required=True,
-        help="The posed model (.obj, .ply), or the edited result (.h5).",
-    ),
-    option(
-        "--cage",
-        type=PATH_TYPE,
-        help="The cage around TARGET, if that is a model; or a result or a binding (.h5) with the "
-        "cage, whose fit is carried to TARGET.",
-    ),
-    make_given_option("--cage", "TARGET"),
-    exclude_option,
-    option(
-        "--cage-edits",
-        type=PATH_TYPE,
-        help="A JSON file that says which cage vertices move where, before the handles act.",
-    ),
-    posed_cage_option,
-    POSING_OPTIONS,
-    WEIGHT_OPTIONS,
-    overwrite_option,
+    *list_options(PoseSettings, cache=CACHE_OPTIONS, jobs=jobs_option),
 )
 @option(
     "--plot",
@@ -181,7 +108,7 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
 @timings_option
 @common_options
 def pose_command(
-    settings: "PoseSettings | EditSettings",
+    settings: PoseSettings | EditSettings,
     plot: Path | None,
     up_axis: str | None,
     json_path: Path | None,
@@ -204,7 +131,7 @@ def pose_command(
         format_pose_rows,
         list_brief_pose_rows,
     )
-    from cageik_cli.run.edit import EditSettings, edit, pose
+    from cageik_cli.run.edit import edit, pose
     from cageik_cli.store.result import read_result
 
     check_views(

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, HelpGroup, get_verbosity, option
+from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
 from cageik_cli.cli.group import word_options
-from cageik_cli.cli.options import PATH_TYPE, OptionGroup, common_options, overwrite_option
+from cageik_cli.cli.options import common_options, overwrite_option
+from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
 from cageik_cli.cli.options.types import PictureSize, SuffixedPath
 from cageik_cli.cli.output import (
@@ -22,6 +23,7 @@ from cageik_cli.cli.output import (
     show_progress,
     write_or_print,
 )
+from cageik_cli.util.settings import HelpGroup
 
 if TYPE_CHECKING:
     from cageik_cli.report.film.settings import FilmSettings

@@ -7,45 +7,46 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.command import GroupedCommand, HelpGroup, option
-from cageik_cli.cli.extract import BUILT_CAGE_OPTIONS
+from cageik_cli.cli.command import GroupedCommand, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import (
-    PATH_TYPE,
-    WEIGHT_OPTIONS,
-    OptionGroup,
+    CACHE_OPTIONS,
+    WEIGHT_NAMES,
     common_options,
+    jobs_option,
+)
+from cageik_cli.cli.options.group import (
+    OptionGroup,
     is_on_command_line,
-    overwrite_option,
-    posed_cage_option,
+    list_options,
     refuse_options,
 )
-from cageik_cli.cli.options.clip import exclude_option, make_given_option
 from cageik_cli.cli.output import ProgressBar, show_progress
+from cageik_cli.inputs.settings import BUILD_OPTIONS
+from cageik_cli.run.settings import ViewSettings
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.settings import HelpGroup
 
 if TYPE_CHECKING:
     from cageik_cli.view.run import Rows
-    from cageik_cli.view.session import ViewSettings
 
 
-def make_view_settings(**values: Any) -> "ViewSettings":
+def make_view_settings(**values: Any) -> ViewSettings:
     """Make the settings of a view; options that contradict each other are wrong usage."""
     from cageik_cli.inputs.mesh_source import holds_caged_model
     from cageik_cli.store.binding_file import is_binding
-    from cageik_cli.view.session import ViewSettings
 
-    target, weight_names = values["target"], sorted(WEIGHT_OPTIONS.option_names)
+    target, weight_names = values["target"], WEIGHT_NAMES
     if holds_caged_model(target):
-        names = ["cage", "given_in", "exclude", "binding", "vertices", "symmetric", *weight_names]
+        names = ["cage", "given_in", "exclude", "binding", *BUILD_OPTIONS, *weight_names]
         if is_binding(target):
             _reject(names, "a binding has its cage and weights")
         else:
             _reject([*names, "cage_output"], "a result has its cage and weights")
     elif values["binding"] is not None:
-        _reject(["vertices", "symmetric", *weight_names], "a binding has its cage and weights")
+        _reject([*BUILD_OPTIONS, *weight_names], "a binding has its cage and weights")
     elif values["cage"] is not None:
-        _reject(["vertices", "symmetric"], "it is for a cage that is built, and --cage gives one")
+        _reject([*BUILD_OPTIONS], "it is for a cage that is built, and --cage gives one")
     if values["edits_cage"]:
         names = [
             "binding",
@@ -56,9 +57,6 @@ def make_view_settings(**values: Any) -> "ViewSettings":
             "cage_edits_output",
         ]
         refuse_options(names, "{}: --edit-cage changes the cage alone; leave it out")
-    if values["output"] is None:
-        outputs = ("cage_output", "handles_output", "cage_edits_output")
-        refuse_options(outputs, "{}: it is written with the output, which -o names; leave it out")
     return ViewSettings(**values)
 
 
@@ -71,47 +69,7 @@ def _reject(names: list[str], reason: str) -> None:
 @OptionGroup(
     "settings",
     make_view_settings,
-    click.argument("target", type=PATH_TYPE),
-    option(
-        "--cage",
-        type=PATH_TYPE,
-        help="The cage around a model, or a result or a binding with it (.h5).  "
-        "[default: one is built]",
-    ),
-    make_given_option("--cage", "TARGET"),
-    exclude_option,
-    option("--binding", type=PATH_TYPE, help="The binding file of a model."),
-    BUILT_CAGE_OPTIONS,
-    option(
-        "--edit-cage",
-        "edits_cage",
-        is_flag=True,
-        help="Edit the cage at rest, also one that is not fit; Apply writes it.",
-    ),
-    option("--handles", type=PATH_TYPE, help="A handles file that the page begins with."),
-    option("--cage-edits", type=PATH_TYPE, help="A cage edits file that the page begins with."),
-    option(
-        "-o",
-        "--output",
-        type=PATH_TYPE,
-        help="The posed model (.obj, .ply), edited result (.h5) or cage (.obj, .ply) that Apply "
-        "writes.",
-    ),
-    posed_cage_option,
-    option(
-        "--handles-out",
-        "handles_output",
-        type=PATH_TYPE,
-        help="Also write the applied handles (.json).",
-    ),
-    option(
-        "--cage-edits-out",
-        "cage_edits_output",
-        type=PATH_TYPE,
-        help="Also write the applied cage edits (.json).",
-    ),
-    WEIGHT_OPTIONS,
-    overwrite_option,
+    *list_options(ViewSettings, cache=CACHE_OPTIONS, jobs=jobs_option),
 )
 @option(
     "--port",
@@ -128,7 +86,7 @@ def _reject(names: list[str], reason: str) -> None:
     group=HelpGroup.RUNNING,
 )
 @common_options
-def view_command(settings: "ViewSettings", port: int, no_browser: bool, quiet: bool) -> None:
+def view_command(settings: ViewSettings, port: int, no_browser: bool, quiet: bool) -> None:
     """Play a clip or pose a model in the browser.
 
     TARGET is a result, a binding of cageik bind, or a model. The page is served on this machine
@@ -164,7 +122,7 @@ def view_command(settings: "ViewSettings", port: int, no_browser: bool, quiet: b
 class TerminalListener:
     """Prints the address and the edits; a `ViewListener`."""
 
-    def __init__(self, settings: "ViewSettings", opens_browser: bool, is_quiet: bool) -> None:
+    def __init__(self, settings: ViewSettings, opens_browser: bool, is_quiet: bool) -> None:
         self._settings, self._is_quiet = settings, is_quiet
         self._opens_browser = opens_browser
         self._progress = ProgressBar(is_drawn=False)

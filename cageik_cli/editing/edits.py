@@ -13,40 +13,12 @@ from cageik_cli.editing.handles.placement import place_handles
 from cageik_cli.editing.handles.schedule import HandleSchedule
 from cageik_cli.method.pose.anchors import Anchor
 from cageik_cli.method.pose.constraints import CageConstraints, find_reach, require_mirror
-from cageik_cli.method.pose.poser import DEFAULT_POSE_ALPHA, Poser, validate_weights
+from cageik_cli.method.pose.poser import Poser
+from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.metrics import FrameMetrics, measure
 from cageik_cli.method.weights.binding import Binding, reconstruct
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import SettingError, error_context
-
-
-@dataclass(frozen=True, slots=True)
-class PosingSettings:
-    """How handles move a cage.
-
-    Attributes
-    ----------
-    alpha, beta : float
-        As in `Poser`; `snap`, `allow_conflicts` and `hard` are those of `place_handles`.
-    rigidity : int
-        Rounds of rigid rotations.
-    mirror : bool
-        Both sides move as mirror images, about the plane of the cage; a handles file that states a
-        plane keeps that.
-    """
-
-    alpha: float = DEFAULT_POSE_ALPHA
-    beta: float = 1.0
-    rigidity: int = 0
-    snap: float | None = None
-    allow_conflicts: bool = False
-    hard: bool = False
-    mirror: bool = False
-
-    def __post_init__(self) -> None:
-        validate_weights(self.alpha, self.beta)
-        if self.snap is not None and not (np.isfinite(self.snap) and self.snap >= 0):
-            raise SettingError(f"snap is {self.snap}, expected a finite number, zero or above")
+from cageik_cli.util.errors import error_context
 
 
 class Layer:

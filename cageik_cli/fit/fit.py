@@ -28,8 +28,9 @@ from cageik_cli.fit.systems import SurfaceLaplacian
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
 from cageik_cli.method.weights.binding import Binding, Correction
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CageError, SettingError
+from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.threads import OrderedMap, limit_blas_threads
 
 MAX_HELD_OUT_ROUNDS = 8

@@ -3,48 +3,17 @@
 This module imports no numerics.
 """
 
-from dataclasses import Field, dataclass, field, fields
-from math import isfinite
-from types import NoneType
-from typing import Any, get_args
+from dataclasses import dataclass
 
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
 FIT_VERSION = 4
 """Raise it when fitted weights or their reports change, so that caches are not used."""
 
 DEFAULT_REGULARIZATION = 0.1
 """λ where it is neither stated nor found by frames held out."""
-
-
-def declare_setting(
-    default: Any, name: str, text: str, *, meaning: str, unset: str | None = None
-) -> Any:
-    """Return a field of the settings with all that its option, files and reports say of it.
-
-    Whether its values are whole numbers, numbers, or on and off follows from its type.
-
-    Parameters
-    ----------
-    name : str
-        In result files, and of the option.
-    text : str
-        The help of the option.
-    meaning : str
-        What a report says that the setting is.
-    unset : str, optional
-        The word for None.
-    """
-    said = {"name": name, "help": text, "meaning": meaning, "unset": unset}
-    return field(default=default, metadata=said)
-
-
-def find_kind(setting: "Field[Any]") -> type:
-    """Return the type of the values of a setting, besides None."""
-    kinds = [one for one in get_args(setting.type) or (setting.type,) if one is not NoneType]
-    kind: type = kinds[0]
-    return kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,56 +45,55 @@ class FitSettings:
 
     regularization: float | None = declare_setting(
         DEFAULT_REGULARIZATION,
-        "fit_regularization",
         "Pull of fitted weights to the others: higher is smoother and less exact; auto chooses it "
         "by frames kept aside from the fit.",
+        name="fit_regularization",
         meaning="pull of fitted weights to the others",
-        unset="auto",
+        word="auto",
+        expected="a number, such as 0.1",
+        metavar="NUMBER|AUTO",
+        above=0,
+        group=HelpGroup.FIT,
     )
     smoothness: float = declare_setting(
         1.0,
-        "fit_smoothness",
         "Smoothness over the surface of what the fit changes.",
+        name="fit_smoothness",
         meaning="smoothness over the surface of what a fit changes in the weights",
+        minimum=0,
+        group=HelpGroup.FIT,
     )
     rank: int | None = declare_setting(
         None,
-        "fit_rank",
         "Rank of what the fit changes: few numbers to store beside weights that can be computed.",
+        name="fit_rank",
         meaning="rank of what a fit changes in the weights; none is any",
         unset="any",
+        minimum=1,
+        refusal="fit rank is {value}, expected 1 or more",
+        group=HelpGroup.FIT,
+        excludes=(
+            (
+                "influences",
+                "fit rank is {rank} and influences are {influences}; a fit has one of them: leave "
+                "one out",
+            ),
+        ),
     )
     influences: int | None = declare_setting(
         None,
-        "influences",
         "Cage vertices that move each vertex, with weights that are not negative, as skeletons "
         "need.",
+        name="influences",
         meaning="cage vertices that move each vertex, at most; none is all",
         unset="all",
+        minimum=1,
+        refusal="fit influences is {value}, expected 1 or more",
+        group=HelpGroup.FIT,
     )
 
     def __post_init__(self) -> None:
-        value = self.regularization
-        if value is not None and not (isfinite(value) and value > 0):
-            raise SettingError(f"fit regularization is {value}, expected a finite number above 0")
-        if not (isfinite(self.smoothness) and self.smoothness >= 0):
-            raise SettingError(
-                f"fit smoothness is {self.smoothness}, expected a finite number, zero or above"
-            )
-        for name in ("rank", "influences"):
-            count = getattr(self, name)
-            if count is not None and count < 1:
-                raise SettingError(f"fit {name} is {count}, expected 1 or more")
-        if self.rank is not None and self.influences is not None:
-            raise SettingError(
-                f"fit rank is {self.rank} and influences are {self.influences}; a fit has one of "
-                "them: leave one out"
-            )
-
-    def describe(self) -> dict[str, float | str | None]:
-        """Return the settings as a result file records them."""
-        held = {setting.metadata["name"]: getattr(self, setting.name) for setting in fields(self)}
-        return held | {"fit_regularization": self.regularization or "auto"}
+        check_settings(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,13 @@
 """Scene settings of an animation: frame rate, frame numbers, up axis and unit of length."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, replace
 from math import isfinite
 from typing import Any, Final, Literal
 
 from cageik_cli.formats.timeline import FrameRange, Timeline, check_frames
 from cageik_cli.util.errors import InputError, SettingError
+from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 from cageik_cli.util.units import UNIT_LENGTHS, type_unit
 
 UP_AXES = ("Y", "Z")
@@ -81,11 +82,34 @@ class Scene:
 class SceneHints:
     """The scene settings that a file or a user gives; None where they give none. See `Scene`."""
 
-    fps: float | None = None
-    start: float | None = None
-    up_axis: str | None = None
-    metres_per_unit: float | None = None
-    frame_step: float | None = None
+    fps: float | None = declare_setting(
+        None,
+        "Frames per second; glTF is sampled at them.",
+        unset="from the source, or 24",
+        group=HelpGroup.CLIP,
+    )
+    start: float | None = declare_setting(
+        None, "Number of the first frame.", unset="from the source, or 1", group=HelpGroup.CLIP
+    )
+    up_axis: str | None = declare_setting(
+        None,
+        "Axis that points up.",
+        unset="from the source, or Y",
+        choices=UP_AXES,
+        group=HelpGroup.CLIP,
+    )
+    metres_per_unit: float | None = declare_setting(
+        None,
+        "Metres per unit of length.",
+        unset="from the source, or 1",
+        group=HelpGroup.CLIP,
+    )
+    frame_step: float | None = declare_setting(
+        None,
+        "From the number of a frame to that of the next.",
+        unset="from the source, or 1",
+        group=HelpGroup.CLIP,
+    )
 
     def __post_init__(self) -> None:
         self.override(Scene())
@@ -222,12 +246,64 @@ class ClipSettings:
         Frames per second of a clip that is sampled, as its file states no rate.
     """
 
-    selection: slice | FrameRange = field(default_factory=lambda: slice(None))
-    layout: str | None = None
-    gaps: Gaps = "refuse"
-    missing: bool = False
-    exclude: tuple[str, ...] = ()
-    fps: float | None = None
+    selection: slice | FrameRange = declare_setting(
+        MISSING,
+        "Take these frames only: 1020-1060, 1020-1060x2 (every second), 1020, 1020- (to the end); "
+        "the slice A:B:STEP counts from 0.",
+        factory=lambda: slice(None),
+        option="--frames",
+        kind="frames",
+        typed=":",
+        unset="all",
+        metavar="FIRST-LAST",
+    )
+    layout: str | None = declare_setting(
+        None,
+        "Order of an array's axes: f frames, v vertices, x coordinates.",
+        unset="found from their lengths",
+        choices=LAYOUTS,
+        group=HelpGroup.CLIP,
+    )
+    gaps: Gaps = declare_setting(
+        "refuse",
+        "",
+        flags={
+            "keep": (
+                "--allow-gaps",
+                "Keep missing numbers of files as gaps in time, which are filled like skipped "
+                "frames.",
+            ),
+            "close": (
+                "--close-gaps",
+                "Number the frames one after another, whatever numbers of files are missing.",
+            ),
+        },
+        group=HelpGroup.CLIP,
+    )
+    missing: bool = declare_setting(
+        False,
+        "Take vertices whose position is nan as missing data.",
+        name="missing",
+        meaning="take vertices whose position is not a number as missing",
+        is_recorded_unset=False,
+        group=HelpGroup.CAPTURED,
+    )
+    exclude: tuple[str, ...] = declare_setting(
+        (),
+        "Leave out the parts of a clip or a model whose path, or a name in it, matches this "
+        "pattern, such as 'eye_?' or '/hero/props'; may be repeated.",
+        name="exclude",
+        meaning="patterns of the parts that are left out",
+        is_recorded_unset=False,
+        metavar="PATTERN",
+        group=HelpGroup.CLIP,
+    )
+    fps: float | None = declare_setting(
+        None,
+        "Frames per second at which glTF is sampled.",
+        unset="24",
+        group=HelpGroup.RUNNING,
+    )
 
     def __post_init__(self) -> None:
         check_frames(self.selection)
@@ -260,9 +336,36 @@ class MorphSettings:
         Write normals, which morph too.
     """
 
-    count: int | None = None
-    tolerance: float | None = None
-    has_normals: bool = False
+    count: int | None = declare_setting(
+        None,
+        "Write at most this number of morph targets (.glb).",
+        option="--morphs",
+        unset=f"{DEFAULT_MORPHS}, or {MAX_MORPHS} with --tolerance",
+        minimum=2,
+        maximum=MAX_MORPHS,
+        group=HelpGroup.WRITTEN,
+    )
+    tolerance: float | None = declare_setting(
+        None,
+        "Write as few morph targets as bring every vertex in every frame this near, in "
+        "percent of the diagonal, such as 0.01%; fail if that is impossible (.glb). With "
+        "--skeleton, leave out keys of joints as long as that holds.",
+        kind="tolerance",
+        above=0,
+        refusal="`tolerance=` is {value:g}, expected a percentage above zero, such as 0.01%: "
+        "positions are in single precision",
+        group=HelpGroup.WRITTEN,
+    )
+    has_normals: bool = declare_setting(
+        False,
+        "Leave out normals: half the size, and programs show facets (.glb).",
+        option="--flat",
+        is_off=True,
+        group=HelpGroup.WRITTEN,
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
 
     @property
     def limit(self) -> int:

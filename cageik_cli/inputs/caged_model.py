@@ -23,7 +23,8 @@ from cageik_cli.inputs.mesh_source import holds_caged_model, load_source
 from cageik_cli.inputs.model_file import LoadedModel, load_model, note_on
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.inputs.scene import UNSTATED, CommonScene, Offer
-from cageik_cli.inputs.weights import WeightSettings, bind_cached, load_matching_binding
+from cageik_cli.inputs.settings import WeightSettings
+from cageik_cli.inputs.weights import bind_cached, load_matching_binding
 from cageik_cli.method.weights.binding import Binding, reconstruct
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.figures import format_percent

@@ -1,6 +1,6 @@
 """Weights of a model in its cage: from a binding file, from the cache, or computed."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -14,27 +14,12 @@ from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.built_cage import BUILT_CAGE
-from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_keys import find_binding
 from cageik_cli.util.errors import CageError, SettingError, error_context
 from cageik_cli.util.progress import ProgressListener, mark_warning
-
-
-@dataclass(frozen=True, slots=True)
-class WeightSettings:
-    """How the weights of a run are obtained.
-
-    Attributes
-    ----------
-    cache : Path, optional
-        The folder of the weight cache; none is used if absent.
-    """
-
-    bind: BindSettings = field(default_factory=BindSettings)
-    cache: Path | None = None
-    jobs: int = 1
 
 
 def bind_cached(

@@ -1,34 +1,29 @@
 """What views call things: a result of `extract` has errors, one of `pose` was moved by an edit."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
+from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.captured.settings import CaptureSettings
 from cageik_cli.fit.settings import FitSettings
+from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.util.settings import list_meanings
 
 SETTING_MEANINGS = {
-    "accuracy": "accuracy of the harmonic weights",
-    "align": "move each frame rigidly onto the rest pose before it is solved",
+    **list_meanings(
+        BindSettings, BuildSettings, CaptureSettings, ClipSettings, FitSettings, SolveSettings
+    ),
     "allow_conflicts": "use the mean when handles at one point have different targets",
-    "alpha": "weight of the cage's Laplacian",
-    "beta": "weight of the mesh vertices",
-    "cage_clearance": "smallest distance of the cage that was built from the model, in diagonals",
-    "cage_symmetric": "plane that the cage that was built is symmetric about, if any",
-    "cage_vertices": "vertices of the cage that was built, at most",
-    "coordinates": "type of coordinates",
-    "fill_gaps": "fill frames without data from those around them",
     "hard": "meet all handles exactly",
     "mirror": "both sides of the cage move as mirror images",
-    "missing": "take vertices whose position is not a number as missing",
-    "outside": "treatment of vertices outside the cage",
     "pose_alpha": "weight of the cage's Laplacian in the edit",
     "pose_beta": "weight of the handles",
     "rest_frame": "frame used as the rest pose; none if it is a file, or a frame that is not taken",
     "rigidity": "rounds that rotate parts of the cage with the edit",
-    "robust": "reject vertices that are thrown away in some frames",
-    "smooth": "period in seconds of motions that are smoothed away by half",
     "snap": "how far positions of handles may be from the surface, percent of the diagonal",
     "vertex_weights": "whether vertices have weights of their own; area: by their area",
-    **{one.metadata["name"]: one.metadata["meaning"] for one in fields(FitSettings)},
 }
 """What the settings that a result records are, by name."""
 

@@ -37,8 +37,9 @@ from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store import result as result_file
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import Result
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 FilePath = str | PathLike[str]
@@ -456,9 +457,9 @@ def extract(
     """
     # No file is read or written.
     settings = ExtractSettings(
-        (),
-        None,
-        Path(),
+        frames=(),
+        cage=None,
+        output=Path(),
         solve=SolveSettings(alpha, beta, align),
         build=_make_build_settings(binding, cage_vertices),
         fit=False if fit is None and binding is not None else fit,

@@ -1,62 +1,23 @@
 """The weights of a run: computed, from the cache, or from a binding file."""
 
-from dataclasses import dataclass, field
-from pathlib import Path
-
 from cageik_cli.fit.fitted import FittedWeights
-from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.choose_parts import check_part_order
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_vertex_order
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.settings import ClipSettings, SceneHints
+from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.inputs.built_cage import suggest_repair
 from cageik_cli.inputs.mesh_source import load_rest, load_source
 from cageik_cli.inputs.rest_pose import load_vertex_weights
 from cageik_cli.inputs.scene import CommonScene
-from cageik_cli.inputs.weights import WeightSettings, bind_cached
-from cageik_cli.method.solve.settings import SolveSettings
+from cageik_cli.inputs.weights import bind_cached
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.fit import fit_to_clips
-from cageik_cli.run.settings import READ, READ_CLIP, WRITTEN, CommandSettings
+from cageik_cli.run.settings import BindRunSettings
 from cageik_cli.store.binding_file import StoredBinding, write_binding
-from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener, label_note
-
-
-@dataclass(frozen=True, slots=True)
-class BindRunSettings(CommandSettings):
-    """What to bind to what, and where to write it.
-
-    Attributes
-    ----------
-    given_in : SceneHints
-        Unit and up axis of the cage and the clips, see `CommonScene`.
-    clips : tuple of str
-        Clips that the weights are fitted to, each a folder, a glob or a file; none by default.
-    vertex_weights : Path or "area", optional
-        For the fit: a file with one number per vertex of the model, or by their area.
-    exclude : tuple of str
-        Patterns of parts of the rest pose and of the clips that are left out.
-    fps : float, optional
-        Frames per second at which clips of files without a rate are sampled.
-    """
-
-    cage: Path = field(metadata=READ)
-    rest: Path = field(metadata=READ)
-    output: Path = field(metadata=WRITTEN)
-    weights: WeightSettings = field(default_factory=WeightSettings)
-    overwrite: bool = False
-    given_in: SceneHints = field(default_factory=SceneHints)
-    clips: tuple[str, ...] = field(default=(), metadata=READ_CLIP)
-    fit: FitSettings = field(default_factory=FitSettings)
-    solve: SolveSettings = field(default_factory=SolveSettings)
-    vertex_weights: Path | str | None = field(default=None, metadata=READ)
-    exclude: tuple[str, ...] = ()
-    fps: float | None = None
-    memory: int = DEFAULT_MEMORY
 
 
 def bind_files(

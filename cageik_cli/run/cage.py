@@ -1,7 +1,6 @@
 """A cage around a model: built or repaired from file to file, or built around a mesh in memory."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from cageik_cli.cages.repair.repair import RepairedCage, repair_cage
 from cageik_cli.cages.settings import (
     DEFAULT_SYMMETRY,
     BuildSettings,
-    RepairSettings,
     SymmetryChoice,
 )
 from cageik_cli.formats.base.choose_parts import order_parts
@@ -24,7 +22,7 @@ from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.formats.find_files import mesh_suffixes, split_member
 from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.settings import ClipSettings, RestFrame, Scene, SceneHints
+from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.built_cage import check_cage_output
 from cageik_cli.inputs.mesh_source import holds_caged_model, load_source
@@ -35,7 +33,7 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import reconstruct
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.cage import CageResult
-from cageik_cli.run.settings import READ, READ_CLIP, WRITTEN, CommandSettings
+from cageik_cli.run.settings import CageSettings, RepairCageSettings
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import (
     CageError,
@@ -47,39 +45,6 @@ from cageik_cli.util.errors import (
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-
-
-@dataclass(frozen=True, slots=True)
-class CageSettings(CommandSettings):
-    """The model to build a cage around, and the file to write it to.
-
-    Attributes
-    ----------
-    model : str
-        A mesh, or a clip: a file, folder or glob.
-    output : Path
-        An OBJ file.
-    rest : Path, optional
-        The rest pose of a clip; a frame of it if absent.
-    rest_frame : int or str, optional
-        Which frame then: its index, or as text its number; or "auto", the one in which the
-        least of the surface touches; the first if absent.
-    animation : tuple of str
-        The clip the cage is for; none if empty.
-    given_in : SceneHints
-        Unit and up axis of the rest pose of a clip, and of the animation, see `CommonScene`.
-    """
-
-    model: str = field(metadata=READ_CLIP)
-    output: Path = field(metadata=WRITTEN)
-    build: BuildSettings = field(default_factory=BuildSettings)
-    rest: Path | None = field(default=None, metadata=READ)
-    rest_frame: RestFrame | None = None
-    animation: tuple[str, ...] = field(default=(), metadata=READ_CLIP)
-    clip: ClipSettings = field(default_factory=lambda: ClipSettings(gaps="close"))
-    given_in: SceneHints = field(default_factory=SceneHints)
-    overwrite: bool = False
-    jobs: int = 1
 
 
 def build_cage_file(settings: CageSettings, progress: ProgressListener | None = None) -> CageResult:
@@ -242,18 +207,6 @@ def make_measured_clip(
         return float(100 * np.sqrt(squares.mean()) / rest.diagonal)
 
     return Clip(poses, measure)
-
-
-@dataclass(frozen=True, slots=True)
-class RepairCageSettings(CommandSettings):
-    """Which cage to repair, for which model, and where to write it."""
-
-    cage: Path = field(metadata=READ)
-    model: Path = field(metadata=READ)
-    output: Path = field(metadata=WRITTEN)
-    repair: RepairSettings = field(default_factory=RepairSettings)
-    given_in: SceneHints = field(default_factory=SceneHints)
-    overwrite: bool = False
 
 
 def repair_cage_file(

@@ -1,42 +1,12 @@
 """A cage and the rest pose in it: read both, and diagnose them."""
 
-from dataclasses import dataclass, field
-from pathlib import Path
-
 from cageik_cli.cages.check.diagnosis import diagnose
-from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.inputs.built_cage import format_repair_command
 from cageik_cli.inputs.mesh_source import load_rest, load_source
 from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.report.views.cage import CheckResult
-from cageik_cli.run.settings import READ, READ_CLIP, CommandSettings
-
-
-@dataclass(frozen=True, slots=True)
-class CheckSettings(CommandSettings):
-    """What to check.
-
-    Attributes
-    ----------
-    frames : tuple of str
-        Files, folders and globs, or one file that holds a clip; may be none.
-    rest : Path, optional
-        The rest pose; a frame of the clip if absent, or none without a clip.
-    rest_frame : int or str
-        Which frame then: its index, or as text its number; or "auto", the one in which the
-        least of the surface touches.
-    given_in : SceneHints
-        Unit and up axis of the cage, and of the rest pose of a clip, see `CommonScene`.
-    """
-
-    cage: Path = field(metadata=READ)
-    frames: tuple[str, ...] = field(default=(), metadata=READ_CLIP)
-    rest: Path | None = field(default=None, metadata=READ)
-    rest_frame: RestFrame = 0
-    given_in: SceneHints = field(default_factory=SceneHints)
-    jobs: int = 1
-    clip: ClipSettings = field(default_factory=lambda: ClipSettings(gaps="close"))
+from cageik_cli.run.settings import CheckSettings
 
 
 def check_cage(settings: CheckSettings) -> CheckResult:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,6 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene_conversion import SceneConversion
-from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, split_output, write_animation
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.caged_model import CagedModel, carry_fit, report_skipped_frames
@@ -20,14 +19,15 @@ from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction, note_
 from cageik_cli.inputs.moved_meshes import MovedMeshes
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.inputs.scene import CommonScene
-from cageik_cli.inputs.weights import WeightSettings, bind_cached
+from cageik_cli.inputs.settings import WeightSettings
+from cageik_cli.inputs.weights import bind_cached
 from cageik_cli.method.weights.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.run.export import write_converted
 from cageik_cli.run.rig import check_rig, make_rig
-from cageik_cli.run.settings import READ, READ_CLIP, WRITTEN, CommandSettings
+from cageik_cli.run.settings import DeformSettings
 from cageik_cli.store.result import read_low_rank, read_rotations
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, count_frames
+from cageik_cli.util.arrays import Floats, count_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener, label_note
@@ -35,57 +35,6 @@ from cageik_cli.util.threads import limit_blas_threads
 
 NO_CAGES = "which has no cages; give them by `cages=`, or give a result"
 NO_SOLVE = "but `influences=` needs the settings of a result; give one"
-
-
-@dataclass(frozen=True, slots=True)
-class DeformSettings(CommandSettings):
-    """Which mesh to deform by which cages, and where to write it.
-
-    Attributes
-    ----------
-    source : Path
-        A result, or a binding, which needs `cages`.
-    mesh : tuple of Path
-        Bound to the rest cage, several as parts of one; the rest model if empty.
-    coordinates, accuracy, outside : str, optional
-        As in `BindSettings`; those of the source if absent.
-    cages : str, optional
-        A clip of cages to use instead of those of the result.
-    clip : ClipSettings
-        How it is read. Patterns to exclude that match parts of `mesh` leave out those instead.
-    scene : SceneHints
-        What the numbers of the source are in, where that is not what it says.
-    to : SceneHints
-        Unit and up axis to which what is written is converted.
-    given_in : SceneHints
-        Unit and up axis of `mesh` and `cages`, see `CommonScene`.
-    influences : int, optional
-        Cage vertices that move each vertex, at most, with weights that are fitted again to the
-        motion of the mesh; the weights that it has if absent.
-    joints : str or int
-        How the joints of such a skin move, as in `ExportSettings`.
-    compares : bool
-        Note the error of other numbers of influences, too.
-    """
-
-    source: Path = field(metadata=READ)
-    output: Output = field(metadata=WRITTEN)
-    mesh: tuple[Path, ...] = field(default=(), metadata=READ)
-    coordinates: str | None = None
-    accuracy: str | None = None
-    outside: str | None = None
-    cages: str | None = field(default=None, metadata=READ_CLIP)
-    clip: ClipSettings = field(default_factory=ClipSettings)
-    scene: SceneHints = field(default_factory=SceneHints)
-    to: SceneHints = field(default_factory=SceneHints)
-    given_in: SceneHints = field(default_factory=SceneHints)
-    cache: Path | None = None
-    memory: int = DEFAULT_MEMORY
-    jobs: int = 1
-    influences: int | None = None
-    joints: str | int = "turn"
-    compares: bool = False
-    morphs: MorphSettings = field(default_factory=lambda: MorphSettings(has_normals=True))
 
 
 def deform(settings: DeformSettings, progress: ProgressListener | None = None) -> ExportSummary:

@@ -4,7 +4,6 @@ Pose a model in its cage by the handles and the cage edits of files.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,23 +13,22 @@ from numpy.typing import NDArray
 
 from cageik_cli.editing.cage_edits import EditFiles
 from cageik_cli.editing.edit_target import EditTarget
-from cageik_cli.editing.edits import LayeredEdit, PosingSettings
+from cageik_cli.editing.edits import LayeredEdit
 from cageik_cli.editing.statistics import PoseStatistics
 from cageik_cli.editing.summary import PoseResult, take_snapshot
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.ply_points import place_positions
-from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction, load_model
-from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.blocks import SolvedBlock
 from cageik_cli.method.solve.metrics import METRIC_TYPES, DeviationPeaks, FrameMetrics, check_finite
 from cageik_cli.method.solve.summary import summarize_blocks
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.executor import choose_block_size
-from cageik_cli.run.settings import READ, WRITTEN, CommandSettings
+from cageik_cli.run.settings import EditSettings, PoseSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import (
     Result,
@@ -42,24 +40,13 @@ from cageik_cli.store.result import (
     read_rotations,
 )
 from cageik_cli.store.result_writer import ResultWriter, open_result_writer
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.settings import DEFAULT_MEMORY, describe_settings
 from cageik_cli.util.text import single_line, to_unicode
 from cageik_cli.util.threads import limit_blas_threads
-
-
-@dataclass(frozen=True, slots=True)
-class EditSettings(CommandSettings):
-    """Which animation to edit, by handles or cage edits or both, and where to write it."""
-
-    result: Path = field(metadata=READ)
-    handles: Path | None = field(metadata=READ)
-    output: Path = field(metadata=WRITTEN)
-    posing: PosingSettings = field(default_factory=PosingSettings)
-    overwrite: bool = False
-    cage_edits: Path | None = field(default=None, metadata=READ)
 
 
 def edit(
@@ -183,16 +170,6 @@ class _EditRun:
 
 
 def _build_header(settings: EditSettings, files: EditFiles, result: Result) -> ResultHeader:
-    posing = settings.posing
-    pose_settings = {
-        "pose_alpha": posing.alpha,
-        "pose_beta": posing.beta,
-        "rigidity": posing.rigidity,
-        "hard": posing.hard,
-        "snap": posing.snap,
-        "allow_conflicts": posing.allow_conflicts,
-        **({"mirror": True} if posing.mirror else {}),
-    }
     editor = " and ".join(single_line(source["name"]) for source in files.sources.values())
     source = single_line(to_unicode(settings.result.name))
     note = (
@@ -202,7 +179,7 @@ def _build_header(settings: EditSettings, files: EditFiles, result: Result) -> R
     return ResultHeader(
         quality=result.quality,
         scene=result.scene,
-        settings=result.settings | pose_settings,
+        settings=result.settings | describe_settings(settings.posing),
         notes=(*result.notes, note),
         edited_from=to_unicode(settings.result.name),
     )
@@ -217,41 +194,6 @@ def _collect_sources(settings: EditSettings, files: EditFiles, result: Result) -
     # An edit of an edit names its own files, and not those of the one before.
     earlier = {k: v for k, v in result.sources.items() if k not in ("handles", "cage_edits")}
     return earlier | {"result": source} | files.sources
-
-
-@dataclass(frozen=True, slots=True)
-class PoseSettings(CommandSettings):
-    """Which model to pose, and where to write it.
-
-    Attributes
-    ----------
-    target : Path
-        A rest model, or a binding file.
-    handles, cage_edits : Path, optional
-        One of them at least.
-    output : Path
-        The posed model: .obj or .ply.
-    cage : Path, optional
-        Needed for a rest model.
-    given_in : SceneHints
-        Unit and up axis of the cage, in place of what its file states.
-    cage_output : Path, optional
-        The posed cage: .obj or .ply.
-    exclude : tuple of str
-        Patterns of parts of a rest model that are left out.
-    """
-
-    target: Path = field(metadata=READ)
-    handles: Path | None = field(metadata=READ)
-    output: Path = field(metadata=WRITTEN)
-    cage: Path | None = field(default=None, metadata=READ)
-    cage_output: Path | None = field(default=None, metadata=WRITTEN)
-    posing: PosingSettings = field(default_factory=PosingSettings)
-    weights: WeightSettings = field(default_factory=WeightSettings)
-    overwrite: bool = False
-    given_in: SceneHints = field(default_factory=SceneHints)
-    exclude: tuple[str, ...] = ()
-    cage_edits: Path | None = field(default=None, metadata=READ)
 
 
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:

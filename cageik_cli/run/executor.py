@@ -8,8 +8,9 @@ from cageik_cli.formats.base.sequence import FramePrefetcher, MeshSequence
 from cageik_cli.geometry.frames import Block
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.util.arrays import DEFAULT_MEMORY, count_frames
+from cageik_cli.util.arrays import count_frames
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.threads import OrderedMap
 
 MAX_BLOCK_FRAMES = 16

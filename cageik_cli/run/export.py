@@ -1,9 +1,8 @@
 """Export the cages of a result in another format."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import (
     JOINT_MOTIONS,
     ROOT_MOTIONS,
-    MorphSettings,
     SceneHints,
 )
 from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
@@ -25,7 +23,6 @@ from cageik_cli.formats.write import (
     Output,
     WriterFactory,
     check_mesh_output,
-    frame_formats,
     names_parts,
     split_output,
     write_animation,
@@ -35,7 +32,7 @@ from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames
 from cageik_cli.inputs.reconstruction import Reconstruction
 from cageik_cli.run.rig import check_rig, make_rig, measure_input_rms
-from cageik_cli.run.settings import READ, WRITTEN, CommandSettings
+from cageik_cli.run.settings import ExportSettings
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.util.arrays import Floats, count_frames
 from cageik_cli.util.errors import SettingError
@@ -47,63 +44,12 @@ MAX_EXPORT_BYTES = 1 << 26
 """Bytes of a block of cages, at most."""
 
 
-@dataclass(frozen=True, slots=True)
-class ExportSettings(CommandSettings):
-    """Which cages to write, where and how.
-
-    Attributes
-    ----------
-    scene : SceneHints
-        What the numbers of the result are in, where that is not what it says.
-    to : SceneHints
-        Unit and up axis to which what is written is converted.
-    skeleton : bool
-        Write the rest pose with the weights as skin weights, and one joint per cage vertex.
-    influences : int, optional
-        Joints per vertex, at most, with weights that are fitted to that; those of the result if
-        absent.
-    joints : str or int
-        How the joints move, one of `JOINT_MOTIONS`; or how many joints that turn there are.
-    root_motion : str
-        How the root moves, one of `ROOT_MOTIONS`.
-    quantize : bool
-        Write a skeleton in glTF with integers of 8 and 16 bits where they are enough.
-    compares : bool
-        Note the error of other numbers of influences, too.
-    with_model : bool
-        Write cage and model in one file.
-    guide : bool
-        With a cage that programs show when they are asked, and never render.
-    morphs : MorphSettings
-        How morph targets follow the cages, in a format that has them. The tolerance is that of the
-        keys of a skeleton, too.
-    """
-
-    result: Path = field(metadata=READ)
-    output: Output = field(metadata=WRITTEN)
-    scene: SceneHints = field(default_factory=SceneHints)
-    to: SceneHints = field(default_factory=SceneHints)
-    skeleton: bool = False
-    influences: int | None = None
-    joints: str | int = "turn"
-    root_motion: str = "keep"
-    quantize: bool = False
-    compares: bool = False
-    with_model: bool = False
-    guide: bool = False
-    morphs: MorphSettings = field(default_factory=MorphSettings)
-
-    def outputs(self) -> list[Path]:
-        """Return what is written; one file of a format of frames is that of the rest cage."""
-        return [self.output.path] if is_rest_cage(self) else CommandSettings.outputs(self)
-
-
 def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:
     """Write the cage animation of a result."""
     progress = progress or ProgressListener()
     check_export(settings)
     result = read_result(settings.result)
-    if is_rest_cage(settings):
+    if settings.is_rest_cage:
         return _write_rest_cage(settings, result, progress)
     animation = Animation(
         rest=result.cage,
@@ -119,13 +65,6 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
         return _write_with_model(settings, result, animation, progress)
     blocks = read_cages(result, count_frames(MAX_EXPORT_BYTES, len(result.cage.vertices)))
     return write_converted(settings.output, settings.to, animation, blocks, progress)
-
-
-def is_rest_cage(settings: ExportSettings) -> bool:
-    """Return whether one file of a format of one mesh per file is named: it holds the rest cage."""
-    output = settings.output
-    is_frame = output.path.suffix.lower()[1:] in frame_formats() and output.frame_names is None
-    return is_frame and not names_parts(output.path)
 
 
 def _check_rest_cage(settings: ExportSettings) -> None:
@@ -291,7 +230,7 @@ def check_export(settings: ExportSettings) -> None:
     ):
         if isinstance(value, str) and value not in known:
             raise SettingError(f"`{name}={value}`, expected {' or '.join(known)}")
-    if is_rest_cage(settings):
+    if settings.is_rest_cage:
         _check_rest_cage(settings)
         return
     _check_skeleton(settings)

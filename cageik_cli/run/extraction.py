@@ -28,12 +28,8 @@ from cageik_cli.inputs.rest_pose import (
     open_clip_and_choose_rest,
 )
 from cageik_cli.inputs.scene import CommonScene, Offer
-from cageik_cli.inputs.weights import (
-    WeightSettings,
-    bind_cached,
-    load_matching_binding,
-    restore_unfitted,
-)
+from cageik_cli.inputs.settings import WeightSettings
+from cageik_cli.inputs.weights import bind_cached, load_matching_binding, restore_unfitted
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.metrics import DeviationPeaks

@@ -27,9 +27,10 @@ from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_keys import compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import UnfittedClip
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers, Workspace, spread_evenly
+from cageik_cli.util.arrays import Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError, InputError
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.text import format_bytes, format_count
 from cageik_cli.util.threads import count_processors
 

@@ -29,9 +29,10 @@ from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
 from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
 from cageik_cli.rigs.turning import group_joints, limit_influences
 from cageik_cli.store.result import Result
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.text import format_bytes
 from cageik_cli.util.threads import limit_blas_threads
 

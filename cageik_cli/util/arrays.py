@@ -17,10 +17,6 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-DEFAULT_MEMORY = 1 << 30
-"""Bytes for weights and frames, where nothing else is asked for."""
-
-
 def count_frames(memory: int, vertex_count: int, arrays: int = 1, itemsize: int = 8) -> int:
     """Return how many frames fit in `memory` bytes, at least one.
 

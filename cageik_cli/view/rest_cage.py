@@ -23,6 +23,7 @@ from cageik_cli.inputs.model_file import load_surface, note_on
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.weights.binding import Binding
+from cageik_cli.run.settings import ViewSettings
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CageikError, FormatError, SettingError, error_context
 from cageik_cli.util.json_files import JsonFormat, format_value, parse_json
@@ -32,7 +33,7 @@ from cageik_cli.util.text import format_count
 from cageik_cli.view.cage_process import Answer, CageLaboratory
 from cageik_cli.view.player.clip import PlayerClip, make_single_pose
 from cageik_cli.view.player.rest_cage import check_drawn_weights, render_rest_cage_page
-from cageik_cli.view.session import MAX_SENT_BYTES, OwnOutputs, ViewSettings, WatchedInput
+from cageik_cli.view.session import MAX_SENT_BYTES, OwnOutputs, WatchedInput
 
 Rows = tuple[tuple[str, str], ...]
 

@@ -6,10 +6,10 @@ from contextlib import AbstractContextManager, closing, contextmanager, nullcont
 from pathlib import Path
 from typing import Any, Protocol
 
+from cageik_cli.run.settings import ViewSettings
 from cageik_cli.util.errors import describe_error
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.server import serve
-from cageik_cli.view.session import ViewSettings
 from cageik_cli.view.site import Edit, JobBoard, Site
 
 Rows = Sequence[tuple[str, str]]

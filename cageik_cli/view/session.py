@@ -9,15 +9,12 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.editing.cage_edits import CageEditLayer, CageEdits, EditFiles, parse_cage_edits
-from cageik_cli.editing.edits import PosingSettings
 from cageik_cli.editing.handles.model import Handle, Handles, PosedSurface
 from cageik_cli.editing.handles.placement import place_handles
 from cageik_cli.editing.handles.reader import parse_handles
@@ -25,17 +22,16 @@ from cageik_cli.editing.handles.schema import MAX_HANDLES_BYTES, describe_locati
 from cageik_cli.editing.summary import PoseResult
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.find_files import split_member
-from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.mesh_source import name_source
 from cageik_cli.inputs.model_file import load_surface
-from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.pose_text import format_pose_rows
-from cageik_cli.run.edit import EditSettings, check_target_kind, edit, pose_model
-from cageik_cli.run.settings import READ, WRITTEN, CommandSettings
+from cageik_cli.run.edit import check_target_kind, edit, pose_model
+from cageik_cli.run.settings import EditSettings, ViewSettings
 from cageik_cli.store.result import Result
 from cageik_cli.util.errors import (
     FileAccessError,
@@ -52,61 +48,6 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
 from cageik_cli.view.player.section import render_view_page
 from cageik_cli.view.show import load_clip
-
-
-@dataclass(frozen=True, slots=True)
-class ViewSettings(CommandSettings):
-    """What is viewed, and where the edits of the page go.
-
-    Attributes
-    ----------
-    target : Path
-        A result, a binding file, or a rest model.
-    cage : Path, optional
-        The cage of a rest model; one is built if there is none, and no binding.
-    given_in : SceneHints
-        Unit and up axis of the cage, in place of what its file states.
-    binding : Path, optional
-        The binding file of a rest model.
-    handles : Path, optional
-        A handles file that the page begins with.
-    output : Path, optional
-        The edited result or posed model; without it nothing is written.
-    cage_output : Path, optional
-        The posed cage of a model.
-    handles_output : Path, optional
-        The handles that were applied.
-    cage_edits, cage_edits_output : Path, optional
-        The same of cage edits.
-    overwrite : bool
-        Whether files that exist before the first edit may be replaced.
-    exclude : tuple of str
-        Patterns of parts of a rest model that are left out.
-    edits_cage : bool
-        Whether the rest cage is edited, and is the output.
-    """
-
-    target: Path = field(metadata=READ)
-    cage: Path | None = field(default=None, metadata=READ)
-    binding: Path | None = field(default=None, metadata=READ)
-    handles: Path | None = field(default=None, metadata=READ)
-    output: Path | None = field(default=None, metadata=WRITTEN)
-    cage_output: Path | None = field(default=None, metadata=WRITTEN)
-    handles_output: Path | None = field(default=None, metadata=WRITTEN)
-    build: BuildSettings = field(default_factory=BuildSettings)
-    weights: WeightSettings = field(default_factory=WeightSettings)
-    overwrite: bool = False
-    given_in: SceneHints = field(default_factory=SceneHints)
-    exclude: tuple[str, ...] = ()
-    cage_edits: Path | None = field(default=None, metadata=READ)
-    cage_edits_output: Path | None = field(default=None, metadata=WRITTEN)
-    edits_cage: bool = False
-
-    def inputs(self) -> list[Path]:
-        """Return the files that are read, but those that are saved where they were."""
-        edits = (self.handles, self.handles_output), (self.cage_edits, self.cage_edits_output)
-        saved = [path for path, output in edits if self.overwrite and path == output]
-        return [path for path in CommandSettings.inputs(self) if path not in saved]
 
 
 class ViewSession(ABC):

@@ -10,7 +10,7 @@ import pytest
 from cageik_cli.cli.config import ClipTables
 from cageik_cli.cli.extract import extract_command
 
-TABLES = partial(ClipTables, extract_command, ("extract", "report"), ("output",))
+TABLES = partial(ClipTables, extract_command, ("extract", "report"))
 
 
 @pytest.fixture(autouse=True)
@@ -108,7 +108,7 @@ def test_what_is_no_option_is_refused_by_the_files_name(text, says):
 
 def test_an_option_is_named_as_it_is_typed():
     write("cageik.toml", 'cage-out = "{clip}/cage.obj"\n')
-    tables = ClipTables(extract_command, ("extract",), ("cage_output",))
+    tables = ClipTables(extract_command, ("extract",))
     with pytest.raises(click.BadParameter, match="sets cage-out, "):
         tables.collect_options(Path("walk").absolute(), Path("walk").absolute())
 

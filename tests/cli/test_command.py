@@ -5,14 +5,10 @@ import pytest
 from click.testing import CliRunner
 
 from cageik_cli.cli import main
-from cageik_cli.cli.command import (
-    MAX_HELP_LINES,
-    GroupedCommand,
-    HelpGroup,
-    find_help_group,
-    option,
-)
-from cageik_cli.cli.options import OptionGroup, common_options
+from cageik_cli.cli.command import MAX_HELP_LINES, GroupedCommand, find_help_group, option
+from cageik_cli.cli.options import common_options
+from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.util.settings import HelpGroup
 
 NAMES = sorted(main.commands)
 

@@ -14,9 +14,10 @@ from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.settings import ClipSettings, Scene
 from cageik_cli.formats.write import Output, write_animation
 from cageik_cli.geometry.parts import join_meshes, list_part_names
+from cageik_cli.run.settings import ViewSettings
 from cageik_cli.store.result import read_result
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.view.session import ViewSettings, open_session
+from cageik_cli.view.session import open_session
 from tests.shapes import ball, box
 
 BALL = ball(1, 0.8)

@@ -30,8 +30,7 @@ def compare(found: str, golden: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["", *main.commands], ids=lambda name: name or "cageik")
-def test_the_help_is_as_before(monkeypatch, name):
-    monkeypatch.setenv("COLUMNS", "100")
+def test_the_help_is_as_before(name):
     lines = [[name, "--help"], [name, "--help-all"]] if name else [["--help"]]
     helps = [run_in_process(*line) for line in lines]
     assert {outcome.code for outcome in helps} == {0}

@@ -52,7 +52,7 @@ def test_a_fit_of_a_binding_takes_the_frames_of_the_rate(run, rig, rate):
 @pytest.mark.parametrize("rate", ["0", "-24", "nan"])
 def test_a_rate_that_is_none_is_refused(run, rig, rate):
     outcome = run("info", "rig.glb", "--fps", rate)
-    assert outcome.code == 1
+    assert outcome.code == 2
     assert f"{float(rate):g} frames per second" in outcome.err
 
 

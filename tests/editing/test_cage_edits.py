@@ -16,11 +16,12 @@ from cageik_cli.editing.cage_edits import (
     read_cage_edits,
 )
 from cageik_cli.editing.edit_target import EditTarget
-from cageik_cli.editing.edits import LayeredEdit, PosingSettings
+from cageik_cli.editing.edits import LayeredEdit
 from cageik_cli.editing.handles.schema import read_schema
 from cageik_cli.editing.statistics import PoseStatistics
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.timeline import Timeline
+from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import FormatError, HandlesError
 from tests.editing.handles.files import KEYS, read

@@ -8,9 +8,10 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.editing.cage_edits import EditFiles
 from cageik_cli.editing.edit_target import EditTarget
-from cageik_cli.editing.edits import LayeredEdit, PosingSettings
+from cageik_cli.editing.edits import LayeredEdit
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mirror import Mirror
+from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import HandlesError, SettingError
 from tests.editing.handles.files import CAMERA, read

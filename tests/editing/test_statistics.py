@@ -6,9 +6,10 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.editing.cage_edits import EditFiles
 from cageik_cli.editing.edit_target import EditTarget
-from cageik_cli.editing.edits import LayeredEdit, PosingSettings
+from cageik_cli.editing.edits import LayeredEdit
 from cageik_cli.editing.statistics import PoseStatistics
 from cageik_cli.formats.settings import Scene
+from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.weights.settings import BindSettings
 from tests.editing.handles.files import read
 from tests.shapes import ball, box, changed

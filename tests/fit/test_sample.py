@@ -5,8 +5,8 @@ from cageik_cli.fit.problem import estimate_memory
 from cageik_cli.fit.sample import count_nearest, sample_frames, spread_points
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import FormatError, InputError
+from cageik_cli.util.settings import DEFAULT_MEMORY
 from tests.fitted import Frames, clip_of, small_binding, true_weights
 
 BINDING = small_binding()

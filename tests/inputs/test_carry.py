@@ -11,7 +11,6 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.editing.cage_edits import EditFiles
-from cageik_cli.editing.edits import PosingSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.ply_points import parse_points
@@ -19,13 +18,21 @@ from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.weights.binding import reconstruct
-from cageik_cli.run.bind import BindRunSettings, bind_files
-from cageik_cli.run.deform import DeformSettings, deform
-from cageik_cli.run.edit import EditSettings, PoseSettings, edit, pose, pose_model
-from cageik_cli.run.export import ExportSettings, export
+from cageik_cli.run.bind import bind_files
+from cageik_cli.run.deform import deform
+from cageik_cli.run.edit import edit, pose, pose_model
+from cageik_cli.run.export import export
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import (
+    BindRunSettings,
+    DeformSettings,
+    EditSettings,
+    ExportSettings,
+    ExtractSettings,
+    PoseSettings,
+)
 from cageik_cli.store.result import read_binding, read_cages, read_result
 from tests.conftest import _use_coarse_panels
 from tests.fitted import small_binding, smooth_motion

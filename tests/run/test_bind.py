@@ -10,9 +10,11 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.weights import WeightSettings, bind_cached, load_matching_binding
+from cageik_cli.inputs.settings import WeightSettings
+from cageik_cli.inputs.weights import bind_cached, load_matching_binding
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.run.bind import BindRunSettings, bind_files
+from cageik_cli.run.bind import bind_files
+from cageik_cli.run.settings import BindRunSettings
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError, SettingError
 from tests.listeners import Listener

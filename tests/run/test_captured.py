@@ -20,9 +20,9 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.run import executor
-from cageik_cli.run.bind import BindRunSettings, bind_files
+from cageik_cli.run.bind import bind_files
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import BindRunSettings, ExtractSettings
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result import placed_path, read_cages, read_result, smoothed_path
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, SettingError

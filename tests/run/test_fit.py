@@ -10,7 +10,7 @@ import pytest
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.write import Output
-from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.report.fit_rows import list_fit_notes
 from cageik_cli.report.html.page import build_quality_rows
@@ -19,12 +19,18 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_overview_csv
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.text import format_text
-from cageik_cli.run.bind import BindRunSettings, bind_files
-from cageik_cli.run.deform import DeformSettings, deform
-from cageik_cli.run.edit import EditSettings, edit
-from cageik_cli.run.export import ExportSettings, export
+from cageik_cli.run.bind import bind_files
+from cageik_cli.run.deform import deform
+from cageik_cli.run.edit import edit
+from cageik_cli.run.export import export
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import (
+    BindRunSettings,
+    DeformSettings,
+    EditSettings,
+    ExportSettings,
+    ExtractSettings,
+)
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.store.checkpoint import Checkpoint, checkpoint_progress
 from cageik_cli.store.result import (

@@ -5,16 +5,20 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.formats.write import Output
-from cageik_cli.run.bind import BindRunSettings
-from cageik_cli.run.cage import CageSettings, RepairCageSettings
-from cageik_cli.run.check import CheckSettings
-from cageik_cli.run.deform import DeformSettings
-from cageik_cli.run.edit import EditSettings, PoseSettings
-from cageik_cli.run.export import ExportSettings
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import (
+    BindRunSettings,
+    CageSettings,
+    CheckSettings,
+    DeformSettings,
+    EditSettings,
+    ExportSettings,
+    ExtractSettings,
+    PoseSettings,
+    RepairCageSettings,
+    ViewSettings,
+)
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import check_no_overlap
-from cageik_cli.view.session import ViewSettings
 
 FRAMES = [f"frames/frame_{k}.obj" for k in range(1, 6)]
 CAGE, REST, RESULT, OUT = map(Path, ("cage.obj", "rest.obj", "cages.h5", "out.h5"))
@@ -46,14 +50,14 @@ CASES = {
     ),
     "pose": (PoseSettings(REST, HANDLES, MESH), [REST, HANDLES], [MESH]),
     "pose with cages": (
-        PoseSettings(REST, HANDLES, MESH, CAGE, Path("posed.obj")),
+        PoseSettings(REST, HANDLES, MESH, CAGE, cage_output=Path("posed.obj")),
         [REST, HANDLES, CAGE],
         [MESH, "posed.obj"],
     ),
     "repair": (RepairCageSettings(CAGE, REST, MESH), [CAGE, REST], [MESH]),
     "view": (ViewSettings(REST, CAGE, handles=HANDLES), [REST, CAGE, HANDLES], []),
     "view with saved handles": (
-        ViewSettings(RESULT, None, None, HANDLES, OUT, None, HANDLES, overwrite=True),
+        ViewSettings(RESULT, handles=HANDLES, output=OUT, handles_output=HANDLES, overwrite=True),
         [RESULT],
         [OUT, HANDLES],
     ),

@@ -11,13 +11,13 @@ from cageik_cli.cages.builder.build import build_cage
 from cageik_cli.cages.check.enclosure import locate_vertices
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.parts import list_part_names
-from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.cage import format_check_json, format_check_text
-from cageik_cli.run.bind import BindRunSettings, bind_files
-from cageik_cli.run.check import CheckSettings, check_cage
+from cageik_cli.run.bind import bind_files
+from cageik_cli.run.check import check_cage
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import BindRunSettings, CheckSettings, ExtractSettings
 from cageik_cli.util.errors import CageError
 from tests.character import NAMES, make_cage, make_character
 

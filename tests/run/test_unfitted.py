@@ -9,13 +9,13 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.record import build_report
-from cageik_cli.run.bind import BindRunSettings, bind_files
+from cageik_cli.run.bind import bind_files
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.fit import choose_compared_frames, find_changed_vertex
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import BindRunSettings, ExtractSettings
 from cageik_cli.store.result import read_result
 from tests.fitted import clip_of, small_binding, true_weights
 

@@ -14,13 +14,14 @@ import pytest
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
+from cageik_cli.run.settings import ViewSettings
 from cageik_cli.util.errors import BusyError, CageikError, FormatError, InputError, SlowError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view import cage_process, rest_cage
 from cageik_cli.view.cage_process import describe_finding
 from cageik_cli.view.rest_cage import encode_cage, list_polygons, open_rest_cage, parse_cage
 from cageik_cli.view.server import serve
-from cageik_cli.view.session import MAX_SENT_BYTES, ViewSettings
+from cageik_cli.view.session import MAX_SENT_BYTES
 from cageik_cli.view.site import JobBoard, Site
 from tests.view.client import Client
 

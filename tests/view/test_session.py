@@ -14,14 +14,15 @@ import pytest
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.inputs.weights import WeightSettings
+from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.run.settings import ViewSettings
 from cageik_cli.util import outputs
 from cageik_cli.util.errors import CageikError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.player.section import render_view_page
 from cageik_cli.view.run import ViewListener, run_view
-from cageik_cli.view.session import MAX_SENT_BYTES, ViewSettings, open_session
+from cageik_cli.view.session import MAX_SENT_BYTES, open_session
 from cageik_cli.view.site import JobBoard
 from tests.view.client import Client, make_body
 

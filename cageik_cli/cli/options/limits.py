@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.command import HelpGroup, option
-from cageik_cli.cli.options import PATH_TYPE, OptionGroup
+from cageik_cli.cli.command import option
+from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup
 from cageik_cli.cli.options.types import LimitType, LimitValue
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.settings import HelpGroup
 
 if TYPE_CHECKING:
     from cageik_cli.report.limits import Baseline, Limits

@@ -11,6 +11,7 @@ import click
 
 from cageik_cli.formats.settings import AUTO, JOINT_MOTIONS, RestFrame, SceneHints
 from cageik_cli.formats.timeline import FrameRange, parse_frame_number, parse_frames
+from cageik_cli.method.pose.settings import DEFAULT_SNAP
 from cageik_cli.util.errors import SettingError
 
 
@@ -238,6 +239,23 @@ class PercentType(click.ParamType):  # type: ignore[type-arg]  # as above
                 ctx,
             )
         return float(number) / self._unit
+
+
+KINDS: dict[str, Any] = {
+    "clearance": PercentType("a clearance", "0.4%", unit=100),
+    "snap": PercentType(
+        "a percentage", f"10%; without a number, put --snap last or write --snap={DEFAULT_SNAP}"
+    ),
+    "tolerance": PercentType("a tolerance", "0.01%, of the diagonal"),
+    "frames": FrameRangeType(),
+    "frame number": FrameNumberType(),
+    "frame format": FrameFormatType(),
+    "joints": JOINTS_TYPE,
+    "unit and axis": SceneType(),
+    "size": SizeType(),
+    "picture size": PictureSize(),
+}
+"""The types of values that are not typed as their type says, by the kind of the setting."""
 
 
 def _split_number(value: Any) -> tuple[str, str]:

@@ -38,30 +38,12 @@ from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.method.pose.cage_response import CageResponseSolver, MirroredMap, Response
 from cageik_cli.method.pose.constraints import CageConstraints, free_basis
+from cageik_cli.method.pose.settings import DEFAULT_POSE_ALPHA, validate_weights
 from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import HandlesError, NumericalError, SettingError
+from cageik_cli.util.errors import HandlesError, NumericalError
 from cageik_cli.util.text import format_count
-
-DEFAULT_POSE_ALPHA = 1e-6
-"""Much smaller than in `DualLaplacianSolver`: a few anchors should be met closely."""
-
-
-MAX_WEIGHT_RATIO = 1e100
-"""Largest ratio of alpha to beta; numbers overflow far beyond it."""
-
-
-def validate_weights(alpha: float, beta: float) -> None:
-    """Check the weights of the Laplacian and of the anchors."""
-    for name, value in (("alpha", alpha), ("beta", beta)):
-        if not (np.isfinite(value) and value > 0):
-            raise SettingError(f"{name} is {value}, expected a finite number above 0")
-    if alpha / MAX_WEIGHT_RATIO > beta:
-        raise SettingError(
-            f"alpha is {alpha}, expected at most {MAX_WEIGHT_RATIO:g} times beta, which is {beta}; "
-            "make alpha smaller"
-        )
 
 
 class Neighbours:

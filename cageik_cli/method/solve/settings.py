@@ -1,9 +1,9 @@
 """Settings of the solver and their defaults. This module imports no numerics."""
 
 from dataclasses import dataclass
-from math import isfinite
 
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,14 +18,32 @@ class SolveSettings:
         Align every frame rigidly with the rest pose, solve there, and move the cage back.
     """
 
-    alpha: float = 1e-3
-    beta: float = 1.0
-    align: bool = True
+    alpha: float = declare_setting(
+        1e-3,
+        "Weight of the cage's Laplacian: higher is smoother and less exact.",
+        name="alpha",
+        meaning="weight of the cage's Laplacian",
+        minimum=0,
+        group=HelpGroup.SOLVE,
+    )
+    beta: float = declare_setting(
+        1.0,
+        "Weight of the vertices.",
+        name="beta",
+        meaning="weight of the mesh vertices",
+        minimum=0,
+        group=HelpGroup.SOLVE,
+    )
+    align: bool = declare_setting(
+        True,
+        "Align each frame rigidly with the rest pose before the solve.",
+        name="align",
+        meaning="move each frame rigidly onto the rest pose before it is solved",
+        group=HelpGroup.SOLVE,
+    )
 
     def __post_init__(self) -> None:
-        for name, value in (("alpha", self.alpha), ("beta", self.beta)):
-            if not (isfinite(value) and value >= 0):
-                raise SettingError(f"{name} is {value}, expected a finite number, zero or above")
+        check_settings(self)
         if self.alpha == self.beta == 0:
             raise SettingError("alpha and beta are both 0, expected at least one above 0")
 

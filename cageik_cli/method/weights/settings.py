@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cageik_cli.util.errors import SettingError
+from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +54,32 @@ class BindSettings:
         closest point on it.
     """
 
-    coordinates: str = "harmonic"
-    accuracy: str = "standard"
-    outside: str = "refuse"
+    coordinates: str = declare_setting(
+        "harmonic",
+        "Type of coordinates.",
+        name="coordinates",
+        meaning="type of coordinates",
+        choices=COORDINATES,
+        group=HelpGroup.SOLVE,
+    )
+    accuracy: str = declare_setting(
+        "standard",
+        "Tolerance of the weights, the mean L1 error of a row: "
+        + ", ".join(f"{known.tolerance} {name}" for name, known in ACCURACIES.items())
+        + ".",
+        name="accuracy",
+        meaning="accuracy of the harmonic weights",
+        choices=tuple(ACCURACIES),
+        group=HelpGroup.SOLVE,
+    )
+    outside: str = declare_setting(
+        "refuse",
+        "Vertices outside the cage: refuse them, or project them to the nearest point of the cage.",
+        name="outside",
+        meaning="treatment of vertices outside the cage",
+        choices=OUTSIDE_POLICIES,
+        group=HelpGroup.SOLVE,
+    )
 
     def __post_init__(self) -> None:
-        for name, known in (
-            ("coordinates", COORDINATES),
-            ("accuracy", ACCURACIES),
-            ("outside", OUTSIDE_POLICIES),
-        ):
-            if getattr(self, name) not in known:
-                raise SettingError(
-                    f"{name} is {getattr(self, name)!r}, expected one of {', '.join(known)}"
-                )
+        check_settings(self)

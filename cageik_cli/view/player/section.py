@@ -17,7 +17,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import find_mirror
 from cageik_cli.geometry.parts import get_parts
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
-from cageik_cli.method.pose.poser import DEFAULT_POSE_ALPHA
+from cageik_cli.method.pose.settings import DEFAULT_POSE_ALPHA
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.html.templating import PlayerPart, Templates
 from cageik_cli.report.parts import measure_rms

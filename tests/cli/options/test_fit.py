@@ -1,7 +1,7 @@
 """The options of a fit: what contradicts another is wrong usage, whatever command it is."""
 
 import json
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 
 import click
 import h5py
@@ -10,10 +10,11 @@ import pytest
 
 from cageik_cli.cli import main
 from cageik_cli.cli.extract import EXTRACT_OPTIONS
-from cageik_cli.cli.options.solve import make_setting_option
-from cageik_cli.fit.settings import FitSettings, declare_setting, find_kind
+from cageik_cli.cli.options.group import list_options
+from cageik_cli.fit.settings import FitSettings
 from cageik_cli.report.fit_rows import format_fit_rows
 from cageik_cli.report.vocabulary import SETTING_MEANINGS
+from cageik_cli.util.settings import declare_setting, describe_settings, list_meanings
 from tests.store.bindings import record
 
 
@@ -28,34 +29,33 @@ BIND = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj")
 
 
 @pytest.mark.parametrize("command", [EXTRACT, BIND])
-@pytest.mark.parametrize("setting", fields(FitSettings), ids=lambda setting: setting.name)
-def test_options_of_a_fit_need_one(folder, run, command, setting):
-    option = f"--{setting.metadata['name'].replace('_', '-')}"
-    value = () if find_kind(setting) is bool else ("3",)
-    assert f"{option} is for weights that are fitted" in refused(run, *command, option, *value)
+@pytest.mark.parametrize("name", list_meanings(FitSettings))
+def test_options_of_a_fit_need_one(folder, run, command, name):
+    option = f"--{name.replace('_', '-')}"
+    assert f"{option} is for weights that are fitted" in refused(run, *command, option, "3")
 
 
 @dataclass(frozen=True, slots=True)
 class ToySettings(FitSettings):
     """The settings of a fit, and one more of each kind."""
 
-    seed: int = declare_setting(0, "fit_seed", "Draws frames.", meaning="seed of the draw")
-    limit: int | None = declare_setting(None, "fit_limit", "Ends.", meaning="end", unset="never")
-    twice: bool = declare_setting(False, "fit_twice", "Does it again.", meaning="again or not")
+    seed: int = declare_setting(0, "Draws frames.", name="fit_seed", meaning="seed of the draw")
+    limit: int | None = declare_setting(None, "Ends.", name="fit_limit", unset="never")
+    twice: bool = declare_setting(False, "Does it again.", name="fit_twice")
 
 
 def test_an_option_of_a_fit_is_one_declaration():
     """Name, kind and default of the option, and how the value is recorded and printed."""
     given = {}
     command = click.Command("fit", callback=lambda **values: given.update(values))
-    for setting in fields(ToySettings):
-        command = make_setting_option(setting)(command)
+    for add_option in list_options(ToySettings):
+        command = add_option(command)
     words = ["--fit-seed", "1234567", "--fit-twice", "--fit-regularization", "auto"]
     command.main(words, standalone_mode=False)
     settings = ToySettings(**given | {"regularization": None})
     assert settings == ToySettings(regularization=None, seed=1234567, twice=True)
     assert {type(settings.seed), type(settings.smoothness)} == {int, float}
-    assert settings.describe() == FitSettings(None).describe() | {
+    assert describe_settings(settings) == describe_settings(FitSettings(None)) | {
         "fit_seed": 1234567, "fit_limit": None, "fit_twice": True
     }  # fmt: skip
     (_, text), *_ = format_fit_rows(replace(record(), settings=settings))
@@ -65,8 +65,8 @@ def test_an_option_of_a_fit_is_one_declaration():
 
 
 def test_every_setting_of_a_fit_has_a_meaning():
-    for setting in fields(FitSettings):
-        assert SETTING_MEANINGS[setting.metadata["name"]] == setting.metadata["meaning"]
+    for name, meaning in list_meanings(FitSettings).items():
+        assert SETTING_MEANINGS[name] == meaning != ""
 
 
 @pytest.mark.parametrize("command", [(*EXTRACT, "--fit"), (*BIND, "--fit", "frames")])

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from cageik_cli.cli import main
-from cageik_cli.cli.options import OptionGroup
+from cageik_cli.cli.options.group import OptionGroup
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.editing.edits import PosingSettings
 from cageik_cli.editing.handles.model import HandleSet, PosedSurface
 from cageik_cli.editing.handles.placement import describe_place, place_handles
 from cageik_cli.formats.timeline import Timeline
 from cageik_cli.method.pose.anchors import anchor_positions
+from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.util.errors import HandlesError, SettingError
 from tests.editing.handles.files import (
     CAMERA,

@@ -6,13 +6,14 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.editing.cage_edits import EditFiles
 from cageik_cli.editing.edit_target import EditTarget
-from cageik_cli.editing.edits import LayeredEdit, PosingSettings
+from cageik_cli.editing.edits import LayeredEdit
 from cageik_cli.editing.statistics import PoseStatistics
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.method.pose import constraints
 from cageik_cli.method.pose.anchors import Anchor, point_at_vertex
 from cageik_cli.method.pose.constraints import MAX_LEAK, find_reach, mirror_pairs
+from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import HandlesError
 from tests.editing.handles.files import read

@@ -1,0 +1,259 @@
+"""Settings, each declared once: options, checks, records, reports and batches read the declaration.
+
+A record of settings is a frozen dataclass whose fields are made by `declare_setting`, or by
+`declare_group` for a record in it. This module knows neither click nor numerics.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from enum import StrEnum
+from math import isfinite
+from types import NoneType
+from typing import Any, Literal, get_args
+
+from cageik_cli.util.errors import SettingError
+
+DEFAULT_MEMORY = 1 << 30
+"""Bytes of weights and frames in memory, if no limit is given."""
+
+
+class HelpGroup(StrEnum):
+    """A group of options, by its title in the help; the help has them in this order."""
+
+    FIRST = "Options"
+    SOLVE = "Weights and solve"
+    FIT = "Fit of the weights"
+    CAPTURED = "Captured data"
+    CLIP = "Clip and scene"
+    WRITTEN = "What is written"
+    LIMITS = "Limits"
+    RUNNING = "Running"
+
+
+Role = Literal["read", "read as a clip", "written"]
+"""What a value names: a file that is read (a word in its place is none), one or several arguments
+of `open_sequence`, or a path or an `Output` that is written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """All that is said of a setting, besides its type and its default, which its field has.
+
+    Attributes
+    ----------
+    help : str
+        What the option does.
+    name : str, optional
+        In result files; a setting without it is not recorded.
+    meaning : str
+        What a report says that it is.
+    is_recorded_unset : bool
+        Whether result files have it also where it has its default.
+    option : str, optional
+        What is typed, such as `--for`, `-o/--output` or `--player/--no-player`; or an argument in
+        capitals. By default it follows from the name in result files, else from that of the field.
+    kind : str, optional
+        How a value is typed, one of the kinds of `cli.options.types`; by default that of the type.
+    typed : str, optional
+        The default as it is typed, where `kind` needs it.
+    unset : str, optional
+        What holds by default, in words: shown in place of the default.
+    word : str, optional
+        A word that may stand in place of a value; where None is meant by it, it is recorded.
+    expected : str
+        What the message on a value expects beside the word.
+    bare : str, optional
+        What an option that is typed without a value stands for.
+    metavar : str, optional
+        What the help shows in place of a value.
+    group : HelpGroup, optional
+        In the help; that of the record if absent.
+    is_required : bool
+        Whether a command line without it is refused, where the field has no default.
+    is_off : bool
+        Whether the option is a flag that sets it to False.
+    choices : tuple of str
+        The values, if they are few.
+    flags : mapping of str to (str, str)
+        An option that is a flag, and its help, for each of some values, which exclude one another.
+    minimum, maximum, above : float, optional
+        Bounds of numbers, the last of which is no value itself.
+    refusal : str, optional
+        The message on another value, in which `{value}` and `{percent}` stand for it; the option
+        then leaves the check of bounds to the record.
+    needs : str, optional
+        Another field, without which an option is refused.
+    needs_message : str
+        How; `{}` stands for the option, then for what it needs.
+    excludes : tuple of (str, str)
+        Fields that do not go together with it, and the messages.
+    role : str, optional
+        What its value names.
+    is_per_clip : bool
+        Whether a clip of a batch may have a value of its own.
+    may_be_frame : bool
+        Whether the file that it names may be a frame of the clip, too.
+    """
+
+    help: str
+    name: str | None = None
+    meaning: str = ""
+    is_recorded_unset: bool = True
+    option: str | None = None
+    kind: str | None = None
+    typed: str | None = None
+    unset: str | None = None
+    word: str | None = None
+    expected: str = ""
+    bare: str | None = None
+    metavar: str | None = None
+    group: HelpGroup | None = None
+    is_required: bool = True
+    is_off: bool = False
+    choices: tuple[str, ...] = ()
+    flags: Mapping[str, tuple[str, str]] | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    above: float | None = None
+    refusal: str | None = None
+    needs: str | None = None
+    needs_message: str = "{} needs {}; give both, or neither"
+    excludes: tuple[tuple[str, str], ...] = ()
+    role: Role | None = None
+    is_per_clip: bool = True
+    may_be_frame: bool = False
+
+    def is_allowed(self, value: Any) -> bool:
+        """Return whether a value is one of the choices, or in its bounds."""
+        if value == self.word:
+            return True
+        if self.choices:
+            return value in self.choices
+        if not isinstance(value, int | float):
+            return True
+        least = self.minimum is None or value >= self.minimum
+        most = self.maximum is None or value <= self.maximum
+        return isfinite(value) and least and most and (self.above is None or value > self.above)
+
+    def describe_allowed(self, kind: type) -> str:
+        """Return in words which values are allowed, where these are choices or have a least."""
+        if self.choices:
+            return f"one of {', '.join(self.choices)}"
+        if kind is int:
+            return f"{self.minimum} or more"
+        return "a finite number" + (
+            ", zero or above" if self.above is None else f" above {self.above:g}"
+        )
+
+
+def declare_setting(
+    default: Any,
+    text: str,
+    *,
+    factory: Any = MISSING,
+    **said: Any,
+) -> Any:
+    """Return a field of a record of settings, with all that is said of it.
+
+    Parameters
+    ----------
+    default : object
+        `MISSING` for a field that has to be given.
+    text : str
+        The help of the option.
+    factory : callable, optional
+        Makes the default, in its place.
+    **said
+        The other attributes of `Setting`.
+    """
+    setting = {"setting": Setting(text, **said)}
+    if factory is not MISSING:
+        return field(default_factory=factory, metadata=setting)
+    return field(default=default, metadata=setting)
+
+
+def repeat_setting(record: type, field_name: str, default: Any = ..., **changes: Any) -> Any:
+    """Return a field as another record has it, with another default or with other words."""
+    (known,) = (one for one in fields(record) if one.name == field_name)
+    chosen = known.default if default is ... else default
+    return field(
+        default=chosen, metadata={"setting": replace(known.metadata["setting"], **changes)}
+    )
+
+
+def declare_group(
+    default: Any, chosen: Mapping[str, Mapping[str, Any]] | None = None, *, kw_only: bool = False
+) -> Any:
+    """Return a field that is a record of settings, whose options a command has.
+
+    Parameters
+    ----------
+    default : record
+    chosen : mapping, optional
+        The fields that have options here, in the order of the help, with what is said of them in
+        other words; all by default.
+    kw_only : bool
+        Whether it is given by keyword.
+    """
+    return field(default=default, metadata={"chosen": chosen}, kw_only=kw_only)
+
+
+def list_settings(record: Any) -> Iterator[tuple["Field[Any]", Setting]]:
+    """Yield the fields of a record, or of a class, that are settings, and what is said of them."""
+    for one in fields(record):
+        if "setting" in one.metadata:
+            yield one, one.metadata["setting"]
+
+
+def find_kind(setting: "Field[Any]") -> type:
+    """Return the type of the values of a setting, besides None and words."""
+    kinds = [one for one in get_args(setting.type) or (setting.type,) if isinstance(one, type)]
+    return next((one for one in kinds if one is not NoneType), str)
+
+
+def check_settings(record: Any) -> None:
+    """Refuse values that are not allowed, and settings that do not go together.
+
+    Raises
+    ------
+    SettingError
+        In the words of the declaration.
+    """
+    for one, setting in list_settings(record):
+        value = getattr(record, one.name)
+        if value is not None and not setting.is_allowed(value):
+            if setting.refusal is not None:
+                is_number = isinstance(value, int | float)
+                percent = 100 * value if is_number else value
+                raise SettingError(setting.refusal.format(value=value, percent=percent))
+            shown = repr(value) if isinstance(value, str) else value
+            name = (setting.name or one.name).replace("_", " ")
+            raise SettingError(
+                f"{name} is {shown}, expected {setting.describe_allowed(find_kind(one))}"
+            )
+    defaults = {one.name: one.default for one in fields(record)}
+    for one, setting in list_settings(record):
+        for other, message in setting.excludes:
+            values = {name: getattr(record, name) for name in (one.name, other)}
+            if all(value != defaults[name] for name, value in values.items()):
+                raise SettingError(message.format(**values))
+
+
+def describe_settings(record: Any) -> dict[str, Any]:
+    """Return the settings of a record as result files have them, by their names there."""
+    described = {}
+    for one, setting in list_settings(record):
+        value = getattr(record, one.name)
+        if setting.name is not None and (setting.is_recorded_unset or value != one.default):
+            described[setting.name] = setting.word if value is None else value
+    return described
+
+
+def list_meanings(*records: type) -> dict[str, str]:
+    """Return what the settings of some records are, by their names in result files."""
+    return {
+        setting.name: setting.meaning
+        for record in records
+        for _, setting in list_settings(record)
+        if setting.name is not None
+    }

@@ -1,0 +1,130 @@
+"""Settings that are declared once: what is allowed, what is recorded, and what options follow."""
+
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from cageik_cli.cli.command import GroupedCommand
+from cageik_cli.cli.options.group import OptionGroup, list_options
+from cageik_cli.util.errors import SettingError
+from cageik_cli.util.settings import (
+    HelpGroup,
+    check_settings,
+    declare_group,
+    declare_setting,
+    describe_settings,
+    list_meanings,
+    repeat_setting,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Paint:
+    """Settings of each kind."""
+
+    layers: int = declare_setting(2, "Layers.", name="layers", meaning="how many", minimum=1)
+    gloss: float | None = declare_setting(
+        None, "Gloss.", name="paint_gloss", above=0, word="auto", expected="a number"
+    )
+    colour: str = declare_setting("red", "Colour.", choices=("red", "blue"))
+    share: float = declare_setting(
+        0.5, "", maximum=1, minimum=0, refusal="{percent:g} % is no share"
+    )
+    matt: bool = declare_setting(
+        False,
+        "Matt.",
+        name="matt",
+        is_recorded_unset=False,
+        excludes=(("gloss", "`matt=True` and `gloss={gloss:g}` do not go together"),),
+    )
+
+    def __post_init__(self):
+        check_settings(self)
+
+
+@dataclass(frozen=True, slots=True)
+class House:
+    """A command's settings, with a record in them."""
+
+    place: Path = declare_setting(MISSING, "", option="PLACE")
+    paint: Paint = declare_group(Paint(), {"layers": {"option": "--coats"}, "colour": {}})
+    doors: bool = declare_setting(True, "No doors.", option="--no-doors", is_off=True)
+    lit: bool = declare_setting(True, "Lights.", group=HelpGroup.RUNNING)
+    state: str = declare_setting(
+        "as it is", "", flags={"new": ("--new", "New."), "old": ("--old", "Old.")}
+    )
+    lamp: Path | None = declare_setting(None, "Lamp.", unset="none", role="read")
+    shade: Path | None = repeat_setting(Paint, "gloss", None, needs="lamp", word=None, name=None)
+
+
+def build(*words):
+    """Return what a command makes of some words: its settings, or the message."""
+    made = []
+
+    @click.command(cls=GroupedCommand)
+    @OptionGroup("house", House, *list_options(House))
+    def command(house):
+        made.append(house)
+
+    outcome = CliRunner().invoke(command, [str(word) for word in words])
+    return made[0] if made else outcome.output
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"layers": 0}, "layers is 0, expected 1 or more"),
+        ({"gloss": 0.0}, "paint gloss is 0.0, expected a finite number above 0"),
+        ({"gloss": float("nan")}, "paint gloss is nan, expected a finite number above 0"),
+        ({"colour": "green"}, "colour is 'green', expected one of red, blue"),
+        ({"share": 1.5}, "150 % is no share"),
+        ({"share": -0.5}, "-50 % is no share"),
+        ({"matt": True, "gloss": 3.0}, "`matt=True` and `gloss=3` do not go together"),
+    ],
+)
+def test_values_that_are_not_allowed_are_refused_in_the_words_of_the_declaration(values, says):
+    with pytest.raises(SettingError) as caught:
+        Paint(**values)
+    assert str(caught.value) == says
+
+
+def test_values_at_the_bounds_and_words_are_allowed():
+    assert Paint(layers=1, share=1.0, gloss="auto").gloss == "auto"
+    assert Paint(matt=True).gloss is None
+
+
+def test_settings_with_a_name_are_recorded():
+    assert describe_settings(Paint()) == {"layers": 2, "paint_gloss": "auto"}
+    assert describe_settings(Paint(layers=3, matt=True)) == {
+        "layers": 3, "paint_gloss": "auto", "matt": True
+    }  # fmt: skip
+    assert list_meanings(Paint) == {"layers": "how many", "paint_gloss": "", "matt": ""}
+
+
+def test_options_follow_from_the_declarations():
+    house = build("here", "--coats", 3, "--colour", "blue", "--no-doors", "--no-lit", "--old")
+    assert house == House(Path("here"), Paint(3, colour="blue"), False, False, "old")
+    assert build("here") == House(Path("here"))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((), "Missing argument 'PLACE'"),
+        (("here", "--coats", 0), "0 is not in the range x>=1"),
+        (("here", "--colour", "green"), "'green' is not one of 'red', 'blue'"),
+        (("here", "--new", "--old"), "--new and --old exclude each other; leave one out"),
+        (("here", "--shade", "1"), "--shade needs --lamp; give both, or neither"),
+        (("here", "--gloss", "1"), "No such option '--gloss'"),
+    ],
+)
+def test_words_that_are_not_allowed_are_wrong_usage(words, says):
+    assert says in build(*words)
+
+
+def test_a_setting_that_is_repeated_has_the_words_of_the_first():
+    shade = next(one for one in fields(House) if one.name == "shade").metadata["setting"]
+    assert (shade.help, shade.above, shade.needs) == ("Gloss.", 0, "lamp")
