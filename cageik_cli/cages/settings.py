@@ -61,8 +61,7 @@ class BuildSettings:
         name="cage_clearance",
         meaning="smallest distance of the cage that was built from the model, in diagonals",
         option="--clearance",
-        kind="clearance",
-        typed="0.4%",
+        is_share=True,
         above=0,
         maximum=MAX_CLEARANCE,
         refusal="the clearance is {percent:g} % of the diagonal, expected more than 0 and at most "

@@ -9,7 +9,7 @@ from cageik_cli.cli.batch_plan import SHARED_OPTIONS, BatchOptions, SharedOption
 from cageik_cli.cli.command import GroupedCommand, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import common_options, count_processors
-from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup, is_on_command_line
+from cageik_cli.cli.options.group import OptionGroup, is_on_command_line, list_options
 from cageik_cli.cli.output import (
     LineLogger,
     append_step_summary,
@@ -26,43 +26,7 @@ if TYPE_CHECKING:
 
 
 @click.command("batch", cls=GroupedCommand)
-@OptionGroup(
-    "options",
-    BatchOptions,
-    click.argument("folders", nargs=-1, required=True, type=PATH_TYPE),
-    option(
-        "-o", "--output", type=PATH_TYPE, required=True, help="Folder for all results and reports."
-    ),
-    option(
-        "--exclude",
-        "exclude_clips",
-        metavar="PATTERN",
-        multiple=True,
-        help="Leave out clips whose listed names, or paths below FOLDER, match this pattern, such "
-        "as 'tests/*'; may be repeated.",
-        group=HelpGroup.CLIP,
-    ),
-    option(
-        "--resume",
-        is_flag=True,
-        help="Continue: skip clips that are up to date, extract new, changed and failed ones.",
-    ),
-    option("--overwrite", is_flag=True, help="Extract all clips again, and replace the outputs."),
-    option(
-        "--pages/--no-pages",
-        default=True,
-        show_default=True,
-        help="Write one HTML page per clip, linked from index.html.",
-        group=HelpGroup.WRITTEN,
-    ),
-    option(
-        "--player/--no-player",
-        default=False,
-        show_default=True,
-        help="Play the clip and pose its model on each page, which is then about 2 MB larger.",
-        group=HelpGroup.WRITTEN,
-    ),
-)
+@OptionGroup("options", BatchOptions, *list_options(BatchOptions))
 @option(
     "--scheduler",
     help="Dask scheduler that runs the jobs, tcp://HOST:PORT.  "

@@ -1,7 +1,8 @@
 """The plan of a batch: the clips that are found, each with the options that apply to it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import MISSING, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from cageik_cli.cli.options.group import Decorator, OptionGroup, list_options
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import CageikError, SettingError, WrongUsageError
+from cageik_cli.util.settings import HelpGroup, declare_setting
 
 if TYPE_CHECKING:
     from cageik_cli.batch.discover import DiscoveredClip
@@ -31,13 +33,31 @@ if TYPE_CHECKING:
 class BatchOptions:
     """The options of the batch itself, as they were typed."""
 
-    folders: tuple[Path, ...]
-    output: Path
-    exclude_clips: tuple[str, ...]
-    resume: bool
-    overwrite: bool
-    pages: bool
-    player: bool
+    folders: tuple[Path, ...] = declare_setting(MISSING, "", option="FOLDERS")
+    output: Path = declare_setting(
+        MISSING, "Folder for all results and reports.", option="-o/--output"
+    )
+    exclude_clips: tuple[str, ...] = declare_setting(
+        (),
+        "Leave out clips whose listed names, or paths below FOLDER, match this pattern, such as "
+        "'tests/*'; may be repeated.",
+        option="--exclude",
+        metavar="PATTERN",
+        group=HelpGroup.CLIP,
+    )
+    resume: bool = declare_setting(
+        False, "Continue: skip clips that are up to date, extract new, changed and failed ones."
+    )
+    overwrite: bool = declare_setting(False, "Extract all clips again, and replace the outputs.")
+    pages: bool = declare_setting(
+        True, "Write one HTML page per clip, linked from index.html.", group=HelpGroup.WRITTEN
+    )
+    player: bool = declare_setting(
+        False,
+        "Play the clip and pose its model on each page, which is then about 2 MB larger.",
+        option="--player/--no-player",
+        group=HelpGroup.WRITTEN,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +102,13 @@ class SharedOptions:
         }
 
 
-def _repeat_option(option: click.Option) -> Decorator:
-    """Make the decorator that adds an option of another command."""
+def _repeat_option(option: GroupedOption) -> Decorator:
+    """Make the decorator that adds an option of another command.
+
+    What the option needs may stand in a file of options beside a clip.
+    """
+    option = copy(option)
+    option.setting = replace(option.setting, needs=None)
 
     def add(command: Callable[..., Any]) -> Callable[..., Any]:
         command.__dict__.setdefault("__click_params__", []).append(option)

@@ -11,9 +11,9 @@ import click
 from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
 from cageik_cli.cli.group import word_options
 from cageik_cli.cli.options import common_options, overwrite_option
-from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup
+from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup, list_options
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
-from cageik_cli.cli.options.types import PictureSize, SuffixedPath
+from cageik_cli.cli.options.types import SuffixedPath
 from cageik_cli.cli.output import (
     append_step_summary,
     check_views,
@@ -23,10 +23,9 @@ from cageik_cli.cli.output import (
     show_progress,
     write_or_print,
 )
-from cageik_cli.util.settings import HelpGroup
+from cageik_cli.report.film.settings import FilmSettings
 
 if TYPE_CHECKING:
-    from cageik_cli.report.film.settings import FilmSettings
     from cageik_cli.report.overview import Overview
     from cageik_cli.report.record import Report
     from cageik_cli.store.result import Result
@@ -116,29 +115,7 @@ class ReportTargets:
     ),
     option("--no-player", is_flag=True, help="Leave the player out of the page of --html."),
 )
-@OptionGroup(
-    "film",
-    "report.film.settings.FilmSettings",
-    option(
-        "--film-size",
-        type=PictureSize(),
-        default="640x480",
-        show_default=True,
-        help="Width and height of the film, pixels.",
-    ),
-    option(
-        "--film-seconds",
-        type=float,
-        help="Length of the film: from the start of the clip, or of a turn.  [default: all, or 6]",
-    ),
-    option(
-        "--film-turntable",
-        is_flag=True,
-        help="Go around the rest pose, in place of playing the clip.",
-    ),
-    option("--film-follow", is_flag=True, help="Let the camera go with the model."),
-    group=HelpGroup.WRITTEN,
-)
+@OptionGroup("film", FilmSettings, *list_options(FilmSettings))
 @click.option("--all", "has_all", is_flag=True, help="Print all figures, notes and regions.")
 @LIMIT_OPTIONS
 @overwrite_option
@@ -146,7 +123,7 @@ class ReportTargets:
 def report_command(
     results: tuple[Path, ...],
     targets: ReportTargets,
-    film: "FilmSettings",
+    film: FilmSettings,
     has_all: bool,
     limits: LimitOptions,
     overwrite: bool,
@@ -218,10 +195,8 @@ def _write_views(
             write_or_print(views[name](), path, overwrite)
 
 
-def _check_film(targets: ReportTargets, film: "FilmSettings") -> None:
+def _check_film(targets: ReportTargets, film: FilmSettings) -> None:
     """Refuse settings of a film where none is written."""
-    from cageik_cli.report.film.settings import FilmSettings
-
     usual = FilmSettings()
     given = [
         one.name for one in fields(film) if getattr(film, one.name) != getattr(usual, one.name)
@@ -232,7 +207,7 @@ def _check_film(targets: ReportTargets, film: "FilmSettings") -> None:
 
 
 def _write_film(
-    path: Path | None, result: "Result", settings: "FilmSettings", overwrite: bool, quiet: bool
+    path: Path | None, result: "Result", settings: FilmSettings, overwrite: bool, quiet: bool
 ) -> str:
     """Write the film, if one is asked for; return what it is in words."""
     if path is None:

@@ -54,6 +54,8 @@ class Setting:
         capitals. By default it follows from the name in result files, else from that of the field.
     kind : str, optional
         How a value is typed, one of the kinds of `cli.options.types`; by default that of the type.
+    is_share : bool
+        Whether it is a share of a whole, which is typed and shown in percent.
     typed : str, optional
         The default as it is typed, where `kind` needs it.
     unset : str, optional
@@ -101,6 +103,7 @@ class Setting:
     is_recorded_unset: bool = True
     option: str | None = None
     kind: str | None = None
+    is_share: bool = False
     typed: str | None = None
     unset: str | None = None
     word: str | None = None
@@ -247,6 +250,16 @@ def describe_settings(record: Any) -> dict[str, Any]:
         if setting.name is not None and (setting.is_recorded_unset or value != one.default):
             described[setting.name] = setting.word if value is None else value
     return described
+
+
+def show_settings(record: Any) -> dict[str, Any]:
+    """Return all settings of a record by the names of its fields; shares in percent."""
+    return {
+        f"{one.name}_percent" if setting.is_share else one.name: (
+            100 * getattr(record, one.name) if setting.is_share else getattr(record, one.name)
+        )
+        for one, setting in list_settings(record)
+    }
 
 
 def list_meanings(*records: type) -> dict[str, str]:

@@ -18,6 +18,7 @@ from cageik_cli.util.settings import (
     describe_settings,
     list_meanings,
     repeat_setting,
+    show_settings,
 )
 
 
@@ -31,7 +32,7 @@ class Paint:
     )
     colour: str = declare_setting("red", "Colour.", choices=("red", "blue"))
     share: float = declare_setting(
-        0.5, "", maximum=1, minimum=0, refusal="{percent:g} % is no share"
+        0.5, "Share.", is_share=True, maximum=1, minimum=0, refusal="{percent:g} % is no share"
     )
     matt: bool = declare_setting(
         False,
@@ -50,7 +51,9 @@ class House:
     """A command's settings, with a record in them."""
 
     place: Path = declare_setting(MISSING, "", option="PLACE")
-    paint: Paint = declare_group(Paint(), {"layers": {"option": "--coats"}, "colour": {}})
+    paint: Paint = declare_group(
+        Paint(), {"layers": {"option": "--coats"}, "colour": {}, "share": {}}
+    )
     doors: bool = declare_setting(True, "No doors.", option="--no-doors", is_off=True)
     lit: bool = declare_setting(True, "Lights.", group=HelpGroup.RUNNING)
     state: str = declare_setting(
@@ -104,9 +107,16 @@ def test_settings_with_a_name_are_recorded():
     assert list_meanings(Paint) == {"layers": "how many", "paint_gloss": "", "matt": ""}
 
 
+def test_all_settings_are_shown_by_their_fields_with_shares_in_percent():
+    shown = {"layers": 2, "gloss": None, "colour": "red", "share_percent": 50.0, "matt": False}
+    assert show_settings(Paint()) == shown
+
+
 def test_options_follow_from_the_declarations():
-    house = build("here", "--coats", 3, "--colour", "blue", "--no-doors", "--no-lit", "--old")
-    assert house == House(Path("here"), Paint(3, colour="blue"), False, False, "old")
+    house = build(
+        "here", "--coats", 3, "--colour", "blue", "--share=25%", "--no-doors", "--no-lit", "--old"
+    )
+    assert house == House(Path("here"), Paint(3, colour="blue", share=0.25), False, False, "old")
     assert build("here") == House(Path("here"))
 
 
@@ -118,6 +128,7 @@ def test_options_follow_from_the_declarations():
         (("here", "--colour", "green"), "'green' is not one of 'red', 'blue'"),
         (("here", "--new", "--old"), "--new and --old exclude each other; leave one out"),
         (("here", "--shade", "1"), "--shade needs --lamp; give both, or neither"),
+        (("here", "--share", "x"), "'x' is not a share; expected a finite number"),
         (("here", "--gloss", "1"), "No such option '--gloss'"),
     ],
 )

@@ -13,7 +13,7 @@ import click
 from click.core import ParameterSource
 
 from cageik_cli.cli.command import GroupedOption, option, spell_param
-from cageik_cli.cli.options.types import KINDS, OrWord
+from cageik_cli.cli.options.types import KINDS, OrWord, PercentType
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.settings import HelpGroup, Setting, find_kind
 
@@ -207,16 +207,23 @@ def _make_argument(one: "Field[Any]", name: str, is_required: bool) -> Decorator
         one.name,
         metavar=None if name == one.name.upper() else name,
         type=PATH_TYPE if find_kind(one) is Path else None,
-        nargs=-1 if str(one.type).startswith("tuple") else 1,
+        nargs=-1 if _takes_many(one) else 1,
         required=is_required and one.default is MISSING,
     )
+
+
+def _takes_many(one: "Field[Any]") -> bool:
+    """Tell whether a field is a tuple of any number of values."""
+    return get_args(one.type)[-1:] == (...,)
 
 
 def _describe_value(one: "Field[Any]", setting: Setting) -> dict[str, Any]:
     """Return what click has to know of the values of an option."""
     default = one.default if setting.typed is None else setting.typed
+    if setting.is_share:
+        default = format_share(one.default)
     described: dict[str, Any] = {"type": _choose_type(one, setting), "metavar": setting.metavar}
-    if str(one.type).startswith("tuple"):
+    if _takes_many(one):
         return described | {"multiple": True}
     if one.default is MISSING and setting.typed is None:
         is_needed = setting.is_required and NoneType not in get_args(one.type)
@@ -228,11 +235,18 @@ def _describe_value(one: "Field[Any]", setting: Setting) -> dict[str, Any]:
     return described | {"default": default, "show_default": not setting.unset}
 
 
+def format_share(share: Any) -> str:
+    """Return a share of a whole as it is typed."""
+    return f"{100 * share:g}%"
+
+
 def _choose_type(one: "Field[Any]", setting: Setting) -> Any:
     """Return the type of click for the values of a setting."""
     kind, is_checked = find_kind(one), setting.refusal is not None
     if setting.kind is not None:
         return KINDS[setting.kind]
+    if setting.is_share:
+        return PercentType(f"a {one.name}", format_share(one.default), unit=100)
     if setting.choices:
         return click.Choice(setting.choices)
     known: Any = PATH_TYPE if kind is Path else click.types.convert_type(kind)

@@ -1,18 +1,17 @@
 """Options of every command that checks limits on its results."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.command import option
-from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup
-from cageik_cli.cli.options.types import LimitType, LimitValue
+from cageik_cli.cli.options.group import OptionGroup, list_options
+from cageik_cli.cli.options.types import LimitValue
 from cageik_cli.util.errors import SettingError
-from cageik_cli.util.settings import HelpGroup
+from cageik_cli.util.settings import HelpGroup, declare_setting
 
 if TYPE_CHECKING:
     from cageik_cli.report.limits import Baseline, Limits
@@ -24,16 +23,46 @@ if TYPE_CHECKING:
 class LimitOptions:
     """The limits as they were typed; the baseline is not read yet."""
 
-    max_rms: LimitValue | None
-    max_frame_rms: LimitValue | None
-    max_deviation: LimitValue | None
-    max_volume_change: LimitValue | None
-    baseline: Path | None
-    max_regression: LimitValue | None
-
-    def __post_init__(self) -> None:
-        if self.baseline is None and self.max_regression is not None:
-            raise click.UsageError("--max-regression needs a --baseline; give both, or neither")
+    max_rms: LimitValue | None = declare_setting(
+        MISSING,
+        "Fail with exit code 3 if the RMS error of the clip is above this: 0.4% of the "
+        "diagonal, or 0.01units of the file.",
+        kind="length limit",
+        group=HelpGroup.LIMITS,
+    )
+    max_frame_rms: LimitValue | None = declare_setting(
+        MISSING,
+        "Fail if the RMS error of any frame is above this, in % or units.",
+        kind="length limit",
+        group=HelpGroup.LIMITS,
+    )
+    max_deviation: LimitValue | None = declare_setting(
+        MISSING,
+        "Fail if any vertex of any frame deviates by more than this, in % or units.",
+        kind="length limit",
+        group=HelpGroup.LIMITS,
+    )
+    max_volume_change: LimitValue | None = declare_setting(
+        MISSING,
+        "Fail if the volume of any frame changes by more percent; closed models only.",
+        kind="limit",
+        group=HelpGroup.LIMITS,
+    )
+    baseline: Path | None = declare_setting(
+        MISSING,
+        "Fail if a figure is worse than in this JSON of an earlier report or batch.",
+        role="read",
+        group=HelpGroup.LIMITS,
+    )
+    max_regression: LimitValue | None = declare_setting(
+        MISSING,
+        "How much worse than --baseline a figure may be.",
+        kind="limit",
+        unset="10%",
+        needs="baseline",
+        needs_message="{} needs a {}; give both, or neither",
+        group=HelpGroup.LIMITS,
+    )
 
     def load(self, load_baseline: "LoadBaseline | None" = None) -> "Limits":
         """Return the limits, with those of the baseline.
@@ -62,39 +91,4 @@ class LimitOptions:
         return Limits(limits, baseline)
 
 
-LIMIT_OPTIONS = OptionGroup(
-    "limits",
-    LimitOptions,
-    option(
-        "--max-rms",
-        type=LimitType(is_length=True),
-        help="Fail with exit code 3 if the RMS error of the clip is above this: 0.4% of the "
-        "diagonal, or 0.01units of the file.",
-    ),
-    option(
-        "--max-frame-rms",
-        type=LimitType(is_length=True),
-        help="Fail if the RMS error of any frame is above this, in % or units.",
-    ),
-    option(
-        "--max-deviation",
-        type=LimitType(is_length=True),
-        help="Fail if any vertex of any frame deviates by more than this, in % or units.",
-    ),
-    option(
-        "--max-volume-change",
-        type=LimitType(is_length=False),
-        help="Fail if the volume of any frame changes by more percent; closed models only.",
-    ),
-    option(
-        "--baseline",
-        type=PATH_TYPE,
-        help="Fail if a figure is worse than in this JSON of an earlier report or batch.",
-    ),
-    option(
-        "--max-regression",
-        type=LimitType(is_length=False),
-        help="How much worse than --baseline a figure may be.  [default: 10%]",
-    ),
-    group=HelpGroup.LIMITS,
-)
+LIMIT_OPTIONS = OptionGroup("limits", LimitOptions, *list_options(LimitOptions))

@@ -242,7 +242,6 @@ class PercentType(click.ParamType):  # type: ignore[type-arg]  # as above
 
 
 KINDS: dict[str, Any] = {
-    "clearance": PercentType("a clearance", "0.4%", unit=100),
     "snap": PercentType(
         "a percentage", f"10%; without a number, put --snap last or write --snap={DEFAULT_SNAP}"
     ),
@@ -251,6 +250,8 @@ KINDS: dict[str, Any] = {
     "frame number": FrameNumberType(),
     "frame format": FrameFormatType(),
     "joints": JOINTS_TYPE,
+    "length limit": LimitType(is_length=True),
+    "limit": LimitType(is_length=False),
     "unit and axis": SceneType(),
     "size": SizeType(),
     "picture size": PictureSize(),

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
 MIN_FILM_SIDE, MAX_FILM_SIDE = 64, 1920
 """Pixels of the width and of the height of a film."""
@@ -36,10 +37,40 @@ class FilmSettings:
         Whether the camera goes with the model; else it stays where it sees all frames.
     """
 
-    film_size: tuple[int, int] = (640, 480)
-    film_seconds: float | None = None
-    film_turntable: bool = False
-    film_follow: bool = False
+    film_size: tuple[int, int] = declare_setting(
+        (640, 480),
+        "Width and height of the film, pixels.",
+        kind="picture size",
+        typed="640x480",
+        group=HelpGroup.WRITTEN,
+    )
+    film_seconds: float | None = declare_setting(
+        None,
+        "Length of the film: from the start of the clip, or of a turn.",
+        unset=f"all, or {DEFAULT_TURN_SECONDS:g}",
+        minimum=MIN_FILM_SECONDS,
+        maximum=MAX_FILM_SECONDS,
+        refusal="`film_seconds={value:g}`: is out of range (expected "
+        f"{MIN_FILM_SECONDS:g} to {MAX_FILM_SECONDS:g} seconds); choose another length",
+        group=HelpGroup.WRITTEN,
+    )
+    film_turntable: bool = declare_setting(
+        False,
+        "Go around the rest pose, in place of playing the clip.",
+        group=HelpGroup.WRITTEN,
+    )
+    film_follow: bool = declare_setting(
+        False,
+        "Let the camera go with the model.",
+        excludes=(
+            (
+                "film_turntable",
+                "`film_follow=True`: a turn around the rest pose has no motion to follow; leave "
+                "out this or `film_turntable=True`",
+            ),
+        ),
+        group=HelpGroup.WRITTEN,
+    )
 
     def __post_init__(self) -> None:
         width, height = self.film_size
@@ -48,14 +79,4 @@ class FilmSettings:
                 f"`film_size={width}x{height}`: a side is out of range (expected {MIN_FILM_SIDE} "
                 f"to {MAX_FILM_SIDE} pixels); choose another size"
             )
-        seconds = self.film_seconds
-        if seconds is not None and not MIN_FILM_SECONDS <= seconds <= MAX_FILM_SECONDS:
-            raise SettingError(
-                f"`film_seconds={seconds:g}`: is out of range (expected {MIN_FILM_SECONDS:g} to "
-                f"{MAX_FILM_SECONDS:g} seconds); choose another length"
-            )
-        if self.film_turntable and self.film_follow:
-            raise SettingError(
-                "`film_follow=True`: a turn around the rest pose has no motion to follow; leave "
-                "out this or `film_turntable=True`"
-            )
+        check_settings(self)

@@ -18,6 +18,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import get_parts, name_vertex
 from cageik_cli.report.figures import make_whole
 from cageik_cli.report.marks import FaultMark, list_marks
+from cageik_cli.util.settings import show_settings
 from cageik_cli.util.text import format_block, format_count, format_row
 from cageik_cli.util.version import __version__
 
@@ -82,17 +83,11 @@ def list_cage_rows(result: CageResult, is_detailed: bool = False) -> list[tuple[
 
 def format_cage_json(result: CageResult) -> str:
     """Return the whole record, with all candidates."""
-    settings, built = result.settings, result.built
+    built = result.built
+    rest_frame = None if result.rest_frame is None else make_whole(result.rest_frame)
     return format_cage_record(
         {
-            "settings": {
-                "vertices": settings.vertices,
-                "clearance_percent": 100 * settings.clearance,
-                "symmetric": settings.symmetric,
-                "quads": settings.quads,
-                "loops": settings.loops,
-                "rest_frame": None if result.rest_frame is None else make_whole(result.rest_frame),
-            },
+            "settings": show_settings(result.settings) | {"rest_frame": rest_frame},
             "model": result.model.source,
             "cage": result.source
             | _candidate_record(built.chosen)

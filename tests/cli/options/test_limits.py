@@ -362,3 +362,11 @@ class TestStepSummary:
         assert outcome.code == 0
         assert "1048576" in outcome.err
         assert page.read_text() == full
+
+
+def test_a_baseline_may_stand_beside_the_clips_of_a_batch(folder, run):
+    Path("frames/cageik.toml").write_text('baseline = "none.json"\n')
+    words = ("batch", "frames", "-o", "out", "--cage", "cage.obj", "--max-regression", "3%")
+    outcome = run(*words, "--dry-run")
+    assert "none.json" in outcome.err
+    assert "needs a --baseline" not in outcome.err
