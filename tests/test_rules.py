@@ -47,7 +47,7 @@ def test_short_options_below_the_command_line_are_found():
 
 def test_the_help_of_a_declared_setting_may_name_options():
     declared = 'guide: bool = declare_setting(False, "With --with-model, hides the cage.")\n'
-    assert list(find_option_words([("workflows/a.py", declared)])) == []
+    assert list(find_option_words([("run/a.py", declared)])) == []
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,7 @@ import click
 
 from cageik_cli.cli.command import GroupedCommand, option
 from cageik_cli.cli.group import word_options
-from cageik_cli.cli.options import (
-    CACHE_OPTIONS,
-    WEIGHT_NAMES,
-    common_options,
-    jobs_option,
-)
+from cageik_cli.cli.options import CACHE_OPTIONS, WEIGHT_NAMES, common_options, jobs_option
 from cageik_cli.cli.options.group import (
     OptionGroup,
     is_on_command_line,
@@ -23,7 +18,7 @@ from cageik_cli.cli.options.group import (
 )
 from cageik_cli.cli.output import ProgressBar, show_progress
 from cageik_cli.inputs.settings import BUILD_OPTIONS
-from cageik_cli.run.settings import ViewSettings
+from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.settings import HelpGroup
 

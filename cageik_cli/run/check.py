@@ -6,7 +6,7 @@ from cageik_cli.inputs.mesh_source import load_rest, load_source
 from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.report.views.cage import CheckResult
-from cageik_cli.run.settings import CheckSettings
+from cageik_cli.run.cage_settings import CheckSettings
 
 
 def check_cage(settings: CheckSettings) -> CheckResult:

@@ -1,22 +1,13 @@
-"""The settings of commands: what they read and write, and all that a run is told.
+"""The settings of a bind and of an extraction. This module imports no numerics."""
 
-This module imports no numerics, as the options of commands are made of it.
-"""
-
-from dataclasses import MISSING, dataclass, field
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from cageik_cli.cages.settings import BuildSettings, RepairSettings
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.captured.settings import CaptureSettings
 from cageik_cli.fit.settings import FitSettings
-from cageik_cli.formats.settings import (
-    ROOT_MOTIONS,
-    ClipSettings,
-    MorphSettings,
-    RestFrame,
-    SceneHints,
-)
+from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.inputs.settings import (
     BUILD_OPTIONS,
     CLIP,
@@ -27,11 +18,8 @@ from cageik_cli.inputs.settings import (
     declare_overwrite,
     declare_rest,
     declare_rest_frame,
-    declare_saved,
-    declare_to,
     declare_vertex_weights,
 )
-from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import SettingError
@@ -43,9 +31,6 @@ from cageik_cli.util.settings import (
     repeat_setting,
 )
 
-if TYPE_CHECKING:
-    from cageik_cli.formats.write import Output
-
 
 @dataclass(frozen=True, slots=True)
 class ExtractSettings(CommandSettings):
@@ -53,31 +38,12 @@ class ExtractSettings(CommandSettings):
 
     Attributes
     ----------
-    frames : tuple of str
-        Files, folders and globs, or one file that holds a clip.
-    cage : Path, optional
-        Without it, and without a binding, a cage is built around the rest pose.
     binding : Path, optional
         A binding file of this rest pose, and of `cage` if that is given; `bind` is then ignored.
-    rest : Path, optional
-        The rest pose; a frame of the clip if absent.
     rest_frame : int or str
         Which frame then: its index, or as text its number; or "auto", the one in which the
         least of the surface touches. An index counts in the whole clip if a cage or a binding is
         given, else among the frames that are taken; so the first is the default.
-    vertex_weights : Path or "area", optional
-        A file with one number per vertex of the model, or an array (F, m) with one per frame and
-        vertex; or each vertex counts by its area.
-    resume : bool
-        Continue an interrupted run of the same plan; start if there is none.
-    on_bad_frame : str
-        "stop", or "skip": leave a gap for a frame that cannot be read, and report it.
-    scene : SceneHints
-        Time and space, where they differ from what the files of the clip say.
-    given_in : SceneHints
-        Unit and up axis of `rest` and `cage`, see `CommonScene`.
-    cage_output : Path, optional
-        An OBJ file to which the cage that is built is written.
     fit : FitSettings or bool, optional
         Fit the weights to the clip, or do not; by default as `choose_fit` says.
     """
@@ -226,84 +192,8 @@ class ExtractSettings(CommandSettings):
 
 
 @dataclass(frozen=True, slots=True)
-class CageSettings(CommandSettings):
-    """The model to build a cage around, and the file to write it to.
-
-    Attributes
-    ----------
-    model : str
-        A mesh, or a clip: a file, folder or glob.
-    output : Path
-        An OBJ file.
-    rest : Path, optional
-        The rest pose of a clip; a frame of it if absent.
-    rest_frame : int or str, optional
-        Which frame then: its index, or as text its number; or "auto", the one in which the
-        least of the surface touches; the first if absent.
-    animation : tuple of str
-        The clip the cage is for; none if empty.
-    given_in : SceneHints
-        Unit and up axis of the rest pose of a clip, and of the animation, see `CommonScene`.
-    """
-
-    model: str = declare_setting(
-        MISSING, "", option="MODEL", is_required=False, role="read as a clip"
-    )
-    output: Path = declare_setting(
-        MISSING, "The cage, an .obj file.", option="-o/--output", role="written"
-    )
-    build: BuildSettings = declare_group(BuildSettings())
-    rest: Path | None = declare_rest()
-    rest_frame: RestFrame | None = declare_rest_frame(None)
-    animation: tuple[str, ...] = declare_setting(
-        (),
-        "Choose the cage with the smallest error on these frames; may be repeated.",
-        option="--for",
-        metavar="FRAMES",
-        role="read as a clip",
-    )
-    clip: ClipSettings = declare_group(ClipSettings(gaps="close"), CLIP | {"fps": {}})
-    given_in: SceneHints = declare_given_in("--repair, --for, and --rest of a clip", "the model")
-    overwrite: bool = declare_overwrite()
-    jobs: int = 1
-
-
-@dataclass(frozen=True, slots=True)
-class RepairCageSettings(CommandSettings):
-    """Which cage to repair, for which model, and where to write it."""
-
-    cage: Path = declare_setting(
-        MISSING,
-        "Make this cage fit for the model instead, with as little change as possible.",
-        option="--repair",
-        metavar="CAGE",
-        is_required=False,
-        role="read",
-    )
-    model: Path = repeat_setting(CageSettings, "model", role="read")
-    output: Path = repeat_setting(CageSettings, "output")
-    repair: RepairSettings = field(default_factory=RepairSettings)
-    given_in: SceneHints = repeat_setting(CageSettings, "given_in")
-    overwrite: bool = declare_overwrite()
-
-
-@dataclass(frozen=True, slots=True)
 class BindRunSettings(CommandSettings):
-    """What to bind to what, and where to write it.
-
-    Attributes
-    ----------
-    given_in : SceneHints
-        Unit and up axis of the cage and the clips, see `CommonScene`.
-    clips : tuple of str
-        Clips that the weights are fitted to, each a folder, a glob or a file; none by default.
-    vertex_weights : Path or "area", optional
-        For the fit: a file with one number per vertex of the model, or by their area.
-    exclude : tuple of str
-        Patterns of parts of the rest pose and of the clips that are left out.
-    fps : float, optional
-        Frames per second at which clips of files without a rate are sampled.
-    """
+    """What to bind to what, and where to write it."""
 
     cage: Path = declare_setting(MISSING, "The cage around the rest pose.", role="read")
     rest: Path = declare_setting(MISSING, "Mesh of the rest pose.", role="read")
@@ -330,359 +220,3 @@ class BindRunSettings(CommandSettings):
     given_in: SceneHints = declare_given_in("--cage and --fit", "--rest")
     memory: int = declare_memory()
     overwrite: bool = declare_overwrite()
-
-
-@dataclass(frozen=True, slots=True)
-class CheckSettings(CommandSettings):
-    """What to check.
-
-    Attributes
-    ----------
-    frames : tuple of str
-        Files, folders and globs, or one file that holds a clip; may be none.
-    rest : Path, optional
-        The rest pose; a frame of the clip if absent, or none without a clip.
-    rest_frame : int or str
-        Which frame then: its index, or as text its number; or "auto", the one in which the
-        least of the surface touches.
-    given_in : SceneHints
-        Unit and up axis of the cage, and of the rest pose of a clip, see `CommonScene`.
-    """
-
-    cage: Path = declare_setting(
-        MISSING, "The cage to diagnose.  [required]", is_required=False, role="read"
-    )
-    frames: tuple[str, ...] = declare_setting((), "", option="FRAMES", role="read as a clip")
-    rest: Path | None = declare_rest()
-    rest_frame: RestFrame = declare_rest_frame(
-        0, needs="frames", needs_message="{} needs {}; name them, or leave it out"
-    )
-    clip: ClipSettings = declare_group(ClipSettings(gaps="close"), CLIP | {"fps": {}})
-    given_in: SceneHints = declare_given_in(
-        "--cage and --rest", "the clip, or of --rest without one"
-    )
-    jobs: int = 1
-
-
-@dataclass(frozen=True, slots=True)
-class DeformSettings(CommandSettings):
-    """Which mesh to deform by which cages, and where to write it.
-
-    Attributes
-    ----------
-    source : Path
-        A result, or a binding, which needs `cages`.
-    mesh : tuple of Path
-        Bound to the rest cage, several as parts of one; the rest model if empty.
-    coordinates, accuracy, outside : str, optional
-        As in `BindSettings`; those of the source if absent.
-    cages : str, optional
-        A clip of cages to use instead of those of the result.
-    clip : ClipSettings
-        How it is read. Patterns to exclude that match parts of `mesh` leave out those instead.
-    scene : SceneHints
-        What the numbers of the source are in, where that is not what it says.
-    to : SceneHints
-        Unit and up axis to which what is written is converted.
-    given_in : SceneHints
-        Unit and up axis of `mesh` and `cages`, see `CommonScene`.
-    influences : int, optional
-        Cage vertices that move each vertex, at most, with weights that are fitted again to the
-        motion of the mesh; the weights that it has if absent.
-    joints : str or int
-        How the joints of such a skin move, as in `ExportSettings`.
-    compares : bool
-        Note the error of other numbers of influences, too.
-    """
-
-    source: Path = declare_setting(MISSING, "", option="RESULT", role="read")
-    output: "Output" = declare_setting(MISSING, "", role="written")
-    mesh: tuple[Path, ...] = declare_setting(
-        (),
-        "Another mesh in the rest cage, or points or Gaussian splats (.ply); meshes may be "
-        "repeated, and are parts of what is written.",
-        unset="the rest model",
-        role="read",
-    )
-    cages: str | None = declare_setting(
-        None,
-        "Cages from elsewhere, such as edited ones: a folder, a quoted glob, or one file.",
-        unset="those of the result",
-        role="read as a clip",
-    )
-    clip: ClipSettings = declare_group(ClipSettings(), CLIP)
-    scene: SceneHints = declare_group(SceneHints())
-    to: SceneHints = declare_to()
-    given_in: SceneHints = declare_given_in("--mesh and --cages", "RESULT")
-    coordinates: str | None = repeat_setting(
-        BindSettings, "coordinates", None, unset="that of the result"
-    )
-    accuracy: str | None = repeat_setting(
-        BindSettings, "accuracy", None, unset="that of the result"
-    )
-    outside: str | None = repeat_setting(BindSettings, "outside", None, unset="that of the result")
-    cache: Path | None = None
-    influences: int | None = declare_setting(
-        None,
-        "Fit the weights again to the motion of the mesh, with at most this number of cage "
-        "vertices per vertex, as export --skeleton does.",
-        unset="the weights of the mesh",
-        minimum=1,
-        group=HelpGroup.WRITTEN,
-    )
-    joints: str | int = declare_setting(
-        "turn",
-        "With --influences: move the mesh by joints that turn, by joints that only translate, "
-        "or by N that turn.",
-        kind="joints",
-        metavar="turn|translate|N",
-        needs="influences",
-        group=HelpGroup.WRITTEN,
-    )
-    morphs: MorphSettings = declare_group(MorphSettings(has_normals=True))
-    memory: int = declare_memory()
-    jobs: int = 1
-    compares: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class ExportSettings(CommandSettings):
-    """Which cages to write, where and how.
-
-    Attributes
-    ----------
-    scene : SceneHints
-        What the numbers of the result are in, where that is not what it says.
-    to : SceneHints
-        Unit and up axis to which what is written is converted.
-    skeleton : bool
-        Write the rest pose with the weights as skin weights, and one joint per cage vertex.
-    influences : int, optional
-        Joints per vertex, at most, with weights that are fitted to that; those of the result if
-        absent.
-    joints : str or int
-        How the joints move, one of `JOINT_MOTIONS`; or how many joints that turn there are.
-    root_motion : str
-        How the root moves, one of `ROOT_MOTIONS`.
-    quantize : bool
-        Write a skeleton in glTF with integers of 8 and 16 bits where they are enough.
-    compares : bool
-        Note the error of other numbers of influences, too.
-    with_model : bool
-        Write cage and model in one file.
-    guide : bool
-        With a cage that programs show when they are asked, and never render.
-    morphs : MorphSettings
-        How morph targets follow the cages, in a format that has them. The tolerance is that of the
-        keys of a skeleton, too.
-    """
-
-    result: Path = declare_setting(MISSING, "", option="RESULT", role="read")
-    output: "Output" = declare_setting(MISSING, "", role="written")
-    scene: SceneHints = declare_group(SceneHints())
-    to: SceneHints = declare_to()
-    skeleton: bool = declare_setting(
-        False,
-        "Write the rest pose with one joint per cage vertex and the weights as skin weights "
-        "(.usd*, .glb).",
-    )
-    influences: int | None = declare_setting(
-        None,
-        "Fit the weights again, with at most this number of joints per vertex.",
-        unset="the weights of the result",
-        minimum=1,
-        needs="skeleton",
-    )
-    joints: str | int = declare_setting(
-        "turn",
-        "Joints that turn, which programs shade rightly, or that only translate: one per cage "
-        "vertex. Or N that turn, into which those are merged; with 4 influences if none are given.",
-        kind="joints",
-        metavar="turn|translate|N",
-        needs="skeleton",
-    )
-    root_motion: str = declare_setting(
-        "keep",
-        "With --skeleton: the root moves as the whole body, or along the ground, and turns "
-        "about the vertical only.",
-        choices=ROOT_MOTIONS,
-        needs="skeleton",
-    )
-    quantize: bool = declare_setting(
-        False,
-        "With --skeleton: write integers of 8 and 16 bits where they are enough (.glb).",
-        needs="skeleton",
-    )
-    with_model: bool = declare_setting(
-        False,
-        "Write the cage and the model that it moves in one file (.usd*, .abc, .glb, .obj). "
-        "With --skeleton, the model is skinned.",
-    )
-    guide: bool = declare_setting(
-        False,
-        "Give the cage of --with-model the purpose `guide`, which programs hide and do not "
-        "render (.usd*).",
-        needs="with_model",
-    )
-    morphs: MorphSettings = declare_group(MorphSettings(), {"count": {}, "tolerance": {}})
-    compares: bool = False
-
-    def outputs(self) -> list[Path]:
-        """Return what is written; one file of a format of frames is that of the rest cage."""
-        return [self.output.path] if self.is_rest_cage else CommandSettings.outputs(self)
-
-    @property
-    def is_rest_cage(self) -> bool:
-        """Whether one file of a format of one mesh per file is named: it holds the rest cage."""
-        from cageik_cli.formats.write import frame_formats, names_parts
-
-        output = self.output
-        is_frame = output.path.suffix.lower()[1:] in frame_formats() and output.frame_names is None
-        return is_frame and not names_parts(output.path)
-
-
-@dataclass(frozen=True, slots=True)
-class PoseSettings(CommandSettings):
-    """Which model to pose, and where to write it.
-
-    Attributes
-    ----------
-    target : Path
-        A rest model, or a binding file.
-    handles, cage_edits : Path, optional
-        One of them at least.
-    output : Path
-        The posed model: .obj or .ply.
-    cage : Path, optional
-        Needed for a rest model.
-    given_in : SceneHints
-        Unit and up axis of the cage, in place of what its file states.
-    cage_output : Path, optional
-        The posed cage: .obj or .ply.
-    exclude : tuple of str
-        Patterns of parts of a rest model that are left out.
-    """
-
-    target: Path = declare_setting(MISSING, "", option="TARGET", role="read")
-    handles: Path | None = declare_setting(
-        MISSING, "", option="HANDLES", is_required=False, role="read"
-    )
-    output: Path = declare_setting(
-        MISSING,
-        "The posed model (.obj, .ply), or the edited result (.h5).",
-        option="-o/--output",
-        role="written",
-    )
-    cage: Path | None = declare_setting(
-        None,
-        "The cage around TARGET, if that is a model; or a result or a binding (.h5) with the "
-        "cage, whose fit is carried to TARGET.",
-        role="read",
-    )
-    given_in: SceneHints = declare_given_in("--cage", "TARGET")
-    exclude: tuple[str, ...] = repeat_setting(ClipSettings, "exclude")
-    cage_edits: Path | None = declare_setting(
-        None,
-        "A JSON file that says which cage vertices move where, before the handles act.",
-        role="read",
-    )
-    cage_output: Path | None = declare_setting(
-        None,
-        "Also write the posed cage (.obj, .ply).",
-        option="--cage-out",
-        role="written",
-    )
-    posing: PosingSettings = declare_group(PosingSettings())
-    weights: WeightSettings = declare_group(WeightSettings())
-    overwrite: bool = declare_overwrite()
-
-
-@dataclass(frozen=True, slots=True)
-class EditSettings(CommandSettings):
-    """Which animation to edit, by handles or cage edits or both, and where to write it."""
-
-    result: Path = repeat_setting(PoseSettings, "target")
-    handles: Path | None = repeat_setting(PoseSettings, "handles")
-    output: Path = repeat_setting(PoseSettings, "output")
-    posing: PosingSettings = declare_group(PosingSettings())
-    overwrite: bool = declare_overwrite()
-    cage_edits: Path | None = repeat_setting(PoseSettings, "cage_edits")
-
-
-@dataclass(frozen=True, slots=True)
-class ViewSettings(CommandSettings):
-    """What is viewed, and where the edits of the page go.
-
-    Attributes
-    ----------
-    target : Path
-        A result, a binding file, or a rest model.
-    cage : Path, optional
-        The cage of a rest model; one is built if there is none, and no binding.
-    given_in : SceneHints
-        Unit and up axis of the cage, in place of what its file states.
-    binding : Path, optional
-        The binding file of a rest model.
-    handles : Path, optional
-        A handles file that the page begins with.
-    output : Path, optional
-        The edited result or posed model; without it nothing is written.
-    cage_output : Path, optional
-        The posed cage of a model.
-    handles_output : Path, optional
-        The handles that were applied.
-    cage_edits, cage_edits_output : Path, optional
-        The same of cage edits.
-    overwrite : bool
-        Whether files that exist before the first edit may be replaced.
-    exclude : tuple of str
-        Patterns of parts of a rest model that are left out.
-    edits_cage : bool
-        Whether the rest cage is edited, and is the output.
-    """
-
-    target: Path = declare_setting(MISSING, "", option="TARGET", role="read")
-    cage: Path | None = declare_setting(
-        None,
-        "The cage around a model, or a result or a binding with it (.h5).",
-        unset="one is built",
-        role="read",
-    )
-    given_in: SceneHints = declare_given_in("--cage", "TARGET")
-    exclude: tuple[str, ...] = repeat_setting(ClipSettings, "exclude")
-    binding: Path | None = declare_setting(None, "The binding file of a model.", role="read")
-    build: BuildSettings = declare_group(BuildSettings(), BUILD_OPTIONS)
-    edits_cage: bool = declare_setting(
-        False,
-        "Edit the cage at rest, also one that is not fit; Apply writes it.",
-        option="--edit-cage",
-    )
-    handles: Path | None = declare_setting(
-        None, "A handles file that the page begins with.", role="read"
-    )
-    cage_edits: Path | None = declare_setting(
-        None, "A cage edits file that the page begins with.", role="read"
-    )
-    output: Path | None = declare_setting(
-        None,
-        "The posed model (.obj, .ply), edited result (.h5) or cage (.obj, .ply) that Apply writes.",
-        option="-o/--output",
-        role="written",
-    )
-    cage_output: Path | None = declare_saved(
-        "Also write the posed cage (.obj, .ply).", "--cage-out"
-    )
-    handles_output: Path | None = declare_saved(
-        "Also write the applied handles (.json).", "--handles-out"
-    )
-    cage_edits_output: Path | None = declare_saved(
-        "Also write the applied cage edits (.json).", "--cage-edits-out"
-    )
-    weights: WeightSettings = declare_group(WeightSettings())
-    overwrite: bool = declare_overwrite()
-
-    def inputs(self) -> list[Path]:
-        """Return the files that are read, but those that are saved where they were."""
-        edits = (self.handles, self.handles_output), (self.cage_edits, self.cage_edits_output)
-        saved = [path for path, output in edits if self.overwrite and path == output]
-        return [path for path in CommandSettings.inputs(self) if path not in saved]

@@ -35,7 +35,7 @@ Role = Literal["read", "read as a clip", "written"]
 of `open_sequence`, or a path or an `Output` that is written."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Setting:
     """All that is said of a setting, besides its type and its default, which its field has.
 

@@ -23,7 +23,7 @@ from cageik_cli.inputs.model_file import load_surface, note_on
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.run.settings import ViewSettings
+from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CageikError, FormatError, SettingError, error_context
 from cageik_cli.util.json_files import JsonFormat, format_value, parse_json

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, closing, contextmanager, nullcont
 from pathlib import Path
 from typing import Any, Protocol
 
-from cageik_cli.run.settings import ViewSettings
+from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.errors import describe_error
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.server import serve

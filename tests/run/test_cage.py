@@ -12,7 +12,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.report.views.cage import format_cage_json, list_cage_rows
 from cageik_cli.run.cage import build_cage_file
-from cageik_cli.run.settings import CageSettings
+from cageik_cli.run.cage_settings import CageSettings
 from cageik_cli.util.errors import FileAccessError, OutputError
 from tests.cages.independent import examine
 from tests.listeners import Listener

@@ -8,12 +8,7 @@ import click
 
 from cageik_cli.cli.command import option
 from cageik_cli.cli.config import apply_config
-from cageik_cli.cli.options.group import (
-    PATH_TYPE,
-    Command,
-    OptionGroup,
-    is_on_command_line,
-)
+from cageik_cli.cli.options.group import PATH_TYPE, Command, OptionGroup, is_on_command_line
 from cageik_cli.cli.options.types import FrameFormatType
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.settings import HelpGroup, Setting
