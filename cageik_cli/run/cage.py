@@ -178,7 +178,9 @@ def build_cage(
     if frames is not None:
         sequence = as_sequence(frames, mesh)
         clip = make_measured_clip(mesh, len(sequence), sequence.read_frame, jobs)
-    settings = BuildSettings(vertices, clearance, symmetric, quads, loops)
+    settings = BuildSettings(
+        vertices=vertices, clearance=clearance, symmetric=symmetric, quads=quads, loops=loops
+    )
     return cage_builder.build_cage(mesh, settings, clip)
 
 
