@@ -9,7 +9,7 @@ from cageik_cli.run.cage_settings import CageSettings, CheckSettings, RepairCage
 from cageik_cli.run.edit_settings import EditSettings, PoseSettings, ViewSettings
 from cageik_cli.run.export_settings import DeformSettings, ExportSettings
 from cageik_cli.run.settings import BindRunSettings, ExtractSettings
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import InputError, SettingError
 from cageik_cli.util.outputs import check_no_overlap
 
 FRAMES = [f"frames/frame_{k}.obj" for k in range(1, 6)]
@@ -68,3 +68,9 @@ def test_an_output_that_is_an_input_is_refused(folder):
     settings = ExtractSettings(("frames",), CAGE, Path(FRAMES[3]))
     with pytest.raises(InputError, match=r"frame_4\.obj"):
         check_no_overlap([*settings.outputs()], [*settings.inputs()])
+
+
+def test_a_rest_pose_is_a_mesh_or_a_frame():
+    with pytest.raises(SettingError, match="`rest=` and `rest_frame=` both give the rest pose"):
+        ExtractSettings(("frames",), CAGE, OUT, rest=REST, rest_frame="2")
+    assert ExtractSettings(("frames",), CAGE, OUT, rest=REST, rest_frame=0).rest == REST

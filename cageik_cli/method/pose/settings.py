@@ -74,6 +74,14 @@ class PosingSettings:
         meaning="meet all handles exactly",
         group=HelpGroup.SOLVE,
     )
+    mirror: bool = declare_setting(
+        False,
+        "Mirror the edit to the other side, about the plane of a symmetric cage.",
+        name="mirror",
+        meaning="both sides of the cage move as mirror images",
+        is_recorded_unset=False,
+        group=HelpGroup.SOLVE,
+    )
     snap: float | None = declare_setting(
         None,
         "Move handles with a position to the nearest point of the surface, if it is at "
@@ -91,14 +99,6 @@ class PosingSettings:
         "Take the mean if one point has different targets.",
         name="allow_conflicts",
         meaning="use the mean when handles at one point have different targets",
-        group=HelpGroup.SOLVE,
-    )
-    mirror: bool = declare_setting(
-        False,
-        "Mirror the edit to the other side, about the plane of a symmetric cage.",
-        name="mirror",
-        meaning="both sides of the cage move as mirror images",
-        is_recorded_unset=False,
         group=HelpGroup.SOLVE,
     )
 
