@@ -14,6 +14,8 @@ class CageikError(Exception):
     ----------
     kind : str
         What is at fault, in one word. Programs tell errors apart by it, not by their text.
+    locations : tuple of str
+        Where it happened, from the outermost place to the innermost. The text begins with them.
 
     Examples
     --------
@@ -26,6 +28,14 @@ class CageikError(Exception):
     """
 
     kind: ClassVar[str] = "error"
+    locations: tuple[str, ...] = ()
+
+    def add_location(self, location: object) -> None:
+        """Name a place, such as a file, around those that are named already."""
+        self.locations = (str(location), *self.locations)
+
+    def __str__(self) -> str:
+        return ": ".join([*self.locations, super().__str__()])
 
 
 class InputError(CageikError):
@@ -129,11 +139,12 @@ class SlowError(CageikError):
 
 @contextmanager
 def error_context(location: object) -> Iterator[None]:
-    """Prefix the messages of errors raised inside with a location, such as a file."""
+    """Add a location, such as a file, to errors raised inside; they stay the same objects."""
     try:
         yield
     except CageikError as error:
-        raise type(error)(f"{location}: {error}") from error
+        error.add_location(location)
+        raise
 
 
 def format_error(error: BaseException) -> str:

@@ -1,6 +1,8 @@
 """A library that is not installed: one sentence on what to install."""
 
+import copy
 import errno
+import pickle
 import re
 import sys
 
@@ -12,8 +14,12 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.write import Output
 from cageik_cli.util.errors import (
+    CageikError,
+    FormatError,
     MissingLibraryError,
     describe_error,
+    error_context,
+    format_error,
     make_write_error,
     require_optional,
 )
@@ -75,3 +81,60 @@ def test_a_library_of_every_installation_that_is_missing_is_named(module, says):
 )
 def test_a_full_disk_says_to_free_space(error, is_full):
     assert str(make_write_error("a", error)).endswith("choose another place") == is_full
+
+
+class CountedError(FormatError):
+    """An error whose fields are not in its text."""
+
+    def __init__(self, message: str, counts: tuple[int, ...] = ()) -> None:
+        super().__init__(message)
+        self.counts = counts
+
+
+def test_a_context_keeps_the_error_its_fields_its_cause_and_its_notes():
+    cause = ValueError("the cause")
+    raised = CountedError("too few", (3, 4))
+    raised.add_note("started again")
+    with pytest.raises(CountedError) as caught, error_context("a.obj"), error_context("part b"):
+        raise raised from cause
+    assert caught.value is raised
+    assert (raised.counts, raised.__cause__) == ((3, 4), cause)
+    assert raised.locations == ("a.obj", "part b")
+    assert format_error(raised) == "a.obj: part b: too few; started again"
+
+
+def test_a_context_keeps_where_an_error_was_raised():
+    def read() -> None:
+        raise FormatError("is cut short")
+
+    with (
+        pytest.raises(FormatError, match=r"^a\.obj: is cut short$") as caught,
+        error_context("a.obj"),
+    ):
+        read()
+    assert caught.traceback[-1].name == "read"
+    assert (caught.value.__cause__, caught.value.__context__) == (None, None)
+
+
+def test_a_context_leaves_errors_of_others_alone():
+    raised = ValueError("not ours")
+    with pytest.raises(ValueError, match=r"^not ours$") as caught, error_context("a.obj"):
+        raise raised
+    assert caught.value is raised
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.copy, lambda error: pickle.loads(pickle.dumps(error))], ids=["copy", "pickle"]
+)
+def test_an_error_of_another_process_keeps_its_locations(copied):
+    error = CountedError("too few", (3, 4))
+    error.add_location("a.obj")
+    again = copied(error)
+    assert (str(again), again.counts) == ("a.obj: too few", (3, 4))
+    again.add_location("clips")
+    assert (again.locations, error.locations) == (("clips", "a.obj"), ("a.obj",))
+
+
+def test_errors_share_no_locations():
+    CageikError("one").add_location("a.obj")
+    assert str(CageikError("another")) == "another"

@@ -47,7 +47,7 @@ class MisfitError(CageError):
     Attributes
     ----------
     misfit : Misfit, optional
-        Why; unknown once the error has got a context.
+        Why, if it is known.
     """
 
     misfit: Misfit | None = None
@@ -59,7 +59,7 @@ class OutsideError(MisfitError):
     Attributes
     ----------
     placement : Placement, optional
-        Where they are; unknown once the error has got a context.
+        Where they are, if it is known.
     """
 
     placement: "Placement | None" = None
