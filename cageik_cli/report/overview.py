@@ -10,7 +10,7 @@ import numpy as np
 from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.record import Report
-from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
+from cageik_cli.report.vocabulary import QUALITY_WORDS, Vocabulary, choose_vocabulary
 from cageik_cli.util.errors import join_truncated
 
 
@@ -88,7 +88,7 @@ class ClipEntry:
     @property
     def states(self) -> list[str]:
         """What is wrong with a clip that has a result, in words; nothing if all is well."""
-        return ["over a limit"] * self.exceeds_limit + ["poor"] * self.is_poor
+        return ["over a limit"] * self.exceeds_limit + [QUALITY_WORDS["poor"]] * self.is_poor
 
     @property
     def error(self) -> float:
@@ -200,7 +200,7 @@ def describe_poor(clips: Iterable[ClipEntry]) -> list[str]:
         if clip.report is not None and clip.is_poor:
             by_step.setdefault(clip.report.better, []).append(clip.label)
     return [
-        f"poor: {join_truncated(labels)}" + (f"; better: {step}" if step else "")
+        f"{QUALITY_WORDS['poor']}: {join_truncated(labels)}" + (f"; better: {step}" if step else "")
         for step, labels in by_step.items()
     ]
 

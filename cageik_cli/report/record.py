@@ -30,7 +30,7 @@ from cageik_cli.report.notes import list_notes
 from cageik_cli.report.parts import PartRecord, build_parts, sort_parts
 from cageik_cli.report.regions import RegionRecord, build_regions
 from cageik_cli.report.verdict import judge_quality, suggest_step
-from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
+from cageik_cli.report.vocabulary import QUALITY_WORDS, Vocabulary, choose_vocabulary
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import to_unicode
@@ -54,7 +54,7 @@ class Report:
     `kept` tells what was left out as missing or as outliers; None if all vertices count alike.
     `parts` are in the order of the model; None for a model of one part.
     `filled` are the skipped frames whose cages were filled from those around them.
-    `quality` is `good`, `fair` or `poor`, and `better` the one step that would help most; both are
+    `quality` is a key of `QUALITY_WORDS`, and `better` the one step that would help most; both are
     None for an edit, `better` also where there is no such step.
     """
 
@@ -80,6 +80,11 @@ class Report:
     parts: tuple[PartRecord, ...] | None = None
     quality: str | None = None
     better: str | None = None
+
+    @property
+    def verdict(self) -> str | None:
+        """How good the result is, in a word; None for an edit."""
+        return None if self.quality is None else QUALITY_WORDS[self.quality]
 
     @property
     def has_offsets(self) -> bool:

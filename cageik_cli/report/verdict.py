@@ -27,7 +27,7 @@ MAX_ADVISED_VERTICES = 400
 
 
 def judge_quality(rms_percent: float, max_deviation_percent: float) -> str:
-    """Return `good`, `fair` or `poor`; both errors are in percent of the diagonal."""
+    """Return a key of `QUALITY_WORDS`; both errors are in percent of the diagonal."""
     if rms_percent <= MAX_GOOD_RMS and max_deviation_percent <= MAX_GOOD_DEVIATION:
         return "good"
     if rms_percent <= MAX_FAIR_RMS and max_deviation_percent <= MAX_FAIR_DEVIATION:

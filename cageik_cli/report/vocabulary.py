@@ -11,6 +11,12 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.settings import list_meanings
 
+QUALITY_WORDS = {"good": "good", "fair": "fair", "poor": "poor"}
+"""How people read each quality of a result; records for programs hold the key."""
+
+CAGE_VERDICT_WORDS = {"fit": "fit", "usable": "usable", "unfit": "unfit"}
+"""How people read each verdict on a cage; records for programs hold the key."""
+
 SETTING_MEANINGS = {
     **list_meanings(
         BindSettings, BuildSettings, CaptureSettings, ClipSettings, FitSettings, SolveSettings

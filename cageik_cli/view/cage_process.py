@@ -20,6 +20,7 @@ from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.check.faults import Finding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import BusyError, CageikError, SlowError
 from cageik_cli.util.text import format_count
@@ -142,6 +143,7 @@ def _diagnose_cage(cage: TriMesh) -> Answer:
     diagnosis = diagnose(cage, rest, jobs)
     return {
         "verdict": diagnosis.verdict,
+        "verdict_word": CAGE_VERDICT_WORDS[diagnosis.verdict],
         "cage": f"{format_count(len(cage.vertices), 'vertex')}, "
         f"{format_count(len(cage.polygons.corner_counts), 'face')}",
         "findings": [describe_finding(found, cage, rest) for found in diagnosis.findings],

@@ -139,7 +139,7 @@ class RestCageSession:
         except CageikError:
             return tuple(rows)
         rows += [(found["severity"], found["sentence"]) for found in answer["findings"]]
-        return (("verdict", answer["verdict"]), *rows)
+        return (("verdict", answer["verdict_word"]), *rows)
 
     def _list_losses(self, is_moved: bool) -> Rows:
         attributes = self._cage.attributes

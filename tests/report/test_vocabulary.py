@@ -14,13 +14,16 @@ from cageik_cli.report.html.index import render_index
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.limits import Limit, Limits
 from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
+from cageik_cli.report.plots.pose_sheet import describe_verdict
 from cageik_cli.report.record import build_report
-from cageik_cli.report.views.data import format_json, format_junit, format_overview_json
+from cageik_cli.report.views.data import format_csv, format_json, format_junit, format_overview_json
+from cageik_cli.report.views.front import format_front
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.text import format_text
 from cageik_cli.report.vocabulary import (
     EDIT_VOCABULARY,
     EXTRACTION_VOCABULARY,
+    QUALITY_WORDS,
     SETTING_MEANINGS,
     choose_vocabulary,
 )
@@ -170,3 +173,22 @@ def test_several_results_use_the_words_of_edits_if_all_are_edited(edited, closed
 def test_every_setting_of_an_edit_has_a_meaning(edited):
     assert {"pose_alpha", "pose_beta", "rigidity", "hard", "snap"} < set(edited.settings)
     assert set(edited.settings) <= set(SETTING_MEANINGS)
+
+
+def test_a_verdict_is_worded_in_one_place_and_is_a_key_for_programs(closed, monkeypatch):
+    report = replace(build_report(closed.result), quality="poor")
+    entry = ClipEntry("a", report=report)
+    before = [format_json([report]), format_csv([report]), format_overview_json(Overview([entry]))]
+    monkeypatch.setitem(QUALITY_WORDS, "poor", "lousy")
+    assert before == [
+        format_json([report]), format_csv([report]), format_overview_json(Overview([entry]))
+    ]  # fmt: skip
+    assert json.loads(before[0])["quality"] == "poor"
+    for text in (
+        format_front(report), render_page(report), describe_verdict(report),
+        format_markdown(Overview([entry])), render_index(Overview([build_clip_entry(report)])),
+    ):  # fmt: skip
+        assert "lousy" in text.lower()
+        assert not re.search(
+            r"\bpoor\b", re.sub("<script.*?</script>|<style.*?</style>", "", text, flags=re.S)
+        )

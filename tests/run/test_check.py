@@ -6,6 +6,7 @@ import pytest
 
 from cageik_cli import __version__
 from cageik_cli.report.views.cage import format_check_json, format_check_text
+from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
 from cageik_cli.run.cage_settings import CheckSettings
 from cageik_cli.run.check import check_cage
 from tests.shapes import ball, box
@@ -128,6 +129,13 @@ def test_json_is_the_whole_record(folder, cage_file):
         "mesh": "cage",
         "place": None,
     }
+
+
+def test_the_verdict_is_worded_for_people_alone(folder, monkeypatch):
+    checked = check_cage(CheckSettings(folder / "cage.obj"))
+    monkeypatch.setitem(CAGE_VERDICT_WORDS, "fit", "sound")
+    assert format_check_text(checked).startswith("cage.obj: sound\n")
+    assert json.loads(format_check_json(checked))["verdict"] == "fit"
 
 
 def test_json_without_a_rest_pose(folder, cage_file):

@@ -11,7 +11,7 @@ from cageik_cli.report.limits import make_overall_verdict
 from cageik_cli.report.overview import ClipEntry, Curve, Overview, describe_poor
 from cageik_cli.report.record import Report
 from cageik_cli.report.verdict import MAX_FAIR_DEVIATION
-from cageik_cli.report.vocabulary import Vocabulary
+from cageik_cli.report.vocabulary import QUALITY_WORDS, Vocabulary
 from cageik_cli.util.text import format_count
 
 THUMBNAIL_HEIGHT, THUMBNAIL_MARGIN, THUMBNAIL_STEP = 48, 4, 2
@@ -30,7 +30,7 @@ def render_index(overview: Overview) -> str:
     counts = [
         ("Failed", len(failed), "bad"),
         ("Over a limit", over, "bad"),
-        ("Poor", poor, "warn"),
+        (QUALITY_WORDS["poor"].capitalize(), poor, "warn"),
         ("OK", sum(not entry.states for entry in done), "good"),
     ]
     return REPORT_TEMPLATES.render_page(
@@ -42,6 +42,7 @@ def render_index(overview: Overview) -> str:
         scale_end=f"{MAX_FAIR_DEVIATION:g}",
         counts=counts,
         words=overview.vocabulary,
+        poor=QUALITY_WORDS["poor"],
         failed=failed,
         rows=[
             _build_clip_row(entry, entry.report, entry.curve)
@@ -55,23 +56,28 @@ def _make_batch_verdict(failed: int, over: int, poor: int, total: int) -> tuple[
     """Return the verdict on a batch: as `LimitCheck.state` or "warn", and in words."""
     parts = [
         f"{count} of {format_count(total, 'clip')} {what}"
-        for count, what in ((failed, "failed"), (over, "over a limit"), (poor, "poor"))
+        for count, what in (
+            (failed, "failed"),
+            (over, "over a limit"),
+            (poor, QUALITY_WORDS["poor"]),
+        )
         if count
     ]
     if parts:
         return "bad" if failed or over else "warn", ", ".join(parts)
-    return "good", "All clips done, none over a limit, none poor"
+    return "good", f"All clips done, none over a limit, none {QUALITY_WORDS['poor']}"
 
 
 def _make_clip_verdict(entry: ClipEntry) -> tuple[str, str]:
     """Return the verdict on a clip, as that on a batch: on its limits, and on its quality."""
     state, words = make_overall_verdict(entry.gates) if entry.gates else ("none", "")
-    quality = (entry.report.quality if entry.report else None) or ""
+    report = entry.report
     if entry.is_poor:
         state = "bad" if entry.exceeds_limit else "warn"
-    elif quality == "good" and not entry.gates:
+    elif report is not None and report.quality == "good" and not entry.gates:
         state = "good"
-    text = ", ".join(part for part in (quality, words.lower()) if part) or "no limits"
+    parts = (report and report.verdict, words.lower())
+    text = ", ".join(part for part in parts if part) or "no limits"
     return state, text.capitalize()
 
 

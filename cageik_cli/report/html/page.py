@@ -167,8 +167,9 @@ def _make_record_mark(digest: str, has_pictures: bool, has_player: bool) -> str:
 
 def _list_badges(report: Report) -> list[tuple[str, str]]:
     """Return looks and words of what is judged: the quality, and the limits if there are any."""
-    quality = report.quality
-    judged = [] if quality is None else [(QUALITY_STATES[quality], quality.capitalize())]
+    judged = []
+    if report.quality is not None and report.verdict is not None:
+        judged.append((QUALITY_STATES[report.quality], report.verdict.capitalize()))
     return [*judged, make_overall_verdict(report.gates)] if report.gates else judged
 
 

@@ -97,7 +97,7 @@ def render_sheet_png(result: Result, report: Report, pixels: int = 360) -> bytes
 def describe_verdict(report: Report) -> str:
     """Say in a line how good a result is, or how far an edit moved the mesh."""
     rms = report.counted.rms_percent
-    word = "moved" if report.quality is None else f"{report.quality},"
+    word = "moved" if report.verdict is None else f"{report.verdict},"
     length = format_scene_length(report.clip, rms)
     text = f"{word} {format_briefly(rms)} % of the size on average ({length})"
     frames, cage = report.clip.frames, report.clip.cage_vertices

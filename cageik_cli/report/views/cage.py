@@ -18,6 +18,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import get_parts, name_vertex
 from cageik_cli.report.figures import make_whole
 from cageik_cli.report.marks import FaultMark, list_marks
+from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
 from cageik_cli.util.settings import show_settings
 from cageik_cli.util.text import format_block, format_count, format_row
 from cageik_cli.util.version import __version__
@@ -283,10 +284,11 @@ def format_marks_text(result: CheckResult) -> str:
 
 def _format_verdict(diagnosis: Diagnosis) -> str:
     """Return the verdict, with the number of warnings if those decide it."""
+    word = CAGE_VERDICT_WORDS[diagnosis.verdict]
     if diagnosis.verdict != "usable":
-        return diagnosis.verdict
+        return word
     count = sum(finding.severity == "warning" for finding in diagnosis.findings)
-    return f"usable, {format_count(count, 'warning')}"
+    return f"{word}, {format_count(count, 'warning')}"
 
 
 def format_check_json(result: CheckResult) -> str:

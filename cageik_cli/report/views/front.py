@@ -171,7 +171,7 @@ def list_verdict_rows(report: Report) -> list[tuple[str, str]]:
         for part in sort_parts(report.parts)[:1]
         if part.rms_percent is not None
     ]
-    label, words = ("moved", "") if report.quality is None else ("quality", f"{report.quality}: ")
+    label, words = ("moved", "") if report.verdict is None else ("quality", f"{report.verdict}: ")
     average = _take_fitting(
         ", ".join([words + average, *facts]) for facts in ([frame, *parts], parts, [frame]) if facts
     )

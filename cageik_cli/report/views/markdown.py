@@ -9,7 +9,7 @@ from cageik_cli.report.fit_rows import format_fit_line
 from cageik_cli.report.overview import ClipEntry, Overview, describe_poor
 from cageik_cli.report.regions import describe_region
 from cageik_cli.report.views.text import format_check_row
-from cageik_cli.report.vocabulary import Vocabulary
+from cageik_cli.report.vocabulary import QUALITY_WORDS, Vocabulary
 from cageik_cli.util.text import format_count, single_line
 
 MAX_TEXT_LENGTH = 300
@@ -116,7 +116,7 @@ def _name_clip_verdict(entry: ClipEntry) -> str:
         return "over limit"
     is_within = any(check.passed for check in entry.gates)
     if entry.is_poor:
-        return "poor, within limits" if is_within else "poor"
+        return QUALITY_WORDS["poor"] + ", within limits" * is_within
     if is_within:
         return "within limits"
     return entry.vocabulary.done

@@ -424,13 +424,13 @@ function showRest(panel, { service, stage, findings, goTo, picked, trial, solved
   find("try").checked = Boolean(trial);
   panel.say("counts", `${mesh.vertices.length} vertices, ${mesh.polygons.length} faces; chosen ${kind}: ${chosen.size}`);
   const isChecked = service.verdict?.mesh === mesh;
-  panel.say("verdict", service.error || (isChecked ? service.verdict.verdict : "checking …"));
+  panel.say("verdict", service.error || (isChecked ? service.verdict.verdict_word : "checking …"));
   find("verdict").dataset.verdict = isChecked && !service.error ? service.verdict.verdict : "";
   const list = find("findings"), state = service.verdict;
   if (list.shownState !== state || list.shownPicked !== picked) {
     Object.assign(list, { shownState: state, shownPicked: picked });
     // Where the panel is folded, as on a phone, the picture says it.
-    if (isChecked) stage.modes.say(`check: ${[service.verdict.verdict, ...findings.slice(0, 1).map(({ kind: fault }) => fault.replaceAll("-", " "))].join(", ")}`);
+    if (isChecked) stage.modes.say(`check: ${[service.verdict.verdict_word, ...findings.slice(0, 1).map(({ kind: fault }) => fault.replaceAll("-", " "))].join(", ")}`);
     list.replaceChildren(...findings.map((found) => {
       const item = makeElement("li"), button = makeButton("", () => { goTo(found); stage.request(true); });
       button.append(makeElement("strong", { textContent: found.severity }), ` ${found.sentence}`);
