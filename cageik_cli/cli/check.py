@@ -74,7 +74,7 @@ def check_command(
     check_views(views, settings.inputs(), overwrite)
     result = check_cage(settings)
     if json_path is not None:
-        write_or_print(word_options(format_check_json(result)), json_path, overwrite)
+        write_or_print(format_check_json(result, word_options), json_path, overwrite)
     if plot is not None:
         from cageik_cli.report.plots.cage_plot import render_check_png  # slow: matplotlib
 

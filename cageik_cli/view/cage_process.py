@@ -17,7 +17,7 @@ import numpy as np
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.check.diagnosis import diagnose
-from cageik_cli.cages.check.faults import Finding
+from cageik_cli.cages.check.faults import Finding, join_remedy
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
@@ -25,6 +25,7 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import BusyError, CageikError, SlowError
 from cageik_cli.util.text import format_count
 from cageik_cli.view.player.rest_cage import pack_weights
+from cageik_cli.view.site import Wording
 
 MAX_CHECK_SECONDS = 20.0
 """A check that takes longer is ended: one of a usual cage takes less than a second."""
@@ -58,14 +59,19 @@ class CageLaboratory:
         self._lock = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
 
-    def check(self, cage: TriMesh) -> Answer:
+    def check(self, cage: TriMesh, word: Wording = str) -> Answer:
         """Diagnose a cage as `cageik check` does: the verdict, and the findings with their places.
+
+        `word` puts parameters that remedies name into the words of the reader.
 
         Raises
         ------
         BusyError, SlowError
         """
-        return self._run(_diagnose_cage, cage, "the check", MAX_CHECK_SECONDS)
+        answer = self._run(_diagnose_cage, cage, "the check", MAX_CHECK_SECONDS)
+        for found in answer["findings"]:
+            found["sentence"] = join_remedy(found.pop("message"), word(found.pop("remedy")))
+        return answer
 
     def solve(self, cage: TriMesh) -> Answer:
         """Solve the weights of a cage, as the page unpacks them.
@@ -166,7 +172,8 @@ def describe_finding(found: Finding, cage: TriMesh, rest: TriMesh) -> Answer:
         places["faces"] = cage.faces[faces].tolist()
     elif found.elements:
         places[found.elements] = numbers[:MAX_SHOWN_ELEMENTS].tolist()
-    return {"kind": found.kind, "severity": found.severity, "sentence": found.sentence, **places}
+    texts = {name: getattr(found, name) for name in ("kind", "severity", "message", "remedy")}
+    return texts | places
 
 
 def _solve_weights(cage: TriMesh) -> Answer:

@@ -34,6 +34,7 @@ from cageik_cli.view.cage_process import Answer, CageLaboratory
 from cageik_cli.view.player.clip import PlayerClip, make_single_pose
 from cageik_cli.view.player.rest_cage import check_drawn_weights, render_rest_cage_page
 from cageik_cli.view.session import MAX_SENT_BYTES, OwnOutputs, WatchedInput
+from cageik_cli.view.site import Wording
 
 Rows = tuple[tuple[str, str], ...]
 
@@ -69,7 +70,7 @@ class RestCageSession:
         self._clip = _make_clip(rest.mesh, cage.mesh, name)
         origin, weights = self._clip.binding.cage.vertices.mean(axis=0), settings.weights
         self.laboratory = CageLaboratory(rest.mesh, origin, weights.bind, weights.jobs)
-        self.answers: Mapping[str, Callable[[bytes], Answer]] = {
+        self.answers: Mapping[str, Callable[[bytes, Wording], Answer]] = {
             "check": self.check,
             "weights": self.solve,
         }
@@ -90,11 +91,11 @@ class RestCageSession:
         )
         return render_rest_cage_page(self._clip, "apply" if self.can_apply else "", cage)
 
-    def check(self, data: bytes) -> Answer:
-        """Diagnose a cage that was sent."""
-        return self.laboratory.check(parse_cage(data))
+    def check(self, data: bytes, word: Wording = str) -> Answer:
+        """Diagnose a cage that was sent, with what to do in the words of the reader."""
+        return self.laboratory.check(parse_cage(data), word)
 
-    def solve(self, data: bytes) -> Answer:
+    def solve(self, data: bytes, _word: Wording = str) -> Answer:
         """Solve the weights of a cage that was sent."""
         cage = parse_cage(data)
         check_drawn_weights(self._rest, cage)

@@ -10,7 +10,7 @@ from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.errors import describe_error
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.server import serve
-from cageik_cli.view.site import Edit, JobBoard, Site
+from cageik_cli.view.site import Edit, JobBoard, Site, Wording
 
 Rows = Sequence[tuple[str, str]]
 """Labels and texts."""
@@ -20,7 +20,7 @@ class PageSession(Protocol):
     """What a page shows, and what is done with what it sends."""
 
     settings: ViewSettings
-    answers: Mapping[str, Callable[[bytes], Any]]
+    answers: Mapping[str, Callable[[bytes, Wording], Any]]
     written: tuple[Path, ...]
 
     @property

@@ -170,13 +170,13 @@ class RequestHandler(BaseHTTPRequestHandler):
         self._send_json(HTTPStatus.ACCEPTED, {"job": job})
 
     def _send_answer(self, name: str, query: str) -> None:
-        """Send the answer to a body, in the words of who reads the page."""
+        """Send the answer to a body."""
         if query:
             raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "expected no query")
         data = self._read_body()
         try:
             with self.site.take_turn(name):
-                answer = self.site.answers[name](data)
+                answer = self.site.answers[name](data, self.site.word)
         except BusyError as error:
             raise RefusedRequestError(HTTPStatus.CONFLICT, str(error)) from error
         except SlowError as error:
@@ -184,9 +184,7 @@ class RequestHandler(BaseHTTPRequestHandler):
         except CageikError as error:
             text = self.site.word(str(error))
             raise RefusedRequestError(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
-        # Its sentences name parameters in backquotes, which nothing else in it has.
-        text = self.site.word(json.dumps(answer))
-        self._send(HTTPStatus.OK, "application/json", text.encode())
+        self._send_json(HTTPStatus.OK, answer)
 
     def _read_body(self) -> bytes:
         """Read a body of JSON; nothing is read of one that is too long."""

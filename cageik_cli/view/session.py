@@ -48,6 +48,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
 from cageik_cli.view.player.section import render_view_page
 from cageik_cli.view.show import load_clip
+from cageik_cli.view.site import Wording
 
 
 class ViewSession(ABC):
@@ -81,7 +82,7 @@ class ViewSession(ABC):
         """Whether handles can be applied: there is a file to write."""
         return self.settings.output is not None
 
-    answers: Mapping[str, Callable[[bytes], Any]] = MappingProxyType({})
+    answers: Mapping[str, Callable[[bytes, Wording], Any]] = MappingProxyType({})
     """What else the page may ask for: nothing."""
 
     def render_page(self) -> str:

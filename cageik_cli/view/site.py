@@ -11,6 +11,9 @@ from typing import Any
 
 from cageik_cli.util.progress import ProgressListener
 
+Wording = Callable[[str], str]
+"""Puts the parameters that a sentence of ours names into the words of who reads it."""
+
 
 class RefusedRequestError(Exception):
     """A request that is not answered: status and text."""
@@ -39,7 +42,7 @@ class Site:
     parse : callable, optional
         Makes an edit of a body and a rigidity; None if handles cannot be applied.
     answers : dict of str to callable
-        What else may be sent, and the answer to a body, which is sent as JSON.
+        What else may be sent, and the answer to a body and `word`, which is sent as JSON.
     word : callable
         Returns a text in the words of who reads the page.
     """
@@ -48,8 +51,8 @@ class Site:
     page: bytes
     board: "JobBoard"
     parse: Callable[[bytes, int], "Edit"] | None
-    answers: Mapping[str, Callable[[bytes], Any]] = field(default_factory=dict)
-    word: Callable[[str], str] = str
+    answers: Mapping[str, Callable[[bytes, Wording], Any]] = field(default_factory=dict)
+    word: Wording = str
     _turns: dict[str, threading.Lock] = field(
         default_factory=lambda: defaultdict(threading.Lock), init=False
     )

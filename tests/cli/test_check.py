@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 import trimesh
 
+from tests.shapes import box
+
 TYPED = ("check", "frames", "--cage", "cage.obj")
 UNFIT = ("cage_open", "cage_non_manifold", "cage_too_small", "cage_self_crossing", "swapped")
 
@@ -66,9 +68,19 @@ def test_an_unfit_cage_still_gets_its_json(run, fixtures_folder):
 @pytest.fixture
 def small_cage(folder, write_obj):
     """A cage through which vertices and faces of the rest pose go."""
-    from tests.shapes import box
-
     return write_obj(folder / "small.obj", 0.75 * box().vertices, box().faces)
+
+
+def test_json_words_what_to_do_and_leaves_names_alone(run, folder, write_obj):
+    vertices = 0.5 * box().vertices
+    vertices[0] *= 2.2
+    cage = write_obj(Path("cage`rest=a`.obj"), box().vertices, box().faces)
+    rest = write_obj(Path("model`rest=a`.obj"), vertices, box().faces)
+    record = json.loads(run("check", "--cage", cage, "--rest", rest, "--json", "-", "-q").out)
+    assert (record["cage"]["name"], record["rest"]["name"]) == (cage.name, rest.name)
+    assert f"--repair '{cage}' --rest '{rest}'" in record["repair_command"]
+    (outside,) = [one for one in record["findings"] if one["kind"] == "outside"]
+    assert outside["remedy"].endswith("with --outside project")
 
 
 def test_a_picture_and_coloured_vertices_show_the_faults(run, small_cage):

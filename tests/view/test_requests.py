@@ -305,7 +305,9 @@ def test_one_body_is_parsed_at_a_time(site):
         assert may_end.wait(10)
         return data
 
-    with serve(Site(SECRET, b"", site.board, parse, {"check": lambda data: {}}), 0) as address:
+    with serve(
+        Site(SECRET, b"", site.board, parse, {"check": lambda data, word: {}}), 0
+    ) as address:
         client = Client(address)
         first = threading.Thread(target=client.ask, args=["apply", "POST", b"first"])
         first.start()

@@ -5,6 +5,7 @@ import os
 import shutil
 import threading
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cli.group import word_options
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.errors import BusyError, CageikError, FormatError, InputError, SlowError
@@ -81,7 +83,8 @@ def test_cages_that_are_not_fit_open_and_are_checked(folder):
     ]
     for found in diagnosis.findings:
         told = describe_finding(found, cage, rest)
-        assert told["sentence"] == found.sentence
+        assert f"{told['message']}; {told['remedy']}" == found.sentence
+        assert "=" not in told["message"]
         json.dumps(told, allow_nan=False)
 
 
@@ -292,6 +295,24 @@ def test_sentences_are_worded_for_the_reader(session):
         for path in ("check", "weights"):
             told = Client(address).ask(path, "POST", json.dumps(small).encode()).body.decode()
             assert "`outside=" not in told
+
+
+def test_names_of_parts_are_not_taken_for_parameters(quads):
+    inside, faces = 0.5 * read_quads().vertices, read_quads().faces + 1
+    outside = inside.copy()
+    outside[0] *= 2.2
+    texts = []
+    for k, (name, vertices) in enumerate({"`outside=x`": outside, "b": inside}.items()):
+        texts += [f"o {name}", *("v {} {} {}".format(*row) for row in vertices)]
+        texts += ["f {} {} {}".format(*row) for row in faces + k * len(inside)]
+    Path("parts.obj").write_text("\n".join(texts))
+    opened = open_rest_cage(replace(REST_CAGE, target=Path("parts.obj")), ProgressListener())
+    site = Site(SECRET, b"", JobBoard(), None, opened.answers, word_options)
+    with closing(opened), serve(site, 0) as address:
+        (found,) = Client(address).ask("check", "POST", encode(read_quads())).value["findings"]
+    assert found["kind"] == "outside"
+    assert "`outside=x`" in found["sentence"]
+    assert found["sentence"].endswith("with --outside project")
 
 
 class Slow:

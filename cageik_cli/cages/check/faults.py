@@ -38,9 +38,9 @@ class Finding:
     severity : str
         One of `SEVERITIES`.
     message : str
-        What was found, and where.
+        What was found, and where; with names that users gave, and no parameters.
     remedy : str
-        What to do.
+        What to do; it may name parameters, and no names of users.
     elements : str
         What `numbers` are: `vertices`, `edges`, `faces`, `face pairs`; empty without numbers.
     numbers : (k,) or (k, 2) int64
@@ -71,7 +71,12 @@ class Finding:
     @property
     def sentence(self) -> str:
         """Return the message and the remedy."""
-        return f"{self.message}; {self.remedy}"
+        return join_remedy(self.message, self.remedy)
+
+
+def join_remedy(message: str, remedy: str) -> str:
+    """Return one sentence of what was found and what to do."""
+    return f"{message}; {remedy}"
 
 
 _FAULTS = {

@@ -4,6 +4,7 @@ A cage that was checked, and with a rest pose in it, as text and as JSON.
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -238,11 +239,10 @@ class CheckResult:
         """Return the faults that have a place, numbered as in pictures."""
         return list_marks(self.diagnosis.findings, self.cage.mesh, self.rest_mesh)
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Return what was changed in reading, one sentence each."""
+    def list_notes(self, word: Callable[[str], str] = str) -> list[str]:
+        """Return what was changed in reading, one sentence each, behind the name of the file."""
         loaded = [mesh for mesh in (self.cage, self.rest) if mesh is not None]
-        return tuple(f"{mesh.source['name']}: {note}" for mesh in loaded for note in mesh.notes)
+        return [f"{mesh.source['name']}: {word(note)}" for mesh in loaded for note in mesh.notes]
 
 
 def format_check_text(result: CheckResult) -> str:
@@ -270,7 +270,7 @@ def list_check_rows(result: CheckResult) -> list[tuple[str, str]]:
     if result.rest is not None and diagnosis.rest is not None:
         rows += _rest_rows(result.rest, diagnosis.rest)
     rows += [(finding.severity, finding.sentence) for finding in diagnosis.findings]
-    rows += [("note", note) for note in result.notes]
+    rows += [("note", note) for note in result.list_notes()]
     if result.repair_command is not None:
         rows.append(("to repair", result.repair_command))
     return rows
@@ -291,18 +291,22 @@ def _format_verdict(diagnosis: Diagnosis) -> str:
     return f"{word}, {format_count(count, 'warning')}"
 
 
-def format_check_json(result: CheckResult) -> str:
-    """Return the whole record; a finding has all its numbers."""
+def format_check_json(result: CheckResult, word: Callable[[str], str] = str) -> str:
+    """Return the whole record; a finding has all its numbers.
+
+    `word` puts parameters that remedies and notes name into the words of the reader.
+    """
     diagnosis = result.diagnosis
     return format_cage_record(
         {
             "verdict": diagnosis.verdict,
             "cage": result.cage.source | asdict(diagnosis.cage),
             "rest": _rest_record(result),
-            "notes": result.notes,
+            "notes": result.list_notes(word),
             "repair_command": result.repair_command,
             "findings": [
-                asdict(finding) | {"numbers": finding.numbers.tolist()}
+                asdict(finding)
+                | {"remedy": word(finding.remedy), "numbers": finding.numbers.tolist()}
                 for finding in diagnosis.findings
             ],
         }
