@@ -46,7 +46,7 @@ from cageik_cli.util.progress import ProgressListener
 
 pytestmark = pytest.mark.slow
 
-SINGLE_FRAME_BLOCKS = "from cageik_cli.solver import executor; executor.MAX_BLOCK_FRAMES = 1"
+SINGLE_FRAME_BLOCKS = "from cageik_cli.run import executor; executor.MAX_BLOCK_FRAMES = 1"
 """What worker processes run first, so that little clips have several blocks."""
 
 
