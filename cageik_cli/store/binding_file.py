@@ -2,14 +2,13 @@
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 
 from cageik_cli.cages.bind import MAX_REPRODUCTION_ERROR
 from cageik_cli.cages.check.faults import validate_cage
-from cageik_cli.fit.carried import CarriedChange
 from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.settings import FitRecord
 from cageik_cli.formats.base.hdf5 import open_checked
@@ -37,6 +36,9 @@ from cageik_cli.store.hdf5_fields import (
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.outputs import atomic_file
 from cageik_cli.util.version import __version__
+
+if TYPE_CHECKING:
+    from cageik_cli.fit.carried import CarriedChange  # needs scipy
 
 BINDING_FORMAT, BINDING_SCHEMA = "cageik.binding", 1
 """What a binding file says that it is; raise the number when older versions cannot read it."""
@@ -73,7 +75,7 @@ class StoredBinding:
     fit: FitRecord | None = None
     low_rank: Correction | None = None
     unfitted: Binding | None = None
-    carried: CarriedChange | None = None
+    carried: "CarriedChange | None" = None
 
     def with_fit(self, fitted: FittedWeights) -> "StoredBinding":
         """Return it with fitted weights, and the record of their fit."""
