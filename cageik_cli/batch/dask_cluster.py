@@ -1,6 +1,6 @@
 """The jobs of a batch on a Dask cluster.
 
-A long clip on a cluster: one worker writes its checkpoint, and others solve pieces of it.
+Of a long clip one worker writes the checkpoint, and others solve pieces of it.
 """
 
 import asyncio

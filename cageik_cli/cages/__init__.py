@@ -1,5 +1,5 @@
-"""Cages: tests whether a cage fits a model, and the weights of the model in it.
+"""Cages: built around a model, checked, repaired, and bound to it.
 
-Depends on `coordinates` and `geometry`. Start with `bind`; `faults` tests the cage alone,
-`enclosure` the cage around a model, and `diagnosis` collects all findings.
+Depends on `method`. `builder` builds one, `check` finds what is wrong with one, `repair` mends it;
+`bind` checks a cage around a rest pose and computes the weights.
 """

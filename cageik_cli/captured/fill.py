@@ -13,9 +13,9 @@ Uᵀ b is a pentadiagonal system over time. Where vertices are missing, this sol
 preconditioner of conjugate gradients. What is hidden for long stays where each frame's own solve
 has it: acceleration alone would let it fly.
 
-Put vertices that are hidden where the surface around them has them, as rigidly as possible.
-
-With the rest pose p, the positions x of the vertices that are seen, and a rotation R_i per vertex,
+`RigidFiller` puts vertices that are occluded where the surface around them has them, as rigidly as
+possible. With the rest pose p, the positions x of the vertices that are seen, and a rotation R_i
+per vertex,
 
     minimise  Σ_ij |x_i − x_j − R_i (p_i − p_j)|²  over the hidden x and all R,
 

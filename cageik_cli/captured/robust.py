@@ -16,9 +16,8 @@ the first rounds (Huber 1964) and exp(1 − u²) in the others (Welsch; Holland 
 the vertex is torn from the surface (`captured.robust`). A frame without outliers keeps the plain
 solution, to the last bit.
 
-Vertices that are thrown away from the surface around them, as their neighbours tell.
-
-`has_thrown_vertices` asks frames before any solve, `find_torn_vertices` the residuals of one.
+Whether a frame has outliers is asked before any solve (`has_thrown_vertices`): these vertices are
+far from the surface around them. `find_torn_vertices` asks the residuals of a solve.
 """
 
 from collections.abc import Iterable

@@ -1,6 +1,6 @@
-"""The `cageik` command: parse, call one workflow, show what it did.
+"""The `cageik` command: parse, call one run, show what it did.
 
-Only this folder uses click and tqdm. It depends on `workflows` and, for what it shows, on
+Only this folder uses click and tqdm. It depends on `run` and, for what it shows, on
 `report`; both are imported when a command runs, so that `--help` is quick. Start with `extract.py`.
 Options that commands share are in `options/`; `group.py` decides the exit code of an error.
 """

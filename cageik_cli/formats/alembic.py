@@ -1,8 +1,6 @@
-"""A clip in Alembic: a polygon mesh whose points, or whose transforms, have samples.
+"""Alembic, read and written: polygon meshes whose points, or whose transforms, have samples.
 
-UVs, normals and materials of a polygon mesh in Alembic.
-
-Where meshes are in an Alembic archive: their paths, and the transforms above them.
+UVs, normals and materials come with a mesh; its path, and the transforms above it, place it.
 """
 
 import errno

@@ -1,6 +1,6 @@
 """Clips in numpy files: an array of positions, and in a `.npz` perhaps one of faces.
 
-Arrays in `.npy` and `.npz` files: found without loading them.
+Arrays are found in `.npy` and `.npz` files without loading them.
 """
 
 import io

@@ -2,7 +2,7 @@
 
 UVs, normals and colours are of vertices, or of the corners of faces.
 
-The header of a PLY file, and the rows of its elements, binary or as text.
+The header says which elements there are; their rows are binary or text.
 """
 
 import struct

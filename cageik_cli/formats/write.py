@@ -1,6 +1,6 @@
 """Write animations and meshes: from the name of an output to its writer.
 
-One file for each part of a model, by `{part}` in the name of the output.
+With `{part}` in the name of the output there is one file for each part of a model.
 """
 
 import json

@@ -1,7 +1,4 @@
-"""What a mesh file says of a surface beside its triangles: polygons, UVs, normals, materials.
-
-The parts of what a file says of a surface: UVs, names of faces, subdivision.
-"""
+"""What a mesh file says of a surface beside its triangles: polygons, UVs, normals, materials."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace

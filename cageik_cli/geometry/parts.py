@@ -1,6 +1,6 @@
 """Models of several meshes: joined into one mesh for the solve, and split again for outputs.
 
-The parts of a model in sentences: where a vertex is, and how many vertices of each are meant.
+Sentences on such a model say in which part a vertex is, and how many vertices of each are meant.
 """
 
 from collections.abc import Iterable, Sequence

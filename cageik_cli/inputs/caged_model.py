@@ -1,6 +1,6 @@
 """A model and the cage that moves it, whatever holds them.
 
-The fit of a model carried to other models in its cage, and how well that works.
+A fit of the model is transferred to other models in its cage, and notes say how well that works.
 """
 
 from collections.abc import Callable

@@ -18,9 +18,8 @@ Then the places are solved again for the rotations that were found.
 All is solved relative to the best rigid motion of the frame, so that a rigid motion turns all
 joints alike, and in displacements, so that the rest pose gives identities exactly.
 
-Normals that joints turn, and how far they are from those of the meshes that they follow.
-
-A normal n of a vertex with weights w is turned into the direction of Σ_j w_j n R_j.
+How far normals that joints turn are from those of the meshes that they follow is measured. A normal
+n of a vertex with weights w is turned into the direction of Σ_j w_j n R_j.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
-"""The functions of the Python API, which `cageik_cli` offers: load, check, bind, extract to a file.
+"""The functions of the Python API, which `cageik_cli` offers: load, check, bind, extract.
 
-Extraction to arrays is in `extract_arrays.py`.
-
-Extract the cages of a clip into arrays, without files.
+`extract` solves the cages of a clip into arrays, without files; `extract_to_file` writes a result.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,6 +1,6 @@
 """Edit the cage animation of a result by handles and cage edits, and write the edited result.
 
-Pose a model in its cage by the handles and the cage edits of files.
+A model in its cage is posed in the same way, by the handles and the cage edits of files.
 """
 
 from collections.abc import Iterator

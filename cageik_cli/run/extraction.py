@@ -1,6 +1,6 @@
 """The run: one clip on its way from files to a result.
 
-The result of a run, composed of its checkpoint when all frames are solved.
+The result is composed of the checkpoint when all frames are solved.
 """
 
 from collections.abc import Iterator

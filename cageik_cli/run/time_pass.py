@@ -1,8 +1,7 @@
 """The second pass of a run: cages smoothed over time and filled, and measured again.
 
-What is hidden for long: placed by the surface around it, and these frames solved again.
-
-The clip is read a second time, as its vertices tell how the surface around has moved. What is
+What is occluded for long is placed by the surface around it, and these frames are solved again. The
+clip is read a second time, as its vertices tell how the surface around has moved. What is
 placed is what no motion around it in time tells: see `MAX_BRIDGED_FRAMES`.
 """
 

@@ -1,5 +1,5 @@
 """Files of cageik's own: results, bindings, checkpoints of runs, the weight cache.
 
-Depends on `solver` and `coordinates`. Start with `result`, which a finished run writes, and
+Depends on `method` and `fit`. Start with `result`, which a finished run writes, and
 `checkpoint`, which an interrupted run leaves.
 """

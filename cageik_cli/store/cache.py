@@ -5,9 +5,8 @@ digests are checked when it is read, so that neither a killed process nor a dama
 an entry that is used. Any number of processes may use the folder at once. When an entry cannot be
 read or written, a note says so and its content is computed.
 
-An entry of the cache as a file: arrays and plain values behind digests.
-
-Entries are not HDF5 files: read through HDF5, a hit takes 1.3 to 1.4 times as long.
+An entry has arrays and plain values behind digests. Entries are not HDF5 files: read through HDF5,
+a hit takes 1.3 to 1.4 times as long.
 """
 
 import hashlib

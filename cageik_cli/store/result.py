@@ -1,6 +1,6 @@
 """Read result files, with every check: the result, and what its frames are rebuilt from.
 
-The fields of a result, in one table: how each is written to its file, read and checked.
+One table says of each field how it is written, read and checked.
 """
 
 import glob

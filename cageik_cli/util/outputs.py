@@ -2,10 +2,9 @@
 
 A run that fails or is killed leaves what was there before.
 
-Unfinished outputs: their names, and those that killed runs have left.
-
-The name of an unfinished output holds the process that writes it, so that a later run can tell
-whether that is still alive. Those of other machines are left alone.
+Those that killed runs have left are found by their names. The name of an unfinished output holds
+the process that writes it, so that a later run can tell whether that is still alive. Those of other
+machines are left alone.
 """
 
 import io

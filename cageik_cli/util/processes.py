@@ -1,12 +1,11 @@
-"""Calls of one function in other processes beside this one, where threads would not help.
+"""Calls in subprocesses: where threads would not help, or where a library may end the process.
 
 What is pickled goes from this process to its own child and back, through no named file. Only the
 command line asks for processes: `sys.executable` may be no Python in a program that imports the
 package.
 
-Calls tried in another process first: a library may end the process on a damaged file.
-
-Only the command line tries: what imports the package may not be ready for further processes.
+A call on a file of a stranger is tried in another process first, as a library may end the process
+on a damaged file. Only the command line tries.
 """
 
 import json

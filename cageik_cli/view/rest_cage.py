@@ -1,6 +1,6 @@
 """The rest cage of a model, edited in a page: checked, solved and written.
 
-A rest cage as the page has it: what is sent to it, and what is read of what it sends.
+What the page is sent of a cage, and what it sends, is text that is checked here.
 """
 
 import json

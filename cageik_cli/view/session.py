@@ -1,8 +1,7 @@
 """The model or the result of a page, and the edits that are applied to it.
 
-The edits of a page: what it may begin with, and what is read of one that it sends.
-
-Files that a page reads and writes while it is open: what others do to them is noticed.
+A page may begin with edits, and sends others. What other programs do to its files while it is open
+is noticed.
 """
 
 import json

@@ -1,6 +1,6 @@
 """Build a cage around any model: candidates from tight to loose, each judged by exact tests.
 
-A cage that was tried: what it was made of, and what speaks against it.
+A `Candidate` is a cage that was tried, with what it was made of and what speaks against it.
 """
 
 from collections.abc import Callable, Iterator

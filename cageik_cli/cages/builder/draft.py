@@ -1,6 +1,6 @@
 """A cage under edit: every edit is tested, and only those are taken that leave it sound.
 
-Whether faces of a cage meet but at what they share, exactly, for a handful of faces.
+Whether faces meet but at what they share is tested exactly, for a handful of faces at a time.
 """
 
 from dataclasses import dataclass

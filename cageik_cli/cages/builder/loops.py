@@ -3,7 +3,7 @@
 The limbs of a fine shell are replaced by coarse tubes of quads, and the rest is decimated around
 them. The vertices of loops are the first ones of a cage.
 
-Which loops a limb gets: around its sections, apart from each other, more where it bends.
+A limb gets loops around its sections, which do not touch, and more of them where it bends.
 """
 
 from dataclasses import dataclass

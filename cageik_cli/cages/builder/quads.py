@@ -4,11 +4,9 @@ Triangles are paired, and vertices moved to where the quads hold the model by ei
 far as the cage stays sound. The quads that hold it then are kept, and pairs are chosen again
 without those that do not.
 
-A cage with quads as triangles: cut by one diagonal of each quad, by the other, or by both.
-
 Quads are (q, 4) corners; the diagonal that the cage has is from the first corner to the third.
-
-A cage with quads under edit: it stays sound whichever diagonals cut them.
+`QuadCuts` are its triangles by one diagonal of each quad, by the other, or by both; an edit keeps
+all of them sound.
 """
 
 import numpy as np

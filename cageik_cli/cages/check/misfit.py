@@ -1,8 +1,6 @@
 """Why a cage does not hold its model, as far as that can be measured, and what to do about it.
 
 A cage may be in another unit, have other axes, be mirrored, be elsewhere, or be too small.
-
-How a cage may differ from the one that its model needs: unit, axes, place, and inflation.
 """
 
 import math

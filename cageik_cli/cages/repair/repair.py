@@ -1,6 +1,6 @@
 """Make a user's own cage fit for a model, with as little change as possible.
 
-A cage under repair, and the steps of that: each changes it, and says what it did.
+Each step changes the cage, and says what it did.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,6 +1,6 @@
 """The steps of a repair that move vertices: untangle, push outward, go back where that is safe.
 
-Move vertices whose faces cross others: as few of them as will do, one after the other.
+Vertices whose faces cross others are moved one after the other, as few of them as will do.
 """
 
 from collections.abc import Callable

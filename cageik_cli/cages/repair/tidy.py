@@ -2,7 +2,8 @@
 
 Each function takes polygons and gives new ones, with vertices where they were.
 
-A cage whose faces may be quads: the rings of its polygons, and the triangles to compute with.
+`PolygonMesh` is a cage whose faces may be quads: the rings of its polygons, and the triangles to
+compute with.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """HDF5 files from any source: what they announce is checked before it is used.
 
-The attributes of a surface in an HDF5 file, checked by a digest.
+The attributes of a surface are checked by a digest.
 """
 
 import hashlib

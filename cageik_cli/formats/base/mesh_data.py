@@ -1,6 +1,6 @@
 """Meshes as they are read from files: polygons are cut into triangles, connectivities compared.
 
-Polygons that a fan would fold over, cut into triangles by clipping ears.
+A polygon that a fan would fold over is cut by clipping ears.
 """
 
 from collections import deque

@@ -1,6 +1,7 @@
-"""A clip of one mesh file per frame, in the natural order of the names.
+"""What readers of clips share: one mesh file per frame, or frames in one binary file.
 
-Frames at known offsets of a binary file, read on demand.
+Files are in the natural order of their names. Frames at known offsets of a binary file are read on
+demand.
 """
 
 import hashlib

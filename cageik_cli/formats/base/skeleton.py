@@ -1,7 +1,6 @@
 """The joints of a skin as a tree, and their motion: a root, limbs, and joints below.
 
-Names of limbs by their place in the rest pose, and of joints in them, as `L_upper_front_02`.
-
+Limbs are named by their place in the rest pose, and joints by their limb, as `L_upper_front_02`.
 Left is +x and the front is +z, as glTF has characters; if z is up, the front is −y.
 """
 

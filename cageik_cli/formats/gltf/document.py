@@ -1,8 +1,7 @@
 """A glTF file and the buffers that it names, checked before anything is computed with them.
 
-Arrays of a glTF file: strided, sparse, and of small integers that stand for fractions.
-
-Objects of the JSON of a glTF file, whose values are checked when they are asked for.
+Objects of its JSON are checked when their values are asked for. Arrays may be strided, sparse, and
+of small integers that stand for fractions.
 """
 
 import base64

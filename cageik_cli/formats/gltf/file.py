@@ -1,6 +1,6 @@
 """A GLB file in the making: arrays in temporary files, and the JSON that describes them.
 
-The nodes of a glTF file: one per part, below those in its path, and the spaces that they are.
+It has one node per part of the model, below those in its path.
 """
 
 import shutil

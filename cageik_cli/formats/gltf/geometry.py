@@ -1,8 +1,7 @@
 """The mesh of a node: split vertices are welded, which targets and joints move.
 
-Primitives: which vertices they use, and the triangles between these.
-
-Texture coordinates, normals, colours and materials of a mesh in a glTF file.
+Primitives say which vertices they use, and the triangles between these. Texture coordinates,
+normals, colours and materials are those of the split vertices.
 """
 
 import re

@@ -1,6 +1,6 @@
-"""The tree of nodes: names of paths, and transforms from the top down.
+"""The tree of nodes: paths, transforms from the top down, and skins.
 
-Skins: joints, and how much each of them moves each vertex.
+A skin says which joints there are, and how much each of them moves each vertex.
 """
 
 from collections.abc import Container

@@ -1,8 +1,7 @@
 """A cage animation as a skinned glTF: joints that the cage has become, and weights of the mesh.
 
-Vertices of a skin as glTF has them: positions, and joints and weights in sets of four.
-
-A skin as programs pose it from a file: what is left out of the file or rounded is measured.
+Joints and weights of a vertex are in sets of four. What is left out of the file or rounded is
+measured: the skin is posed from the file, as programs pose it.
 """
 
 from collections.abc import Callable

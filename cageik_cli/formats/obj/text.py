@@ -3,7 +3,7 @@
 Words are found in a text of the same length without comments and without line ends that a backslash
 continues (`blank_out`), so that every place in it is a place in the file.
 
-The numbers of an OBJ text, rounded as `float` rounds; compiled where that is possible.
+Numbers are rounded as `float` rounds, by compiled code where there is some.
 """
 
 import codecs

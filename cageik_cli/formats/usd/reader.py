@@ -1,6 +1,6 @@
 """A clip in USD: a mesh whose points, or whose transforms, have time samples.
 
-UVs, normals, colours, materials, groups and subdivision of a mesh in USD.
+Its UVs, normals, colours, materials, groups and subdivision are read with the first frame.
 """
 
 import hashlib

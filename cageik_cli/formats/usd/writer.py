@@ -1,6 +1,6 @@
 """USD: meshes whose points have a time sample per frame, or a skeleton; in single precision.
 
-A mesh in USD: polygons, UVs, normals, colours, materials, groups and subdivision.
+A mesh keeps its polygons, UVs, normals, colours, materials, groups and subdivision.
 """
 
 import zipfile

@@ -1,21 +1,19 @@
 """What turns with points that are moved: their normals, and the shapes and colours of splats.
 
-Ellipsoids moved by linear maps: new axes and a new rotation, for many at once.
-
-An ellipsoid with the rotation R and the semi-axes s is the image of the unit ball under R diag(s).
-A map J takes it to J R diag(s) = M, whose left singular vectors and singular values are the new
-rotation and axes. They come from one-sided Jacobi rotations of the columns of M (Hestenes 1958),
-which keep small axes to full relative precision, where the eigenvalues of M Mᵀ would lose them.
-Columns of M that are orthogonal stay as they are: after a rigid motion every axis keeps its place,
-and without shear nothing is exchanged between frames.
+**Ellipsoids** are moved by linear maps, many at once: they get new axes and a new rotation. One
+with the rotation R and the semi-axes s is the image of the unit ball under R diag(s). A map J takes
+it to J R diag(s) = M, whose left singular vectors and singular values are the new rotation and
+axes. They come from one-sided Jacobi rotations of the columns of M (Hestenes 1958), which keep
+small axes to full relative precision, where the eigenvalues of M Mᵀ would lose them. Columns of M
+that are orthogonal stay as they are: after a rigid motion every axis keeps its place, and without
+shear nothing is exchanged between frames.
 
 Arrays hold one ellipsoid per column, entry by entry.
 
-Real spherical harmonics of bands 1 to 3, and how their coefficients turn with a rotation.
-
-Signs and factors are those of Gaussian splats (Kerbl et al. 2023, 3D Gaussian splatting). A
-rotation R takes a function f of directions to f(Rᵀ d). A band of degree l stays in itself, and so
-the coefficients of the turned function follow from its values in 2l + 1 fixed directions.
+**Spherical harmonics**, real ones of bands 1 to 3, turn with a rotation. Signs and factors are
+those of Gaussian splats (Kerbl et al. 2023, 3D Gaussian splatting). A rotation R takes a function f
+of directions to f(Rᵀ d). A band of degree l stays in itself, and so the coefficients of the turned
+function follow from its values in 2l + 1 fixed directions.
 
 Arrays have one function per column, so that each operation runs over all of them.
 """

@@ -1,16 +1,13 @@
 """A film of a result: its pictures drawn one by one, and written as they are drawn.
 
-Moving images as GIF and WebP, which are written picture by picture.
-
-Pillow encodes single pictures; here they are joined. It would keep all of a GIF, and all encoded
-ones of a WebP, until the last is there.
+A film shows the clip, or a turn around the rest pose, as a GIF or a WebP. Pillow encodes single
+pictures; here they are joined. It would keep all of a GIF, and all encoded ones of a WebP, until
+the last is there.
 
 References
 ----------
 CompuServe, Graphics Interchange Format, version 89a.
 RFC 9649, WebP image format, section 2.7.
-
-What a film shows, picture by picture: the clip, or a turn around the rest pose.
 """
 
 import io

@@ -1,6 +1,6 @@
 """The report as a page: one HTML file without other files, for a browser or a printer.
 
-The tables of a page: the frames, and the quality of the weights.
+Its tables are those of the frames and of the quality of the weights.
 """
 
 import hashlib

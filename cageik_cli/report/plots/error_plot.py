@@ -1,8 +1,6 @@
 """The plot over the frames: the error, and the volume change or the largest deviation.
 
 It does not depend on pyplot or the user's matplotlibrc; the same report gives the same bytes.
-
-The two curves of the plot over the frames, and their limits: error, and volume or deviation.
 """
 
 import io

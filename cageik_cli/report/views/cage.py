@@ -1,7 +1,4 @@
-"""A cage that was built or repaired, as text and as JSON.
-
-A cage that was checked, and with a rest pose in it, as text and as JSON.
-"""
+"""A cage as text and as JSON: built, repaired, or checked, alone or with a rest pose in it."""
 
 import json
 from collections.abc import Callable

@@ -2,7 +2,7 @@
 
 Large models are drawn coarser.
 
-The bar of time: how far off each frame is, as paths of an SVG, and where the worst frame is.
+The bar of time shows how far off each frame is, as paths of an SVG, and where the worst frame is.
 """
 
 import math

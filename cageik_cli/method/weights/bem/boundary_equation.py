@@ -8,8 +8,6 @@ With q_k the outward normal derivative of the weight w_k on the cage, and φ_k i
 for q_k. It is tested with the polynomials of the densities (Galerkin's method), and solved by
 elimination of blocks in single precision.
 
-The elimination of blocks of unknowns, shared out over threads.
-
 Threads of the linear algebra wait for each other at every step, which takes long where other
 programs run. So it has one, and the blocks of a step are shared out over threads of our own. The
 blocks are fixed: the number of threads does not change the result.
