@@ -165,7 +165,7 @@ def built_cages() -> dict:
 def coarse_grids(monkeypatch, built_cages) -> None:
     """Build cages on coarse grids, from loose shells, in a second; runs build each once."""
     monkeypatch.setattr(build, "COARSE_GRID", (0.03, 0.13))
-    monkeypatch.setattr(build, "LADDER", ((0.04, 0.08),))
+    monkeypatch.setattr(build, "SHELL_CANDIDATES", ((0.04, 0.08),))
     build_cage = built_cage._build
 
     def build_once(model, settings, progress):

@@ -122,7 +122,7 @@ def discover_clips(
         )
     if no_clips:
         note(f"left out, as {left_out}")
-    found = _tell_apart(found, roots)
+    found = _make_names_unique(found, roots)
     names = [clip.name for clip in found]
     # Those that are left out count, so that the names of others do not depend on the patterns.
     found = [replace(c, result=r) for c, r in zip(found, name_results(names), strict=True)]
@@ -166,7 +166,9 @@ def make_result_name(name: str, taken: Set[str] = frozenset()) -> str:
     return f"{flat}.h5"
 
 
-def _tell_apart(clips: Sequence[DiscoveredClip], roots: Sequence[Path]) -> list[DiscoveredClip]:
+def _make_names_unique(
+    clips: Sequence[DiscoveredClip], roots: Sequence[Path]
+) -> list[DiscoveredClip]:
     """Give clips whose name one before has, in folders of one name, a digest of their path.
 
     The path is that below what all folders share, so that a moved project keeps its names.

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from cageik_cli.cages.check.enclosure import Placement, check_enclosure
-from cageik_cli.cages.check.quality import find_room_faults, find_thin_parts
+from cageik_cli.cages.check.quality import find_looseness_faults, find_thin_parts
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding, Weights, reproduction_error
 from cageik_cli.method.weights.settings import ACCURACIES, BindSettings
@@ -125,7 +125,7 @@ def judge_binding(binding: Binding) -> JudgedBinding:
     """
     if not len(binding.rest.faces):
         return JudgedBinding(binding, (), None)
-    found = find_room_faults(binding.cage, binding.rest, False)
+    found = find_looseness_faults(binding.cage, binding.rest, False)
     faults = tuple(finding.sentence for finding in found)
     return JudgedBinding(binding, () if binding.projected else faults, bool(faults))
 

@@ -10,7 +10,7 @@ frames without data are filled by `captured.smooth`.
 
 Where all A_t are A = U diag(w) Uᵀ, the modes k of A are independent: (w_k I + γ D₂ᵀ D₂) y_k =
 Uᵀ b is a pentadiagonal system over time. Where vertices are missing, this solve is the
-preconditioner of conjugate gradients. What is hidden for long stays where each frame's own solve
+preconditioner of conjugate gradients. What is occluded for long stays where each frame's own solve
 has it: acceleration alone would let it fly.
 
 `RigidFiller` puts vertices that are occluded where the surface around them has them, as rigidly as
@@ -194,29 +194,29 @@ HOLD_WEIGHT = 1e-9
 
 
 class RigidFiller:
-    """Filler of frames of a mesh; the factors of the last hidden vertices are kept."""
+    """Filler of frames of a mesh; the factors of the last occluded vertices are kept."""
 
     def __init__(self, mesh: TriMesh) -> None:
         ends = mesh.edges.ends
         both = np.concatenate([ends, ends[:, ::-1]])
         self._pairs = both[np.argsort(both[:, 0], kind="stable")]
-        self._rest, self._is_hidden = mesh.vertices, np.zeros(len(mesh.vertices), bool)
+        self._rest, self._is_occluded = mesh.vertices, np.zeros(len(mesh.vertices), bool)
         self._factor: Any = None
         self._bending = _make_bending(ends, len(mesh.vertices))
 
-    def extend(self, values: Floats, is_hidden: Mask) -> Floats:
-        """Return values (m, 3) whose hidden ones, (m,), continue the others; they may be any."""
-        if not (is_hidden == self._is_hidden).all():
-            self._prepare(is_hidden)
+    def extend(self, values: Floats, is_occluded: Mask) -> Floats:
+        """Return values (m, 3) whose occluded ones, (m,), continue the others; they may be any."""
+        if not (is_occluded == self._is_occluded).all():
+            self._prepare(is_occluded)
         extended = values.copy()
         if self._factor is not None:
-            extended[is_hidden] = self._bend_factor.solve(-self._across @ values[~is_hidden])
+            extended[is_occluded] = self._bend_factor.solve(-self._across @ values[~is_occluded])
         return extended
 
-    def fill(self, positions: Floats, is_hidden: Mask) -> Floats:
-        """Return positions (m, 3) whose hidden ones, (m,), are moved; they are the first guess."""
-        if not (is_hidden == self._is_hidden).all():
-            self._prepare(is_hidden)
+    def fill(self, positions: Floats, is_occluded: Mask) -> Floats:
+        """Return positions (m, 3), the first guess, whose occluded ones, (m,), are moved."""
+        if not (is_occluded == self._is_occluded).all():
+            self._prepare(is_occluded)
         filled = positions.copy()
         if self._factor is None:
             return filled
@@ -226,7 +226,7 @@ class RigidFiller:
             means = (rotations[self._first_ring] + rotations[self._second_ring]) / 2
             pulls = np.einsum("eab,eb->ea", means, self._sides)
             # What is seen is known: it goes to the other side.
-            pulls += np.where(is_hidden[second, None], 0.0, filled[second])
+            pulls += np.where(is_occluded[second, None], 0.0, filled[second])
             right = HOLD_WEIGHT * filled[joined]
             right += np.add.reduceat(pulls, self._starts)
             filled[joined] = self._factor.solve(right)
@@ -240,14 +240,14 @@ class RigidFiller:
         sums = np.add.reduceat(products, self._ring_starts)
         return nearest_rotations_by_entry(np.ascontiguousarray(sums.T)).T.reshape(-1, 3, 3)
 
-    def _prepare(self, is_hidden: Mask) -> None:
-        """List the edges at hidden vertices and those at their neighbours, and factor."""
+    def _prepare(self, is_occluded: Mask) -> None:
+        """List the edges at occluded vertices and those at their neighbours, and factor."""
         from scipy import sparse
         from scipy.sparse.linalg import splu
 
-        self._is_hidden, self._factor = is_hidden.copy(), None
+        self._is_occluded, self._factor = is_occluded.copy(), None
         pairs, rest = self._pairs, self._rest
-        self._edges = pairs[is_hidden[pairs[:, 0]]]
+        self._edges = pairs[is_occluded[pairs[:, 0]]]
         if not len(self._edges):
             return
         is_ring = np.zeros(len(rest), bool)
@@ -260,16 +260,16 @@ class RigidFiller:
         self._joined, self._starts = np.unique(self._edges[:, 0], return_index=True)
         count = len(self._joined)
         degrees = np.diff(self._starts, append=len(self._edges))
-        inner = np.searchsorted(self._joined, self._edges[is_hidden[self._edges[:, 1]]])
+        inner = np.searchsorted(self._joined, self._edges[is_occluded[self._edges[:, 1]]])
         places = np.arange(count)
         entries = np.concatenate([degrees + HOLD_WEIGHT, -np.ones(len(inner))])
         rows, columns = (np.concatenate([places, side]) for side in inner.T)
         matrix = sparse.coo_array((entries, (rows, columns)), shape=(count, count))
         self._factor = splu(matrix.tocsc())
-        rows = self._bending[is_hidden]
+        rows = self._bending[is_occluded]
         held = HOLD_WEIGHT * sparse.eye_array(rows.shape[0])
-        self._bend_factor = splu((rows[:, is_hidden] + held).tocsc())
-        self._across = rows[:, ~is_hidden]
+        self._bend_factor = splu((rows[:, is_occluded] + held).tocsc())
+        self._across = rows[:, ~is_occluded]
 
 
 def _make_bending(ends: Integers, count: int) -> Any:

@@ -1,4 +1,4 @@
-"""Solve frames of which some vertices are missing, weigh less, or are thrown far away.
+"""Solve frames of which some vertices are missing, weigh less, or are outliers.
 
 Vertex j of a frame has a weight ω_j from 0 (missing, or rejected) to 1. The cage c of the plain
 solve, of all vertices alike, is corrected by d,
@@ -16,7 +16,7 @@ the first rounds (Huber 1964) and exp(1 − u²) in the others (Welsch; Holland 
 the vertex is torn from the surface (`captured.robust`). A frame without outliers keeps the plain
 solution, to the last bit.
 
-Whether a frame has outliers is asked before any solve (`has_thrown_vertices`): these vertices are
+Whether a frame has outliers is asked before any solve (`has_outlier_vertices`): these vertices are
 far from the surface around them. `find_torn_vertices` asks the residuals of a solve.
 """
 
@@ -321,8 +321,8 @@ MIN_OUTLIER_RATIO = 8.0
 """Vertices are off by themselves that are off by more times as much as their neighbours."""
 
 
-MIN_THROWN_PERCENT = 5.0
-"""Percent of the diagonal; edges of thrown vertices change by more. In clean clips of a dancer, a
+MIN_OUTLIER_EDGE_CHANGE = 5.0
+"""Percent of the diagonal; edges of outlier vertices change by more. In clean clips of a dancer, a
 horse and a cartoon chicken no vertex does so by itself by more than 2.9 %. A vertex that is thrown
 by 9 % of the diagonal is seen in 70 to 100 % of tries there, one thrown by 5 % or less hardly ever:
 clean vertices come too near to that."""
@@ -338,19 +338,19 @@ def average_neighbours(mesh: TriMesh, values: Floats) -> Floats:
     return np.asarray(np.where(counts > 0, sums / np.maximum(counts, 1), values))
 
 
-def has_thrown_vertices(mesh: TriMesh, frames: Iterable[Floats]) -> bool:
-    """Return whether single vertices of frames, (m, 3) each, are thrown away from the others.
+def has_outlier_vertices(mesh: TriMesh, frames: Iterable[Floats]) -> bool:
+    """Return whether single vertices of frames, (m, 3) each, are outliers.
 
     The data alone tells, before any solve: all edges of such a vertex change their length by far
     more than some edge of each neighbour does. Limbs that bend, and surfaces that stretch as a
-    whole, do not count. Nor do neighbours that are thrown together.
+    whole, do not count. Nor do neighbours that are outliers together.
 
     Parameters
     ----------
     mesh : TriMesh
-        A pose that the frames are compared with; its vertex may be the one that is thrown.
+        A pose that the frames are compared with; its vertex may be the outlier.
     """
-    return any(_is_thrown(mesh, _measure_least_changes(mesh, frame)) for frame in frames)
+    return any(_is_outlier(mesh, _measure_least_changes(mesh, frame)) for frame in frames)
 
 
 def _measure_least_changes(mesh: TriMesh, frame: Floats) -> Floats:
@@ -366,9 +366,9 @@ def _measure_least_changes(mesh: TriMesh, frame: Floats) -> Floats:
     return least
 
 
-def _is_thrown(mesh: TriMesh, changes: Floats) -> bool:
+def _is_outlier(mesh: TriMesh, changes: Floats) -> bool:
     """Return whether a vertex changes by so much, and by far more than its neighbours."""
-    is_large = 100 * changes > MIN_THROWN_PERCENT * mesh.diagonal
+    is_large = 100 * changes > MIN_OUTLIER_EDGE_CHANGE * mesh.diagonal
     if not is_large.any():
         return False
     around = average_neighbours(mesh, changes)

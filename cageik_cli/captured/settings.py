@@ -35,9 +35,9 @@ class CaptureSettings:
 
     robust: bool = declare_setting(
         False,
-        "Reject vertices that are thrown away in some frames.",
+        "Reject vertices that are outliers in some frames.",
         name="robust",
-        meaning="reject vertices that are thrown away in some frames",
+        meaning="reject vertices that are outliers in some frames",
         is_recorded_unset=False,
         group=HelpGroup.CAPTURED,
     )

@@ -7,7 +7,7 @@ import click
 
 from cageik_cli.cli.batch_plan import SHARED_OPTIONS, BatchOptions, SharedOptions, plan_batch
 from cageik_cli.cli.command import GroupedCommand, option
-from cageik_cli.cli.group import word_options
+from cageik_cli.cli.group import spell_options
 from cageik_cli.cli.options import common_options, count_processors
 from cageik_cli.cli.options.group import OptionGroup, is_on_command_line, list_options
 from cageik_cli.cli.output import (
@@ -78,7 +78,7 @@ def batch_command(
         return
     chosen = _choose_scheduler(scheduler, jobs, quiet)
     with show_progress(not quiet, None, False, LineLogger) as progress:
-        overview = run_batch(batch, chosen, progress, word_options)
+        overview = run_batch(batch, chosen, progress, spell_options)
     append_step_summary(format_markdown(overview))
     _show_overview(overview, quiet)
     if not quiet:
@@ -111,7 +111,7 @@ def _show_dry_run(clips: dict[str, list[tuple[str, str]]]) -> None:
     from cageik_cli.util.text import format_block, format_count
 
     failing = sum(rows[0][0] == FAULT_LABEL for rows in clips.values())
-    lines = [word_options(format_block(name, rows)) for name, rows in clips.items()]
+    lines = [spell_options(format_block(name, rows)) for name, rows in clips.items()]
     lines.append(f"{failing} of {format_count(len(clips), 'clip')} would fail")
     click.echo("\n".join(lines))
     if failing:

@@ -13,7 +13,7 @@ from click.core import ParameterSource
 from cageik_cli.cli.command import GroupedOption, spell_param
 from cageik_cli.cli.config import CONFIG_NAME, ClipTables, is_auxiliary_path, list_commands
 from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
-from cageik_cli.cli.group import word_options
+from cageik_cli.cli.group import spell_options
 from cageik_cli.cli.options.group import Decorator, OptionGroup, list_options
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS
 from cageik_cli.formats.settings import ClipSettings
@@ -268,4 +268,4 @@ def _describe_fault(error: click.UsageError | CageikError) -> str:
         option = spell_param(error.param)
         return f"{option} of a {CONFIG_NAME} in its folder or above: {error.message.rstrip('.')}"
     message = error.message if isinstance(error, click.UsageError) else str(error)
-    return word_options(message)
+    return spell_options(message)

@@ -48,7 +48,7 @@ def bind_command(settings: BindRunSettings, timings: Path | None, quiet: bool) -
     \b
     cageik bind --cage cage.obj --rest rest.obj --fit walk --fit run -o hero.h5
     """  # noqa: D301
-    from cageik_cli.cli.output import format_told, show_progress
+    from cageik_cli.cli.output import format_command_output, show_progress
     from cageik_cli.run.bind import bind_files
     from cageik_cli.run.info import format_binding_rows
     from cageik_cli.util.outputs import check_no_overlap
@@ -61,7 +61,7 @@ def bind_command(settings: BindRunSettings, timings: Path | None, quiet: bool) -
         rows = [*format_binding_rows(stored, bool(get_verbosity())), *progress.make_rows()]
         if not get_verbosity():  # how close a fit is comes before how it was computed
             rows.sort(key=lambda row: row[0] in ("settings", "weights", "accuracy"))
-        click.echo(format_told(str(output), rows, bind_command), err=True)
+        click.echo(format_command_output(str(output), rows, bind_command), err=True)
         click.echo(f"wrote {output}; next: cageik extract FRAMES --binding {output}", err=True)
     if get_verbosity():
         click.echo(f"cache: {settings.weights.cache}", err=True)

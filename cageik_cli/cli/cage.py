@@ -61,7 +61,12 @@ def cage_command(
     cageik cage body.obj -o cage.obj --for frames
     cageik cage --repair mine.obj --rest body.obj -o cage.obj
     """  # noqa: D301
-    from cageik_cli.cli.output import check_views, format_told, show_progress, write_or_print
+    from cageik_cli.cli.output import (
+        check_views,
+        format_command_output,
+        show_progress,
+        write_or_print,
+    )
     from cageik_cli.report.views.cage import (
         format_cage_json,
         format_repair_json,
@@ -86,7 +91,7 @@ def cage_command(
         write_or_print(record, json_path, settings.overwrite)
     if not quiet:
         command = f"cageik extract FRAMES --cage {settings.output}{rest_options}"
-        click.echo(format_told(str(settings.output), rows, cage_command), err=True)
+        click.echo(format_command_output(str(settings.output), rows, cage_command), err=True)
         click.echo(f"wrote {settings.output}; next: {command}", err=True)
 
 

@@ -7,11 +7,11 @@ from typing import Any
 import click
 
 from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
-from cageik_cli.cli.group import word_options
+from cageik_cli.cli.group import spell_options
 from cageik_cli.cli.options import common_options, jobs_option, json_option, overwrite_option
 from cageik_cli.cli.options.group import OptionGroup, list_options
 from cageik_cli.cli.options.types import SuffixedPath
-from cageik_cli.cli.output import check_views, format_told, list_files, write_or_print
+from cageik_cli.cli.output import check_views, format_command_output, list_files, write_or_print
 from cageik_cli.run.cage_settings import CheckSettings
 
 
@@ -74,7 +74,7 @@ def check_command(
     check_views(views, settings.inputs(), overwrite)
     result = check_cage(settings)
     if json_path is not None:
-        write_or_print(format_check_json(result, word_options), json_path, overwrite)
+        write_or_print(format_check_json(result, spell_options), json_path, overwrite)
     if plot is not None:
         from cageik_cli.report.plots.cage_plot import render_check_png  # slow: matplotlib
 
@@ -87,8 +87,8 @@ def check_command(
         write_or_print(data, marked, overwrite)
     if not quiet:
         rows = (list_check_rows if get_verbosity() else list_brief_check_rows)(result)
-        told = format_told(format_check_headline(result), rows, check_command)
-        click.echo(told, err=is_on_stdout)
+        text = format_command_output(format_check_headline(result), rows, check_command)
+        click.echo(text, err=is_on_stdout)
         if plot is not None or marked is not None:
             click.echo(format_marks_text(result), err=is_on_stdout)
         for path in list_files(views):

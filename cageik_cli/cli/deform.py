@@ -23,8 +23,8 @@ def make_deform_settings(**values: Any) -> DeformSettings:
         of_cages = ("selection", "layout", "allow_gaps", "close_gaps")
         refuse_options(of_cages, "{} is for the clip of --cages; leave it out, or give --cages")
         if not values["mesh"]:
-            said = "{} is for --mesh and --cages; leave it out, or give one of them"
-            refuse_options(("exclude",), said)
+            message = "{} is for --mesh and --cages; leave it out, or give one of them"
+            refuse_options(("exclude",), message)
     has_morphs = values["morphs"] != MorphSettings(has_normals=True)
     check_morph_usage("--morphs, --tolerance and --flat", has_morphs, values["output"].path)
     return DeformSettings(compares=get_verbosity() > 0, **values)
@@ -66,10 +66,10 @@ def deform_command(settings: DeformSettings, quiet: bool) -> None:
     --frames, --layout, --allow-gaps and --close-gaps apply to --cages, and --exclude to parts of
     --mesh and --cages.
     """
-    from cageik_cli.cli.output import format_told, show_progress
+    from cageik_cli.cli.output import format_command_output, show_progress
     from cageik_cli.run.deform import deform
 
     with show_progress(not quiet, None, False) as progress:
         summary = deform(settings, progress)
     if not quiet:
-        click.echo(format_told(summary.message, progress.notes, deform_command), err=True)
+        click.echo(format_command_output(summary.message, progress.notes, deform_command), err=True)

@@ -44,7 +44,7 @@ def export_command(settings: ExportSettings, quiet: bool) -> None:
     .glb, .usd*, .abc), a folder of frames (.obj, .ply), or numbered files in a folder, such as
     cage/cage_####.obj.
     """
-    from cageik_cli.cli.output import format_told, show_progress
+    from cageik_cli.cli.output import format_command_output, show_progress
     from cageik_cli.run.export import export
     from cageik_cli.util.outputs import check_no_overlap
 
@@ -52,4 +52,4 @@ def export_command(settings: ExportSettings, quiet: bool) -> None:
     with show_progress(not quiet, None, False) as progress:
         summary = export(settings, progress)
     if not quiet:
-        click.echo(format_told(summary.message, progress.notes, export_command), err=True)
+        click.echo(format_command_output(summary.message, progress.notes, export_command), err=True)

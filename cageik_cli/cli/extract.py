@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
-from cageik_cli.cli.group import word_options
+from cageik_cli.cli.group import spell_options
 from cageik_cli.cli.options import CACHE_OPTIONS, common_options, jobs_option, timings_option
 from cageik_cli.cli.options.group import (
     PATH_TYPE,
@@ -146,7 +146,7 @@ def extract_command(
     with show_progress(not quiet, timings, settings.overwrite) as progress:
         result = extract(settings, progress)
         messages = _export(planned, progress)
-    report = build_report(result, loaded_limits, word=word_options)
+    report = build_report(result, loaded_limits, word=spell_options)
     overview = Overview([build_clip_entry(report)])
     if quiet:
         echo_exceeded_limits(overview)
@@ -168,13 +168,13 @@ def _format_run(report: "Report", progress: "ProgressBar") -> str:
     from cageik_cli.util.text import format_row
 
     if not get_verbosity():
-        told = {"resumed", "unchanged"}
+        noted_labels = {"resumed", "unchanged"}
         notes = [
-            ("note", f"{label} {text}") if label in told else (label, text)
+            ("note", f"{label} {text}") if label in noted_labels else (label, text)
             for label, text in progress.notes
         ]
-        return word_options(format_front(report, notes, progress.seconds["total"]))
-    text = word_options(format_text(report, is_verbose=True))
+        return spell_options(format_front(report, notes, progress.seconds["total"]))
+    text = spell_options(format_text(report, is_verbose=True))
     return "\n".join([text, *map(format_row, progress.make_rows())])
 
 
@@ -187,7 +187,7 @@ def _list_written(settings: ExtractSettings, result: "Result") -> list[str]:
 
 
 def _export(planned: list[ExportSettings], progress: "ProgressListener") -> list[str]:
-    """Write the exports, and return what is told of each."""
+    """Write the exports, and return a description of each."""
     if not planned:
         return []
     from cageik_cli.run.export import export

@@ -88,7 +88,7 @@ class CageikGroup(click.Group):
 
     def _word(self, ctx: click.Context, message: str) -> str:
         """Return a message with the options of the command that runs."""
-        return word_options(message, self.commands.get(ctx.invoked_subcommand or ""))
+        return spell_options(message, self.commands.get(ctx.invoked_subcommand or ""))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands with their summaries; no command is imported."""
@@ -104,7 +104,7 @@ def _show_note(sentence: str) -> None:
         click.echo(f"note: {single_line(sentence)}", err=True)
 
 
-def word_options(text: str, command: click.Command | None = None) -> str:
+def spell_options(text: str, command: click.Command | None = None) -> str:
     """Return a message with the options of a command in place of parameters.
 
     Below `cli`, a parameter is written as a keyword in backticks: `overwrite=True`, `fit_rank=`,

@@ -3,7 +3,7 @@
 import click
 
 from cageik_cli.cli.command import GroupedCommand
-from cageik_cli.cli.group import word_options
+from cageik_cli.cli.group import spell_options
 from cageik_cli.cli.options import common_options
 from cageik_cli.cli.options.group import OptionGroup, list_options
 from cageik_cli.formats.settings import ClipSettings
@@ -25,4 +25,4 @@ def info_command(files: tuple[str, ...], clip: ClipSettings, quiet: bool) -> Non
 
     text = describe_files(list(files), clip.layout, clip.exclude, clip.fps)
     if not quiet:
-        click.echo(word_options(text, click.get_current_context().command))
+        click.echo(spell_options(text, click.get_current_context().command))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from cageik_cli.cli.command import get_verbosity
-from cageik_cli.cli.group import word_options
+from cageik_cli.cli.group import spell_options
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_block, format_row
@@ -98,7 +98,7 @@ class ProgressBar(ProgressListener):
         return [*self.notes, ("seconds", stages)]
 
     def _word(self, text: str) -> str:
-        return word_options(text, self._command)
+        return spell_options(text, self._command)
 
     def _open_bar(self, label: str, unit: str) -> None:
         from tqdm import tqdm  # slow to import, and only terminals show bars
@@ -190,19 +190,19 @@ def echo_exceeded_limits(overview: "Overview") -> None:
                 click.echo(f"{entry.label}: {row}", err=True)
 
 
-def format_told(
+def format_command_output(
     headline: str,
     rows: Iterable[tuple[str, str]],
     command: click.Command | None = None,
     after: int = 1,
 ) -> str:
-    """Return what a command tells: with -v all of it, else few lines, with those `after` it."""
+    """Return what a command prints: with -v all of it, else few lines, with those `after` it."""
     from cageik_cli.report.views.front import format_brief
 
-    worded = [(label, word_options(text, command)) for label, text in rows]
+    worded = [(label, spell_options(text, command)) for label, text in rows]
     if get_verbosity():
-        return word_options(format_block(headline, worded), command)
-    return word_options(format_brief(headline, worded, after), command)
+        return spell_options(format_block(headline, worded), command)
+    return spell_options(format_brief(headline, worded, after), command)
 
 
 def list_next_steps(result: "Result") -> list[str]:

@@ -125,7 +125,7 @@ def pose_command(
     cageik pose rest.obj --cage cage.obj handles.json -o posed.obj
     cageik pose cages.h5 handles.json -o edited.h5 --plot edited.png
     """  # noqa: D301
-    from cageik_cli.cli.output import format_told, list_next_steps, show_progress
+    from cageik_cli.cli.output import format_command_output, list_next_steps, show_progress
     from cageik_cli.report.views.pose_text import (
         format_pose_json,
         format_pose_rows,
@@ -158,5 +158,5 @@ def pose_command(
         is_edit = isinstance(settings, EditSettings)
         steps = list_next_steps(read_result(settings.output)) if is_edit else []
         after = [f"wrote {', '.join(written)}", *steps]
-        told = format_told(str(settings.output), rows, pose_command, len(after))
-        click.echo("\n".join([told, *after]), err=True)
+        text = format_command_output(str(settings.output), rows, pose_command, len(after))
+        click.echo("\n".join([text, *after]), err=True)

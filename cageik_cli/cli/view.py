@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cli.command import GroupedCommand, option
-from cageik_cli.cli.group import word_options
+from cageik_cli.cli.group import spell_options
 from cageik_cli.cli.options import CACHE_OPTIONS, WEIGHT_NAMES, common_options, jobs_option
 from cageik_cli.cli.options.group import (
     OptionGroup,
@@ -127,7 +127,7 @@ class TerminalListener:
         from cageik_cli.cli.check import check_command
         from cageik_cli.cli.pose import pose_command
 
-        return word_options(message, check_command if self._settings.edits_cage else pose_command)
+        return spell_options(message, check_command if self._settings.edits_cage else pose_command)
 
     def open(self, address: str) -> None:
         """Print the address, whatever else is printed, and open it."""
@@ -150,7 +150,7 @@ class TerminalListener:
             click.echo("the edit was dropped; files are complete, or as before it", err=True)
             raise
 
-    def tell_applied(self, rows: "Rows", written: Sequence[Path]) -> None:
+    def show_applied(self, rows: "Rows", written: Sequence[Path]) -> None:
         """Print what came of the edit."""
         from cageik_cli.util.text import format_block
 
@@ -159,6 +159,6 @@ class TerminalListener:
             click.echo(self.word(format_block(str(self._settings.output), rows)), err=True)
             click.echo(f"wrote {', '.join(map(str, written))}", err=True)
 
-    def tell_failed(self, error: str) -> None:
+    def show_failed(self, error: str) -> None:
         """Print why nothing was written."""
         click.echo(f"Error: {error}", err=True)

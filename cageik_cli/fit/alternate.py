@@ -166,9 +166,9 @@ class Alternator:
         if settings.influences is not None:
             strength = min(self.problem.regularization, MAX_START_REGULARIZATION)
             close = replace(self, problem=replace(self.problem, regularization=strength))
-            whole = self.problem.add_change(close._fit_whole(target)[0])
+            whole = self.problem.add_change(close._fit_full_rank(target)[0])
             return self.fit_influences(target, whole, settings.influences), None
-        change, _ = self._fit_whole(target)
+        change, _ = self._fit_full_rank(target)
         return self._bind(self.problem.add_change(change)), None
 
     def fit_influences(self, target: Displacements, whole: Floats, count: int) -> Binding:
@@ -181,12 +181,12 @@ class Alternator:
 
     def _fit_low_rank(self, target: Displacements, rank: int) -> tuple[Binding, Correction]:
         """Fit weights whose change has at most `rank`, from the change that has any rank."""
-        whole, motion = self._fit_whole(target)
+        whole, motion = self._fit_full_rank(target)
         start = self.problem.truncate(motion, whole, rank)
         change, _ = self._alternate(target, start, self.problem.refit, self.problem.add_change)
         return self._bind(self.problem.add_change(change)), change
 
-    def _fit_whole(self, target: Displacements) -> tuple[Correction, Motion]:
+    def _fit_full_rank(self, target: Displacements) -> tuple[Correction, Motion]:
         """Return the change of all weights, and the motion of the cage for it."""
         start = Correction.none(*self.problem.rest_weights.shape)
         return self._alternate(target, start, self.problem.fit, self.problem.add_change)

@@ -380,5 +380,5 @@ def _wrap_read_errors(expected: str) -> Iterator[None]:
     try:
         yield
     except _READ_ERRORS as error:
-        said = (str(error).splitlines() or [type(error).__name__])[0]
-        raise FormatError(f"is not {expected} ({said}); write it again") from error
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise FormatError(f"is not {expected} ({reason}); write it again") from error

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 from cageik_cli.formats.timeline import FrameRange, Timeline, check_frames
 from cageik_cli.util.errors import InputError, SettingError
 from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
-from cageik_cli.util.units import UNIT_LENGTHS, type_unit
+from cageik_cli.util.units import UNIT_LENGTHS, spell_unit
 
 UP_AXES = ("Y", "Z")
 
@@ -156,9 +156,9 @@ class SceneHints:
             ) from None
 
     @property
-    def typed(self) -> str:
+    def option_text(self) -> str:
         """The unit, if there is one, and the up axis as `parse` reads them."""
-        unit = "" if self.metres_per_unit is None else type_unit(self.metres_per_unit)
+        unit = "" if self.metres_per_unit is None else spell_unit(self.metres_per_unit)
         return unit if self.up_axis is None else f"{unit},{self.up_axis.lower()}"
 
     @property

@@ -98,13 +98,13 @@ class Timeline:
         numbered = FrameRange(low, high, None if step == 1 else step * self.step).limit_to(self)
         if len(bounds) == 2 and numbered.list_indices(self):
             what = "the frame of that number" if low == high else "numbers"
-            advice.append(f"`selection={numbered.typed}` for {what}")
+            advice.append(f"`selection={numbered.option_text}` for {what}")
         return f"give {', or '.join(advice)}" if advice else self.suggest_others()
 
     def suggest_others(self) -> str:
         """Advise to choose frames that the clip has: the first ten, for an example."""
         few = FrameRange(self.start, self.numbers(min(self.count, 10) - 1))
-        return f"choose some of them, as in `selection={few.typed}`"
+        return f"choose some of them, as in `selection={few.option_text}`"
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,7 @@ class FrameRange:
     step: float | None = None
 
     @property
-    def typed(self) -> str:
+    def option_text(self) -> str:
         """The range as `parse_frames` reads it."""
         first, last, step = map(_format_bound, (self.first, self.last, self.step))
         if self.first is not None and 0 <= self.first == self.last:
@@ -164,34 +164,37 @@ class FrameRange:
             return
         turned = FrameRange(self.last, self.first, self.step).limit_to(timeline)
         is_known = bool(turned.list_indices(timeline))
-        advice = f"give `selection={turned.typed}`" if is_known else timeline.suggest_others()
+        advice = f"give `selection={turned.option_text}`" if is_known else timeline.suggest_others()
         raise WrongUsageError(f"{_describe_empty(self)}; {timeline.describe()}; {advice}")
 
     def _check_bounds(self, timeline: Timeline) -> None:
         """Refuse bounds that are beyond the clip, and those that may be read in two ways."""
         inside = self.limit_to(timeline)
         if inside != self:
-            advice = f"give `selection={inside.typed}` to take those that there are"
+            advice = f"give `selection={inside.option_text}` to take those that there are"
             if not inside.list_indices(timeline):
                 advice = timeline.suggest_others()
             self._refuse("goes beyond the clip", timeline, advice)
         if self.first is None and self.last is not None and timeline.start <= -self.last < 0:
             typed = format_frame_number(self.last)
             raise SettingError(
-                f"`selection={self.typed}`: may be frame -{typed}, or all up to {typed}; give "
-                f"`selection=-{typed}--{typed}` for the one, or "
+                f"`selection={self.option_text}`: may be frame -{typed}, or all up to {typed}; "
+                f"give `selection=-{typed}--{typed}` for the one, or "
                 f"`selection={timeline.number_frame(0)}-{typed}` for the other"
             )
 
     def _refuse(self, why: str, timeline: Timeline, advice: str) -> NoReturn:
-        raise SettingError(f"`selection={self.typed}`: {why}; {timeline.describe()}; {advice}")
+        raise SettingError(
+            f"`selection={self.option_text}`: {why}; {timeline.describe()}; {advice}"
+        )
 
     def _count_steps(self, timeline: Timeline) -> int:
         """Return how many frames of the clip a step is."""
         steps = 1.0 if self.step is None else self.step / timeline.step
         if round(steps) < 1 or abs(steps - round(steps)) > FRAME_NUMBER_TOL:
             raise SettingError(
-                f"`selection={self.typed}`: {timeline.describe()}; give a multiple of their step"
+                f"`selection={self.option_text}`: {timeline.describe()}; give a multiple of their "
+                "step"
             )
         return round(steps)
 
@@ -273,7 +276,7 @@ def check_any_frame(wanted: slice | FrameRange) -> None:
 def _describe_empty(wanted: slice | FrameRange) -> str:
     """Say why a choice has no frame."""
     if isinstance(wanted, FrameRange):
-        return f"`selection={wanted.typed}`: ends before it begins"
+        return f"`selection={wanted.option_text}`: ends before it begins"
     return (
         f"`selection={format_slice(wanted)}` selects no frame, as a slice counts from 0 and ends "
         "before its second number"

@@ -114,9 +114,9 @@ def read_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
             TokenError,
         ) as error:
             # What libraries say quotes the file, which may be any that a file of options names.
-            said = f" ({error})" if isinstance(error, FormatError) else ""
+            reason = f" ({error})" if isinstance(error, FormatError) else ""
             raise FormatError(
-                f"is not a list of numbers{said}; expected one per line, or a .npy array"
+                f"is not a list of numbers{reason}; expected one per line, or a .npy array"
             ) from error
         with np.errstate(over="ignore", invalid="ignore"):  # infinite weights are refused later
             return np.asarray(weights, dtype=np.float64), describe_source(path, data)

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.fit.carried import MAX_CARRY_DISTANCE, CarriedChange
 from cageik_cli.fit.settings import FitRecord
+from cageik_cli.fit.transferred import MAX_TRANSFER_DISTANCE, TransferredChange
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.find_files import split_member
@@ -52,7 +52,7 @@ class CagedModel:
     stored : StoredBinding, optional
         With the weights, of a binding file.
     source : CagedModel, optional
-        The result or the binding that the cage is of, whose fit is carried to this model.
+        The result or the binding that the cage is of, whose fit is transferred to this model.
     conversion : SceneConversion
         From the scene of `source` to that of this model.
     offer : callable, optional
@@ -78,8 +78,8 @@ class CagedModel:
     ) -> "CagedModel":
         """Open a result or a binding; or a model, with its cage or a binding of it, if given.
 
-        A cage may be that of a result or a binding, whose fit is then carried to the model. It is
-        brought into the scene of the model; `given_in` is what it is in, if not what its file
+        A cage may be that of a result or a binding, whose fit is then transferred to the model. It
+        is brought into the scene of the model; `given_in` is what it is in, if not what its file
         states.
         """
         if holds_caged_model(path):
@@ -113,13 +113,15 @@ class CagedModel:
         """Read a result or a binding."""
         if path.exists() and path.suffix.lower() in HDF5_SUFFIXES and is_binding(path):
             stored = read_binding(path)
-            return _hold_meshes(path, stored.binding.rest, stored.binding.cage, stored=stored)
+            return _make_model_of_file(
+                path, stored.binding.rest, stored.binding.cage, stored=stored
+            )
         return CagedModel.of_result(read_result(path))
 
     @staticmethod
     def of_result(result: Result) -> "CagedModel":
         """Return the model of a result that was read."""
-        return _hold_meshes(result.path, result.rest, result.cage, result=result)
+        return _make_model_of_file(result.path, result.rest, result.cage, result=result)
 
     @property
     def cage_name(self) -> str:
@@ -209,10 +211,10 @@ class CagedModel:
         note_on(progress, cage.source["name"], *stored.binding.notes)
         if self.source is None:
             return stored
-        return carry_fit(self.source, stored, weights, progress, self.conversion)
+        return transfer_fit(self.source, stored, weights, progress, self.conversion)
 
 
-def _hold_meshes(
+def _make_model_of_file(
     path: Path,
     rest: TriMesh,
     cage: TriMesh,
@@ -238,7 +240,7 @@ def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
         )
 
 
-def carry_fit(
+def transfer_fit(
     source: "CagedModel",
     stored: StoredBinding,
     weights: WeightSettings,
@@ -269,22 +271,22 @@ def carry_fit(
     if found is None:
         progress.note(
             "note",
-            f"{source.path.name}: its weights are fitted and not in it, so the fit is not carried "
-            "to this mesh, which follows the cages less closely; extract it again with them "
-            "(`keep_weights=True`)",
+            f"{source.path.name}: its weights are fitted and not in it, so the fit is not "
+            "transferred to this mesh, which follows the cages less closely; extract it again with "
+            "them (`keep_weights=True`)",
         )
         return stored
     # One thread: the last digits depend on how many.
     with progress.stage("carry"), limit_blas_threads(1):
         fitted, computed = found
-        change = CarriedChange(_convert_meshes(fitted, conversion), computed)
+        change = TransferredChange(_convert_meshes(fitted, conversion), computed)
         rest = stored.binding.rest
         places = change.locate(rest.vertices)
-        carried = change.add_to(stored.binding, places)
+        transferred = change.add_to(stored.binding, places)
         distances = places.distances[rest.is_used]
         progress.note("note", _describe_distances(source.path.name, distances))
         progress.note("note", _describe_errors(source, change, fitted, computed))
-    return replace(stored, binding=carried, carried=change)
+    return replace(stored, binding=transferred, transferred=change)
 
 
 def _find_weights(
@@ -327,50 +329,50 @@ def _describe_distances(name: str, distances: Floats) -> str:
     """Say how far the vertices of another model are from the fitted one, in its diagonals."""
     median, largest = (format_percent(100 * float(f(distances))) for f in (np.median, np.max))
     text = (
-        f"the fitted change of the weights is carried from the model of {name}, which is {median} "
-        f"% of its diagonal away (median; {largest} at most)"
+        f"the fitted change of the weights is transferred from the model of {name}, which is "
+        f"{median} % of its diagonal away (median; {largest} at most)"
     )
-    count = int((distances >= MAX_CARRY_DISTANCE).sum())
+    count = int((distances >= MAX_TRANSFER_DISTANCE).sum())
     if count:
         text += (
-            f"; {count} of {len(distances)} vertices are {MAX_CARRY_DISTANCE:.0%} away or more, "
+            f"; {count} of {len(distances)} vertices are {MAX_TRANSFER_DISTANCE:.0%} away or more, "
         )
         text += "and have computed weights"
     return text
 
 
 def _describe_errors(
-    source: "CagedModel", change: CarriedChange, fitted: Binding, computed: Floats
+    source: "CagedModel", change: TransferredChange, fitted: Binding, computed: Floats
 ) -> str:
-    """Say what error carried weights have at the vertices of the fitted model itself."""
+    """Say what error transferred weights have at the vertices of the fitted model itself."""
     result = source.result
     # An edited result keeps how far it was edited, and one without weights keeps nothing.
     if result is None or result.edited_from is not None or not has_weights(result):
         assert source.fit is not None
         found = source.fit.report.fitted
         return (
-            "at its own vertices, carried weights are the fitted ones; on the frames of the fit, "
-            f"their error is {format_percent(found.fitted.rms)} % of the diagonal, that of "
+            "at its own vertices, transferred weights are the fitted ones; on the frames of the "
+            f"fit, their error is {format_percent(found.fitted.rms)} % of the diagonal, that of "
             f"computed weights {format_percent(found.unfitted.rms)}"
         )
-    left_out, own, before = measure_carried(result, change, fitted, computed)
+    left_out, own, before = measure_transferred(result, change, fitted, computed)
     return (
-        "at its own vertices, each left out when the change is carried to it, the error is "
+        "at its own vertices, each left out when the change is transferred to it, the error is "
         f"{format_percent(left_out)} % of the diagonal in the frames that the result keeps; of the "
         f"fitted weights {format_percent(own)}, of computed ones {format_percent(before)}"
     )
 
 
-def measure_carried(
-    result: Result, change: CarriedChange, fitted: Binding, computed: Floats
+def measure_transferred(
+    result: Result, change: TransferredChange, fitted: Binding, computed: Floats
 ) -> tuple[float, float, float]:
     """Measure the errors of the vertices of a fitted model in the frames that its result keeps.
 
     Returns
     -------
     float
-        With the change that is carried to each vertex from around it. Root mean square, in percent
-        of the diagonal, like all.
+        With the change that is transferred to each vertex from around it. Root mean square, in
+        percent of the diagonal, like all.
     float
         With the fitted weights.
     float

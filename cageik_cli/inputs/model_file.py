@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.fit.carried import CarriedChange
+from cageik_cli.fit.transferred import TransferredChange
 from cageik_cli.formats.base.files import decompress, describe_source, file_stem, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.find_files import split_member
@@ -242,13 +242,13 @@ class PointReconstruction:
         memory: int,
         jobs: int,
         progress: ProgressListener,
-        carried: CarriedChange | None = None,
+        transferred: TransferredChange | None = None,
     ) -> "PointReconstruction":
         """Compute the gradients of the weights of points; raises as `PointMotion`.
 
-        `carried` is what was added to the weights from the fit of another model.
+        `transferred` is what was added to the weights from the fit of another model.
         """
-        add = None if carried is None else carried.add_gradients_to
+        add = None if transferred is None else transferred.add_gradients_to
         with progress.stage("gradients"):
             room = max(0, memory - binding.weights.nbytes)
             motion = PointMotion(binding, oriented, room, jobs, progress.update, add)

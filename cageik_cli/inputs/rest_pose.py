@@ -92,12 +92,12 @@ def open_clip_and_choose_rest(
         loaded = load_rest_frame(sequence, index)
         return sequence, replace(loaded, notes=(*loaded.notes, reason)), index
     if has_cage or isinstance(rest_frame, str):
-        return sequence, *_load_frame_of_whole(frames, settings, sequence, rest_frame)
+        return sequence, *_load_frame_of_full_clip(frames, settings, sequence, rest_frame)
     index = find_rest_index(sequence, rest_frame)
     return sequence, load_rest_frame(sequence, index), index
 
 
-def _load_frame_of_whole(
+def _load_frame_of_full_clip(
     frames: tuple[str, ...], settings: ClipSettings, taken: MeshSequence, rest_frame: RestFrame
 ) -> tuple[LoadedMesh, int | None]:
     """Load a frame of a whole clip as the rest pose, and find it among those that are taken."""

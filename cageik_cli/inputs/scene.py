@@ -220,7 +220,7 @@ class CommonScene:
             return ""
         given, wanted = self._find_both(source)
         taken = given.over(wanted).over(Scene().space)
-        typed = taken.typed if has_axis else replace(taken, up_axis=None).typed
+        typed = taken.option_text if has_axis else replace(taken, up_axis=None).option_text
         return f"; if it is meant to be so, by `given_in={typed}`"
 
     def _list_options(self, source: SceneHints, factor: float, axes: tuple[str, str] | None) -> str:
@@ -252,7 +252,7 @@ class CommonScene:
         if not options or not _is_stated(needed, given):
             if self._is_shared and not _is_stated(needed, source.over(needed)):
                 return ""  # what the file states comes first
-            options.append(f"`given_in={needed.typed}`")
+            options.append(f"`given_in={needed.option_text}`")
         return " and ".join(options)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from cageik_cli.cages.bind import JudgedBinding, bind, judge_binding
 from cageik_cli.cages.check.enclosure import refuse_other_unit
 from cageik_cli.cages.check.faults import validate_cage
-from cageik_cli.cages.check.quality import find_room_faults
+from cageik_cli.cages.check.quality import find_looseness_faults
 from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
@@ -70,7 +70,7 @@ def _list_cage_warnings(cage: LoadedMesh, judged: JudgedBinding) -> tuple[str, .
     if not judged.cage_warnings or cage.source["name"] != BUILT_CAGE:
         return judged.cage_warnings
     binding = judged.binding
-    faults = find_room_faults(binding.cage, binding.rest, is_thorough=False, is_built=True)
+    faults = find_looseness_faults(binding.cage, binding.rest, is_thorough=False, is_built=True)
     return tuple(fault.sentence for fault in faults)
 
 
@@ -91,7 +91,7 @@ def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None)
     return replace(stored, binding=binding, sources=sources)
 
 
-def restore_unfitted(
+def restore_baseline_weights(
     stored: StoredBinding, rest: LoadedMesh, settings: WeightSettings, progress: ProgressListener
 ) -> StoredBinding:
     """Return known weights with those before their fit, which binding files do not hold."""

@@ -30,10 +30,10 @@ A ball in a box, whose faces turn counter-clockwise seen from outside, as those 
 >>> m, n = len(rest.vertices), len(cage.vertices)
 
 **1. The mesh is a combination of the cage: v_j = Σ_k H_jk c_k.** H_jk is the value at vertex j of
-the function that is harmonic inside the cage and on it the piecewise linear hat of cage vertex k.
-`harmonic_weights` finds it by boundary elements (`bem`); `mean_value_weights` are another kind, in
-closed form. Rows sum to one, H c_rest is the rest pose, and both are exact to rounding. `Binding`
-holds H with both meshes, and `reconstruct` is the product for many cages.
+the function that is harmonic inside the cage and on it the piecewise linear basis function of cage
+vertex k. `harmonic_weights` finds it by boundary elements (`bem`); `mean_value_weights` are another
+kind, in closed form. Rows sum to one, H c_rest is the rest pose, and both are exact to rounding.
+`Binding` holds H with both meshes, and `reconstruct` is the product for many cages.
 
 >>> from cageik_cli.method.weights.binding import Binding, reconstruct
 >>> from cageik_cli.method.weights.harmonic import harmonic_weights

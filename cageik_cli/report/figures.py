@@ -201,7 +201,7 @@ def format_metric(value: float) -> str:
     return f"{value:.4g}"
 
 
-def make_whole(number: float) -> float:
+def convert_to_integer(number: float) -> float:
     """Return a whole number as an integer, which is written without a point."""
     return int(number) if number == int(number) else number
 

@@ -14,7 +14,7 @@ from cageik_cli.fit.settings import (
     FitReport,
 )
 from cageik_cli.report.figures import format_percent
-from cageik_cli.store.result import Result, read_unfitted
+from cageik_cli.store.result import Result, read_baseline_errors
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import format_bytes, format_count
 
@@ -173,7 +173,7 @@ def _format_held_out(record: FitRecord) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class UnfittedRecord:
+class BaselineErrorRecord:
     """The error of some frames with the weights before the fit.
 
     Attributes
@@ -195,16 +195,16 @@ class UnfittedRecord:
     fitted_rms_percent: float
 
 
-def build_unfitted(result: Result) -> UnfittedRecord | None:
+def build_baseline_errors(result: Result) -> BaselineErrorRecord | None:
     """Build the record of a result; None if it does not hold the errors before a fit."""
     if result.fit is None:
         return None
-    clip = read_unfitted(result)
+    clip = read_baseline_errors(result)
     if clip is None:
         return None
     percent = 100 / result.rest.diagonal
     before, after = percent * clip.rms, percent * result.metrics.rms[clip.frames]
-    return UnfittedRecord(
+    return BaselineErrorRecord(
         coordinates=str(result.settings.get("coordinates", "harmonic")),
         frames=tuple(clip.frames.tolist()),
         rms_percent=tuple(before.tolist()),

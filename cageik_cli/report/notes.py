@@ -28,7 +28,7 @@ times that of the data at 1 per cage vertex, 5 times at 1.5, 2.5 to 3 times at 2
 at 3, and 1.1 times at 10.
 """
 
-MIN_STANDOUT_FRAMES = 8
+MIN_OUTLIER_FRAMES = 8
 """Frames of the shortest clip out of which a frame can stand."""
 
 MAX_MIRRORED_SHARE = -0.5
@@ -56,7 +56,7 @@ MAX_HELD_SHARE = 0.1
 """Clips with a larger share of copies are held on purpose, or on twos."""
 
 MIN_OUTLIER_PERCENT = 1.0
-"""Vertices are named as lonely whose rms is above this percentage of the diagonal."""
+"""Vertices are named as isolated outliers whose rms is above this percentage of the diagonal."""
 
 
 def list_notes(
@@ -69,7 +69,7 @@ def list_notes(
         *list_clip_notes(result),
         *list_region_notes(result, summary),
         *list_limit_notes(limits, result.rest.diagonal),
-        *list_standout_notes(result),
+        *list_outlier_notes(result),
         *missing_in_baseline(name, summary, limits),
     )
 
@@ -85,26 +85,26 @@ def list_clip_notes(result: Result) -> list[str]:
     ]
 
 
-def list_standout_notes(result: Result) -> list[str]:
+def list_outlier_notes(result: Result) -> list[str]:
     """Say which frames and vertices stand out, by how much, and which option would help."""
     if result.edited_from is not None:
         return []
-    is_long = len(result.frames) - len(result.skipped) >= MIN_STANDOUT_FRAMES
+    is_long = len(result.frames) - len(result.skipped) >= MIN_OUTLIER_FRAMES
     return [
         *(_note_spikes(result) if is_long else []),
         *(_note_motion(result) if is_long else []),
-        *_note_lonely_vertices(result),
+        *_note_isolated_outliers(result),
     ]
 
 
 def has_outliers(result: Result) -> bool:
-    """Return whether single vertices are thrown away in some frames, or move on their own.
+    """Return whether single vertices are outliers in some frames, or move on their own.
 
     Where a whole limb deviates, the motion is quick, and nothing is wrong with the data.
     """
-    is_long = len(result.frames) - len(result.skipped) >= MIN_STANDOUT_FRAMES
-    has_spikes = is_long and _find_spikes(result).any() and _has_thrown_vertex(result)
-    return has_spikes or bool(_find_lonely_vertices(result).any())
+    is_long = len(result.frames) - len(result.skipped) >= MIN_OUTLIER_FRAMES
+    has_spikes = is_long and _find_spikes(result).any() and _has_outlier_vertex(result)
+    return has_spikes or bool(_find_isolated_outliers(result).any())
 
 
 def _note_mirrored_frames(result: Result) -> Iterator[str]:
@@ -173,9 +173,9 @@ def _note_few_vertices(result: Result) -> Iterator[str]:
 
 
 def _note_spikes(result: Result) -> Iterator[str]:
-    """Name frames in which single vertices are thrown far away."""
+    """Name frames in which single vertices are outliers."""
     found = np.flatnonzero(_find_spikes(result))
-    if len(found) and _has_thrown_vertex(result):
+    if len(found) and _has_outlier_vertex(result):
         metrics, percent = result.metrics, 100 / result.rest.diagonal
         largest = percent * np.nan_to_num(metrics.max_deviation)
         middle = percent * float(np.nanmedian(metrics.rms))
@@ -191,7 +191,7 @@ def _note_spikes(result: Result) -> Iterator[str]:
 def _find_spikes(result: Result) -> Mask:
     """Return the frames whose largest deviation is far above the median rms, (F,).
 
-    None of a result that was solved robustly, where vertices that are thrown have no weight.
+    None of a result that was solved robustly, where outlier vertices have no weight.
     """
     metrics, percent = result.metrics, 100 / result.rest.diagonal
     if result.kept is not None and result.settings.get("robust"):
@@ -201,7 +201,7 @@ def _find_spikes(result: Result) -> Mask:
     return np.asarray((largest > MIN_SPIKE_RATIO * middle) & (largest > MIN_SPIKE_PERCENT))
 
 
-def _has_thrown_vertex(result: Result) -> bool:
+def _has_outlier_vertex(result: Result) -> bool:
     """Return whether the furthest vertex of the frames that are kept in full is off by itself.
 
     Its neighbours tell: a limb that the cage cannot follow deviates as a whole. False if the result
@@ -260,9 +260,9 @@ def _measure_motion(result: Result) -> tuple[Floats, Floats]:
     return sizes, steps
 
 
-def _note_lonely_vertices(result: Result) -> Iterator[str]:
+def _note_isolated_outliers(result: Result) -> Iterator[str]:
     """Name vertices whose rms is far above that of their neighbours."""
-    found = np.flatnonzero(_find_lonely_vertices(result))
+    found = np.flatnonzero(_find_isolated_outliers(result))
     if len(found):
         rms, percent = result.vertex_rms, 100 / result.rest.diagonal
         around = average_neighbours(result.rest, rms)
@@ -276,7 +276,7 @@ def _note_lonely_vertices(result: Result) -> Iterator[str]:
         )
 
 
-def _find_lonely_vertices(result: Result) -> Mask:
+def _find_isolated_outliers(result: Result) -> Mask:
     """Return the vertices whose rms is far above that of their neighbours, (m,).
 
     None if some have no data.

@@ -17,11 +17,11 @@ from cageik_cli.report.figures import (
     KeptSummary,
     ReportSummary,
     VertexMetrics,
-    make_whole,
+    convert_to_integer,
 )
 from cageik_cli.report.fit_rows import (
-    UnfittedRecord,
-    build_unfitted,
+    BaselineErrorRecord,
+    build_baseline_errors,
     is_fitted_to_clip,
     measure_gap_closed,
 )
@@ -74,7 +74,7 @@ class Report:
     frames: tuple[FrameRecord, ...]
     gates: tuple[LimitCheck, ...]
     regions: tuple[RegionRecord, ...] | None = None
-    unfitted: UnfittedRecord | None = None
+    unfitted: BaselineErrorRecord | None = None
     kept: KeptSummary | None = None
     filled: tuple[str, ...] = ()
     parts: tuple[PartRecord, ...] | None = None
@@ -141,8 +141,8 @@ def build_report(
             radius=radius,
             closed=rest.is_closed,
             fps=result.scene.fps,
-            start=make_whole(result.scene.start),
-            frame_step=make_whole(result.scene.frame_step),
+            start=convert_to_integer(result.scene.start),
+            frame_step=convert_to_integer(result.scene.frame_step),
             body=rest.is_body,
             metres_per_unit=result.scene.metres_per_unit,
         ),
@@ -154,7 +154,7 @@ def build_report(
         frames=frames,
         gates=check_limits(result_name, summary, limits),
         regions=build_regions(result),
-        unfitted=build_unfitted(result),
+        unfitted=build_baseline_errors(result),
         kept=kept,
         filled=tuple(result.frames[k] for k in result.filled),
         parts=parts,
@@ -173,7 +173,7 @@ def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
     return tuple(
         FrameRecord(
             index=k,
-            number=make_whole(result.scene.frame_number(k)),
+            number=convert_to_integer(result.scene.frame_number(k)),
             name=name,
             rms=_finite_or_none(metrics.rms[k]),
             rms_percent=_finite_or_none(percent * metrics.rms[k]),

@@ -1,4 +1,4 @@
-"""The worst regions of a clip: their record, and how they are told."""
+"""The worst regions of a clip: their record, and how they are described."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -126,7 +126,7 @@ def list_region_notes(result: Result, summary: ReportSummary) -> list[str]:
 
 
 def explain_regions(summary: ReportSummary) -> str:
-    """Say why regions are told at all."""
+    """Say why regions are listed at all."""
     largest, reasons = summary.max_deviation_percent, []
     if summary.max_deviation > MAX_RMS_RATIO * summary.rms:
         reasons.append(f"{MAX_RMS_RATIO:g} times the rms")

@@ -40,7 +40,7 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
 
     None if there is none, or the error is far below what can be seen. Parameters are keywords in
     backticks, as in messages, and all that is to be given. Frames are rejected or smoothed only
-    where vertices are thrown: quick motion is no fault.
+    where vertices are outliers: quick motion is no fault.
     """
     if result.edited_from is not None:
         return None

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.fit.carried import CarriedChange
+from cageik_cli.fit.transferred import TransferredChange
 from cageik_cli.formats.base.mesh_data import check_vertex_order
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.writers import Animation
@@ -14,7 +14,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.write import ExportSummary, Output, split_output, write_animation
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.caged_model import CagedModel, carry_fit, report_skipped_frames
+from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames, transfer_fit
 from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction, note_on
 from cageik_cli.inputs.moved_meshes import MovedMeshes
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
@@ -73,7 +73,7 @@ class _Deformation:
             check_rig(result, settings.influences, settings.joints)
         clip = self._open_clip()
         self._model = model
-        self._binding, self._carried = self._load_or_compute_binding()
+        self._binding, self._transferred = self._load_or_compute_binding()
         if clip is None:
             result = self._source.require_result(NO_CAGES)
             report_skipped_frames(result, self._progress)
@@ -170,7 +170,7 @@ class _Deformation:
             read_expected=CageFrames.from_result(result).read if result and is_edit else None,
         )
 
-    def _load_or_compute_binding(self) -> tuple[Binding, CarriedChange | None]:
+    def _load_or_compute_binding(self) -> tuple[Binding, TransferredChange | None]:
         """Return the weights of the source if they fit the settings; else bind the mesh.
 
         With them comes what was added to weights of the mesh from the fit of the source.
@@ -203,8 +203,8 @@ class _Deformation:
         if source.fit is None:
             return binding, None
         if settings.mesh:
-            stored = carry_fit(source, stored, weights, self._progress, SceneConversion())
-            return stored.binding, stored.carried
+            stored = transfer_fit(source, stored, weights, self._progress, SceneConversion())
+            return stored.binding, stored.transferred
         return self._apply_fit(binding, is_own), None
 
     def _apply_fit(self, binding: Binding, is_own: bool) -> Binding:
@@ -245,7 +245,7 @@ class _Deformation:
                 memory=settings.memory,
                 jobs=settings.jobs,
                 progress=self._progress,
-                carried=self._carried,
+                transferred=self._transferred,
             )
         rotations = self._read_needed_rotations()
         return points.stream_rows(model.make_rest_rows(), self._cages, note, rotations)

@@ -173,8 +173,8 @@ def _build_header(settings: EditSettings, files: EditFiles, result: Result) -> R
     editor = " and ".join(single_line(source["name"]) for source in files.sources.values())
     source = single_line(to_unicode(settings.result.name))
     note = (
-        f"edited by {editor}: figures tell how far the mesh was moved from {source}, not how well "
-        "frames were met"
+        f"edited by {editor}: figures measure how far the mesh was moved from {source}, not how "
+        "well frames were met"
     )
     return ResultHeader(
         quality=result.quality,
@@ -255,7 +255,7 @@ def _move_points(
             memory=DEFAULT_MEMORY,
             jobs=jobs,
             progress=progress,
-            carried=stored.carried,
+            transferred=stored.transferred,
         )
     with limit_blas_threads(1):
         moved.fill_rows(rows[None], posed.snapshot.cage_after[None])

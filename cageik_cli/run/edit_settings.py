@@ -40,7 +40,7 @@ class PoseSettings(CommandSettings):
     cage: Path | None = declare_setting(
         None,
         "The cage around TARGET, if that is a model; or a result or a binding (.h5) with the "
-        "cage, whose fit is carried to TARGET.",
+        "cage, whose fit is transferred to TARGET.",
         role="read",
     )
     given_in: SceneHints = declare_given_in("--cage", "TARGET")

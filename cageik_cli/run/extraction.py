@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.cages.check.quality import has_too_much_room
+from cageik_cli.cages.check.quality import is_too_loose
 from cageik_cli.cages.check.sections import find_shared_sections
 from cageik_cli.captured.frames import CapturedBlockSolver
 from cageik_cli.captured.robust import RobustSolver
@@ -29,23 +29,28 @@ from cageik_cli.inputs.rest_pose import (
 )
 from cageik_cli.inputs.scene import CommonScene, Offer
 from cageik_cli.inputs.settings import WeightSettings
-from cageik_cli.inputs.weights import bind_cached, load_matching_binding, restore_unfitted
+from cageik_cli.inputs.weights import bind_cached, load_matching_binding, restore_baseline_weights
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.metrics import DeviationPeaks
 from cageik_cli.method.solve.regions import (
     MIN_DEVIATION,
     Region,
-    blame_loose_cage,
-    blame_shared_places,
-    blame_smoothing,
+    attribute_to_loose_cage,
+    attribute_to_shared_places,
+    attribute_to_smoothing,
     find_worst_regions,
     has_bad_regions,
 )
 from cageik_cli.method.solve.summary import MAX_BRIDGED_FRAMES, ClipSummary
 from cageik_cli.method.weights.binding import Binding, reconstruct_frames
 from cageik_cli.run.executor import MemoryPlan, RunBlocks, run_in_threads
-from cageik_cli.run.fit import choose_compared_frames, choose_fit, fit_to_clips, measure_unfitted
+from cageik_cli.run.fit import (
+    choose_compared_frames,
+    choose_fit,
+    fit_to_clips,
+    measure_baseline_weights,
+)
 from cageik_cli.run.resume import (
     check_output,
     find_existing,
@@ -58,7 +63,7 @@ from cageik_cli.run.time_pass import open_refined
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
-from cageik_cli.store.fit_fields import UnfittedClip
+from cageik_cli.store.fit_fields import BaselineErrors
 from cageik_cli.store.result import (
     Result,
     ResultHeader,
@@ -234,7 +239,9 @@ class Extraction:
             with progress.stage("bind"):
                 progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
                 if settings.keep_weights:
-                    self.stored = restore_unfitted(self.stored, rest, weight_settings, progress)
+                    self.stored = restore_baseline_weights(
+                        self.stored, rest, weight_settings, progress
+                    )
             return self.stored
         if self.cage is None:
             with progress.stage("cage"), error_context(rest.source["name"]):
@@ -335,9 +342,9 @@ class Extraction:
                 has_kept=self.weighs_frames,
                 temporary_path=output.with_name(f"{output.name}.whole.partial"),
             ) as result:
-                composer.write(result, self.sources, self.filled, self._make_unfitted_solver())
+                composer.write(result, self.sources, self.filled, self._make_baseline_solver())
 
-    def _make_unfitted_solver(self) -> DualLaplacianSolver | None:
+    def _make_baseline_solver(self) -> DualLaplacianSolver | None:
         """Return the solver with the weights before the fit, if the result compares them."""
         assert self.stored is not None
         before, settings = self.stored.unfitted, self.settings
@@ -402,7 +409,7 @@ class ResultComposer:
             raise FileAccessError(f"no frame can be read, the first: {summary.skipped[0]}")
         self._regions = find_clip_regions(stored, summary)
         if unsmoothed is not None:
-            self._regions = blame_smoothing(self._regions, unsmoothed, binding.rest.diagonal)
+            self._regions = attribute_to_smoothing(self._regions, unsmoothed, binding.rest.diagonal)
         self._key_frames = _find_key_frames(binding.rest, rest_index, summary, self._regions)
 
     def write(
@@ -437,7 +444,7 @@ class ResultComposer:
             ),
             key_frames=np.array(key_frames),
             key_frame_errors=np.array(errors),
-            unfitted=None if unfitted is None else self._compare_unfitted(unfitted),
+            unfitted=None if unfitted is None else self._compare_baseline_weights(unfitted),
         )
 
     def _append_blocks(self, result: ResultWriter) -> dict[int, Floats]:
@@ -464,11 +471,13 @@ class ResultComposer:
             )
         return vertices
 
-    def _compare_unfitted(self, unfitted: DualLaplacianSolver) -> UnfittedClip:
+    def _compare_baseline_weights(self, unfitted: DualLaplacianSolver) -> BaselineErrors:
         """Measure some frames with the weights before the fit."""
         known = np.setdiff1d(np.arange(self._summary.frames_done), list(self._summary.skipped))
         chosen = choose_compared_frames(known, self._key_frames)
-        return measure_unfitted(unfitted, self._binding, chosen, self._key_frames, self._reread)
+        return measure_baseline_weights(
+            unfitted, self._binding, chosen, self._key_frames, self._reread
+        )
 
 
 def _find_key_frames(
@@ -546,16 +555,17 @@ def _list_unit_notes(metres_per_unit: float | None, diagonal: float) -> list[str
 
 def _list_absence_notes(summary: ClipSummary) -> tuple[str, ...]:
     """Say how many vertices have no data for so long that no motion around it tells their place."""
-    if summary.absences is None:
+    if summary.occlusions is None:
         return ()
-    longest = summary.absences.longest
+    longest = summary.occlusions.longest
     count = int((longest > MAX_BRIDGED_FRAMES).sum())
     if not count:
         return ()
     verb = "is" if count == 1 else "are"
     return (
-        f"{format_count(count, 'vertex')} {verb} hidden for more than {MAX_BRIDGED_FRAMES} frames "
-        f"in a row, up to {longest.max()}: the place is a guess there, which no figure judges",
+        f"{format_count(count, 'vertex')} {verb} occluded for more than {MAX_BRIDGED_FRAMES} "
+        f"frames in a row, up to {longest.max()}: the place is a guess there, which no figure "
+        "judges",
     )
 
 
@@ -568,10 +578,10 @@ def find_clip_regions(stored: StoredBinding, summary: ClipSummary) -> tuple[Regi
         return ()
     regions = find_worst_regions(binding, summary.peaks)
     if has_loose_cage is None:  # nothing was said of it when it was bound
-        has_loose_cage = has_too_much_room(binding.cage, binding.rest)
+        has_loose_cage = is_too_loose(binding.cage, binding.rest)
     if has_loose_cage:
-        return blame_loose_cage(regions, binding.rest.diagonal)
+        return attribute_to_loose_cage(regions, binding.rest.diagonal)
     centres = np.array([region.centre for region in regions])
     shared = find_shared_sections(binding.cage, binding.rest, near=centres)
     places = [(section.centre, (section.size + section.length) / 2) for section in shared]
-    return blame_shared_places(regions, places, binding.rest.diagonal)
+    return attribute_to_shared_places(regions, places, binding.rest.diagonal)

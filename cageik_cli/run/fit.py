@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cageik_cli.captured.robust import has_thrown_vertices
+from cageik_cli.captured.robust import has_outlier_vertices
 from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.settings import FitSettings, FittedClip
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
@@ -26,7 +26,7 @@ from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_keys import compute_fit_key, find_fit
-from cageik_cli.store.fit_fields import UnfittedClip
+from cageik_cli.store.fit_fields import BaselineErrors
 from cageik_cli.util.arrays import Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError, InputError
 from cageik_cli.util.progress import ProgressListener
@@ -38,7 +38,7 @@ MIN_FRAMES_BY_DEFAULT = 3
 """Shorter clips have one pose beside that at rest: weights are fitted to it only if asked for."""
 
 MAX_PROBED_FRAMES = 100
-"""Evenly spread frames in which thrown vertices are sought before a fit nobody asked for."""
+"""Evenly spread frames in which outlier vertices are sought before a fit nobody asked for."""
 
 MAX_COMPARED_FIT_FRAMES = 64
 """Evenly spread frames on which a fit is compared; key frames are measured beside them."""
@@ -150,9 +150,9 @@ def _find_fit_obstacle(settings: ExtractSettings, clip: MeshSequence, weighs_fra
             f"that takes at least {format_bytes(needed)}, more than the limit of "
             f"{format_bytes(settings.memory)}; raise it by `memory=`"
         )
-    if has_thrown_vertices(clip.first, _read_probed_frames(clip)):
+    if has_outlier_vertices(clip.first, _read_probed_frames(clip)):
         return (
-            "single vertices are thrown away from their neighbours, and fitted weights would follow"
+            "single vertices are outliers among their neighbours; fitted weights would follow"
             " them; reject them by `robust=True`"
         )
     return ""
@@ -234,13 +234,13 @@ def _check_unchanged(clips: Sequence[MeshSequence], digests: list[list[bytes]]) 
                 raise FileAccessError(f"{clip.location(k)}: changed during the run; run again")
 
 
-def measure_unfitted(
+def measure_baseline_weights(
     solver: DualLaplacianSolver,
     fitted: Binding,
     frames: Sequence[int],
     key_frames: Sequence[int],
     read: Callable[[int], Floats],
-) -> UnfittedClip:
+) -> BaselineErrors:
     """Measure frames with the weights before the fit, one by one.
 
     Parameters
@@ -266,7 +266,7 @@ def measure_unfitted(
         if k in key_frames:
             misses[k] = (frame[0] - rebuilt[0]) / rest.diagonal
     vertex = find_changed_vertex(solver.binding.weights, fitted.weights)
-    return UnfittedClip(
+    return BaselineErrors(
         frames=np.array(frames, np.int64),
         rms=rms,
         misses=np.stack([misses[k] for k in key_frames]),

@@ -165,7 +165,7 @@ class ExtractSettings(CommandSettings):
             "vertex_weights": weights if isinstance(weights, str) else weights is not None,
             **(describe_settings(self.build) if self.builds_cage else {}),
             **({} if fit is None else describe_settings(fit)),
-            **({"given_in": self.given_in.typed} if self.given_in.typed else {}),
+            **({"given_in": self.given_in.option_text} if self.given_in.option_text else {}),
             **describe_settings(self.capture),
             **describe_settings(self.clip),
         }

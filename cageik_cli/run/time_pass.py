@@ -22,7 +22,7 @@ from cageik_cli.geometry.frames import Block
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver, Solution
-from cageik_cli.method.solve.summary import Absences
+from cageik_cli.method.solve.summary import OcclusionTracker
 from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.run.executor import choose_block_size
 from cageik_cli.run.settings import ExtractSettings
@@ -89,7 +89,7 @@ class TimePass:
         for inner, window, terms in self._read_windows():
             filled = np.where(terms.is_known[:, None, None], terms.cages, self._fill_terms(terms))
             own = slice(inner.start - window.start, inner.stop - window.start)
-            yield inner, _hold_ends(filled, terms.is_known)[own]
+            yield inner, _extend_to_ends(filled, terms.is_known)[own]
 
     def _fill_terms(self, terms: FrameTerms) -> Floats:
         """Return the cages of a window whose missing parts, and then whose gaps, are filled."""
@@ -109,13 +109,13 @@ class TimePass:
             while start + len(cages) < wide.stop:
                 own, window, terms = next(windows)
                 here = slice(own.start - window.start, own.stop - window.start)
-                filled = _hold_ends(self._fill_terms(terms), terms.is_known)[here]
+                filled = _extend_to_ends(self._fill_terms(terms), terms.is_known)[here]
                 cages = np.concatenate([cages, filled])
                 shares = np.concatenate([shares, self._smoother.measure_shares(terms)[here]])
             cages, shares = cages[wide.start - start :], shares[wide.start - start :]
             start = wide.start
             smooth = self._smoother.smooth(cages[: len(wide)], shares[: len(wide)], strengths)
-            smooth = _hold_ends(smooth, self._is_known[wide.start : wide.stop])
+            smooth = _extend_to_ends(smooth, self._is_known[wide.start : wide.stop])
             yield inner, smooth[inner.start - wide.start : inner.stop - wide.start]
 
     @cached_property
@@ -155,9 +155,9 @@ class TimePass:
 
     def _read_windows(self) -> Iterator[tuple[range, range, FrameTerms]]:
         """Yield the frames of each window without and with overlaps, and their terms."""
-        absences = self._checkpoint.summary.absences
-        assert absences is not None
-        blocks, held = self._checkpoint.blocks(), _HeldBlocks(self._solver, absences)
+        occlusions = self._checkpoint.summary.occlusions
+        assert occlusions is not None
+        blocks, held = self._checkpoint.blocks(), _BufferedFrames(self._solver, occlusions)
         for inner in self._inner_frames:
             window = self._overlap(inner, self._smoother.overlap)
             while held.stop < window.stop:
@@ -177,12 +177,12 @@ class TimePass:
         return range(int(start), int(stop))
 
 
-class _HeldBlocks:
+class _BufferedFrames:
     """Frames of a checkpoint that windows still need."""
 
-    def __init__(self, solver: DualLaplacianSolver, absences: Absences) -> None:
+    def __init__(self, solver: DualLaplacianSolver, occlusions: OcclusionTracker) -> None:
         self.stop = 0
-        self._solver, self._absences = solver, absences
+        self._solver, self._occlusions = solver, occlusions
         self._cages: dict[int, Floats] = {}
         self._weights: dict[int, tuple[Integers, Floats]] = {}
 
@@ -212,14 +212,14 @@ class _HeldBlocks:
         nothing = np.empty(0, np.int64), np.empty(0)
         for k, frame in enumerate(window):
             rows, values = self._weights.get(frame, nothing)
-            is_lost = (values > 0) | ~np.isin(rows, self._absences.find_long(frame))
+            is_lost = (values > 0) | ~np.isin(rows, self._occlusions.find_long(frame))
             if is_lost.any():
                 rows, values = rows[is_lost], values[is_lost]
                 weights = (1 - values) * self._solver.vertex_weights[rows]
                 yield k, self._solver.weigh_data(weights, rows)
 
 
-def _hold_ends(cages: Floats, is_known: Mask) -> Floats:
+def _extend_to_ends(cages: Floats, is_known: Mask) -> Floats:
     """Return cages where frames before the first and behind the last known one are like that."""
     known = np.flatnonzero(is_known)
     if not len(known):
@@ -311,7 +311,7 @@ def open_refined(
 ) -> Iterator[tuple[Checkpoint, tuple[int, ...]]]:
     """Open a checkpoint with the frames as they are written, and say which of them were filled.
 
-    Vertices that are hidden for long are placed, and the cages are smoothed and filled if that is
+    Vertices that are occluded for long are placed, and the cages are smoothed and filled if that is
     asked for; otherwise it is the one that is given.
     """
     summary = checkpoint.summary
@@ -328,9 +328,9 @@ def open_refined(
             stack.callback(copy.discard)
             return copy
 
-        if summary.absences is not None and summary.absences.has_long:
+        if summary.occlusions is not None and summary.occlusions.has_long:
             placed = start(placed_path)
-            place_hidden(block_solver, checkpoint, placed, settings.jobs)
+            place_occluded(block_solver, checkpoint, placed, settings.jobs)
             checkpoint = placed
         if settings.capture.needs_time_pass:
             smoothed = start(smoothed_path)
@@ -346,26 +346,26 @@ def open_refined(
         yield checkpoint, filled
 
 
-def place_hidden(
+def place_occluded(
     block_solver: CapturedBlockSolver[MeshSequence],
     checkpoint: Checkpoint,
     output: Checkpoint,
     jobs: int,
 ) -> None:
-    """Place what is hidden for long in the frames of a checkpoint, and append them to another.
+    """Place what is occluded for long in the frames of a checkpoint, and append them to another.
 
     Frames are read again by `jobs` threads.
     """
     progress, sequence = block_solver.progress, block_solver.sequence
-    absences = checkpoint.summary.absences
-    assert absences is not None
+    occlusions = checkpoint.summary.occlusions
+    assert occlusions is not None
     filler = RigidFiller(block_solver.solver.binding.rest)
     reads = sequence.blocks(choose_block_size(checkpoint.spec.vertices), jobs)
     for solved, block in zip(checkpoint.blocks(), reads, strict=True):
         places = [
             frame - solved.start
             for frame in range(solved.start, solved.stop)
-            if frame not in solved.skipped and len(absences.find_long(frame))
+            if frame not in solved.skipped and len(occlusions.find_long(frame))
         ]
         if places:
             with progress.stage("solve"):
@@ -391,11 +391,11 @@ def _solve_placed(
     for place in places:
         one, share = slice(place, place + 1), shares[place]
         rebuilt = reconstruct_frames(solver.binding, cages[one], solved.rotations[one])[0]
-        left, is_hidden = share[:, None] * (positions[place] - rebuilt), share == 0
-        guess = filler.fill(rebuilt + filler.extend(left, is_hidden), is_hidden)
+        left, is_occluded = share[:, None] * (positions[place] - rebuilt), share == 0
+        guess = filler.fill(rebuilt + filler.extend(left, is_occluded), is_occluded)
         # What the cage misses of the surface around the piece goes on into it.
         rebuilt = solver.solve(guess[None]).reconstructions[0].copy()
-        guess = rebuilt + filler.extend(guess - rebuilt, is_hidden)
+        guess = rebuilt + filler.extend(guess - rebuilt, is_occluded)
         cages[place] = solver.solve(guess[None]).cages[0]
     return cages
 

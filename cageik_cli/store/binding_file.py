@@ -38,7 +38,7 @@ from cageik_cli.util.outputs import atomic_file
 from cageik_cli.util.version import __version__
 
 if TYPE_CHECKING:
-    from cageik_cli.fit.carried import CarriedChange  # needs scipy
+    from cageik_cli.fit.transferred import TransferredChange  # needs scipy
 
 BINDING_FORMAT, BINDING_SCHEMA = "cageik.binding", 1
 """What a binding file says that it is; raise the number when older versions cannot read it."""
@@ -64,7 +64,7 @@ class StoredBinding:
         What a fit of low rank has added to the computed weights.
     unfitted : Binding, optional
         The same model with the weights before the fit, if they are known.
-    carried : CarriedChange, optional
+    transferred : TransferredChange, optional
         What was added to the computed weights from the fit of another model.
     """
 
@@ -75,7 +75,7 @@ class StoredBinding:
     fit: FitRecord | None = None
     low_rank: Correction | None = None
     unfitted: Binding | None = None
-    carried: "CarriedChange | None" = None
+    transferred: "TransferredChange | None" = None
 
     def with_fit(self, fitted: FittedWeights) -> "StoredBinding":
         """Return it with fitted weights, and the record of their fit."""

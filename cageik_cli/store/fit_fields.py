@@ -161,7 +161,7 @@ def _check_sizes(name: str, matrix: Floats) -> None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UnfittedClip:
+class BaselineErrors:
     """What is compared of a clip with the weights before the fit.
 
     Attributes
@@ -185,7 +185,7 @@ class UnfittedClip:
     influence: Floats
 
 
-def write_unfitted(file: h5py.File, clip: UnfittedClip) -> None:
+def write_baseline_errors(file: h5py.File, clip: BaselineErrors) -> None:
     """Write what is kept of the weights before the fit."""
     file.create_dataset("unfitted/frame", data=clip.frames, dtype="i8")
     file.create_dataset("unfitted/rms", data=clip.rms, dtype="f8")
@@ -195,9 +195,9 @@ def write_unfitted(file: h5py.File, clip: UnfittedClip) -> None:
     file.create_dataset("unfitted/influence", data=clip.influence, dtype="f8")
 
 
-def read_unfitted(
+def read_baseline_errors(
     file: h5py.File, shape: tuple[int, int], frames: int, skipped: Collection[int]
-) -> UnfittedClip | None:
+) -> BaselineErrors | None:
     """Read what a result keeps of the weights before the fit; None if it keeps nothing."""
     (m, n), again = shape, "extract it again"
     if "unfitted" not in file:
@@ -225,4 +225,4 @@ def read_unfitted(
             f"`unfitted/cage_vertex` is {vertex}, expected a vertex of the cage ({n} "
             f"vertices); {again}"
         )
-    return UnfittedClip(numbers, rms, misses, vertex, influence)
+    return BaselineErrors(numbers, rms, misses, vertex, influence)

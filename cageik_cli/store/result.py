@@ -36,7 +36,7 @@ from cageik_cli.method.solve.regions import MAX_CAGE_FACES, MAX_REGIONS, Region
 from cageik_cli.method.solve.vertex_bound import VertexBound
 from cageik_cli.method.weights.binding import Binding, Correction, reconstruct_frames
 from cageik_cli.store import fit_fields
-from cageik_cli.store.fit_fields import UnfittedClip, read_fit_record, read_offset_mark
+from cageik_cli.store.fit_fields import BaselineErrors, read_fit_record, read_offset_mark
 from cageik_cli.store.hdf5_fields import (
     check_format,
     has_format,
@@ -207,7 +207,7 @@ def checkpoint_path(path: Path) -> Path:
 
 
 def placed_path(path: Path) -> Path:
-    """Return the path of the frames whose hidden vertices are placed, until `path` is written."""
+    """Return the path of the frames whose occluded vertices are placed, until `path` is written."""
     return path.with_name(path.name + ".placed" + CHECKPOINT_SUFFIX)
 
 
@@ -321,11 +321,11 @@ def read_low_rank(result: Result) -> Correction | None:
         return fit_fields.read_low_rank(file, result.fit, *shape)
 
 
-def read_unfitted(result: Result) -> UnfittedClip | None:
+def read_baseline_errors(result: Result) -> BaselineErrors | None:
     """Read what a result keeps of the weights before the fit; None if it keeps nothing."""
     shape = len(result.rest.vertices), len(result.cage.vertices)
     with open_checked(result.path) as file:
-        return fit_fields.read_unfitted(file, shape, len(result.frames), result.skipped)
+        return fit_fields.read_baseline_errors(file, shape, len(result.frames), result.skipped)
 
 
 def read_binding(result: Result) -> Binding | None:

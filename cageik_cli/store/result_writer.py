@@ -11,8 +11,8 @@ from cageik_cli.method.solve.metrics import KEPT_TYPES, METRIC_TYPES, FrameMetri
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.fit_fields import (
     MAX_STORED_ERROR,
-    UnfittedClip,
-    write_unfitted,
+    BaselineErrors,
+    write_baseline_errors,
     write_weights,
 )
 from cageik_cli.store.hdf5_fields import create_hdf5, write_meshes
@@ -80,7 +80,7 @@ class ResultWriter:
         *,
         key_frames: Integers,
         key_frame_errors: Floats,
-        unfitted: UnfittedClip | None = None,
+        unfitted: BaselineErrors | None = None,
     ) -> None:
         """Write the weights, the key frames and the summary, and mark the file as complete.
 
@@ -91,7 +91,7 @@ class ResultWriter:
             region, if it is another.
         key_frame_errors : (3 or 4, m, 3) float64
             Their v − v̂, which a report draws without reading frames.
-        unfitted : UnfittedClip, optional
+        unfitted : BaselineErrors, optional
             The same clip with the weights before the fit, if they are fitted and both are known.
         """
         if self._frames_done != self._frame_count:
@@ -105,7 +105,7 @@ class ResultWriter:
             misses = np.clip(misses, -MAX_STORED_ERROR, MAX_STORED_ERROR)
             file.create_dataset("poses/misses", data=misses, dtype="f4")
             if unfitted is not None:
-                write_unfitted(file, unfitted)
+                write_baseline_errors(file, unfitted)
         write_fields(file, summary)
         file.attrs["complete"] = True
 

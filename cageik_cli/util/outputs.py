@@ -369,16 +369,16 @@ def _clear(file: Path, path: Path) -> None:
     # What is no folder was not displaced by a run, and would be written through.
     if file.name.endswith(".replaced") and is_folder and not os.path.lexists(path):
         file.rename(path)
-        _tell(f"{path}: put back, as it was before a run that was killed")
+        _notify_listener(f"{path}: put back, as it was before a run that was killed")
         return
     if is_folder:
         shutil.rmtree(file)
     else:
         file.unlink()
-    _tell(f"{file}: removed, a run that was killed had left it")
+    _notify_listener(f"{file}: removed, a run that was killed had left it")
 
 
-def _tell(sentence: str) -> None:
+def _notify_listener(sentence: str) -> None:
     listener = _LISTENER.get()
     if listener is not None:
         listener(sentence)

@@ -34,7 +34,7 @@ _PROGRAM = (
 )
 
 
-def call_beside(
+def call_in_subprocesses(
     function: Callable[..., Result], calls: Sequence[tuple[Any, ...]], processes: int
 ) -> Iterator[Result]:
     """Yield the results of a function for the arguments of each call, in their order.

@@ -1,4 +1,4 @@
-"""What a run tells while it goes: its progress, and notes, some of which are warnings."""
+"""What a run reports while it goes: its progress, and notes, some of which are warnings."""
 
 from contextlib import AbstractContextManager, nullcontext
 

@@ -43,7 +43,7 @@ def find_unit(length: float) -> str | None:
     return None
 
 
-def type_unit(length: float) -> str:
+def spell_unit(length: float) -> str:
     """Return how a unit is typed: by its name, or as a number of metres."""
     return find_unit(length) or f"{length:.6g}"
 

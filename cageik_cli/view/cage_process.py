@@ -1,4 +1,4 @@
-"""Checks and weights of a cage that is edited, in a process beside the server.
+"""Checks and weights of a cage that is edited, in a subprocess of the server.
 
 A process can be ended: a check that takes too long is, and a new one is started with the next.
 """
@@ -39,7 +39,7 @@ MAX_SHOWN_ELEMENTS = 200
 Answer = dict[str, Any]
 
 
-class CageLaboratory:
+class CageSubprocess:
     """Checks cages around one model, and solves their weights, one at a time.
 
     Parameters
@@ -125,7 +125,7 @@ class CageLaboratory:
 
 
 _kept: tuple[TriMesh, Floats, BindSettings, int]
-"""Of the process beside the server: what it was started with."""
+"""Of the subprocess of the server: what it was started with."""
 
 
 def _initialize_process(*kept: Any) -> None:

@@ -30,10 +30,10 @@ from cageik_cli.util.json_files import JsonFormat, format_value, parse_json
 from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_count
-from cageik_cli.view.cage_process import Answer, CageLaboratory
+from cageik_cli.view.cage_process import Answer, CageSubprocess
 from cageik_cli.view.player.clip import PlayerClip, make_single_pose
 from cageik_cli.view.player.rest_cage import check_drawn_weights, render_rest_cage_page
-from cageik_cli.view.session import MAX_SENT_BYTES, OwnOutputs, WatchedInput
+from cageik_cli.view.session import MAX_SUBMITTED_BYTES, OwnOutputs, WatchedInput
 from cageik_cli.view.site import Wording
 
 Rows = tuple[tuple[str, str], ...]
@@ -69,7 +69,7 @@ class RestCageSession:
         self._own = OwnOutputs(settings.overwrite)
         self._clip = _make_clip(rest.mesh, cage.mesh, name)
         origin, weights = self._clip.binding.cage.vertices.mean(axis=0), settings.weights
-        self.laboratory = CageLaboratory(rest.mesh, origin, weights.bind, weights.jobs)
+        self.laboratory = CageSubprocess(rest.mesh, origin, weights.bind, weights.jobs)
         self.answers: Mapping[str, Callable[[bytes, Wording], Answer]] = {
             "check": self.check,
             "weights": self.solve,
@@ -210,7 +210,7 @@ MAX_EDITED_CORNERS = 20_000
 """Corners of all its polygons, and so the triangles that they are cut into."""
 
 
-CAGE_FORMAT = JsonFormat("a cage of the page", MAX_SENT_BYTES)
+CAGE_FORMAT = JsonFormat("a cage of the page", MAX_SUBMITTED_BYTES)
 
 
 def check_size(cage: TriMesh) -> None:

@@ -79,10 +79,10 @@ class ViewListener(Protocol):
         """Return a context that is entered while an edit runs, with its progress."""
         return nullcontext(ProgressListener())
 
-    def tell_applied(self, rows: Rows, written: Sequence[Path]) -> None:
+    def show_applied(self, rows: Rows, written: Sequence[Path]) -> None:
         """Take what came of an edit, and the files that it wrote."""
 
-    def tell_failed(self, error: str) -> None:
+    def show_failed(self, error: str) -> None:
         """Take the error of an edit."""
 
 
@@ -132,11 +132,11 @@ def _run_edit(session: PageSession, edit: Edit, board: JobBoard, listener: ViewL
     except Exception as error:  # the page keeps its handles, whatever happens
         message = listener.word(describe_error(error))
         board.change(state="failed", error=message)
-        listener.tell_failed(message)
+        listener.show_failed(message)
         return
     found = session.list_rows(result)
-    told = (*found, *progress_on_board.notes)
-    rows = tuple((label, listener.word(text)) for label, text in told)
+    noted = (*found, *progress_on_board.notes)
+    rows = tuple((label, listener.word(text)) for label, text in noted)
     written = tuple(str(path) for path in session.written)
     board.change(state="done", rows=rows, written=written)
-    listener.tell_applied(found, session.written)
+    listener.show_applied(found, session.written)

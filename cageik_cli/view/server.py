@@ -45,7 +45,7 @@ from cageik_cli.util.errors import (
     SlowError,
     describe_error,
 )
-from cageik_cli.view.session import MAX_SENT_BYTES
+from cageik_cli.view.session import MAX_SUBMITTED_BYTES
 from cageik_cli.view.site import RefusedRequestError, Site, make_busy_error
 
 HOST = "127.0.0.1"
@@ -197,10 +197,10 @@ class RequestHandler(BaseHTTPRequestHandler):
             raise RefusedRequestError(HTTPStatus.LENGTH_REQUIRED, "expected a Content-Length")
         if len(lengths) > 1 or not (lengths[0].isascii() and lengths[0].isdigit()):
             raise RefusedRequestError(HTTPStatus.BAD_REQUEST, "Content-Length is not a number")
-        if len(lengths[0]) > len(str(MAX_SENT_BYTES)) or int(lengths[0]) > MAX_SENT_BYTES:
+        if len(lengths[0]) > len(str(MAX_SUBMITTED_BYTES)) or int(lengths[0]) > MAX_SUBMITTED_BYTES:
             raise RefusedRequestError(
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-                f"an edit has at most {MAX_SENT_BYTES} bytes",
+                f"an edit has at most {MAX_SUBMITTED_BYTES} bytes",
             )
         self._reader.deadline = time.monotonic() + READ_SECONDS
         try:

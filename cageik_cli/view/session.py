@@ -118,7 +118,7 @@ class ViewSession(ABC):
             A JSON object of `handles` and `cageEdits`: each the content of such a file, or null.
         """
         own = self.settings
-        files = parse_sent(data, own.handles_output, own.cage_edits_output)
+        files = parse_submitted(data, own.handles_output, own.cage_edits_output)
         return partial(self._apply, files, PosingSettings(rigidity=rigidity))
 
     def _apply(
@@ -158,24 +158,24 @@ class ViewSession(ABC):
         """Solve, and write all but the files of the edit."""
 
 
-SENT_FILES = {"handles": "handles", "cageEdits": "cage edits"}
+SUBMITTED_FILES = {"handles": "handles", "cageEdits": "cage edits"}
 """The fields of a body, and what messages call them."""
 
 
-MAX_SENT_BYTES = 2 * MAX_HANDLES_BYTES
+MAX_SUBMITTED_BYTES = 2 * MAX_HANDLES_BYTES
 """Largest body that is read: a handles file and a cage edits file."""
 
 
 def _describe_place(document: Any, steps: Steps) -> str:
     """Return the place of a value in words, within its file."""
-    if not steps or not isinstance(document, dict) or steps[0] not in SENT_FILES:
+    if not steps or not isinstance(document, dict) or steps[0] not in SUBMITTED_FILES:
         return describe_location(document, steps)
     name = str(steps[0])
     inner = describe_location(document[name], steps[1:])
-    return f"{SENT_FILES[name]}: {inner}" if inner else SENT_FILES[name]
+    return f"{SUBMITTED_FILES[name]}: {inner}" if inner else SUBMITTED_FILES[name]
 
 
-SENT_FORMAT = JsonFormat("handles and cage edits", MAX_SENT_BYTES, _describe_place)
+SUBMITTED_FORMAT = JsonFormat("handles and cage edits", MAX_SUBMITTED_BYTES, _describe_place)
 """What the JSON of a body should be."""
 
 
@@ -193,7 +193,7 @@ def check_edit_fits(files: EditFiles, clip: PlayerClip) -> None:
                 CageEditLayer(edit, len(clip.binding.cage.vertices), clip.timeline)
 
 
-def parse_sent(data: bytes, handles: Path | None, cage_edits: Path | None) -> EditFiles:
+def parse_submitted(data: bytes, handles: Path | None, cage_edits: Path | None) -> EditFiles:
     """Return the edit of a body; the paths are where its files will be saved, if anywhere.
 
     Raises
@@ -201,7 +201,7 @@ def parse_sent(data: bytes, handles: Path | None, cage_edits: Path | None) -> Ed
     FormatError, HandlesError
         When it is no JSON object of handles and cage edits; the message says where.
     """
-    sent = split_sent(data)
+    sent = split_submitted(data)
     found_handles = found_edits = None
     if (text := sent["handles"]) is not None:
         found_handles = parse_handles(handles or Path("handles of the page"), text)
@@ -210,7 +210,7 @@ def parse_sent(data: bytes, handles: Path | None, cage_edits: Path | None) -> Ed
     return EditFiles(found_handles, found_edits)
 
 
-def split_sent(data: bytes) -> dict[str, bytes | None]:
+def split_submitted(data: bytes) -> dict[str, bytes | None]:
     """Return the bytes of each file of a body, as a page saves it; None if there is none.
 
     Raises
@@ -219,8 +219,8 @@ def split_sent(data: bytes) -> dict[str, bytes | None]:
         When it is not a JSON object of these fields, one of which is not null, or a file is larger
         than what is read.
     """
-    document = parse_json(data, SENT_FORMAT)
-    if not isinstance(document, dict) or set(document) != set(SENT_FILES):
+    document = parse_json(data, SUBMITTED_FORMAT)
+    if not isinstance(document, dict) or set(document) != set(SUBMITTED_FILES):
         raise FormatError(
             f"is {format_value(document)}, expected an object of handles and cageEdits; load the "
             "page again"
@@ -233,7 +233,8 @@ def split_sent(data: bytes) -> dict[str, bytes | None]:
         files[name] = None if content is None else text.encode(errors="surrogatepass")
         if len(files[name] or b"") > MAX_HANDLES_BYTES:
             raise FormatError(
-                f"{SENT_FILES[name]}: have more than {MAX_HANDLES_BYTES} bytes; keep fewer of them"
+                f"{SUBMITTED_FILES[name]}: have more than {MAX_HANDLES_BYTES} bytes; keep fewer of "
+                "them"
             )
     return files
 
@@ -386,7 +387,7 @@ def _check_outputs(settings: ViewSettings, *, is_result: bool) -> None:
 
 
 def _list_target_words(settings: ViewSettings, target: CagedModel) -> list[str]:
-    """List what `cageik pose` is told to pose: a model in its cage, or a binding file."""
+    """List what `cageik pose` is given to pose: a model in its cage, or a binding file."""
     if target.stored is not None:
         return [(settings.binding or settings.target).name]
     cage = UNNAMED_CAGE if settings.cage is None else name_source(settings.cage)

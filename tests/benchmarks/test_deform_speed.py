@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
     lines += ["f {} {} {}".format(*face) for face in (np.asarray(faces) + 1).tolist()]
     (folder / "fine.obj").write_text("\n".join(lines) + "\n")
     extract = ("extract", WALKER / "frames", "--cage", WALKER / "cage.obj", "-q", "-o")
-    for name, words in (("harmonic", ()), ("carried", ("--fit",))):
+    for name, words in (("harmonic", ()), ("transferred", ("--fit",))):
         done = run_in_process(*map(str, (*extract, folder / f"{name}.h5", *words)))
         assert done.code == 0, done.err
     return folder
@@ -51,19 +51,19 @@ def measure(folder, name, *words):
 
 
 @pytest.mark.parametrize("is_cached", [True, False], ids=["cached", "computed"])
-def test_another_mesh_with_carried_weights(folder, is_cached, monkeypatch):
+def test_another_mesh_with_transferred_weights(folder, is_cached, monkeypatch):
     monkeypatch.setenv("CAGEIK_CACHE", str(folder / "cache"))
     words = () if is_cached else ("--no-cache",)
     seconds = {}
-    for name in ("harmonic", "carried"):
+    for name in ("harmonic", "transferred"):
         measure(folder, name, *words)
         seconds[name] = np.median([measure(folder, name, *words) for _ in range(3)])
-    ratio = seconds["carried"] / seconds["harmonic"]
-    with np.load(folder / "carried.npz") as found:
+    ratio = seconds["transferred"] / seconds["harmonic"]
+    with np.load(folder / "transferred.npz") as found:
         frames, count = found["vertices"].shape[:2]
     print(
         f"\n{count} vertices, {frames} frames: harmonic {seconds['harmonic']:.2f} s, "
-        f"carried {seconds['carried']:.2f} s, ratio {ratio:.2f}",
+        f"transferred {seconds['transferred']:.2f} s, ratio {ratio:.2f}",
         end="",
     )
     assert ratio <= MAX_RATIO

@@ -1,9 +1,9 @@
-"""Vertices thrown away from their neighbours, found in the data alone."""
+"""Outlier vertices, far from their neighbours, found in the data alone."""
 
 import numpy as np
 import pytest
 
-from cageik_cli.captured.robust import find_torn_vertices, has_thrown_vertices
+from cageik_cli.captured.robust import find_torn_vertices, has_outlier_vertices
 from tests.shapes import ball, merged
 
 BALL = ball(3, 1.0)
@@ -27,13 +27,13 @@ def throw(share, count=10):
     ],
     ids=["thrown", "thrown less", "pulled", "stretched", "no frame"],
 )
-def test_thrown_vertices_are_told_from_motion(frames, expected):
-    assert has_thrown_vertices(BALL, frames) is expected
+def test_outlier_vertices_are_distinguished_from_motion(frames, expected):
+    assert has_outlier_vertices(BALL, frames) is expected
 
 
-def test_a_vertex_that_is_thrown_in_the_rest_pose_is_found():
+def test_an_outlier_vertex_of_the_rest_pose_is_found():
     frames = throw(0.2)
-    assert has_thrown_vertices(BALL.move(frames[-1]), frames[:-1])
+    assert has_outlier_vertices(BALL.move(frames[-1]), frames[:-1])
 
 
 def find_torn(residuals, mesh=BALL, is_data=None):
@@ -58,7 +58,7 @@ def test_residuals_that_grow_from_vertex_to_vertex_are_not_torn():
     assert not len(find_torn(make_bump()))
 
 
-def test_vertices_and_pieces_that_are_thrown_are_torn():
+def test_outlier_vertices_and_pieces_are_torn():
     residuals = make_bump()
     piece = find_ring(200)
     residuals[piece] += [0.2, 0, 0]

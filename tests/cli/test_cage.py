@@ -1,4 +1,4 @@
-"""`cageik cage`: what is typed, what is told, and what is refused."""
+"""`cageik cage`: what is given, what is reported, and what is refused."""
 
 import json
 from pathlib import Path

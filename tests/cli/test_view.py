@@ -79,8 +79,8 @@ def test_the_outcome_of_an_edit_is_shown(run, bound, monkeypatch):
     def use(session, port, listener):
         with listener.show_edit() as progress:
             result = session.parse(make_body(DOCUMENT), 3)(progress)
-        listener.tell_applied(session.list_rows(result), session.written)
-        listener.tell_failed("handles: are wrong")
+        listener.show_applied(session.list_rows(result), session.written)
+        listener.show_failed("handles: are wrong")
         raise KeyboardInterrupt
 
     monkeypatch.setattr("cageik_cli.view.run.run_view", use)

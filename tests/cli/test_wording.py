@@ -12,7 +12,7 @@ import pytest
 import cageik_cli
 from cageik_cli.cli import main
 from cageik_cli.cli.deform import deform_command
-from cageik_cli.cli.group import word_options
+from cageik_cli.cli.group import spell_options
 from cageik_cli.cli.output import ProgressBar
 from cageik_cli.cli.pose import pose_command
 from cageik_cli.util.errors import SettingError
@@ -36,11 +36,11 @@ from cageik_cli.util.errors import SettingError
     ],
 )
 def test_parameters_are_shown_as_options(message, shown):
-    assert word_options(message, pose_command) == shown
+    assert spell_options(message, pose_command) == shown
 
 
 def test_the_options_of_the_command_come_first():
-    assert word_options("no `source=`, no `cages=`", deform_command) == "no SOURCE, no --cages"
+    assert spell_options("no `source=`, no `cages=`", deform_command) == "no SOURCE, no --cages"
 
 
 def test_every_parameter_that_a_message_names_is_an_option_of_a_command():
@@ -48,7 +48,9 @@ def test_every_parameter_that_a_message_names_is_an_option_of_a_command():
     texts = [path.read_text() for path in package.rglob("*.py") if path.name != "group.py"]
     named = {name for text in texts for name in re.findall("`[a-z_]+=", text)}
     commands = list(main.commands.values())
-    known = {name for name in named for one in commands if "`" not in word_options(f"{name}`", one)}
+    known = {
+        name for name in named for one in commands if "`" not in spell_options(f"{name}`", one)
+    }
     assert len(named) > 40
     assert named == known
 
@@ -100,4 +102,4 @@ def test_pages_and_reports_of_a_batch_name_options(run, folder, animation, here)
 
 
 def test_more_lines_are_asked_for_by_a_letter():
-    assert word_options("`verbose=True` shows all") == "-v shows all"
+    assert spell_options("`verbose=True` shows all") == "-v shows all"

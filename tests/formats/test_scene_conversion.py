@@ -9,7 +9,7 @@ from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.errors import SettingError
-from cageik_cli.util.units import describe_unit, find_units_of_ratio, type_unit
+from cageik_cli.util.units import describe_unit, find_units_of_ratio, spell_unit
 from tests.character import make_character
 
 TO_FEET = SceneConversion((0.01, 0.3048), ("Z", "Y"))
@@ -75,7 +75,7 @@ def test_only_what_both_state_is_converted():
 
 @pytest.mark.parametrize("text", ["cm", "m,z", "0.0123,y", "ft,z"])
 def test_units_are_typed_as_they_are_read(text):
-    assert SceneHints.parse(text).typed == text
+    assert SceneHints.parse(text).option_text == text
 
 
 @pytest.mark.parametrize("text", ["", "yard", "cm,x", "cm,", "0", "inf", "nan,y"])
@@ -85,7 +85,7 @@ def test_other_words_are_refused(text):
 
 
 def test_units_have_names():
-    assert (type_unit(0.01), type_unit(0.5)) == ("cm", "0.5")
+    assert (spell_unit(0.01), spell_unit(0.5)) == ("cm", "0.5")
     assert (describe_unit(0.0254), describe_unit(0.5)) == ("inches", "units of 0.5 m")
     assert find_units_of_ratio(99, 0.05) == ("m", "cm")
     assert find_units_of_ratio(5, 0.05) is None

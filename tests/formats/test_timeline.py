@@ -185,7 +185,7 @@ def test_a_range_of_numbers_is_that_of_their_indices(start, step, count, ends):
     numbers = start + step * np.arange(count)
     chosen = FrameRange(numbers[first], numbers[last])
     assert timeline.choose(chosen) == range(first, last + 1)
-    assert parse_frames(chosen.typed) == chosen
+    assert parse_frames(chosen.option_text) == chosen
     assert timeline.find_index(numbers[last]) == last
     assert float(timeline.number_frame(first)) == numbers[first]
     with pytest.raises(SettingError, match="there is no frame"):

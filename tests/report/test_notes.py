@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.report.notes import list_clip_notes, list_standout_notes
+from cageik_cli.report.notes import list_clip_notes, list_outlier_notes
 from cageik_cli.report.record import build_report
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import ExtractSettings
@@ -109,8 +109,8 @@ def notes_of(walk, tmp_path, monkeypatch, weights_cache):
         result = extract(
             ExtractSettings(("clip.npz",), walk[2], output, overwrite=True, cache=weights_cache)
         )
-        assert set(list_standout_notes(result)) <= set(build_report(result).notes)
-        return list_standout_notes(result)
+        assert set(list_outlier_notes(result)) <= set(build_report(result).notes)
+        return list_outlier_notes(result)
 
     return notes
 
@@ -126,7 +126,7 @@ def test_a_clean_clip_has_no_note(walk, notes_of):
         (9, 9, [0.0, 0.4, 0.0], "1 frame where the motion jumps, most in", 9, "smooth=auto"),
         (10, 9, 0.0, "1 frame the same as the one before", 10, "fill_gaps=True"),
     ],
-    ids=["thrown vertices", "a jump", "a copy"],
+    ids=["outlier vertices", "a jump", "a copy"],
 )
 def test_frames_that_stand_out_are_noted(
     walk, notes_of, changed, source, move, note, named, remedy

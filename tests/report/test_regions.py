@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.cli.group import word_options
+from cageik_cli.cli.group import spell_options
 from cageik_cli.method.solve.regions import Cause
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.html.pictures import draw_pictures
@@ -93,7 +93,7 @@ def test_a_fit_is_suggested_where_limbs_share_a_loop_and_there_is_none(report):
     fitted = replace(told, fit=record())
     for one, count in ((told, 1), (fitted, 0)):
         assert format_text(one).count("weights that are fitted with `fit=True`") == count
-    page = parse_page(render_page(told, word=word_options)).by_id("regions").text
+    page = parse_page(render_page(told, word=spell_options)).by_id("regions").text
     assert page.count("weights that are fitted with --fit") == 1
     assert "--rest-frame auto" in page
     other = replace(region, cause=str(Cause.COARSE_FACES))

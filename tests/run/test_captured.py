@@ -14,7 +14,7 @@ from cageik_cli.captured.settings import MAX_SMOOTHING_PERIOD, CaptureSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.method.solve.regions import Cause
-from cageik_cli.method.solve.summary import Absences
+from cageik_cli.method.solve.summary import OcclusionTracker
 from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_csv, format_json
@@ -158,7 +158,7 @@ def test_a_piece_that_is_hidden_for_long_is_noted(walker, make, first, last, is_
     spoilt[first:last, :314] = np.nan
     result = extract(make(spoilt, clip=MISSING))
     text = (
-        "314 vertices are hidden for more than 10 frames in a row, up to 11: the place is a guess"
+        "314 vertices are occluded for more than 10 frames in a row, up to 11: the place is a guess"
     )
     assert any(note.startswith(text) for note in result.notes) == is_noted
 
@@ -200,7 +200,7 @@ def test_a_piece_that_is_hidden_in_all_frames_is_placed_and_stays_when_smoothed(
     for smooth in ("auto", 0.1):
         assert (measure(smooth=smooth) <= 1.05 * placed).all()
     assert not list(Path().glob("*.partial"))
-    monkeypatch.setattr(Absences, "has_long", False)
+    monkeypatch.setattr(OcclusionTracker, "has_long", False)
     assert placed[0] < min(1.5, 0.5 * measure()[0])
 
 

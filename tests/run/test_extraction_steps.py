@@ -169,8 +169,8 @@ def test_weights_in_a_built_cage_are_fitted_unless_that_is_refused(plain):
 
 
 @pytest.mark.usefixtures("coarse_grids")
-def test_a_fit_that_was_not_asked_for_does_not_hide_thrown_vertices(plain, monkeypatch):
-    monkeypatch.setattr("cageik_cli.run.fit.has_thrown_vertices", lambda *_: True)
+def test_a_fit_that_was_not_asked_for_does_not_hide_outliers(plain, monkeypatch):
+    monkeypatch.setattr("cageik_cli.run.fit.has_outlier_vertices", lambda *_: True)
     settings = replace(plain, cage=None, build=BuildSettings(16))
     result = extract(settings)
     assert result.fit is None

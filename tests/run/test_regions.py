@@ -82,7 +82,7 @@ def test_a_clip_that_is_met_has_no_regions(fixtures_folder, tmp_path, weights_ca
 @pytest.mark.parametrize("is_loose", [True, False, None])
 def test_what_the_bind_found_of_the_room_is_not_measured_again(plain, is_loose, monkeypatch):
     measured = []
-    monkeypatch.setattr(compose, "has_too_much_room", lambda *_: measured.append(1) or True)
+    monkeypatch.setattr(compose, "is_too_loose", lambda *_: measured.append(1) or True)
     extraction = Extraction(plain)
     extraction.open()
     stored = extraction.bind()

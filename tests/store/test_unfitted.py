@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.store.fit_fields import UnfittedClip
-from cageik_cli.store.result import read_result, read_unfitted
+from cageik_cli.store.fit_fields import BaselineErrors
+from cageik_cli.store.result import read_baseline_errors, read_result
 from cageik_cli.util.errors import FormatError
 from tests.store.bindings import as_fitted
 from tests.store.damages import assert_refused, replaced, rewritten
@@ -14,7 +14,7 @@ from tests.store.test_result import BINDING, FRAMES, written
 
 M, N = BINDING.weights.shape
 GENERATOR = np.random.default_rng(4)
-CLIP = UnfittedClip(
+CLIP = BaselineErrors(
     frames=np.array([0, 1, 4]),
     rms=np.array([0.5, 0.25, 2.0]),
     misses=GENERATOR.normal(size=(3, M, 3)),
@@ -29,7 +29,7 @@ def write_result(path, unfitted=CLIP, keep_weights=True):
 
 
 def test_what_is_written_comes_back(tmp_path):
-    found = read_unfitted(read_result(write_result(tmp_path / "cages.h5")))
+    found = read_baseline_errors(read_result(write_result(tmp_path / "cages.h5")))
     np.testing.assert_array_equal(found.frames, CLIP.frames)
     np.testing.assert_array_equal(found.rms, CLIP.rms)
     np.testing.assert_array_equal(found.misses, CLIP.misses.astype("f4"))
@@ -39,7 +39,7 @@ def test_what_is_written_comes_back(tmp_path):
 
 @pytest.mark.parametrize("kept", [{"unfitted": None}, {"keep_weights": False}])
 def test_a_result_may_hold_nothing(tmp_path, kept):
-    assert read_unfitted(read_result(write_result(tmp_path / "cages.h5", **kept))) is None
+    assert read_baseline_errors(read_result(write_result(tmp_path / "cages.h5", **kept))) is None
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def assert_damage_is_refused(folder, damage, words):
     path = write_result(folder / "cages.h5")
 
     def read(path):
-        return read_unfitted(replace(read_result(path), skipped={3: "bad"}))
+        return read_baseline_errors(replace(read_result(path), skipped={3: "bad"}))
 
     assert_refused(path, damage, words, read, FormatError)
 

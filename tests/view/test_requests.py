@@ -10,7 +10,7 @@ import pytest
 from cageik_cli.util.errors import HandlesError, SettingError
 from cageik_cli.view import server
 from cageik_cli.view.server import serve
-from cageik_cli.view.session import MAX_SENT_BYTES
+from cageik_cli.view.session import MAX_SUBMITTED_BYTES
 from cageik_cli.view.site import JobBoard, Site
 from tests.view.client import Client, read_answer
 
@@ -151,7 +151,7 @@ def test_other_methods_are_refused(client):
     assert client.ask("status", "POST", b"{}").status == 404
 
 
-@pytest.mark.parametrize("length", [MAX_SENT_BYTES + 1, 10**9, 10**30, "9" * 5000])
+@pytest.mark.parametrize("length", [MAX_SUBMITTED_BYTES + 1, 10**9, 10**30, "9" * 5000])
 def test_a_body_that_is_too_long_is_not_read(client, parsed, length):
     start = time.monotonic()
     answer = client.ask("apply", "POST", b"", Content_Length=str(length))
@@ -161,7 +161,7 @@ def test_a_body_that_is_too_long_is_not_read(client, parsed, length):
 
 
 def test_a_body_of_the_largest_size_is_read(client, parsed):
-    body = b" " * MAX_SENT_BYTES
+    body = b" " * MAX_SUBMITTED_BYTES
     assert client.ask("apply", "POST", body).status == 202
     assert parsed == [(body, 0)]
 

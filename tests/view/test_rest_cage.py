@@ -14,7 +14,7 @@ import pytest
 
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.cli.group import word_options
+from cageik_cli.cli.group import spell_options
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.errors import BusyError, CageikError, FormatError, InputError, SlowError
@@ -23,7 +23,7 @@ from cageik_cli.view import cage_process, rest_cage
 from cageik_cli.view.cage_process import describe_finding
 from cageik_cli.view.rest_cage import encode_cage, list_polygons, open_rest_cage, parse_cage
 from cageik_cli.view.server import serve
-from cageik_cli.view.session import MAX_SENT_BYTES
+from cageik_cli.view.session import MAX_SUBMITTED_BYTES
 from cageik_cli.view.site import JobBoard, Site
 from tests.view.client import Client
 
@@ -269,7 +269,7 @@ def test_strangers_are_refused(client, path):
     assert client.ask(f"{path}?x=1", "POST", data).status == 400
     assert client.ask(path).status == 404
     million = str(40 * 10**6)  # bytes of as many vertices
-    assert int(million) > MAX_SENT_BYTES
+    assert int(million) > MAX_SUBMITTED_BYTES
     assert client.ask(path, "POST", b"", Content_Length=million).status == 413
     assert not Path("new.obj").exists()
 
@@ -307,7 +307,7 @@ def test_names_of_parts_are_not_taken_for_parameters(quads):
         texts += ["f {} {} {}".format(*row) for row in faces + k * len(inside)]
     Path("parts.obj").write_text("\n".join(texts))
     opened = open_rest_cage(replace(REST_CAGE, target=Path("parts.obj")), ProgressListener())
-    site = Site(SECRET, b"", JobBoard(), None, opened.answers, word_options)
+    site = Site(SECRET, b"", JobBoard(), None, opened.answers, spell_options)
     with closing(opened), serve(site, 0) as address:
         (found,) = Client(address).ask("check", "POST", encode(read_quads())).value["findings"]
     assert found["kind"] == "outside"

@@ -22,7 +22,7 @@ from cageik_cli.util.errors import CageikError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.player.section import render_view_page
 from cageik_cli.view.run import ViewListener, run_view
-from cageik_cli.view.session import MAX_SENT_BYTES, open_session
+from cageik_cli.view.session import MAX_SUBMITTED_BYTES, open_session
 from cageik_cli.view.site import JobBoard
 from tests.view.client import Client, make_body
 
@@ -383,7 +383,7 @@ def test_a_file_that_could_not_be_read_again_is_refused(clip, field):
     many = [{"vertex": k, "offset": [0, 0, 0]} for k in range(40_000)]
     sent = {"handles": None, "cageEdits": None, field: {"edits": [{"name": "a", "moves": many}]}}
     data = json.dumps(sent, separators=(",", ":")).encode()
-    assert len(data) < MAX_SENT_BYTES
+    assert len(data) < MAX_SUBMITTED_BYTES
     with pytest.raises(InputError, match="have more than 2000000 bytes"):
         open_(CLIP).parse(data, 0)
 
@@ -460,10 +460,10 @@ class Interruptible(ViewListener):
 
         yield Progress()
 
-    def tell_applied(self, result, written):
+    def show_applied(self, result, written):
         self.told.append(result)
 
-    def tell_failed(self, error):
+    def show_failed(self, error):
         self.told.append(error)
 
 

@@ -27,12 +27,12 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import NumericalError
-from cageik_cli.util.processes import call_beside
+from cageik_cli.util.processes import call_in_subprocesses
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.text import format_count
 from cageik_cli.util.threads import limit_blas_threads
 
-LADDER = (
+SHELL_CANDIDATES = (
     (0.006, 0.010),
     (0.008, 0.014),
     (0.010, 0.020),
@@ -277,7 +277,7 @@ class _Builder:
 
     def run(self, progress: Callable[[int, int], None]) -> BuiltCage:
         """Try the shells, ellipsoids if no shell passes, and shifts for a clip; take the best."""
-        rungs, shifts = len(LADDER), 0 if self._motion is None else MAX_SHIFTED
+        rungs, shifts = len(SHELL_CANDIDATES), 0 if self._motion is None else MAX_SHIFTED
 
         def report(done: int) -> None:
             progress(done, rungs + shifts)
@@ -303,7 +303,7 @@ class _Builder:
     def _try_shells(self, rungs: range, progress: Callable[[int], None]) -> None:
         """Try rungs of the ladder until no other can be better, or two cages are valid."""
         for step in rungs:
-            offset, closing = LADDER[step]
+            offset, closing = SHELL_CANDIDATES[step]
             is_tightest = self._clip is None and any(c.cost <= offset for c in self._valid)
             if is_tightest or len(self._valid) == 2:
                 break
@@ -361,7 +361,7 @@ class _Builder:
             (cage, self._demand, self._motion, candidate.loops)
             for cage, candidate in zip(placed, candidates, strict=True)
         ]
-        shifted = call_beside(shift_vertices, calls, self._processes)
+        shifted = call_in_subprocesses(shift_vertices, calls, self._processes)
         for step, (candidate, (cage, moved)) in enumerate(zip(candidates, shifted, strict=True)):
             recipe = f"{candidate.recipe}, {moved} vertices shifted"
             made = self._make_candidate(recipe, cage, candidate.offset, candidate.notes)

@@ -230,7 +230,7 @@ def list_stages(count: int) -> list[int]:
     return [int(np.ceil(stage)) for stage in counts[::-1]]
 
 
-def thin_shell(shell: TriMesh, count: int) -> tuple[TriMesh, float]:
+def simplify_shell(shell: TriMesh, count: int) -> tuple[TriMesh, float]:
     """Thin a shell to `count` vertices by libigl's quick collapses, which are not tested.
 
     Quadrics leave needles along tubes and straight edges, which no later collapse can mend: the

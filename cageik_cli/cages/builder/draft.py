@@ -97,7 +97,7 @@ class Draft:
         """Return numbers of the faces at a vertex."""
         return np.flatnonzero((self.faces == vertex).any(axis=1))
 
-    def faces_beside(self, start: int, stop: int) -> Integers:
+    def faces_at_edge(self, start: int, stop: int) -> Integers:
         """Return numbers of the faces at an edge, or at a pair of vertices."""
         at = self.faces_at(start)
         return np.asarray(at[(self.faces[at] == stop).any(axis=1)])
@@ -140,7 +140,7 @@ class Draft:
             self._keeps_edges(edit)
             and self._stays_open(edit)
             and self.keeps_clear(edit)
-            and self._stays_apart(edit)
+            and self._stays_intersection_free(edit)
         )
 
     def is_divisible(self, start: int, stop: int) -> bool:
@@ -159,7 +159,7 @@ class Draft:
         self.vertices = np.concatenate(
             [self.vertices, (self.vertices[[start]] + self.vertices[[stop]]) / 2]
         )
-        beside = self.faces_beside(start, stop)
+        beside = self.faces_at_edge(start, stop)
         one, other = self.faces[beside].copy(), self.faces[beside].copy()
         one[one == stop] = middle
         other[other == start] = middle
@@ -265,12 +265,12 @@ class Draft:
             return True
         return after >= _find_sharpest_fold(self.vertices, self.faces[edit.removed], beside)
 
-    def _stays_apart(self, edit: Edit) -> bool:
+    def _stays_intersection_free(self, edit: Edit) -> bool:
         """Return whether new faces meet no face but at the vertices and edges that they share."""
         vertices = self.vertices.copy()
         vertices[edit.vertex] = edit.position
         rest = np.delete(self.faces, edit.removed, axis=0)
-        return are_apart(vertices, edit.added, rest)
+        return are_intersection_free(vertices, edit.added, rest)
 
 
 def name_edge(start: int, stop: int) -> Edge:
@@ -294,7 +294,7 @@ def _find_sharpest_fold(vertices: Floats, faces: Integers, beside: Integers) -> 
     return float(cosines[shared == 2].min(initial=1.0))
 
 
-def are_apart(vertices: Floats, added: Integers, others: Integers) -> bool:
+def are_intersection_free(vertices: Floats, added: Integers, others: Integers) -> bool:
     """Return whether `added` faces meet each other and `others` at shared vertices alone.
 
     It is exact, and quick for a handful of faces. What is left to `geometry/intersections.py`,

@@ -58,7 +58,7 @@ class Loops:
 NO_LOOPS = Loops(())
 
 
-def lay_loops(shell: TriMesh, count: int, motion: Motion | None) -> tuple[TriMesh, Loops]:
+def place_edge_loops(shell: TriMesh, count: int, motion: Motion | None) -> tuple[TriMesh, Loops]:
     """Put tubes in the place of limbs of a shell that becomes a cage of `count` vertices."""
     plans = [LoopPlan(shell, limb, motion, count) for limb in find_limbs(shell)]
     chosen = _choose_limbs(shell, plans, int(MAX_LOOP_SHARE * count))
@@ -101,16 +101,16 @@ class LoopPlan:
         self._most = MAX_LOOP_DENSITY * area[self.faces].sum() / area.sum() * count
         self.chosen: list[int] = []
         self.misfit, self._worst = 0.0, -1
-        self._is_apart = self._compare_loops()
+        self._is_disjoint = self._compare_loops()
         if self.border is not None:
             around = shell.vertices[self.border]
             starts = [k for k in range(LOOP_PLACES // 2) if self._is_beyond(k, around)]
-            if starts and self._is_apart[starts[0], -1]:
+            if starts and self._is_disjoint[starts[0], -1]:
                 self.chosen = [starts[0], LOOP_PLACES - 1]
                 self._measure()
 
     @property
-    def has_room(self) -> bool:
+    def can_add_loop(self) -> bool:
         """Return whether another loop is worth its vertices."""
         return self.vertex_count < self._most and self.misfit > MIN_LOOP_MISFIT
 
@@ -155,7 +155,7 @@ class LoopPlan:
         tube = (1 - share) * self._traces[:, low] + share * self._traces[:, high]
         misfit = np.linalg.norm(self._traces - tube, axis=2).max(axis=0)
         misfit += self._bend * np.minimum(at - start, stop - at)
-        is_free = self._is_apart[low, k] & self._is_apart[k, high] & (k > chosen[0])
+        is_free = self._is_disjoint[low, k] & self._is_disjoint[k, high] & (k > chosen[0])
         misfit = np.where(is_free, misfit, 0.0)
         self._worst, self.misfit = int(misfit.argmax()), float(misfit.max()) / self._edge
 
@@ -176,7 +176,7 @@ def _choose_limbs(shell: TriMesh, plans: list[LoopPlan], most: int) -> list[Loop
             chosen.append(plan)
             is_taken[corners] = True
             most -= plan.vertex_count
-    while growing := [plan for plan in chosen if plan.has_room and plan.sides <= most]:
+    while growing := [plan for plan in chosen if plan.can_add_loop and plan.sides <= most]:
         worst = max(growing, key=lambda plan: plan.misfit)
         worst.add_loop()
         most -= worst.sides

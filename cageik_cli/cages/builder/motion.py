@@ -141,9 +141,9 @@ class EditGains:
             self.splits = _choose_splits(cage, motion.points, squares, split_share)
         divided = split_edges(cage, self.splits)
         weights = harmonic_weights(divided, motion.points, UNREFINED).values
-        hats, own = weights[:, count:], weights[:, :count].copy()
+        columns, own = weights[:, count:], weights[:, :count].copy()
         for side in range(2):
-            np.add.at(own.T, self.splits[:, side], 0.5 * hats.T)
+            np.add.at(own.T, self.splits[:, side], 0.5 * columns.T)
         laplacian = uniform_laplacian(cage)
         smoothness = alpha * len(own) / count * laplacian.T @ laplacian
         inverse = np.linalg.inv(own.T @ own + smoothness)
@@ -151,9 +151,9 @@ class EditGains:
         residual = motion.displacements - own @ cages
         self.error, self.squares = float((residual**2).sum()), (residual**2).sum(axis=1)
         tiny = 1e-12  # an edit that changes nothing gains nothing
-        product = own.T @ hats
-        new = (hats**2).sum(axis=0) - (product * (inverse @ product)).sum(axis=0)
-        self.gains = ((hats.T @ residual) ** 2).sum(axis=1) / np.maximum(new, tiny)
+        product = own.T @ columns
+        new = (columns**2).sum(axis=0) - (product * (inverse @ product)).sum(axis=0)
+        self.gains = ((columns.T @ residual) ** 2).sum(axis=1) / np.maximum(new, tiny)
         first, second = self.edges.T
         apart = ((cages[first] - cages[second]) ** 2).sum(axis=1)
         slack = inverse.diagonal()[self.edges].sum(axis=1) - 2 * inverse[first, second]

@@ -19,7 +19,7 @@ MIN_QUAD_ANGLE = 5.0
 PAIR_VALUE = 0.5
 """What a quad counts for whatever its shape, which counts for at most one."""
 
-HELD_VALUE = 0.25
+KEPT_PAIR_VALUE = 0.25
 """What a quad counts for in addition that holds the model already: it gives way to two others."""
 
 RIDGE_COST = 0.35
@@ -125,7 +125,7 @@ class Pairing:
             edge = name_edge(a, b)
             if (usable or edge in held) and edge not in banned:
                 faces = self._beside[a, b][0], self._beside[b, a][0]
-                value += HELD_VALUE * (edge in held)
+                value += KEPT_PAIR_VALUE * (edge in held)
                 options.append(_Option(value, faces, (edge,), (name_edge(c, d),)))
         return options
 

@@ -46,7 +46,7 @@ MAX_SETTLING_STEPS = 5
 """Steps in which a moved vertex looks for a place that keeps off the samples."""
 
 
-def mend_angles(draft: Draft, fewest: int) -> int:
+def improve_angles(draft: Draft, fewest: int) -> int:
     """Edit faces with angles below the goal, the worst first; return the number of edits."""
     angles = measure_angles(draft.vertices[draft.faces]).min(axis=1)
     worst = np.argsort(angles.round(ANGLE_DECIMALS), kind="stable")
@@ -73,14 +73,14 @@ def tighten(draft: Draft, samples: Floats, chosen: Iterable[int] | None = None) 
 
     They move as far as the clearance allows.
     """
-    beside = _list_samples_beside(TriMesh(draft.vertices, draft.faces), samples)
+    beside = _list_nearby_samples(TriMesh(draft.vertices, draft.faces), samples)
     return sum(
         _pull(draft, vertex, beside[vertex])
         for vertex in (range(len(beside)) if chosen is None else sorted(chosen))
     )
 
 
-def _list_samples_beside(cage: TriMesh, samples: Floats) -> list[Floats]:
+def _list_nearby_samples(cage: TriMesh, samples: Floats) -> list[Floats]:
     """Return the samples (k, 3) for each vertex whose nearest points on the cage move with it.
 
     At an edge, that does not hang on which of its two faces is found.
@@ -132,7 +132,7 @@ def splits_well(draft: Draft, start: int, stop: int, valence: Integers, angle: f
     """Return whether halves of the faces at an edge have the angle, and vertices across room."""
     if not draft.is_divisible(start, stop):
         return False
-    corners = draft.faces[draft.faces_beside(start, stop)]
+    corners = draft.faces[draft.faces_at_edge(start, stop)]
     across = corners[(corners != start) & (corners != stop)]
     if valence[across].max() >= MAX_VALENCE:
         return False
@@ -259,7 +259,7 @@ def move_vertex(draft: Draft, vertex: int, position: Floats) -> Edit:
 
 def flip_edge(draft: Draft, start: int, stop: int) -> Edit | None:
     """Put the other diagonal in the place of an edge; None if that is an edge already."""
-    beside = draft.faces_beside(start, stop)
+    beside = draft.faces_at_edge(start, stop)
     if len(beside) != 2:
         return None
     across = [_opposite(draft.faces[face], start, stop) for face in beside]
@@ -298,14 +298,14 @@ def settle(draft: Draft, edit: Edit) -> Edit:
         short = lack > 0
         if not short.any():
             break
-        step = least_move(directions[short], lack[short] + 0.01 * draft.clearance)
+        step = find_least_move(directions[short], lack[short] + 0.01 * draft.clearance)
         edit = Edit(edit.removed, edit.added, edit.vertex, edit.position + step)
         # What is far from all new faces stays so.
         samples = samples[lack > -3 * lack.max() - draft.clearance]
     return edit
 
 
-def least_move(directions: Floats, lack: Floats) -> Floats:
+def find_least_move(directions: Floats, lack: Floats) -> Floats:
     """Return the shortest x, (3,), with directions @ x ≥ lack; zero if there is none.
 
     Lawson and Hanson 1974, chapter 23: least distance programming, by its dual.

@@ -81,7 +81,7 @@ class QuadDraft(Draft):
 
     def add(self, quad: Integers) -> None:
         """Make two triangles a quad, untested; its first diagonal is the edge between them."""
-        self._cut[self.faces_beside(int(quad[0]), int(quad[2]))] = 1
+        self._cut[self.faces_at_edge(int(quad[0]), int(quad[2]))] = 1
         self.faces = np.concatenate([self.faces, quad[list(HALVES[2:])]])
         self._cut = np.append(self._cut, [2, 2])
 
@@ -90,7 +90,7 @@ class QuadDraft(Draft):
 
         Their angles must be at least this, degrees.
         """
-        halves = self.faces_beside(int(quad[0]), int(quad[2]))
+        halves = self.faces_at_edge(int(quad[0]), int(quad[2]))
         edit = Edit(halves, quad[list(HALVES[2:])], int(quad[0]), self.vertices[quad[0]])
         if self.angles(edit).min() < angle or not self.allows(edit):
             return False

@@ -6,17 +6,17 @@ If no shell gives a valid cage, an ellipsoid is drawn in.
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from cageik_cli.cages.builder.collapse import collapse_edges, list_stages, thin_shell
+from cageik_cli.cages.builder.collapse import collapse_edges, list_stages, simplify_shell
 from cageik_cli.cages.builder.contacts import ContactSearch
 from cageik_cli.cages.builder.draft import Draft
 from cageik_cli.cages.builder.judge import Demand, find_near_points, keep_one_per_cell
-from cageik_cli.cages.builder.loops import NO_LOOPS, Loops, collapse_around, lay_loops
+from cageik_cli.cages.builder.loops import NO_LOOPS, Loops, collapse_around, place_edge_loops
 from cageik_cli.cages.builder.motion import Motion
 from cageik_cli.cages.builder.paired import PairedDraft, collapse_pairs
 from cageik_cli.cages.builder.polish import (
     collapse_in_shape,
+    improve_angles,
     lower_valences,
-    mend_angles,
     refill,
     tighten,
 )
@@ -49,12 +49,12 @@ def refine_shell(
     """Make a cage of a shell, with its loops; the judge decides whether it is valid."""
     stages = list_stages(demand.most)
     # A fine shell hardly tangles: down to this number of vertices, collapses need no test.
-    cage, evenness = thin_shell(shell, max(1200, 2 * stages[0]))
+    cage, evenness = simplify_shell(shell, max(1200, 2 * stages[0]))
     if demand.axis is not None:
         cage = add_image(cut_half(cage, demand.axis), demand.axis)
     loops = NO_LOOPS
     if has_loops:
-        cage, loops = lay_loops(cage, demand.most, motion)
+        cage, loops = place_edge_loops(cage, demand.most, motion)
     for count in stages:
         if loops.count:
             cage = collapse_around(cage, count, motion, evenness, loops)
@@ -69,11 +69,11 @@ def refine_shell(
     cage, samples = complete_clearance(cage, demand, demand.samples, rounds=1)
     draft = make_draft(cage, demand, samples, loops)
     for _ in range(2):
-        mend_angles(draft, demand.fewest)
+        improve_angles(draft, demand.fewest)
         lower_valences(draft)
         refill(draft, demand.most)
         tighten(draft, samples)
-    mend_angles(draft, draft.count)
+    improve_angles(draft, draft.count)
     return complete_clearance(draft.to_mesh(), demand, samples)[0], loops
 
 

@@ -159,4 +159,4 @@ class _Round:
 
     def _around_edge(self, start: int, stop: int) -> Integers:
         """Return the vertices of the faces at an edge."""
-        return np.unique(self._draft.faces[self._draft.faces_beside(int(start), stop)])
+        return np.unique(self._draft.faces[self._draft.faces_at_edge(int(start), stop)])

@@ -17,9 +17,9 @@ from cageik_cli.cages.check.enclosure import (
 from cageik_cli.cages.check.faults import SEVERITIES, Finding, find_cage_faults
 from cageik_cli.cages.check.misfit import Misfit, explain_misfit
 from cageik_cli.cages.check.quality import (
+    find_looseness_faults,
     find_low_clearance,
     find_needle_faces,
-    find_room_faults,
     find_surface_crossings,
     find_thin_parts,
     find_weak_vertices,
@@ -171,7 +171,7 @@ def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None
         elif are_swapped(cage, rest):
             findings = [make_swap_finding(cage, rest)]
         elif len(cage.vertices) > len(rest.vertices):
-            findings.append(_suspect_swap(cage, rest))
+            findings.append(_make_likely_swap_finding(cage, rest))
     is_of_another = misfit is not None and not misfit.is_repairable
     # To mend the other faults of such a cage would not help.
     findings.sort(
@@ -226,7 +226,7 @@ def _diagnose_rest(
         facts = replace(facts, transform=name, inflation=misfit.inflation)
         findings.append(placement.find_outside(misfit.remedy))
     else:
-        findings += [*find_room_faults(placement.cage, rest), *find_low_clearance(placement)]
+        findings += [*find_looseness_faults(placement.cage, rest), *find_low_clearance(placement)]
     return _add_clearance(facts, placement), misfit, findings
 
 
@@ -281,7 +281,7 @@ def _find_too_many_faces(cage: TriMesh) -> Iterator[Finding]:
         yield Finding("too-many-faces", "unfit", message, remedy, value=float(count))
 
 
-def _suspect_swap(cage: TriMesh, rest: TriMesh) -> Finding:
+def _make_likely_swap_finding(cage: TriMesh, rest: TriMesh) -> Finding:
     message = f"the cage has {len(cage.vertices)} vertices and the model {len(rest.vertices)}"
     value = float(len(cage.vertices))
     return Finding("swapped", "note", message, "are they swapped?", value=value)

@@ -118,7 +118,7 @@ def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
         yield found.at("vertices", weak)
 
 
-def find_room_faults(
+def find_looseness_faults(
     cage: TriMesh, rest: TriMesh, is_thorough: bool = True, is_built: bool = False
 ) -> Iterator[Finding]:
     """Find what is poor about the room in a cage, closed and turned outward, around its model.
@@ -139,9 +139,9 @@ def find_room_faults(
         yield replace(fault, remedy="raise `cage_vertices=`") if is_built else fault
 
 
-def has_too_much_room(cage: TriMesh, rest: TriMesh) -> bool:
+def is_too_loose(cage: TriMesh, rest: TriMesh) -> bool:
     """Return whether a cage is so large, or so loose, that it follows no part of its model well."""
-    return next(find_room_faults(cage, rest, is_thorough=False), None) is not None
+    return next(find_looseness_faults(cage, rest, is_thorough=False), None) is not None
 
 
 def _describe_size(cage: TriMesh, rest: TriMesh) -> Finding:

@@ -29,9 +29,9 @@ from cageik_cli.cages.repair.tidy import (
     find_coincident,
     find_fins,
     find_holes,
-    find_inward,
+    find_inward_facing,
+    find_misoriented,
     find_repeated,
-    find_turned,
     label_patches,
     replace_corners,
 )
@@ -388,9 +388,9 @@ class Repair:
 
     def _turn_faces(self) -> None:
         """Turn faces until neighbours agree, then closed components until they face outward."""
-        turned = find_turned(self.mesh)
+        turned = find_misoriented(self.mesh)
         mesh = self.mesh.turn(turned)
-        inward = find_inward(mesh)
+        inward = find_inward_facing(mesh)
         turned ^= inward
         if not turned.any():
             return
@@ -454,5 +454,5 @@ class Repair:
 
 def _measure_volume(mesh: PolygonMesh) -> float:
     """Return the absolute volume of a cage with its faces turned alike."""
-    alike = mesh.turn(find_turned(mesh))
+    alike = mesh.turn(find_misoriented(mesh))
     return float(abs(signed_volumes(alike.vertices[None], alike.triangles.faces)[0]))

@@ -139,7 +139,9 @@ class ShapeFit:
     def count_faults(self, cage: TriMesh) -> int:
         """Count crossing faces of the cage, points outside, and crossing faces of the model."""
         outside = int(np.count_nonzero(measure_depths(cage, self._samples)[0] < 0))
-        return len(find_tangle(cage)) + outside + len(self._find_crossing_faces(cage))
+        return (
+            len(find_self_intersecting_faces(cage)) + outside + len(self._find_crossing_faces(cage))
+        )
 
     def _untangle(self, shape: Shape, effort: Effort) -> Shape:
         flat = untangle(shape.cage, effort)
@@ -229,7 +231,7 @@ class ShapeFit:
             return False
         if (measure_depths(after, samples)[0] < self._least).any():
             return False
-        if len(find_local_tangle(after, *box)):
+        if len(find_local_self_intersecting_faces(after, *box)):
             return False
         corners = self._model.vertices[self._model.faces]
         around = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
@@ -314,7 +316,7 @@ MAX_MOVE_CANDIDATES = 24
 """Vertices tried before each move, those of most crossing faces first."""
 
 
-def find_tangle(cage: TriMesh) -> Integers:
+def find_self_intersecting_faces(cage: TriMesh) -> Integers:
     """Find the faces that cross others, and those without a plane.
 
     Returns
@@ -325,7 +327,7 @@ def find_tangle(cage: TriMesh) -> Integers:
     return np.concatenate([self_intersections(cage).ravel(), np.repeat(flat, 2)])
 
 
-def find_local_tangle(
+def find_local_self_intersecting_faces(
     cage: TriMesh, low: Floats, high: Floats, effort: Effort | None = None
 ) -> Integers:
     """Find the tangle of the faces that reach into the box between `low` and `high`, (3,).
@@ -339,7 +341,7 @@ def find_local_tangle(
         return numbers
     if effort is not None:
         effort.spend_on_tangle(len(numbers))
-    return numbers[find_tangle(TriMesh(cage.vertices, cage.faces[near]))]
+    return numbers[find_self_intersecting_faces(TriMesh(cage.vertices, cage.faces[near]))]
 
 
 def find_star_box(cage: TriMesh, group: Integers, others: Floats) -> tuple[Floats, Floats]:
@@ -356,10 +358,10 @@ def untangle(cage: TriMesh, effort: Effort | None = None) -> TriMesh:
     there is no better.
     """
     effort = effort or Effort()
-    best, fewest = cage, len(find_tangle(cage))
+    best, fewest = cage, len(find_self_intersecting_faces(cage))
     for _ in range(MAX_RELAXATIONS):
         cage = _move_single_vertices(cage, effort)
-        tangle = find_tangle(cage)
+        tangle = find_self_intersecting_faces(cage)
         if len(tangle) < fewest:
             best, fewest = cage, len(tangle)
         if len(tangle) == 0 or effort.is_spent:
@@ -370,14 +372,14 @@ def untangle(cage: TriMesh, effort: Effort | None = None) -> TriMesh:
 
 
 def _move_single_vertices(cage: TriMesh, effort: Effort) -> TriMesh:
-    tangle = find_tangle(cage)
+    tangle = find_self_intersecting_faces(cage)
     for _ in range(MAX_SINGLE_MOVES):
         if len(tangle) == 0:
             break
         better = _find_best_move(cage, tangle, effort)
         if better is None:
             break
-        cage, tangle = better, find_tangle(better)
+        cage, tangle = better, find_self_intersecting_faces(better)
     return cage
 
 
@@ -396,10 +398,10 @@ def _find_best_move(cage: TriMesh, tangle: Integers, effort: Effort) -> TriMesh 
             break
         chosen = np.array([vertex])
         box = find_star_box(cage, chosen, move_to_neighbours(cage, chosen, max(steps))[chosen])
-        before = len(find_local_tangle(cage, *box, effort))
+        before = len(find_local_self_intersecting_faces(cage, *box, effort))
         for step in steps:
             moved = TriMesh(move_to_neighbours(cage, chosen, step), cage.faces)
-            gain = before - len(find_local_tangle(moved, *box, effort))
+            gain = before - len(find_local_self_intersecting_faces(moved, *box, effort))
             way = float(np.linalg.norm(moved.vertices[vertex] - cage.vertices[vertex]))
             # A long move must be worth it; a short one is not free either.
             merit = gain / (way / cage.diagonal + 0.02)

@@ -232,7 +232,7 @@ def label_patches(mesh: PolygonMesh) -> Integers:
     return find_groups(pairs, len(mesh.corner_counts))
 
 
-def find_turned(mesh: PolygonMesh) -> Mask:
+def find_misoriented(mesh: PolygonMesh) -> Mask:
     """Return which polygons to turn so that neighbours face alike, (p,); the fewest of each patch.
 
     Each polygon is two nodes, as it is and turned; neighbours that agree tie like to like. A
@@ -251,7 +251,7 @@ def find_turned(mesh: PolygonMesh) -> Mask:
     return np.asarray((votes[turned] > votes[as_is]) | is_tie_turned, np.bool_)
 
 
-def find_inward(mesh: PolygonMesh) -> Mask:
+def find_inward_facing(mesh: PolygonMesh) -> Mask:
     """Return which polygons belong to closed components of negative volume, (p,)."""
     uses, _ = count_edge_uses(mesh)
     label = label_patches(mesh)

@@ -149,8 +149,8 @@ def drop_parts(mesh: TriMesh, exclude: Sequence[str]) -> tuple[TriMesh, list[str
 def order_parts(mesh: TriMesh, expected: TriMesh, name: str) -> tuple[TriMesh, list[str]]:
     """Return a mesh with its parts in the order of another one, and a note if it was another.
 
-    Parts are told by their names, or by the last ones in their paths. Those of other names are
-    taken in the order of the mesh.
+    Parts are identified by their names, or by the last ones in their paths. Those of other names
+    are taken in the order of the mesh.
 
     Raises
     ------

@@ -117,8 +117,8 @@ class FrameFileReader(MeshSequence):
             self.first, self._kept, left_out = select_parts(
                 self._whole, request.member, request.settings.exclude
             )
-        told = (*mesh.notes, *describe_folded(self._whole))
-        notes = (f"{self.names[0]}: {note}, as in all frames" for note in told)
+        found = (*mesh.notes, *describe_folded(self._whole))
+        notes = (f"{self.names[0]}: {note}, as in all frames" for note in found)
         self.notes = (*series.notes, *notes, *left_out)
         self._parse_alike = self.make_frame_parser(data, parsed)
 

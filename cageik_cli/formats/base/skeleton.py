@@ -178,7 +178,7 @@ def name_joints(
     for k in range(int(limbs.max()) + 1):
         points = rest_places[limb_of_vertex == k]
         found.append(_describe(points if len(points) else joint_places[limbs == k], box))
-    limb_names = _tell_apart(found)
+    limb_names = _make_names_unique(found)
     joint_names = [""] * len(places)
     step = 1e-6 * (np.ptp(box, axis=0).max() or 1)  # ties of mirrored joints are no rounding
     across, height, depth = np.round((joint_places - box.mean(axis=0)) / step).T
@@ -191,7 +191,7 @@ def name_joints(
     return limb_names, joint_names
 
 
-def _tell_apart(names: list[str]) -> list[str]:
+def _make_names_unique(names: list[str]) -> list[str]:
     """Give the second of equal names a b, the third a c."""
     counts: dict[str, int] = {}
     found = []

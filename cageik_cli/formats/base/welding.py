@@ -89,10 +89,10 @@ class CornerMap:
         is_near = np.isclose(corners, own, rtol=0, atol=ROUNDING * largest, equal_nan=True)
         apart = np.flatnonzero(~is_near.all(axis=1))
         if len(apart):
-            self._refuse_apart(corners, int(apart[0]), len(apart))
+            self._refuse_split_corners(corners, int(apart[0]), len(apart))
         return vertices
 
-    def _refuse_apart(self, corners: Floats, corner: int, count: int) -> None:
+    def _refuse_split_corners(self, corners: Floats, corner: int, count: int) -> None:
         vertex = int(self.numbers[corner])
         first = int(self._first_corners[vertex])
         here, there = ("({:g}, {:g}, {:g})".format(*corners[k]) for k in (first, corner))

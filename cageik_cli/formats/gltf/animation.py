@@ -135,7 +135,7 @@ class Animation:
         channels = [] if item is None else item.list_items("channels")
         for channel in channels:
             target = channel.find_item("target")
-            node = None if target is None else target.find_whole("node", len(document.nodes))
+            node = None if target is None else target.find_integer("node", len(document.nodes))
             path = "" if target is None else target.read_text("path")
             if node is None or path not in {*TRS_WIDTHS, "weights"}:
                 others.add(path)
@@ -231,7 +231,7 @@ class Animation:
             )
         assert self._item is not None
         samplers = self._item.list_items("samplers")
-        number = channel.read_whole("sampler", len(samplers))
+        number = channel.read_integer("sampler", len(samplers))
         known = number, path, width
         if known not in self._read:
             self._read[known] = self._read_sampler(samplers[number], path, width)
@@ -244,7 +244,7 @@ class Animation:
             expected = f"one of {', '.join(_INTERPOLATIONS)}"
             raise item.make_error("interpolation", interpolation, expected)
         count = len(document.accessors)
-        keys = read_floats(document, item.read_whole("input", count), (1,), needs_float=True)
+        keys = read_floats(document, item.read_integer("input", count), (1,), needs_float=True)
         document.claim(8 * len(keys))
         keys = keys[:, 0].astype(np.float64)
         late = np.flatnonzero(np.diff(keys) < 0)
@@ -254,7 +254,7 @@ class Animation:
             raise FormatError(
                 f"{item.locate('input')} are not ascending times ({why}); export the file again"
             )
-        output = item.read_whole("output", count)
+        output = item.read_integer("output", count)
         is_spline = interpolation == "CUBICSPLINE"
         widths = (width,) if path in TRS_WIDTHS else (1,)
         per_key = (3 if is_spline else 1) * (1 if path in TRS_WIDTHS else width)

@@ -80,20 +80,20 @@ class Item:
         """Return whether there is a value."""
         return self.values.get(name) is not None
 
-    def find_whole(self, name: str, below: int | None = None, lowest: int = 0) -> int | None:
+    def find_integer(self, name: str, below: int | None = None, lowest: int = 0) -> int | None:
         """Return a whole number from `lowest` to below a bound; None if it is absent."""
         value = self.values.get(name)
-        return None if value is None else self._check_whole(name, value, below, lowest)
+        return None if value is None else self._check_integer(name, value, below, lowest)
 
-    def read_whole(self, name: str, below: int | None = None, lowest: int = 0) -> int:
+    def read_integer(self, name: str, below: int | None = None, lowest: int = 0) -> int:
         """Return a whole number, which must be there."""
-        return self._check_whole(name, self.values.get(name), below, lowest)
+        return self._check_integer(name, self.values.get(name), below, lowest)
 
-    def list_wholes(self, name: str, below: int) -> Integers:
+    def list_integers(self, name: str, below: int) -> Integers:
         """Return a list of whole numbers from 0 to below a bound, (k,); empty if it is absent."""
         values = self._read_list(name)
         for k, value in enumerate(values):
-            self._check_whole(f"{name}[{k}]", value, below, 0)
+            self._check_integer(f"{name}[{k}]", value, below, 0)
         return np.array(values, np.int64)
 
     def find_numbers(self, name: str, count: int | None) -> Floats | None:
@@ -148,7 +148,7 @@ class Item:
             raise self.make_error(name, value, "a list")
         return value or []
 
-    def _check_whole(self, name: str, value: Any, below: int | None, lowest: int) -> int:
+    def _check_integer(self, name: str, value: Any, below: int | None, lowest: int) -> int:
         """Return a value if it is a whole number within its bounds."""
         is_whole = isinstance(value, int) and not isinstance(value, bool)
         if not is_whole or value < lowest or (below is not None and value >= below):
@@ -206,15 +206,15 @@ class Document:
         These are None where elements follow each other.
         """
         view = self._views[number]
-        buffer = self._read_buffer(view.read_whole("buffer", len(self._buffer_items)))
-        length = view.read_whole("byteLength", lowest=1)
-        start = view.find_whole("byteOffset") or 0
+        buffer = self._read_buffer(view.read_integer("buffer", len(self._buffer_items)))
+        length = view.read_integer("byteLength", lowest=1)
+        start = view.find_integer("byteOffset") or 0
         if start + length > len(buffer):
             raise FormatError(
                 f"{view.place} ends at byte {start + length} of its buffer, which has "
                 f"{len(buffer)}; export the file again"
             )
-        return buffer[start : start + length], view.find_whole("byteStride", lowest=1)
+        return buffer[start : start + length], view.find_integer("byteStride", lowest=1)
 
     @property
     def view_count(self) -> int:
@@ -245,7 +245,7 @@ class Document:
         """Return the bytes of a buffer, at least as many as it states."""
         if number not in self._buffers:
             item = self._buffer_items[number]
-            length = item.read_whole("byteLength", lowest=1)
+            length = item.read_integer("byteLength", lowest=1)
             with error_context(item.place):
                 data = self._load_buffer(item, number)
                 if len(data) < length:
@@ -417,7 +417,7 @@ def read_rows(
     return convert(found)
 
 
-def read_wholes(document: Document, number: int, width: int) -> Integers:
+def read_integers(document: Document, number: int, width: int) -> Integers:
     """Read an accessor as whole numbers, (count, width), which are not below 0."""
     item = document.accessors[number]
     if COMPONENTS[_read_code(item)][1] != "u":
@@ -431,11 +431,11 @@ def read_wholes(document: Document, number: int, width: int) -> Integers:
 
 def count_rows(document: Document, number: int) -> int:
     """Return how many elements an accessor states."""
-    return document.accessors[number].read_whole("count", lowest=1)
+    return document.accessors[number].read_integer("count", lowest=1)
 
 
 def _read_code(item: Item) -> int:
-    code = item.read_whole("componentType")
+    code = item.read_integer("componentType")
     if code not in COMPONENTS:
         raise item.make_error("componentType", code, f"one of {', '.join(map(str, COMPONENTS))}")
     return code
@@ -449,8 +449,8 @@ def _read_raw(document: Document, item: Item, widths: tuple[int, ...]) -> Rows:
     if width not in widths:
         wanted = [name for name, each in WIDTHS.items() if each in widths]
         raise item.make_error("type", name, " or ".join(wanted))
-    count = item.read_whole("count", lowest=1)
-    view = item.find_whole("bufferView", document.view_count)
+    count = item.read_integer("count", lowest=1)
+    view = item.find_integer("bufferView", document.view_count)
     sparse = item.find_item("sparse")
     indices, values = np.zeros(0, np.int64), np.zeros((0, width), kind)
     if sparse is not None:
@@ -470,14 +470,14 @@ def _read_sparse(
     document: Document, sparse: Item, shape: tuple[int, int], kind: np.dtype[Any]
 ) -> tuple[Integers, NDArray[Any]]:
     """Return the numbers of the rows that differ, ascending, and these rows."""
-    count = sparse.read_whole("count", shape[0] + 1, lowest=1)
+    count = sparse.read_integer("count", shape[0] + 1, lowest=1)
     parts = []
     for name, row_width in (("indices", 1), ("values", shape[1])):
         part = sparse.find_item(name)
         if part is None:
             raise sparse.make_error(name, None, "an object")
         held = kind if name == "values" else np.dtype(COMPONENTS[_read_code(part)])
-        view = part.read_whole("bufferView", document.view_count)
+        view = part.read_integer("bufferView", document.view_count)
         parts.append(_view_rows(document, part, view, (count, row_width), held))
     indices = parts[0][:, 0].astype(np.int64)
     if indices[0] < 0 or indices[-1] >= shape[0] or (np.diff(indices) <= 0).any():
@@ -495,7 +495,7 @@ def _view_rows(
     data, stride = document.read_view(view)
     width = shape[1] * kind.itemsize
     step = stride or width
-    start = item.find_whole("byteOffset") or 0
+    start = item.find_integer("byteOffset") or 0
     stop = start + step * (shape[0] - 1) + width
     if step < width or stop > len(data):
         raise FormatError(

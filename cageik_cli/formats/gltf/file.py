@@ -290,7 +290,7 @@ class GlbWriter(AnimationWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         self._target, self._animation = target, animation
-        self.notes = _tell_start(animation.scene)
+        self.notes = _describe_start(animation.scene)
 
     def open_file(self, vector_count: int, spool_count: int) -> list[VectorSpool]:
         """Open the file, and spools of as many vectors per frame."""
@@ -340,7 +340,7 @@ class GlbWriter(AnimationWriter):
         return placement
 
 
-def _tell_start(scene: Scene) -> tuple[str, ...]:
+def _describe_start(scene: Scene) -> tuple[str, ...]:
     """Return a note on the number of the frame at 0 s, where that is not the usual 0 or 1."""
     if scene.start in (0, 1):
         return ()

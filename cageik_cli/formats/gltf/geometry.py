@@ -21,8 +21,8 @@ from cageik_cli.formats.gltf.document import (
     count_rows,
     make_compression_error,
     read_floats,
+    read_integers,
     read_rows,
-    read_wholes,
 )
 from cageik_cli.formats.gltf.nodes import (
     INFLUENCE_SET_BYTES,
@@ -296,7 +296,7 @@ class Triangles:
                 continue
             pool = self._find_pool(document, primitive)
             faces.append(pool.start + _read_faces(document, primitive, pool.stop - pool.start))
-            material = primitive.find_whole("material", len(document.materials))
+            material = primitive.find_integer("material", len(document.materials))
             materials.append(np.full(len(faces[-1]), NONE if material is None else material))
         if len({len(pool.targets) for pool in self.pools.values()}) > 1:
             raise FormatError(f"{mesh.place} has primitives of other numbers of morph targets")
@@ -310,9 +310,9 @@ class Triangles:
         count = len(document.accessors)
         item = primitive.find_item("attributes")
         assert item is not None
-        attributes = {name: item.read_whole(name, count) for name in item.values}
+        attributes = {name: item.read_integer(name, count) for name in item.values}
         targets = tuple(
-            each.find_whole("POSITION", count) for each in primitive.list_items("targets")
+            each.find_integer("POSITION", count) for each in primitive.list_items("targets")
         )
         place = document.accessors[attributes["POSITION"]]
         if primitive.find_extension(_DRACO) and not place.has("bufferView"):
@@ -330,7 +330,7 @@ def _is_of_faces(primitive: Item) -> bool:
 
 
 def _read_mode(primitive: Item) -> int:
-    mode = primitive.find_whole("mode", 7)
+    mode = primitive.find_integer("mode", 7)
     return TRIANGLES if mode is None else mode
 
 
@@ -361,12 +361,12 @@ def _claim_vertices(
 
 def _read_faces(document: Document, primitive: Item, vertex_count: int) -> Integers:
     """Return the triangles (t, 3) of a primitive, which count its vertices from 0."""
-    accessor = primitive.find_whole("indices", len(document.accessors))
+    accessor = primitive.find_integer("indices", len(document.accessors))
     if accessor is None:
         document.claim(8 * vertex_count)
         corners = np.arange(vertex_count)
     else:
-        corners = read_wholes(document, accessor, 1)[:, 0]
+        corners = read_integers(document, accessor, 1)[:, 0]
         if corners.max() >= vertex_count:
             raise FormatError(
                 f"{primitive.locate('indices')} name vertex {corners.max()}, expected 0 to "

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.gltf.document import Document, Item, count_rows, read_floats, read_wholes
+from cageik_cli.formats.gltf.document import Document, Item, count_rows, read_floats, read_integers
 from cageik_cli.geometry.attributes import MAX_NAME_LENGTH
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FormatError
@@ -106,7 +106,7 @@ class NodeTree:
         """Return the node above each; -1 at the top."""
         parents = np.full(len(self._items), -1)
         for k, item in enumerate(self._items):
-            for child in item.list_wholes("children", len(self._items)).tolist():
+            for child in item.list_integers("children", len(self._items)).tolist():
                 if parents[child] >= 0:
                     raise FormatError(
                         f"nodes[{child}] is below nodes[{parents[child]}] and nodes[{k}], expected "
@@ -122,9 +122,9 @@ class NodeTree:
         """
         tops = dict.fromkeys(np.flatnonzero(self._parents < 0).tolist())
         scene = _find_scene(document)
-        listed = [] if scene is None else scene.list_wholes("nodes", len(self._items)).tolist()
+        listed = [] if scene is None else scene.list_integers("nodes", len(self._items)).tolist()
         tops = dict.fromkeys([*(k for k in listed if k in tops), *tops])
-        below = [item.list_wholes("children", len(self._items)).tolist() for item in self._items]
+        below = [item.list_integers("children", len(self._items)).tolist() for item in self._items]
         return [*below, list(tops)]
 
     def _order_levels(self) -> list[Integers]:
@@ -152,7 +152,7 @@ class NodeTree:
         if scene is not None:
             tops = self._parents < 0
             shown[tops] = False
-            shown[scene.list_wholes("nodes", len(self._items))] = True
+            shown[scene.list_integers("nodes", len(self._items))] = True
         for k, item in enumerate(self._items):
             visibility = item.find_extension("KHR_node_visibility")
             if visibility is not None and visibility.values.get("visible") is False:
@@ -176,7 +176,7 @@ class NodeTree:
 def _find_scene(document: Document) -> Item | None:
     """Return the scene that a viewer opens; None if there is none."""
     scenes = document.root.list_items("scenes")
-    return scenes[document.root.find_whole("scene", len(scenes)) or 0] if scenes else None
+    return scenes[document.root.find_integer("scene", len(scenes)) or 0] if scenes else None
 
 
 def read_instances(document: Document, node: Item) -> Floats | None:
@@ -197,7 +197,7 @@ def read_instances(document: Document, node: Item) -> Floats | None:
         name: number
         for name in TRS_WIDTHS
         if attributes is not None
-        and (number := attributes.find_whole(name.upper(), len(document.accessors))) is not None
+        and (number := attributes.find_integer(name.upper(), len(document.accessors))) is not None
     }
     counts = {count_rows(document, number) for number in numbers.values()}
     if len(counts) != 1:
@@ -264,12 +264,12 @@ class Skin:
 
     def __init__(self, document: Document, number: int) -> None:
         item = document.skins[number]
-        self.joints = item.list_wholes("joints", len(document.nodes))
+        self.joints = item.list_integers("joints", len(document.nodes))
         count = len(self.joints)
         if not count:
             raise item.make_error("joints", [], "one joint or more")
         self._inverse_binds = np.tile(np.eye(4), (count, 1, 1))
-        accessor = item.find_whole("inverseBindMatrices", len(document.accessors))
+        accessor = item.find_integer("inverseBindMatrices", len(document.accessors))
         if accessor is not None:
             rows = read_floats(document, accessor, (16,), needs_float=True)
             if len(rows) < count or not np.isfinite(rows[:count]).all():
@@ -374,7 +374,7 @@ def read_influences(
             continue
         columns = slice(4 * k, 4 * k + 4)
         values: dict[str, NDArray[Any]] = {
-            f"JOINTS_{k}": read_wholes(document, attributes[f"JOINTS_{k}"], 4),
+            f"JOINTS_{k}": read_integers(document, attributes[f"JOINTS_{k}"], 4),
             f"WEIGHTS_{k}": read_floats(document, attributes[f"WEIGHTS_{k}"], (4,)),
         }
         for name, found in values.items():

@@ -75,7 +75,7 @@ class Reader(SceneReader):
         mesh_numbers = {
             k: mesh
             for k in tree.list_in_order()
-            if (mesh := document.nodes[k].find_whole("mesh", len(document.meshes))) is not None
+            if (mesh := document.nodes[k].find_integer("mesh", len(document.meshes))) is not None
         }
         items = document.root.list_items("animations")
         self._rig = Rig(document, tree, mesh_numbers, items[number or 0] if items else None)
@@ -123,7 +123,7 @@ class Reader(SceneReader):
         """Open the mesh of a node; nodes of one mesh and one skin share it."""
         node, mesh, instance = found
         document, rig = self._document, self._rig
-        skin = document.nodes[node].find_whole("skin", len(document.skins))
+        skin = document.nodes[node].find_integer("skin", len(document.skins))
         key = mesh, skin
         if key not in self._geometries:
             with error_context(document.meshes[mesh].place):

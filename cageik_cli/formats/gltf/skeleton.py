@@ -227,14 +227,14 @@ class SkeletonWriter(GlbWriter):
             limit = self._tolerance / 100 * self._skin.rest.diagonal
             if largest > limit:
                 raise OutputError(
-                    f"rounding to 16 bits moves vertices by up to {self._tell_percent(largest)}, "
+                    f"rounding to 16 bits moves vertices by up to {self._format_percent(largest)}, "
                     f"more than `tolerance={self._tolerance:g}`; leave out `quantize=True`, or "
                     "give a larger tolerance"
                 )
             tracks = self._reduce_tracks(exact, written, limit)
         if tracks is not None:
             rms, largest = measure_change(keys, partial(evaluate_tracks, tracks), exact, written)
-        self._tell_change(tracks, rms, largest)
+        self._note_change(tracks, rms, largest)
         return tracks
 
     def _reduce_tracks(
@@ -278,11 +278,11 @@ class SkeletonWriter(GlbWriter):
         )
         return first, second
 
-    def _tell_percent(self, distance: float) -> str:
+    def _format_percent(self, distance: float) -> str:
         """Return a distance in percent of the diagonal."""
         return f"{100 * distance / self._skin.rest.diagonal:.2g} %"
 
-    def _tell_change(self, tracks: list[Track] | None, rms: float, largest: float) -> None:
+    def _note_change(self, tracks: list[Track] | None, rms: float, largest: float) -> None:
         """Note how many keys there are, and what they and rounding change."""
         every = self._keys.track_count * self._keys.frame_count
         count = every if tracks is None else sum(len(track.frames) for track in tracks)
@@ -291,7 +291,7 @@ class SkeletonWriter(GlbWriter):
             changes.insert(0, f"{count} of {format_count(every, 'key')} are kept")
         note = (
             f"{' and '.join(changes)}, by which vertices are off by an rms of "
-            f"{self._tell_percent(rms)}, {self._tell_percent(largest)} at most"
+            f"{self._format_percent(rms)}, {self._format_percent(largest)} at most"
         )
         if self._skin.error is not None:
             total = self._skin.error + 100 * rms / self._skin.rest.diagonal

@@ -8,8 +8,8 @@ by Gauss's theorem in the plane. Each term is linear in integrals that the weigh
 
     f = ∫ 1/r dl   and   g = ∫ (s − s_a)/r dl = r_b − r_a − s_a f     of every edge ab,
 
-and, for terms beyond linear, in those of the recurrences below. The double layer of a hat is a
-curl: its density is continuous on a closed surface, so that (Stokes)
+and, for terms beyond linear, in those of the recurrences below. The double layer of a basis
+function is a curl: its density is continuous on a closed surface, so that (Stokes)
 
     ∇ ∫ φ h/r³ dA = Σ_panels (n × ∇φ) × ∇ ∫ 1/r dA.
 
@@ -87,12 +87,12 @@ class WeightGradients:
     def evaluate_on_panels(self, points: Floats, chosen: Integers) -> Floats:
         """Return the limits of ∇w from inside, (3, n, q), at points (q, 3), each on its panel.
 
-        Along the panel it is the slope of the hats, across it the density.
+        Along the panel it is the slope of the basis functions, across it the density.
         """
         mesh, panels = self._mesh, self._panels
         corner = panels.vertices[panels.corners[chosen]]
-        hat_slopes = panels.hat_slopes[:, chosen]
-        rise = np.einsum("kqx,qkx->kq", hat_slopes, points[:, None] - corner)
+        basis_slopes = panels.basis_slopes[:, chosen]
+        rise = np.einsum("kqx,qkx->kq", basis_slopes, points[:, None] - corner)
         per_panel = self._linear.reshape(LINEAR_TERMS, len(panels.corners), -1)[:, chosen]
         barycentric = 1 + rise
         across = per_panel[0]
@@ -101,8 +101,10 @@ class WeightGradients:
         across += _evaluate_higher_densities(mesh.higher_terms, self._higher, chosen, barycentric)
         gradients = np.einsum("qn,qx->xnq", across, panels.normals[chosen])
         for k in range(3):
-            hats = mesh.hats.evaluate(panels.corners[chosen], np.eye(3)[[k] * len(chosen)])
-            gradients += np.einsum("qn,qx->xnq", hats, hat_slopes[k])
+            basis_functions = mesh.basis_functions.evaluate(
+                panels.corners[chosen], np.eye(3)[[k] * len(chosen)]
+            )
+            gradients += np.einsum("qn,qx->xnq", basis_functions, basis_slopes[k])
         self._enforce_affine(gradients)
         return np.asarray(gradients)
 
@@ -118,7 +120,7 @@ class WeightGradients:
                 row = (axis * LINEAR_TERMS + term) * p + own
                 entries.append((row, term * p + own, panels.normals[:, axis]))
                 if term:
-                    entries.append((row, 3 * p + own, panels.hat_slopes[term - 1, :, axis]))
+                    entries.append((row, 3 * p + own, panels.basis_slopes[term - 1, :, axis]))
                 for k in range(3):
                     side = -panels.side_normals[k, :, axis]
                     log, moment = self._edge_columns(k)
@@ -129,20 +131,20 @@ class WeightGradients:
 
     @cached_property
     def _double_layer_map(self) -> sparse.csr_array:
-        """Return the map from stacked integrals to ∇D of the hats, (3n, 4p + 2e)."""
+        """Return the map from stacked integrals to ∇D of the basis functions, (3n, 4p + 2e)."""
         mesh, panels = self._mesh, self._panels
         v, own = len(panels.vertices), np.arange(len(panels.corners))
         entries = []
         for i in range(3):
-            turned = np.cross(panels.normals, panels.hat_slopes[i])
+            turned = np.cross(panels.normals, panels.basis_slopes[i])
             for axis in range(3):
                 row = axis * v + panels.corners[:, i]
-                entries.append((row, own, panels.hat_slopes[i][:, axis]))
+                entries.append((row, own, panels.basis_slopes[i][:, axis]))
                 for k in range(3):
                     side = -np.cross(turned, panels.side_normals[k])[:, axis]
                     entries.append((row, self._edge_columns(k)[0], side))
-        to_hats = sparse.block_diag([mesh.hats.to_matrix().T] * 3, format="csr")
-        return sparse.csr_array(to_hats @ self._build_map(entries, 3 * v))
+        to_basis = sparse.block_diag([mesh.basis_functions.to_matrix().T] * 3, format="csr")
+        return sparse.csr_array(to_basis @ self._build_map(entries, 3 * v))
 
     def _edge_columns(self, k: int) -> tuple[Integers, Integers]:
         """Return the columns of f and g of the edges at sides k, (p,) each."""

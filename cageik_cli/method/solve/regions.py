@@ -155,7 +155,7 @@ class Region:
     cause: Cause
     evidence: Evidence
 
-    def judge_again(self, diagonal: float, **known: Any) -> "Region":
+    def reassess(self, diagonal: float, **known: Any) -> "Region":
         """Return the region with more evidence; the diagonal is the rest model's, file units."""
         evidence = replace(self.evidence, **known)
         return replace(self, evidence=evidence, cause=evidence.judge(100 * self.size / diagonal))
@@ -183,7 +183,7 @@ def find_worst_regions(
     return tuple(_describe(binding, peaks, group) for group in groups[:MAX_REGIONS])
 
 
-def blame_shared_places(
+def attribute_to_shared_places(
     regions: Sequence[Region], places: Sequence[tuple[Floats, float]], diagonal: float
 ) -> tuple[Region, ...]:
     """Judge the causes of regions again, where limbs share a loop of the cage.
@@ -191,28 +191,28 @@ def blame_shared_places(
     Places are centres, (3,), and radii of balls in which limbs are known to share a loop, in file
     units, as is the diagonal of the rest model.
     """
-    blamed = []
+    judged = []
     for region in regions:
         distances = [(np.linalg.norm(centre - region.centre), radius) for centre, radius in places]
         is_inside = any(distance <= radius for distance, radius in distances)
-        blamed.append(region.judge_again(diagonal, in_shared_place=is_inside))
-    return tuple(blamed)
+        judged.append(region.reassess(diagonal, in_shared_place=is_inside))
+    return tuple(judged)
 
 
-def blame_loose_cage(regions: Sequence[Region], diagonal: float) -> tuple[Region, ...]:
+def attribute_to_loose_cage(regions: Sequence[Region], diagonal: float) -> tuple[Region, ...]:
     """Judge the causes of regions again, in a cage that is known to be far too loose."""
-    return tuple(region.judge_again(diagonal, has_loose_cage=True) for region in regions)
+    return tuple(region.reassess(diagonal, has_loose_cage=True) for region in regions)
 
 
-def blame_smoothing(
+def attribute_to_smoothing(
     regions: Sequence[Region], unsmoothed: DeviationPeaks, diagonal: float
 ) -> tuple[Region, ...]:
     """Judge the causes of regions again, of which deviations before smoothing are known."""
-    blamed = []
+    judged = []
     for region in regions:
         share = float(unsmoothed.deviations[region.worst_vertex]) / region.max_deviation
-        blamed.append(region.judge_again(diagonal, unsmoothed_share=share))
-    return tuple(blamed)
+        judged.append(region.reassess(diagonal, unsmoothed_share=share))
+    return tuple(judged)
 
 
 def _group_connected(mesh: TriMesh, chosen: np.ndarray) -> list[Integers]:

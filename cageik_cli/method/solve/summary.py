@@ -11,10 +11,10 @@ from cageik_cli.method.solve.vertex_bound import VertexBound, VertexBoundAccumul
 from cageik_cli.util.arrays import Floats, Integers
 
 MAX_BRIDGED_FRAMES = 10
-"""Frames in a row for which the motion around them tells where hidden vertices are, at most."""
+"""Frames in a row for which the motion around them tells where occluded vertices are, at most."""
 
 
-class Absences:
+class OcclusionTracker:
     """How many frames in a row each vertex had no weight, counted block by block.
 
     A frame without data neither ends an absence nor begins one.
@@ -73,7 +73,7 @@ class ClipSummary:
         SHA-256 of the file of each frame.
     peaks : DeviationPeaks
         The largest |v̂ − v| of each vertex; of no vertices before the first block.
-    absences : Absences, optional
+    occlusions : OcclusionTracker, optional
         How long vertices had no data; None if all have data in all frames.
     """
 
@@ -82,7 +82,7 @@ class ClipSummary:
         self.digests: list[bytes] = []
         self.peaks = DeviationPeaks.none(0)
         self._squared_errors = np.zeros(())
-        self.absences: Absences | None = None
+        self.occlusions: OcclusionTracker | None = None
         self._kept_counts: Integers | None = None
         self._rms: list[Floats] = []
         self._bound = VertexBoundAccumulator()
@@ -96,8 +96,8 @@ class ClipSummary:
         if block.kept is not None:
             before = 0 if self._kept_counts is None else self._kept_counts
             self._kept_counts = before + block.kept.counts
-            self.absences = self.absences or Absences(len(block.kept.counts))
-            self.absences.update(block.kept, range(block.start, block.stop), block.skipped)
+            self.occlusions = self.occlusions or OcclusionTracker(len(block.kept.counts))
+            self.occlusions.update(block.kept, range(block.start, block.stop), block.skipped)
         self._rms.append(block.metrics.rms)
         self._bound.update(block.sampled)
 

@@ -1,10 +1,10 @@
 """Harmonic coordinates (Joshi et al. 2007) by boundary elements on the cage.
 
 The weight of a cage vertex is the harmonic function inside the cage that on the cage equals the
-vertex's piecewise linear hat. Its normal derivative on the cage, the density, is a polynomial on
-each panel, discontinuous between panels, as the exact one is at the cage's edges. Boundary values
-and integrals are exact, and constants are among the polynomials, so that the weights sum to one and
-reproduce affine maps to rounding, however coarse the panels are.
+vertex's piecewise linear basis function. Its normal derivative on the cage, the density, is a
+polynomial on each panel, discontinuous between panels, as the exact one is at the cage's edges.
+Boundary values and integrals are exact, and constants are among the polynomials, so that the
+weights sum to one and reproduce affine maps to rounding, however coarse the panels are.
 
 Only panels close to the model's vertices have polynomials beyond linear. Panels with too large an
 estimated error are divided.

@@ -1,8 +1,8 @@
 """Mean value coordinates of a closed triangle cage (Ju, Schaefer and Warren 2005).
 
 From a point x one ray leaves in every direction. The coordinates are the mean over directions of
-the hats φ_i where rays cross the cage, weighted by one over the distance r, and negative where a
-ray enters. With h the height of a face's plane over x,
+the basis functions φ_i where rays cross the cage, weighted by one over the distance r, and negative
+where a ray enters. With h the height of a face's plane over x,
 
     w_i(x) = ∫ φ_i / r dS = Σ_faces ∫ φ_i h/r⁴ dA,       divided by their sum over i.
 

@@ -11,7 +11,7 @@ import numpy as np
 from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.figures import format_percent
-from cageik_cli.report.fit_rows import UnfittedRecord
+from cageik_cli.report.fit_rows import BaselineErrorRecord
 from cageik_cli.report.html.pictures import View
 from cageik_cli.report.html.templating import format_ticks, make_png_url
 from cageik_cli.report.record import Report
@@ -39,7 +39,7 @@ from cageik_cli.report.render.shading import (
     parse_colour,
     render,
 )
-from cageik_cli.store.result import Result, read_binding, read_unfitted
+from cageik_cli.store.result import Result, read_baseline_errors, read_binding
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import format_count
 
@@ -76,7 +76,7 @@ class FitShapes:
 def load_fit_shapes(result: Result, poses: PoseSet) -> FitShapes | None:
     """Load what is drawn of a fit; None if the result does not hold the weights before it."""
     binding = None if result.fit is None else read_binding(result)
-    clip = None if binding is None else read_unfitted(result)
+    clip = None if binding is None else read_baseline_errors(result)
     if binding is None or clip is None:
         return None
     frames, diagonal = {pose.label: pose for pose in poses.poses}, result.rest.diagonal
@@ -251,7 +251,7 @@ def _overlay_move(picture: Picture, camera: ParallelCamera, ends: Floats) -> Pic
     return overlay(picture, parse_colour("#111418"), np.where(np.isfinite(depth), 1.0, 0.0))
 
 
-def _describe_errors(unfitted: UnfittedRecord, frames: int) -> str:
+def _describe_errors(unfitted: BaselineErrorRecord, frames: int) -> str:
     measured = len(unfitted.frames)
     where = "all frames" if measured == frames else f"{measured} of {format_count(frames, 'frame')}"
     return (

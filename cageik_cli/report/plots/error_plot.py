@@ -373,7 +373,7 @@ def build_series(report: Report) -> tuple[Series, Series]:
         axis_label=f"RMS {words.measure}, % of the diagonal",
         limits=limits,
         undrawn_limits=undrawn,
-        unfitted=_build_unfitted(report, numbers),
+        unfitted=_build_baseline_series(report, numbers),
     )
     metric, label, axis_label = "volume_change", "volume change", "volume change, %"
     values = _make_plottable(frame.volume_change for frame in frames)
@@ -397,7 +397,7 @@ def _make_plottable(metrics: Iterable[float | None]) -> Floats:
     return np.asarray(np.clip(values, -max_percent, max_percent))
 
 
-def _build_unfitted(report: Report, numbers: Floats) -> Series | None:
+def _build_baseline_series(report: Report, numbers: Floats) -> Series | None:
     """Build the curve of the weights before a fit."""
     before = report.unfitted
     if before is None:

@@ -14,7 +14,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import get_parts, name_vertex
-from cageik_cli.report.figures import make_whole
+from cageik_cli.report.figures import convert_to_integer
 from cageik_cli.report.marks import FaultMark, list_marks
 from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
 from cageik_cli.util.settings import show_settings
@@ -83,7 +83,7 @@ def list_cage_rows(result: CageResult, is_detailed: bool = False) -> list[tuple[
 def format_cage_json(result: CageResult) -> str:
     """Return the whole record, with all candidates."""
     built = result.built
-    rest_frame = None if result.rest_frame is None else make_whole(result.rest_frame)
+    rest_frame = None if result.rest_frame is None else convert_to_integer(result.rest_frame)
     return format_cage_record(
         {
             "settings": show_settings(result.settings) | {"rest_frame": rest_frame},

@@ -72,7 +72,7 @@ class PlayerClip:
     title : str
         What the page calls it: the name of a file, on one line; "" if it is in none.
     target : str
-        What `cageik pose` is told to pose, as it is typed: the name of a file, and options.
+        What `cageik pose` is given to pose, as it is typed: the name of a file, and options.
     left_out : int
         Number of frames at the end of the clip that are not shown.
     max_level : int
@@ -103,7 +103,7 @@ def make_single_pose(
 ) -> PlayerClip:
     """Make the clip of a model in its rest pose, to be posed.
 
-    `words` are what `cageik pose` is told to pose: the name of a file, and options; none for a
+    `words` are what `cageik pose` is given to pose: the name of a file, and options; none for a
     model that is in no file.
     """
     unnamed = ("MODEL.obj", "--cage", UNNAMED_CAGE)
@@ -145,7 +145,7 @@ def load_player_clip(result: Result) -> PlayerClip | None:
         skipped=tuple(frame for frame in result.skipped if frame < count),
         frame_rms=100 * result.metrics.rms[:count] / (result.rest.diagonal or 1.0),
         vertex_rms=100 * result.vertex_rms / (result.rest.diagonal or 1.0),
-        held=_collect_held_frames(key_frames, count),
+        held=_collect_input_frames(key_frames, count),
         focus=focus if focus["frame"] < count else None,
         title=_make_line(result.path.name),
         target=_make_line(shlex.join([result.path.name])),
@@ -163,7 +163,7 @@ def _read_first_cages(result: Result, count: int) -> Floats:
     return np.concatenate(blocks)[:count]
 
 
-def _collect_held_frames(key_frames: KeyFrames, count: int) -> dict[int, tuple[str, Floats]]:
+def _collect_input_frames(key_frames: KeyFrames, count: int) -> dict[int, tuple[str, Floats]]:
     """Collect those of the first frames that are kept in full; one may be for several reasons."""
     labels = (*FRAME_LABELS, "worst region")
     held: dict[int, tuple[str, Floats]] = {}

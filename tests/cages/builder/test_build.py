@@ -3,7 +3,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from cageik_cli.cages.builder import build as build_module
-from cageik_cli.cages.builder.build import LADDER, BuiltCage, Candidate, Clip, build_cage
+from cageik_cli.cages.builder.build import SHELL_CANDIDATES, BuiltCage, Candidate, Clip, build_cage
 from cageik_cli.cages.builder.judge import Verdict
 from cageik_cli.cages.builder.loops import NO_LOOPS
 from cageik_cli.cages.builder.shell import Shell
@@ -117,7 +117,7 @@ def make_wedge():
 @pytest.mark.parametrize(("turn", "quads"), [(None, False), (5, False), (5, True)])
 def test_a_symmetric_model_gets_a_cage_that_is_its_own_mirror_image(turn, quads, monkeypatch):
     """To the last bit about a coordinate plane, else up to rounding."""
-    monkeypatch.setattr(build_module, "LADDER", ((0.03, 0.06),))
+    monkeypatch.setattr(build_module, "SHELL_CANDIDATES", ((0.03, 0.06),))
     model = moved(make_wedge(), turn=turn)
     built = build_cage(model, BuildSettings(vertices=20, symmetric="auto", quads=quads))
     assert_good(built.cage, model, 20)
@@ -131,7 +131,7 @@ def test_a_symmetric_model_gets_a_cage_that_is_its_own_mirror_image(turn, quads,
 
 @pytest.mark.slow
 def test_a_cage_about_a_plane_that_is_stated_holds_any_model_and_one_for_a_clip_too(monkeypatch):
-    monkeypatch.setattr(build_module, "LADDER", ((0.03, 0.06),))
+    monkeypatch.setattr(build_module, "SHELL_CANDIDATES", ((0.03, 0.06),))
     model = moved(make_wedge(), turn=2)
     clip = Clip(model.vertices[None] * [1, 1, 1.1], lambda cage: cage.volume)
     built = build_cage(model, BuildSettings(vertices=20, symmetric="y"), clip)
@@ -145,7 +145,7 @@ def test_a_cage_about_a_plane_that_is_stated_holds_any_model_and_one_for_a_clip_
 def test_a_cage_that_cannot_be_symmetric_is_not_and_says_so(monkeypatch):
     """The shell of the symmetric cage is handed out as it is, with too many vertices."""
     refine = build_module.refine_shell
-    monkeypatch.setattr(build_module, "LADDER", ((0.03, 0.06),))
+    monkeypatch.setattr(build_module, "SHELL_CANDIDATES", ((0.03, 0.06),))
 
     def leave_symmetric_shells(shell, demand, motion, **wanted):
         if demand.axis is None:
@@ -165,7 +165,7 @@ def test_a_flat_model_gets_a_cage_of_the_tightest_shell(symmetric):
     """Both sheets of the cage are pushed off it at once, and do not follow each other."""
     triangle = TriMesh([[0, 0, 0], [1, 0, 0], [0.5, 0.7, 0]], [[0, 1, 2]])
     built = build_cage(triangle, BuildSettings(60, symmetric=symmetric))
-    assert [candidate.offset for candidate in built.candidates] == [LADDER[0][0]]
+    assert [candidate.offset for candidate in built.candidates] == [SHELL_CANDIDATES[0][0]]
     assert built.chosen.verdict.faults == ()
 
 
@@ -179,7 +179,7 @@ def make_bent_rod(levels):
 @pytest.mark.slow
 def test_the_number_of_processes_does_not_change_the_cages(monkeypatch):
     monkeypatch.setattr(build_module, "COARSE_GRID", (0.03, 0.13))
-    monkeypatch.setattr(build_module, "LADDER", ((0.04, 0.08), (0.05, 0.08)))
+    monkeypatch.setattr(build_module, "SHELL_CANDIDATES", ((0.04, 0.08), (0.05, 0.08)))
     model, bent = make_bent_rod(2)
     clip = Clip(bent[None], lambda cage: cage.volume)
     one, two = (
@@ -218,7 +218,7 @@ def looser():
 
     with pytest.MonkeyPatch.context() as patch, threadpool_limits(2, user_api="blas"):
         patch.setattr(build_module, "COARSE_GRID", (0.03, 0.13))
-        patch.setattr(build_module, "LADDER", ((0.03, 0.04), (0.04, 0.08)))
+        patch.setattr(build_module, "SHELL_CANDIDATES", ((0.03, 0.04), (0.04, 0.08)))
         patch.setattr(build_module, "MAX_SHIFTED", 0)
         patch.setattr(
             build_module, "make_shell", lambda *a: None if a[1] == 0.03 else make_shell(*a)

@@ -11,7 +11,7 @@ from cageik_cli.cages.builder.collapse import (
     ROUND_EVENNESS,
     collapse_costs,
     euler_characteristic,
-    thin_shell,
+    simplify_shell,
     vertex_quadrics,
 )
 from cageik_cli.geometry.mesh import TriMesh
@@ -34,7 +34,7 @@ def test_a_cylinder_is_thinned_without_needles():
         np.asfortranarray(shell.vertices), np.asfortranarray(shell.faces.astype(np.int32)), faces
     )
     assert needle_share(TriMesh(vertices, corners)) > MAX_NEEDLE_SHARE
-    thin, evenness = thin_shell(shell, 400)
+    thin, evenness = simplify_shell(shell, 400)
     assert evenness == ROUND_EVENNESS
     assert needle_share(thin) <= MAX_NEEDLE_SHARE
     assert len(thin.vertices) == pytest.approx(400, abs=2)
@@ -42,11 +42,11 @@ def test_a_cylinder_is_thinned_without_needles():
 
 
 def test_a_ball_keeps_what_quadrics_leave_of_it():
-    thin, evenness = thin_shell(ball(4), 400)
+    thin, evenness = simplify_shell(ball(4), 400)
     assert evenness == MIN_EVENNESS
     assert len(thin.vertices) == pytest.approx(400, abs=2)
     small = ball(3)
-    assert thin_shell(small, 200) == (small, MIN_EVENNESS)
+    assert simplify_shell(small, 200) == (small, MIN_EVENNESS)
 
 
 def test_costs_of_poses_add_up():

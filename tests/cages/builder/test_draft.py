@@ -4,9 +4,9 @@ import pytest
 from cageik_cli.cages.builder.draft import Draft, Edit
 from cageik_cli.cages.builder.polish import (
     collapse_edge,
+    find_least_move,
     flip_edge,
-    least_move,
-    mend_angles,
+    improve_angles,
     move_vertex,
     settle,
     tighten,
@@ -102,10 +102,10 @@ def test_a_vertex_settles_where_the_samples_have_their_clearance(draft):
 def test_the_least_move_is_the_shortest_that_is_enough():
     directions = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, -1]])
     np.testing.assert_allclose(
-        least_move(directions, np.array([1.0, 2, -5])), [1, 2, 0], atol=1e-12
+        find_least_move(directions, np.array([1.0, 2, -5])), [1, 2, 0], atol=1e-12
     )
     against = np.array([[1.0, 0, 0], [-1, 0, 0]])
-    np.testing.assert_array_equal(least_move(against, np.array([1.0, 1])), np.zeros(3))
+    np.testing.assert_array_equal(find_least_move(against, np.array([1.0, 1])), np.zeros(3))
 
 
 def test_a_sample_that_an_edit_sweeps_over_lacks_its_distance_and_the_clearance(draft):
@@ -154,7 +154,7 @@ def test_rounding_does_not_choose_between_edits_that_mend_a_needle_alike():
     for seed in range(5):
         noise = 1e-8 * np.random.default_rng(seed).uniform(-1, 1, cage.vertices.shape)
         draft = Draft(cage.move(cage.vertices + noise), ball(2, 0.2).vertices, 0.05)
-        assert mend_angles(draft, draft.count) > 0
+        assert improve_angles(draft, draft.count) > 0
         found.append(draft.vertices)
     for other in found[1:]:
         np.testing.assert_allclose(other, found[0], rtol=0, atol=1e-6)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.builder.collapse import thin_shell
+from cageik_cli.cages.builder.collapse import simplify_shell
 from cageik_cli.cages.builder.limbs import CentreLine, find_centre, find_limbs, measure_length
 from cageik_cli.cages.builder.shell import DistanceGrid, make_shell
 from tests.benchmarks.simple_shapes import revolve
@@ -63,7 +63,7 @@ def test_fingers_are_limbs_of_their_own():
     grid = DistanceGrid(scaled(merged(finer(box(2), 3), *rods)), 0.014, 0.05)
     shell = make_shell(grid, 0.016, 0.016)
     assert shell is not None
-    limbs = find_limbs(thin_shell(shell.surface, 1200)[0])
+    limbs = find_limbs(simplify_shell(shell.surface, 1200)[0])
     assert len(limbs) == 3
     assert min(limb.tip - limb.base for limb in limbs) > 0.15
 

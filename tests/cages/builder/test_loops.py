@@ -12,7 +12,7 @@ from cageik_cli.cages.builder.loops import (
     Loops,
     collapse_around,
     find_border,
-    lay_loops,
+    place_edge_loops,
 )
 from cageik_cli.cages.builder.motion import Motion
 from cageik_cli.cages.builder.polish import flip_edge
@@ -36,7 +36,7 @@ def rod():
 
 @pytest.fixture(scope="module")
 def laid(rod):
-    return lay_loops(rod, COUNT, None)
+    return place_edge_loops(rod, COUNT, None)
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_more_loops_lie_where_an_animation_bends(rod):
     frame[high, 0] = np.cos(angle) * x + np.sin(angle) * dz
     frame[high, 2] = at - np.sin(angle) * x + np.cos(angle) * dz
     motion = Motion(straight.vertices, frame[None])
-    cage, loops = lay_loops(straight, COUNT, motion)
+    cage, loops = place_edge_loops(straight, COUNT, motion)
     heights = np.concatenate([cage.vertices[tube, 2].mean(axis=1) for tube in loops.tubes])
     assert np.abs(heights - at).min() < 0.06
     bent, still = (
@@ -187,7 +187,7 @@ def test_a_cage_with_loops_is_preferred_to_a_tighter_one(rod):
 
 
 def test_thick_limbs_have_loops_of_six_in_large_cages(rod):
-    _, loops = lay_loops(rod, 400, None)
+    _, loops = place_edge_loops(rod, 400, None)
     assert {tube.shape[1] for tube in loops.tubes} == {6}
 
 
@@ -202,7 +202,7 @@ def test_a_patch_with_two_borders_is_no_disk():
 
 
 def test_too_few_vertices_leave_a_shell_without_loops(rod):
-    shell, loops = lay_loops(rod, 10, None)
+    shell, loops = place_edge_loops(rod, 10, None)
     assert loops.count == 0
     assert shell is rod
 

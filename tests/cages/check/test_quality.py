@@ -11,13 +11,13 @@ from cageik_cli.cages.check.quality import (
     MIN_INFLUENCE,
     MIN_MODEL_VERTICES,
     MIN_SHEET_RATIO,
+    find_looseness_faults,
     find_low_clearance,
     find_needle_faces,
-    find_room_faults,
     find_surface_crossings,
     find_thin_parts,
     find_weak_vertices,
-    has_too_much_room,
+    is_too_loose,
 )
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
@@ -149,7 +149,7 @@ def placed(mesh, factor, middle):
 
 
 def room_faults(cage, rest):
-    return [finding.kind for finding in find_room_faults(cage, rest)]
+    return [finding.kind for finding in find_looseness_faults(cage, rest)]
 
 
 MODEL = ball(4)
@@ -161,14 +161,14 @@ def test_a_loose_cage_is_found(size, found):
 
 
 def test_a_loose_cage_that_was_built_needs_more_vertices():
-    (given,), (built,) = (find_room_faults(box(2.0), MODEL, is_built=b) for b in (False, True))
+    (given,), (built,) = (find_looseness_faults(box(2.0), MODEL, is_built=b) for b in (False, True))
     assert given.message == built.message
     assert "cageik cage" in given.remedy
     assert built.remedy == "raise `cage_vertices=`"
 
 
 def test_the_warning_has_the_ratio_of_volumes_and_what_a_built_cage_has():
-    (loose,) = find_room_faults(box(2.0), MODEL)
+    (loose,) = find_looseness_faults(box(2.0), MODEL)
     assert loose.severity == "warning"
     ratio = 64 / MODEL.volume
     assert f"{ratio:.3g} times the model's volume" in loose.message
@@ -183,14 +183,14 @@ def test_the_warning_has_the_ratio_of_volumes_and_what_a_built_cage_has():
 
 def test_an_open_model_has_a_mean_gap_only():
     opened = TriMesh(MODEL.vertices, MODEL.faces[1:])
-    (loose,) = find_room_faults(box(2.0), opened)
+    (loose,) = find_looseness_faults(box(2.0), opened)
     assert "volume" not in loose.message
 
 
 def test_a_closed_model_that_is_flat_has_a_mean_gap_only():
     flat = TriMesh(MODEL.vertices * [1, 1, 0] @ rotation(1).T, MODEL.faces)
     assert flat.volume != 0
-    (loose,) = find_room_faults(box(2.0), flat)
+    (loose,) = find_looseness_faults(box(2.0), flat)
     assert "volume" not in loose.message
 
 
@@ -201,7 +201,7 @@ def test_a_model_of_few_vertices_is_not_judged():
 
 @pytest.mark.parametrize(("share", "found"), [(1.1, True), (0.9, False)])
 def test_a_cage_in_another_unit_is_found(share, found):
-    findings = list(find_room_faults(box(share * MAX_SIZE_RATIO), box(1.0)))
+    findings = list(find_looseness_faults(box(share * MAX_SIZE_RATIO), box(1.0)))
     assert len(findings) == found
     if found:
         (large,) = findings
@@ -210,7 +210,7 @@ def test_a_cage_in_another_unit_is_found(share, found):
 
 
 def test_the_unit_of_a_cage_that_fits_otherwise_is_named():
-    (large,) = find_room_faults(scaled(ball(2), 110.0, 110.0, 110.0), ball(3))
+    (large,) = find_looseness_faults(scaled(ball(2), 110.0, 110.0, 110.0), ball(3))
     assert "in centimetres instead of metres" in large.remedy
 
 
@@ -218,7 +218,9 @@ def test_the_unit_of_a_cage_that_fits_otherwise_is_named():
 def test_limbs_in_one_loop_are_found_where_they_are(gap, found):
     model = finer(trousers(gap), 4)
     cage = placed(box(), 1.4, [1 + gap / 2, 1, 0.5])
-    shared = [finding for finding in find_room_faults(cage, model) if finding.kind == "shared-loop"]
+    shared = [
+        finding for finding in find_looseness_faults(cage, model) if finding.kind == "shared-loop"
+    ]
     assert bool(shared) == found
     if found:
         assert shared[0].severity == "warning"
@@ -235,7 +237,7 @@ def test_a_built_cage_has_no_fault():
 def test_a_binding_has_the_warnings_unless_vertices_are_outside():
     settings = BindSettings("mean-value", outside="project")
     binding = bind(MODEL, box(1.5), settings)
-    expected = tuple(fault.sentence for fault in find_room_faults(box(1.5), MODEL))
+    expected = tuple(fault.sentence for fault in find_looseness_faults(box(1.5), MODEL))
     assert judge_binding(binding).cage_warnings == expected
     assert binding.notes == ()
     moved = placed(box(), 1.5, [1.2, 0, 0])
@@ -245,4 +247,4 @@ def test_a_binding_has_the_warnings_unless_vertices_are_outside():
 @pytest.mark.parametrize("scale", [1.5, 1.05])
 def test_a_binding_knows_whether_its_cage_is_loose(scale):
     binding = bind(MODEL, box(scale), BindSettings("mean-value"))
-    assert judge_binding(binding).has_loose_cage is has_too_much_room(box(scale), MODEL)
+    assert judge_binding(binding).has_loose_cage is is_too_loose(box(scale), MODEL)

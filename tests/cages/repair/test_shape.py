@@ -3,7 +3,12 @@ import pytest
 
 from cageik_cli.cages.repair import shape as shape_module
 from cageik_cli.cages.repair.repair import judge_cage
-from cageik_cli.cages.repair.shape import ShapeFit, find_tangle, push_outward, untangle
+from cageik_cli.cages.repair.shape import (
+    ShapeFit,
+    find_self_intersecting_faces,
+    push_outward,
+    untangle,
+)
 from cageik_cli.cages.surface_points import sample_surface
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
@@ -68,9 +73,9 @@ def test_a_vertex_pushed_through_the_other_side_is_untangled():
     vertices = cage.vertices.copy()
     vertices[0] = -1.5 * vertices[0]
     tangled = changed(cage, vertices=vertices)
-    assert len(find_tangle(tangled)) > 0
+    assert len(find_self_intersecting_faces(tangled)) > 0
     free = untangle(tangled)
-    assert len(find_tangle(free)) == 0
+    assert len(find_self_intersecting_faces(free)) == 0
     moved = (free.vertices != tangled.vertices).any(axis=1)
     assert np.count_nonzero(moved) <= 2
 
@@ -88,8 +93,8 @@ def test_a_face_without_area_is_a_tangle():
     a, b, c = cage.faces[0]
     vertices[a] = (vertices[b] + vertices[c]) / 2
     flat = changed(cage, vertices=vertices)
-    assert len(find_tangle(flat)) > 0
-    assert len(find_tangle(untangle(flat))) == 0
+    assert len(find_self_intersecting_faces(flat)) > 0
+    assert len(find_self_intersecting_faces(untangle(flat))) == 0
 
 
 def test_a_shape_that_cannot_be_fitted_is_never_worse():

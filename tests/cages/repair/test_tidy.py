@@ -9,9 +9,9 @@ from cageik_cli.cages.repair.tidy import (
     find_coincident,
     find_fins,
     find_holes,
-    find_inward,
+    find_inward_facing,
+    find_misoriented,
     find_repeated,
-    find_turned,
     replace_corners,
 )
 from cageik_cli.geometry.mesh import TriMesh
@@ -27,19 +27,19 @@ def test_turned_faces_are_found_whichever_they_are(seed):
     """The fewer of them are turned: those that were, or if they were most, the others."""
     chosen = np.random.default_rng(seed).uniform(size=len(ball(2).faces)) < 0.3
     mesh = polygons(ball(2)).turn(chosen)
-    np.testing.assert_array_equal(find_turned(mesh), chosen)
-    np.testing.assert_array_equal(find_turned(mesh.turn(np.ones(len(chosen), bool))), chosen)
+    np.testing.assert_array_equal(find_misoriented(mesh), chosen)
+    np.testing.assert_array_equal(find_misoriented(mesh.turn(np.ones(len(chosen), bool))), chosen)
 
 
 def test_components_are_turned_outward_one_by_one():
     faces = np.concatenate([box().faces, box().faces[:, ::-1] + 8])
     mesh = polygons(TriMesh(np.concatenate([box().vertices, 3 + box().vertices]), faces))
-    assert not find_turned(mesh).any()
-    np.testing.assert_array_equal(find_inward(mesh), np.arange(24) >= 12)
+    assert not find_misoriented(mesh).any()
+    np.testing.assert_array_equal(find_inward_facing(mesh), np.arange(24) >= 12)
 
 
 def test_an_open_component_has_no_inside():
-    assert not find_inward(polygons(box(), box().faces[1:, ::-1])).any()
+    assert not find_inward_facing(polygons(box(), box().faces[1:, ::-1])).any()
 
 
 def test_coincident_vertices_are_one_and_others_are_not():

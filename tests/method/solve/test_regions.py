@@ -9,9 +9,9 @@ from cageik_cli.method.solve.regions import (
     MAX_REGIONS,
     Cause,
     Evidence,
-    blame_loose_cage,
-    blame_shared_places,
-    blame_smoothing,
+    attribute_to_loose_cage,
+    attribute_to_shared_places,
+    attribute_to_smoothing,
     find_worst_regions,
     has_bad_regions,
 )
@@ -85,20 +85,20 @@ def test_no_more_than_the_most_are_given():
 def test_a_place_that_limbs_share_is_blamed():
     deviations = np.where(cap(0, 1), 1.0, 0.0)
     regions = find_worst_regions(bound(), peaks(deviations))
-    (far,) = blame_shared_places(regions, [(np.array([-0.5, 0, 0]), 0.2)], REST.diagonal)
+    (far,) = attribute_to_shared_places(regions, [(np.array([-0.5, 0, 0]), 0.2)], REST.diagonal)
     assert far.cause is regions[0].cause is not Cause.SHARED_LOOP
     places = [(np.array([-0.5, 0, 0]), 0.2), (np.array([0.5, 0, 0]), 0.2)]
-    (inside,) = blame_shared_places(regions, places, REST.diagonal)
+    (inside,) = attribute_to_shared_places(regions, places, REST.diagonal)
     assert inside.cause is Cause.SHARED_LOOP
     assert inside.evidence.in_shared_place
-    assert blame_shared_places([inside], [], REST.diagonal)[0].cause is regions[0].cause
+    assert attribute_to_shared_places([inside], [], REST.diagonal)[0].cause is regions[0].cause
 
 
 def test_a_loose_cage_is_blamed_before_places_that_limbs_share():
     regions = find_worst_regions(bound(), peaks(np.where(cap(0, 1), 1.0, 0.0)))
     places = [(np.array([0.5, 0, 0]), 0.2)]
-    shared = blame_shared_places(regions, places, REST.diagonal)
-    (loose,) = blame_loose_cage(shared, REST.diagonal)
+    shared = attribute_to_shared_places(regions, places, REST.diagonal)
+    (loose,) = attribute_to_loose_cage(shared, REST.diagonal)
     assert loose.cause is Cause.LOOSE_CAGE
     assert loose.evidence.has_loose_cage
 
@@ -106,8 +106,8 @@ def test_a_loose_cage_is_blamed_before_places_that_limbs_share():
 @pytest.mark.parametrize(("before", "is_blamed"), [(0.79, True), (0.81, False), (1.3, False)])
 def test_smoothing_is_blamed_before_the_cage_if_deviations_were_less(before, is_blamed):
     deviations = np.where(cap(0, 1), 2.0, 0.0)
-    regions = blame_loose_cage(find_worst_regions(bound(), peaks(deviations)), REST.diagonal)
-    (region,) = blame_smoothing(regions, peaks(before * deviations), REST.diagonal)
+    regions = attribute_to_loose_cage(find_worst_regions(bound(), peaks(deviations)), REST.diagonal)
+    (region,) = attribute_to_smoothing(regions, peaks(before * deviations), REST.diagonal)
     assert region.cause is (Cause.SMOOTHING if is_blamed else Cause.LOOSE_CAGE)
     assert region.evidence.unsmoothed_share == pytest.approx(before)
 

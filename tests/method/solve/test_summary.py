@@ -7,7 +7,7 @@ import pytest
 
 from cageik_cli.method.solve.blocks import KeptBlock
 from cageik_cli.method.solve.metrics import DeviationPeaks
-from cageik_cli.method.solve.summary import Absences, summarize_blocks
+from cageik_cli.method.solve.summary import OcclusionTracker, summarize_blocks
 from cageik_cli.method.solve.vertex_bound import (
     MAX_BOUND_VERTICES,
     MIN_BOUND_VERTICES,
@@ -142,8 +142,8 @@ def test_vertices_are_spread_over_the_numbers(count, points, expected):
 
 
 def count_absences(weights, skipped=(), size=4):
-    """Absences of weights (F, m), in blocks of `size` frames."""
-    found, weights = Absences(weights.shape[1]), weights.copy()
+    """OcclusionTracker of weights (F, m), in blocks of `size` frames."""
+    found, weights = OcclusionTracker(weights.shape[1]), weights.copy()
     weights[list(skipped)] = 1  # as a block stores them
     for start in range(0, len(weights), size):
         block = weights[start : start + size]

@@ -67,15 +67,15 @@ def test_weights_in_a_box_converge_to_harmonic_functions():
 
 
 @pytest.mark.parametrize("accuracy", ["preview", "standard"])
-def test_a_cage_with_divided_faces_has_the_same_hats(accuracy):
-    """The hats of the coarse cage are sums of those of the divided one, and so are the weights."""
+def test_a_cage_with_divided_faces_has_the_same_basis_functions(accuracy):
+    """Basis functions of the coarse cage are sums of those of the divided one; so are weights."""
     cage, points = concave(), inside(concave(), 50, margin=0.03)
     coarse = harmonic_weights(cage, points, accuracy=accuracy).values
     divided = finer(cage, 2)
-    hats = closest_points(cage, divided.vertices).barycentric_weights(
+    basis_functions = closest_points(cage, divided.vertices).barycentric_weights(
         np.ones(len(divided.vertices), bool)
     )
-    summed = harmonic_weights(divided, points, accuracy=accuracy).values @ hats
+    summed = harmonic_weights(divided, points, accuracy=accuracy).values @ basis_functions
     assert np.abs(coarse - summed).sum(axis=1).mean() < 2 * ACCURACIES[accuracy].tolerance
 
 
@@ -109,7 +109,7 @@ class Grid:
     ----------
     nodes : (k, 3)
     values : (k, n)
-        The discrete harmonic extension of each of the cage's hats.
+        The discrete harmonic extension of each of the cage's basis functions.
     """
 
     def __init__(self, cage, spacing):

@@ -174,8 +174,8 @@ def test_weights_converge_to_the_hats_at_the_surface(depth):
     cage = concave()
     points = near_surface(cage, depth)
     nearest = closest_points(cage, points)
-    hats = nearest.barycentric_weights(np.ones(len(points), bool))
-    gap = np.abs(mean_value_weights(cage, points).values - hats).max()
+    basis_functions = nearest.barycentric_weights(np.ones(len(points), bool))
+    gap = np.abs(mean_value_weights(cage, points).values - basis_functions).max()
     assert gap < 3 * depth * -np.log(depth)
 
 

@@ -1,6 +1,7 @@
-"""The boundary integral equation of a cage: assembly, solution for all hats, evaluation.
+"""The boundary integral equation of a cage: assembly, solution for all basis functions, evaluation.
 
-With q_k the outward normal derivative of the weight w_k on the cage, and φ_k its hat there,
+With q_k the outward normal derivative of the weight w_k on the cage, and φ_k its basis function
+there,
 
     4π w_k(x) = Σ_panels ∫ q_k / r dA + D_k(x),     D_k = Σ_panels ∫ φ_k h/r³ dA,
 
@@ -69,7 +70,8 @@ class BoundarySolution:
 
 
 def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
-    """Solve the boundary integral equation for all hats of the cage; threads of `pool` do the work.
+    """Solve the boundary integral equation for all basis functions of the cage; threads of `pool`
+    do the work.
 
     Single precision halves memory and time. It changes the weights of sound cages in the sixth
     digit at most; the densities of affine functions are known, and are corrected exactly.
@@ -97,7 +99,7 @@ def _assemble(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> tuple[Float32s, F
     """Return the matrix, (u, u), and the right hand sides, (u, n), of the solved unknowns."""
     count = len(mesh.solved_unknowns)
     matrix = np.zeros((count, count), np.float32)
-    rhs = np.empty((count, mesh.hats.count), np.float32)
+    rhs = np.empty((count, mesh.basis_functions.count), np.float32)
 
     def fill(chosen: Integers) -> None:
         _fill_rows(mesh, chosen, matrix, rhs)
@@ -122,7 +124,7 @@ def _enforce_affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
 
 def affine_values(mesh: BoundaryMesh) -> Floats:
     """Return 1 and x at the vertices of the cage, (n, 4)."""
-    vertices = mesh.panels.vertices[: mesh.hats.count]
+    vertices = mesh.panels.vertices[: mesh.basis_functions.count]
     return np.column_stack([np.ones(len(vertices)), vertices])
 
 
@@ -190,7 +192,9 @@ def _fill_rows(mesh: BoundaryMesh, chosen: Integers, matrix: Float32s, rhs: Floa
         higher = potentials.higher.reshape(-1, nodes.shape[0] * nodes.shape[1])[columns >= 0]
         columns = columns[columns >= 0]
         matrix[into[:, None], columns] = integrate_against_tests(higher)
-    on_nodes = 2 * np.pi * mesh.evaluate_hats(chosen, barycentric).reshape(-1, rhs.shape[1])
+    on_nodes = (
+        2 * np.pi * mesh.evaluate_basis_functions(chosen, barycentric).reshape(-1, rhs.shape[1])
+    )
     rhs[into] = integrate_against_tests(on_nodes.T - potentials.double)
 
 

@@ -1,4 +1,4 @@
-"""The panels of a cage, the polynomial order of the density on each, and the hats there."""
+"""The panels of a cage, the order of the density on each, and the basis functions there."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hats:
-    """Values of the hats of n cage vertices at v points of the cage's surface.
+class BasisFunctions:
+    """Values of the basis functions of n cage vertices at v points of the cage's surface.
 
-    Each point is in a face of the cage, so that at most three hats are above 0 there.
+    Each point is in a face of the cage, so that at most three basis functions are above 0 there.
 
     Attributes
     ----------
     corners : (v, 3) int64
         Vertices of a face of the cage that the point is in, in any order.
     values : (v, 3) float64
-        Their hats at the point, which sum to 1; the others are 0.
+        Their basis functions at the point, which sum to 1; the others are 0.
     count : int
         n.
     """
@@ -42,33 +42,34 @@ class Hats:
     count: int
 
     @staticmethod
-    def at_vertices(count: int) -> "Hats":
-        """Return the hats at the vertices of the cage."""
+    def at_vertices(count: int) -> "BasisFunctions":
+        """Return the basis functions at the vertices of the cage."""
         values = np.zeros((count, 3))
         values[:, 0] = 1
-        return Hats(np.repeat(np.arange(count)[:, None], 3, axis=1), values, count)
+        return BasisFunctions(np.repeat(np.arange(count)[:, None], 3, axis=1), values, count)
 
-    def add_middles(self, ends: Integers) -> "Hats":
-        """Return the hats at all points, and then in the middle of each pair of `ends`, (e, 2)."""
+    def add_middles(self, ends: Integers) -> "BasisFunctions":
+        """Return those at all points, and then in the middle of each pair of `ends`, (e, 2)."""
         corners = self.corners[ends].reshape(len(ends), 6)
         values = self.values[ends].reshape(corners.shape) / 2
         order = np.argsort(corners, axis=1, kind="stable")
         corners = np.take_along_axis(corners, order, axis=1)
         values = np.take_along_axis(values, order, axis=1)
-        # Each hat takes the values of those before it of the same corner, and leaves them nothing.
+        # Each basis function takes the values of those before it of the same corner, and leaves
+        # them nothing.
         for k in range(1, 6):
             is_same = corners[:, k] == corners[:, k - 1]
             values[:, k] += np.where(is_same, values[:, k - 1], 0)
             values[:, k - 1] = np.where(is_same, 0, values[:, k - 1])
         kept = np.sort(np.argsort(values == 0, axis=1, kind="stable")[:, :3], axis=1)
-        return Hats(
+        return BasisFunctions(
             np.concatenate([self.corners, np.take_along_axis(corners, kept, axis=1)]),
             np.concatenate([self.values, np.take_along_axis(values, kept, axis=1)]),
             self.count,
         )
 
     def evaluate(self, corners: Integers, barycentric: Floats) -> Floats:
-        """Return the hats, (..., n), between three of the points.
+        """Return the basis functions, (..., n), between three of the points.
 
         Parameters
         ----------
@@ -76,13 +77,13 @@ class Hats:
             Numbers of points.
         barycentric : (..., 3) float64
         """
-        hats = np.zeros((*barycentric.shape[:-1], self.count))
-        places = tuple(np.indices(hats.shape[:-1])[..., None])
+        basis_functions = np.zeros((*barycentric.shape[:-1], self.count))
+        places = tuple(np.indices(basis_functions.shape[:-1])[..., None])
         for k in range(3):
             values = barycentric[..., k, None] * self.values[corners[..., k]]
             # A point's corners may be equal where their values are 0.
-            np.add.at(hats, (*places, self.corners[corners[..., k]]), values)
-        return hats
+            np.add.at(basis_functions, (*places, self.corners[corners[..., k]]), values)
+        return basis_functions
 
     def to_matrix(self) -> "sparse.csr_array":
         """Return the values as a sparse matrix, (v, n)."""
@@ -104,7 +105,7 @@ class BoundaryMesh:
 
     Attributes
     ----------
-    hats : Hats
+    basis_functions : BasisFunctions
         Those of the cage's n vertices, at the vertices of the panels.
     high_panels : (k,) int64
         Numbers of the panels of a degree above 1, ascending.
@@ -115,7 +116,7 @@ class BoundaryMesh:
     """
 
     panels: Panels
-    hats: Hats
+    basis_functions: BasisFunctions
     order: int
     high_panels: Integers
     degrees: Integers
@@ -124,8 +125,8 @@ class BoundaryMesh:
     @staticmethod
     def from_cage(cage: TriMesh) -> "BoundaryMesh":
         """Build one panel per face, with linear densities."""
-        hats = Hats.at_vertices(len(cage.vertices))
-        return _make_linear_mesh(Panels(cage.vertices, cage.faces), hats)
+        basis_functions = BasisFunctions.at_vertices(len(cage.vertices))
+        return _make_linear_mesh(Panels(cage.vertices, cage.faces), basis_functions)
 
     @property
     def extra_terms(self) -> int:
@@ -143,22 +144,24 @@ class BoundaryMesh:
         return self.linear_unknowns + self.extra_terms * len(self.high_panels)
 
     @cached_property
-    def double_layer_to_hats(self) -> "sparse.csr_array":
-        """Return the map from ∫ (1, x, y) h/r³, [term, panel], to D of the hats, (n, 3p)."""
+    def double_layer_to_basis(self) -> "sparse.csr_array":
+        """Return the map from ∫ (1, x, y) h/r³, [term, panel], to D of each φ_k, (n, 3p)."""
         from scipy import sparse
 
         starts, rows, values = self.double_layer_columns
-        shape = (self.hats.count, len(starts) - 1)
+        shape = (self.basis_functions.count, len(starts) - 1)
         return sparse.csr_array(sparse.csc_array((values, rows, starts), shape=shape))
 
     @cached_property
     def double_layer_columns(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats]:
-        """Return the starts, rows and values of the columns of `double_layer_to_hats`.
+        """Return the starts, rows and values of the columns of `double_layer_to_basis`.
 
         A row may come more than once in a column: its values are added.
         """
-        rows = self.hats.corners[self.panels.corners].reshape(len(self.panels.corners), -1)
-        at_corners = self.hats.values[self.panels.corners]
+        rows = self.basis_functions.corners[self.panels.corners].reshape(
+            len(self.panels.corners), -1
+        )
+        at_corners = self.basis_functions.values[self.panels.corners]
         # φ_0 = ⅓ + x, φ_1 = ⅓ + y, φ_2 = ⅓ − x − y
         factors = np.array([[1 / 3, 1 / 3, 1 / 3], [1, 0, -1], [0, 1, -1]])
         values = (factors[:, None, :, None] * at_corners).reshape(-1, rows.shape[1])
@@ -232,7 +235,7 @@ class BoundaryMesh:
     ) -> "BoundaryMesh":
         """Return the mesh with densities of these degrees on `high_panels`, ascending."""
         order = int(degrees.max(initial=1))
-        return BoundaryMesh(self.panels, self.hats, order, high_panels, degrees, reach)
+        return BoundaryMesh(self.panels, self.basis_functions, order, high_panels, degrees, reach)
 
     def divide(self, chosen: Mask) -> "BoundaryMesh":
         """Divide each panel of the mask `chosen`, (p,), into four; all densities become linear.
@@ -258,15 +261,15 @@ class BoundaryMesh:
         divided[np.repeat(chosen, np.where(chosen, 4, 1))] = children.reshape(-1, 3)
         middles = vertices[ends].mean(axis=1)
         panels = Panels(np.concatenate([vertices, middles]), divided)
-        return _make_linear_mesh(panels, self.hats.add_middles(ends))
+        return _make_linear_mesh(panels, self.basis_functions.add_middles(ends))
 
-    def evaluate_hats(self, chosen: Integers, barycentric: Floats) -> Floats:
-        """Return the hats, (c, j, n), at `barycentric` coordinates, (j, 3), of some panels."""
+    def evaluate_basis_functions(self, chosen: Integers, barycentric: Floats) -> Floats:
+        """Return the basis functions, (c, j, n), at `barycentric`, (j, 3), of some panels."""
         shape = (len(chosen), *barycentric.shape)
         corners = np.broadcast_to(self.panels.corners[chosen][:, None], shape)
-        return self.hats.evaluate(corners, np.broadcast_to(barycentric, shape))
+        return self.basis_functions.evaluate(corners, np.broadcast_to(barycentric, shape))
 
 
-def _make_linear_mesh(panels: Panels, hats: Hats) -> BoundaryMesh:
+def _make_linear_mesh(panels: Panels, basis_functions: BasisFunctions) -> BoundaryMesh:
     none = np.empty(0, np.int64)
-    return BoundaryMesh(panels, hats, 1, none, none, np.empty(0))
+    return BoundaryMesh(panels, basis_functions, 1, none, none, np.empty(0))

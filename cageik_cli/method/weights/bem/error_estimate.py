@@ -82,10 +82,10 @@ def _residual_near_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
     on_cage = nearest.position + 1e-3 * (panels.centroids[nearest.face] - nearest.position)
     on_panels = closest_points(nearest.mesh, on_cage)
     barycentric = on_panels.barycentric_coordinates(np.ones(len(on_cage), bool))
-    hats = mesh.hats.evaluate(panels.corners[on_panels.face], barycentric)
+    basis_functions = mesh.basis_functions.evaluate(panels.corners[on_panels.face], barycentric)
     residual = np.concatenate(
         [
-            _measure_residual(boundary, boundary.densities, on_cage[block], hats[block])
+            _measure_residual(boundary, boundary.densities, on_cage[block], basis_functions[block])
             for block in split_points(mesh, len(on_cage))
         ]
     )
@@ -94,15 +94,16 @@ def _residual_near_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
 
 
 def _measure_residual(
-    boundary: BoundarySolution, densities: Densities, points: Floats, hats: Floats
+    boundary: BoundarySolution, densities: Densities, points: Floats, basis_functions: Floats
 ) -> Floats:
     """Return the row L1 norms, (q,), of (2π φ − D − ∫ q/r) / 4π at points in faces, (q, 3).
 
-    It is the error of the weights there, just inside. `hats`, (q, n), are φ at the points.
+    It is the error of the weights there, just inside. `basis_functions`, (q, n), are φ at the
+    points.
     """
     potentials = compute_potentials(boundary.mesh, points, is_inside=False)
     values = single_layer(boundary.mesh, densities, potentials) + potentials.double
-    return np.asarray(np.abs(2 * np.pi * hats - values.T).sum(axis=1) / (4 * np.pi))
+    return np.asarray(np.abs(2 * np.pi * basis_functions - values.T).sum(axis=1) / (4 * np.pi))
 
 
 def measure_surface_error(boundary: BoundarySolution, pool: ThreadPoolExecutor) -> float:
@@ -121,9 +122,11 @@ def measure_surface_error(boundary: BoundarySolution, pool: ThreadPoolExecutor) 
     nodes = np.einsum("jk,ckx->cjx", barycentric, panels.vertices[panels.corners[chosen]])
 
     def measure(block: slice) -> Floats:
-        hats = mesh.evaluate_hats(chosen[block], barycentric).reshape(-1, mesh.hats.count)
+        basis_functions = mesh.evaluate_basis_functions(chosen[block], barycentric).reshape(
+            -1, mesh.basis_functions.count
+        )
         points = nodes[block].reshape(-1, 3)
-        errors = _measure_residual(boundary, boundary.rounded_densities, points, hats)
+        errors = _measure_residual(boundary, boundary.rounded_densities, points, basis_functions)
         return np.asarray(errors.reshape(-1, len(shares)) @ shares)
 
     size = max(1, count_points_per_block(mesh) // len(shares))

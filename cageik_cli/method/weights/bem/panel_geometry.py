@@ -1,7 +1,7 @@
 """Flat triangular panels, the geometry that closed-form integrals need, and polynomials on them.
 
 Side k of a panel lies opposite its corner k; m_k is its outward normal in the panel's plane, A_k
-the corner's altitude over it, n the panel's unit normal, φ_k the hat of corner k.
+the corner's altitude over it, n the panel's unit normal, φ_k the basis function of corner k.
 
 Polynomials are in the coordinates x = φ_0 − ⅓ and y = φ_1 − ⅓, from the centroid; the monomials
 x^a y^b have the order 1, x, y, x², xy, y², x³, ... They do not depend on the panel's shape.
@@ -151,7 +151,7 @@ class Panels:
         return np.asarray(2 * self.areas / np.linalg.norm(self._sides, axis=2))
 
     @cached_property
-    def hat_slopes(self) -> Floats:
+    def basis_slopes(self) -> Floats:
         """Return ∇φ_k = −m_k / A_k, (3, p, 3)."""
         return np.asarray(-self.side_normals / self.altitudes[:, :, None])
 
@@ -163,8 +163,8 @@ class Panels:
 
     @cached_property
     def metric(self) -> Floats:
-        """Return ∇φ_i · ∇φ_j of the first two hats, (2, 2, p)."""
-        gradients = self.hat_slopes[:2]
+        """Return ∇φ_i · ∇φ_j of the first two basis functions, (2, 2, p)."""
+        gradients = self.basis_slopes[:2]
         return np.asarray(np.einsum("ipx,jpx->ijp", gradients, gradients))
 
     @cached_property
@@ -224,7 +224,7 @@ class Panels:
         corner = self.vertices[self.corners].swapaxes(0, 1)
         anchored = [
             (self.normals, corner[0]),
-            *((-gradient, self.centroids) for gradient in self.hat_slopes[:2]),
+            *((-gradient, self.centroids) for gradient in self.basis_slopes[:2]),
             (tangents, first),
         ]
         return np.concatenate(

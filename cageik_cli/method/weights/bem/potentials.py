@@ -78,7 +78,7 @@ def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -
         workspace.array("moments", 3 * p, q),
         near,
         workspace.array("higher", mesh.extra_terms, len(near), q),
-        workspace.array("double", mesh.hats.count, q),
+        workspace.array("double", mesh.basis_functions.count, q),
     )
     compiled.kernel.compute_potentials(
         _LIMITS,
@@ -106,7 +106,7 @@ def _compute_in_numpy(
     if len(near):
         higher = higher_moments(mesh.higher_terms, near, view, linear)
         higher *= compute_strength(mesh, near, points, workspace)
-    double = mesh.double_layer_to_hats @ view.double_layer().reshape(-1, len(points))
+    double = mesh.double_layer_to_basis @ view.double_layer().reshape(-1, len(points))
     return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
 
 

@@ -25,11 +25,13 @@ def test_dividing_keeps_the_surface_and_the_hats(every):
         BoundaryMesh.from_cage(cage).panels.areas.sum(), rel=1e-14
     )
     assert TriMesh(panels.vertices, panels.corners).volume == pytest.approx(cage.volume, rel=1e-13)
-    np.testing.assert_allclose(mesh.hats.to_matrix() @ cage.vertices, panels.vertices, atol=1e-15)
-    np.testing.assert_allclose(mesh.hats.values.sum(axis=1), 1, rtol=1e-15)
+    np.testing.assert_allclose(
+        mesh.basis_functions.to_matrix() @ cage.vertices, panels.vertices, atol=1e-15
+    )
+    np.testing.assert_allclose(mesh.basis_functions.values.sum(axis=1), 1, rtol=1e-15)
     np.testing.assert_array_equal(
-        mesh.hats.evaluate(panels.corners, np.eye(3)[[2] * len(panels.corners)]),
-        mesh.hats.to_matrix().toarray()[panels.corners[:, 2]],
+        mesh.basis_functions.evaluate(panels.corners, np.eye(3)[[2] * len(panels.corners)]),
+        mesh.basis_functions.to_matrix().toarray()[panels.corners[:, 2]],
     )
 
 
@@ -48,7 +50,7 @@ def test_hats_are_interpolated_linearly():
     barycentric, chosen = np.array([[0.2, 0.3, 0.5], [1, 0, 0]]), np.array([0, 4, 9])
     corner = mesh.panels.vertices[mesh.panels.corners[chosen]]
     places = np.einsum("jk,ckx->cjx", barycentric, corner)
-    values = mesh.evaluate_hats(chosen, barycentric)
+    values = mesh.evaluate_basis_functions(chosen, barycentric)
     np.testing.assert_allclose(values @ concave().vertices, places, atol=1e-15)
     assert values.min() >= 0
 

@@ -23,10 +23,10 @@ def test_the_error_on_the_cage_is_that_of_weights_just_inside(field):
     generator = np.random.default_rng(0)
     faces = np.repeat(np.arange(12), 400)
     corners, barycentric = field.cage.faces[faces], generator.dirichlet([1, 1, 1], len(faces))
-    hats = np.zeros((len(faces), 8))
-    np.put_along_axis(hats, corners, barycentric, axis=1)
-    found = field.evaluate(hats @ field.cage.vertices * (1 - 1e-9))
-    expected = np.abs(found - hats).sum(axis=1).mean()
+    basis_functions = np.zeros((len(faces), 8))
+    np.put_along_axis(basis_functions, corners, barycentric, axis=1)
+    found = field.evaluate(basis_functions @ field.cage.vertices * (1 - 1e-9))
+    expected = np.abs(found - basis_functions).sum(axis=1).mean()
     assert measure(field) == pytest.approx(expected, rel=0.15)
 
 

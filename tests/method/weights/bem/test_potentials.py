@@ -281,12 +281,12 @@ def test_the_compiled_body_refuses_results_that_cannot_be_written(monkeypatch):
 def test_the_compiled_body_refuses_a_surface_without_panels(monkeypatch):
     """Angles to close would be those of a panel that is not there."""
     arguments = _arguments(monkeypatch)
-    n, (hats, points) = arguments[1][1].shape[0], arguments[6][2].shape
+    n, (basis_functions, points) = arguments[1][1].shape[0], arguments[6][2].shape
     empty = [np.zeros([0 if length in (n, 3 * n) else length for length in part.shape], part.dtype)
              for part in arguments[1]]  # fmt: skip
     empty[-1] = np.zeros((len(arguments[1][5]), 4))
     no_hats = (np.zeros(1, np.int32), np.zeros(0, np.int32), np.zeros(0))
-    results = (np.zeros((0, points)), np.zeros((0, 0, points)), np.zeros((hats, points)))
+    results = (np.zeros((0, points)), np.zeros((0, 0, points)), np.zeros((basis_functions, points)))
     limits = np.full_like(arguments[0], 2.0)
     with pytest.raises(ValueError, match="expected a panel at least"):
         _call([limits, empty, no_hats, None, arguments[4], True, results])

@@ -1,4 +1,4 @@
-"""The fit of a result, carried to other meshes and points in its cage."""
+"""The fit of a result, transferred to other meshes and points in its cage."""
 
 import json
 import re
@@ -149,7 +149,7 @@ def test_a_change_of_low_rank_needs_no_weights():
 
 
 def test_other_coordinates_carry_what_they_lack():
-    """At the vertices of the model, all that is carried is the fitted weights."""
+    """At the vertices of the model, all that is transferred is the fitted weights."""
     expected, _ = move("dense.h5", "rest.obj")
     found, _ = move("dense.h5", "rest.obj", coordinates="mean-value")
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
@@ -199,7 +199,7 @@ SCENES = {
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("case", SCENES)
-def test_a_fit_is_carried_to_a_model_in_another_unit(form, case, write_obj):
+def test_a_fit_is_transferred_to_a_model_in_another_unit(form, case, write_obj):
     """The result is in metres, y up; the posed model is that of one unit, converted."""
     suffix, words, typed = SCENES[case]
     here, there = SceneHints.parse("m,y"), SceneHints.parse(words)

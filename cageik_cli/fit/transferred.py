@@ -1,12 +1,12 @@
-"""What a fit has changed of the weights of a model, carried to other points in the same cage.
+"""What a fit has changed of the weights of a model, transferred to other points in the same cage.
 
 With ΔW = W − H at the vertices of the model, the weights of a point x are
 
     W(x) = H(x) + f(d) Σ_j b_j ΔW_j,
 
 where d is its distance from the model at rest and b are the barycentric coordinates of the closest
-point on it. f falls from 1 on the surface to 0 at `MAX_CARRY_DISTANCE`, with a slope of 0 at both
-ends, so that gradients do not jump there. The rows of ΔW are orthogonal to 1 and to the cage's
+point on it. f falls from 1 on the surface to 0 at `MAX_TRANSFER_DISTANCE`, with a slope of 0 at
+both ends, so that gradients do not jump there. The rows of ΔW are orthogonal to 1 and to the cage's
 coordinates: the rows of W(x) still sum to one and give x.
 """
 
@@ -22,8 +22,8 @@ from cageik_cli.method.weights.binding import Binding, divide_rows
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.threads import run_blocks
 
-MAX_CARRY_DISTANCE = 0.1
-"""Distance from the model, in its diagonals, from which on nothing of a fit is carried."""
+MAX_TRANSFER_DISTANCE = 0.1
+"""Distance from the model, in its diagonals, from which on nothing of a fit is transferred."""
 
 
 def compute_fade(distances: Floats) -> tuple[Floats, Floats]:
@@ -33,7 +33,7 @@ def compute_fade(distances: Floats) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CarriedPlaces:
+class TransferPlaces:
     """The closest points on a model of m others.
 
     Attributes
@@ -61,7 +61,7 @@ class CarriedPlaces:
         return found, likely[found]
 
 
-class CarriedChange:
+class TransferredChange:
     """The change that a fit has made to the weights of a model, as a function of a point.
 
     Parameters
@@ -83,13 +83,13 @@ class CarriedChange:
         """The model at rest, whose weights were fitted."""
         return self._fitted.rest
 
-    def locate(self, points: Floats) -> CarriedPlaces:
+    def locate(self, points: Floats) -> TransferPlaces:
         """Find the closest points on the model of points, (m, 3)."""
         nearest = closest_points(self.model, points)
         shares = nearest.barycentric_coordinates(np.ones(len(points), bool))
-        return CarriedPlaces(nearest, self.model.faces[nearest.face], shares)
+        return TransferPlaces(nearest, self.model.faces[nearest.face], shares)
 
-    def add_to(self, binding: Binding, places: CarriedPlaces) -> Binding:
+    def add_to(self, binding: Binding, places: TransferPlaces) -> Binding:
         """Return computed weights of points in the cage with the change.
 
         Points at vertices of the model have its fitted weights, to the bit. The weights of
@@ -97,11 +97,11 @@ class CarriedChange:
 
         Parameters
         ----------
-        places : CarriedPlaces
+        places : TransferPlaces
             Of its points.
         """
         weights, points = binding.weights, binding.rest.vertices
-        fade, _ = compute_fade(places.distances / MAX_CARRY_DISTANCE)
+        fade, _ = compute_fade(places.distances / MAX_TRANSFER_DISTANCE)
         spread = _make_rows(places.corners, fade[:, None] * places.shares, len(self._change))
         parts = divide_rows(*weights.shape)
 
@@ -129,10 +129,10 @@ class CarriedChange:
     def _compute_gradients(self, points: Floats) -> Floats:
         """Return the gradients of f Σ_j b_j ΔW_j, (m, n, 3): f ∇b_j + b_j ∇f, times ΔW_j."""
         places = self.locate(points)
-        fade, slope = compute_fade(places.distances / MAX_CARRY_DISTANCE)
+        fade, slope = compute_fade(places.distances / MAX_TRANSFER_DISTANCE)
         away, distance = points - places.nearest.position, places.nearest.distance
         slope = slope / np.where(distance > 0, distance, 1)  # is 0 where the distance is
-        by_fade = (slope / (MAX_CARRY_DISTANCE * self.model.diagonal))[:, None] * away
+        by_fade = (slope / (MAX_TRANSFER_DISTANCE * self.model.diagonal))[:, None] * away
         by_shares = places.nearest.differentiate_coordinates(places.shares)
         factors = fade[:, None, None] * by_shares
         factors += places.shares[:, :, None] * by_fade[:, None]
@@ -140,17 +140,17 @@ class CarriedChange:
         return np.asarray(np.matmul(change.swapaxes(1, 2), factors))
 
     def predict_left_out(self, motions: Floats) -> Floats:
-        """Return what is carried to each vertex of the model if its own faces are not there.
+        """Return what is transferred to each vertex of the model if its own faces are not there.
 
         It then comes from the closest point on the sides across from it.
 
         Parameters
         ----------
         motions : (m, c)
-            What is carried, at the vertices. It is 0 at vertices that are in no face.
+            What is transferred, at the vertices. It is 0 at vertices that are in no face.
         """
         rows, ends, shares, distances = _find_sides_across(self.model)
-        fade, _ = compute_fade(distances / (MAX_CARRY_DISTANCE * self.model.diagonal))
+        fade, _ = compute_fade(distances / (MAX_TRANSFER_DISTANCE * self.model.diagonal))
         found = np.zeros_like(motions)
         found[rows] = _make_rows(ends, fade[:, None] * shares, len(motions)) @ motions
         return found

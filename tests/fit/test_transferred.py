@@ -1,4 +1,4 @@
-"""A fit carried to other points in the cage: exact rows, exact derivatives, and where it ends."""
+"""A fit transferred to other points in a cage: exact rows and derivatives, and where it ends."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.fit.carried import MAX_CARRY_DISTANCE, CarriedChange, compute_fade
+from cageik_cli.fit.transferred import MAX_TRANSFER_DISTANCE, TransferredChange, compute_fade
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.method.points.field import HarmonicField
@@ -18,7 +18,7 @@ from tests.fitted import true_weights
 from tests.shapes import ball, finer, rotation
 
 CAGE = ball(1, 1.0)
-LENGTH = MAX_CARRY_DISTANCE * 2 * 0.6 * np.sqrt(3)
+LENGTH = MAX_TRANSFER_DISTANCE * 2 * 0.6 * np.sqrt(3)
 """How far a fit reaches from the model, which is a ball of radius 0.6."""
 
 
@@ -46,7 +46,7 @@ def fitted(computed):
 
 @pytest.fixture(scope="module")
 def change(fitted, computed):
-    return CarriedChange(fitted, computed.weights)
+    return TransferredChange(fitted, computed.weights)
 
 
 def carry(change, points):
@@ -76,7 +76,7 @@ def test_rows_stay_exact(change, points):
 
 def test_weights_in_single_precision_leave_rows_exact(fitted, points, computed):
     rounded = replace(fitted, weights=fitted.weights.astype(np.float32).astype(np.float64))
-    weights = carry(CarriedChange(rounded, computed.weights), points)
+    weights = carry(TransferredChange(rounded, computed.weights), points)
     assert_affine_exact(weights, points)
     plain = rounded.weights - computed.weights
     assert abs(plain @ CAGE.vertices).max() > 1e-9
@@ -166,11 +166,11 @@ def test_left_out_vertices_are_predicted_from_around_them(fitted):
     corners = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).reshape(-1, 1, 1)
     faces = (corners + np.array([[0, 1, side + 1], [0, side + 1, side]])).reshape(-1, 3)
     weights = np.zeros((side**2, len(CAGE.vertices)))
-    change = CarriedChange(replace(fitted, rest=TriMesh(grid, faces), weights=weights), weights)
+    change = TransferredChange(replace(fitted, rest=TriMesh(grid, faces), weights=weights), weights)
     middle = side * (side // 2) + side // 2
     found = change.predict_left_out(np.column_stack([np.ones(side**2), np.eye(side**2)[middle]]))
     # The sides around a vertex lead through four at a distance of 1, and halfway between these.
-    length = MAX_CARRY_DISTANCE * np.sqrt(2) * (side - 1)
+    length = MAX_TRANSFER_DISTANCE * np.sqrt(2) * (side - 1)
     fade, _ = compute_fade(np.array([np.sqrt(0.5)]) / length)
     assert 0.5 < fade[0] < 1
     np.testing.assert_allclose(found[middle], [fade[0], 0], rtol=0, atol=1e-12)
@@ -186,26 +186,26 @@ def few(fitted):
 
 
 def test_few_influences_carry_with_their_offsets(few, computed):
-    change = CarriedChange(few, computed.weights)
+    change = TransferredChange(few, computed.weights)
     own = bind_points(few.rest.vertices)
-    carried = change.add_to(own, change.locate(few.rest.vertices))
-    assert carried.has_offsets
-    np.testing.assert_array_equal(carried.weights, few.weights)
+    transferred = change.add_to(own, change.locate(few.rest.vertices))
+    assert transferred.has_offsets
+    np.testing.assert_array_equal(transferred.weights, few.weights)
 
 
 def test_points_turn_with_offsets(few, computed, points, monkeypatch):
     """A rigid motion of the cage moves points with normals rigidly, if offsets turn with it."""
     from cageik_cli.method.points import motion as point_motion
 
-    change = CarriedChange(few, computed.weights)
+    change = TransferredChange(few, computed.weights)
     cloud = bind_points(points)
     monkeypatch.setattr(
         point_motion.HarmonicField, "solve", staticmethod(lambda *_: _LinearField())
     )
-    carried = change.add_to(cloud, change.locate(points))
+    transferred = change.add_to(cloud, change.locate(points))
     normals = directions(len(points), 5).T
     motion = PointMotion(
-        carried, Oriented(normals), 1 << 30, 1, add_gradients=change.add_gradients_to
+        transferred, Oriented(normals), 1 << 30, 1, add_gradients=change.add_gradients_to
     )
     turn = rotation(2)
     cages = (CAGE.vertices @ turn)[None]
@@ -216,10 +216,10 @@ def test_points_turn_with_offsets(few, computed, points, monkeypatch):
     assert abs(still[0].T - points @ turn).max() > 1e-3
 
 
-def test_splats_turn_by_the_derivative_of_what_is_carried(fitted):
+def test_splats_turn_by_the_derivative_of_what_is_transferred(fitted):
     """With the gradients of harmonic weights, and without those of the change not."""
     computed = bind(fitted.rest, CAGE, BindSettings(accuracy="preview"))
-    change = CarriedChange(replace(computed, weights=true_weights(computed)), computed.weights)
+    change = TransferredChange(replace(computed, weights=true_weights(computed)), computed.weights)
     faces = fitted.rest.vertices[fitted.rest.faces[:40]]
     points = 1.01 * faces.mean(axis=1)
     cloud = bind(PointCloud.from_points(points), CAGE, computed.settings)
@@ -228,9 +228,9 @@ def test_splats_turn_by_the_derivative_of_what_is_carried(fitted):
     field = HarmonicField.solve(CAGE, points, "preview")
     maps = field.gradient(points).swapaxes(1, 2) @ cage
     plain = PointMotion(cloud, Oriented(normals), 1 << 30, 1)
-    carried = change.add_to(cloud, change.locate(points))
+    transferred = change.add_to(cloud, change.locate(points))
     motion = PointMotion(
-        carried, Oriented(normals), 1 << 30, 1, add_gradients=change.add_gradients_to
+        transferred, Oriented(normals), 1 << 30, 1, add_gradients=change.add_gradients_to
     )
     whole = maps + difference_gradients(change, points).swapaxes(1, 2) @ cage
     for one, expected, others in ((plain, maps, whole), (motion, whole, maps)):
