@@ -1,15 +1,26 @@
-"""`cageik batch`: every clip under some folders, and one report over all."""
+"""`cageik batch`: every clip under some folders, and one report over all.
+
+Its plan is the clips that are found, each with the options that apply to it.
+"""
 
 import os
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from copy import copy
+from dataclasses import MISSING, dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
-from cageik_cli.cli.batch_plan import SHARED_OPTIONS, BatchOptions, SharedOptions, plan_batch
-from cageik_cli.cli.command import GroupedCommand, option
+from cageik_cli.cli.command import GroupedCommand, GroupedOption, option, spell_param
+from cageik_cli.cli.config import CONFIG_NAME, ClipTables, is_auxiliary_path, list_commands
+from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
 from cageik_cli.cli.group import spell_options
 from cageik_cli.cli.options import common_options, count_processors
-from cageik_cli.cli.options.group import OptionGroup, is_on_command_line, list_options
+from cageik_cli.cli.options.group import Decorator, OptionGroup, is_on_command_line, list_options
+from cageik_cli.cli.options.limits import LIMIT_OPTIONS
 from cageik_cli.cli.output import (
     LineLogger,
     append_step_summary,
@@ -17,12 +28,121 @@ from cageik_cli.cli.output import (
     exit_with_code,
     show_progress,
 )
-from cageik_cli.util.settings import HelpGroup
+from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.util.errors import CageikError, SettingError, WrongUsageError
+from cageik_cli.util.settings import HelpGroup, declare_setting
 from cageik_cli.util.text import format_count, single_line
 
 if TYPE_CHECKING:
-    from cageik_cli.batch.jobs import Scheduler
+    from cageik_cli.batch.discover import DiscoveredClip
+    from cageik_cli.batch.jobs import ClipJob, Scheduler
+    from cageik_cli.batch.run import BatchPlan
+    from cageik_cli.cli.options.limits import LoadBaseline
+    from cageik_cli.report.limits import Limits
     from cageik_cli.report.overview import Overview
+    from cageik_cli.run.settings import ExtractSettings
+
+
+@dataclass(frozen=True, slots=True)
+class BatchOptions:
+    """The options of the batch itself, as they were typed."""
+
+    folders: tuple[Path, ...] = declare_setting(MISSING, "", option="FOLDERS")
+    output: Path = declare_setting(
+        MISSING, "Folder for all results and reports.", option="-o/--output"
+    )
+    exclude_clips: tuple[str, ...] = declare_setting(
+        (),
+        "Leave out clips whose listed names, or paths below FOLDER, match this pattern, such as "
+        "'tests/*'; may be repeated.",
+        option="--exclude",
+        metavar="PATTERN",
+        group=HelpGroup.CLIP,
+    )
+    resume: bool = declare_setting(
+        False, "Continue: skip clips that are up to date, extract new, changed and failed ones."
+    )
+    overwrite: bool = declare_setting(False, "Extract all clips again, and replace the outputs.")
+    pages: bool = declare_setting(
+        True, "Write one HTML page per clip, linked from index.html.", group=HelpGroup.WRITTEN
+    )
+    player: bool = declare_setting(
+        False,
+        "Play the clip and pose its model on each page, which is then about 2 MB larger.",
+        option="--player/--no-player",
+        group=HelpGroup.WRITTEN,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SharedOptions:
+    """The options for all clips, by the names of parameters.
+
+    Attributes
+    ----------
+    command_line : dict
+        They win over the files of options beside clips.
+    config_file : dict
+        From the file of `--config`; files beside clips win over them.
+    """
+
+    command_line: dict[str, Any]
+    config_file: dict[str, Any]
+
+    @staticmethod
+    def collect(**values: Any) -> "SharedOptions":
+        """Collect those that are given, from where they are; paths become absolute."""
+        context = click.get_current_context()
+
+        def collect(source: ParameterSource) -> dict[str, Any]:
+            return {
+                name: str(value.absolute()) if isinstance(value, Path) else value
+                for name, value in values.items()
+                if context.get_parameter_source(name) is source
+            }
+
+        return SharedOptions(
+            collect(ParameterSource.COMMANDLINE), collect(ParameterSource.DEFAULT_MAP)
+        )
+
+    def find_auxiliary_files(self) -> set[Path]:
+        """Return the files that the options name and that are no frames."""
+        from cageik_cli.formats.find_files import split_member
+
+        return {
+            split_member(file)[0].resolve()
+            for name, file in (self.config_file | self.command_line).items()
+            if file is not None and is_auxiliary_path(extract_command, name, file)
+        }
+
+
+def _repeat_option(option: GroupedOption) -> Decorator:
+    """Make the decorator that adds an option of another command.
+
+    What the option needs may stand in a file of options beside a clip.
+    """
+    option = copy(option)
+    option.setting = replace(option.setting, needs=None)
+
+    def add(command: Callable[..., Any]) -> Callable[..., Any]:
+        command.__dict__.setdefault("__click_params__", []).append(option)
+        return command
+
+    return add
+
+
+SHARED_OPTIONS = OptionGroup(
+    "shared",
+    SharedOptions.collect,
+    *(
+        _repeat_option(option)
+        for option in extract_command.params
+        if isinstance(option, GroupedOption)
+        and option.setting.is_per_clip
+        and option.name != "exclude"
+    ),
+    *list_options(ClipSettings, {"exclude": {"option": "--exclude-parts"}}),
+)
 
 
 @click.command("batch", cls=GroupedCommand)
@@ -136,3 +256,143 @@ def _show_overview(overview: "Overview", quiet: bool) -> None:
     for entry in failed:  # at the end, where a long log is looked at
         click.echo(f"{entry.label}: {entry.fault}", err=True)
     echo_exceeded_limits(overview)
+
+
+def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
+    """Find the clips, and make one job for each.
+
+    Raises
+    ------
+    click.UsageError
+        When one of the folders is where the results would be.
+    InputError
+        When there is no clip, no clip can be started for one and the same reason, or the output
+        folder is in use.
+    """
+    from cageik_cli.batch.run import BatchPlan, check_batch_folder, check_folder_empty
+    from cageik_cli.report.baseline import read_baseline
+    from cageik_cli.report.overview import ClipEntry
+    from cageik_cli.util.text import to_unicode
+
+    options = replace(options, output=options.output.absolute())
+    if not options.overwrite:
+        (check_batch_folder if options.resume else check_folder_empty)(options.output)
+    commands = list_commands(click.get_current_context())
+    tables = ClipTables(extract_command, commands, options.folders)
+    notes: list[str] = []
+    found = _find_clips(options, shared, tables, notes.append)
+    load_baseline = cache(read_baseline)
+    jobs, rejected, is_wrong_usage = [], [], False
+    for clip in found:
+        try:
+            collected = tables.collect_options(clip.folder, clip.path)
+            given = replace(shared, config_file=shared.config_file | collected)
+            settings, limits = _make_clip_settings(clip, given, load_baseline)
+            jobs.append(_make_job(clip, settings, limits, options))
+        except (click.UsageError, CageikError) as error:
+            rejected.append(ClipEntry(clip.name, fault=to_unicode(_describe_fault(error))))
+            is_wrong_usage = isinstance(error, click.UsageError | WrongUsageError)
+    if not jobs and len({entry.fault for entry in rejected}) == 1:
+        message = f"none of {len(found)} clips can be started: {rejected[0].fault}"
+        raise click.UsageError(message) if is_wrong_usage else SettingError(message)
+    order = tuple(clip.name for clip in found)
+    return BatchPlan(options.output, tuple(jobs), tuple(rejected), order, tuple(notes))
+
+
+def _find_clips(
+    options: BatchOptions,
+    shared: SharedOptions,
+    tables: ClipTables,
+    note: Callable[[str], None],
+) -> list["DiscoveredClip"]:
+    """Find the clips under the folders; files that options name are none."""
+    from cageik_cli.batch.discover import discover_clips, walk_folders
+    from cageik_cli.batch.run import REPORT_FILES
+    from cageik_cli.util.outputs import check_no_overlap
+
+    auxiliary_files = shared.find_auxiliary_files()
+    roots = [_make_absolute(folder) for folder in options.folders]
+    for root in roots:
+        _check_not_results(root, options.output)
+        for folder in walk_folders(root, options.output):
+            auxiliary_files |= tables.find_auxiliary_files(folder)
+    check_no_overlap([options.output / name for name in REPORT_FILES], list(auxiliary_files))
+    return discover_clips(
+        roots,
+        output=options.output,
+        auxiliary_files=auxiliary_files,
+        exclude=options.exclude_clips,
+        note=note,
+    )
+
+
+def _make_job(
+    clip: "DiscoveredClip", settings: "ExtractSettings", limits: "Limits", options: BatchOptions
+) -> "ClipJob":
+    """Make the job of a clip, whose result goes to the folder of the batch."""
+    from cageik_cli.batch.jobs import CLIPS_FOLDER, ClipJob
+    from cageik_cli.batch.run import WEIGHT_CACHE_FOLDER, check_is_result
+
+    place = options.output / CLIPS_FOLDER / clip.result
+    if not options.overwrite:
+        check_is_result(place)
+    settings = replace(
+        settings,
+        output=place,
+        cache=settings.cache or options.output / WEIGHT_CACHE_FOLDER,
+        resume=options.resume or not options.overwrite,
+        overwrite=options.resume or options.overwrite,
+        jobs=1,
+    )
+    job = ClipJob(clip.name, settings, limits, options.pages)
+    if options.player:
+        from cageik_cli.view.player.section import load_player
+
+        job = replace(job, load_player=load_player)
+    return job
+
+
+def _check_not_results(folder: Path, output: Path) -> None:
+    """Refuse to search for clips where the results go."""
+    from cageik_cli.batch.jobs import CLIPS_FOLDER
+
+    place, results = folder.resolve(), output.resolve() / CLIPS_FOLDER
+    if place == output.resolve() or results in (place, *place.parents):
+        raise click.UsageError(
+            f"{folder}: is the folder of the results; choose another one with -o"
+        )
+
+
+def _make_absolute(folder: Path) -> Path:
+    """Make a path absolute, so that its parents are the folders above it."""
+    return folder.resolve() if ".." in folder.parts else folder.absolute()
+
+
+def _make_clip_settings(
+    clip: "DiscoveredClip",
+    options: SharedOptions,
+    load_baseline: "LoadBaseline",
+) -> tuple["ExtractSettings", "Limits"]:
+    """Make the settings and limits that `cageik extract` would make of the same options."""
+    from cageik_cli.formats.timeline import check_any_frame
+
+    given = options.config_file | options.command_line
+    parent = click.get_current_context().parent
+    with extract_command.make_context(
+        "extract", list(clip.frames), parent=parent, default_map=given
+    ) as context:
+        for name in options.command_line:
+            context.set_parameter_source(name, ParameterSource.COMMANDLINE)
+        limits = LIMIT_OPTIONS.make_record(context.params).load(load_baseline)
+        settings = EXTRACT_OPTIONS.make_record(context.params)
+        check_any_frame(settings.clip.selection)
+        return settings, limits.match_by_name()
+
+
+def _describe_fault(error: click.UsageError | CageikError) -> str:
+    """Say why a clip cannot be started; values of the command line were checked before."""
+    if isinstance(error, click.BadParameter) and error.param is not None:
+        option = spell_param(error.param)
+        return f"{option} of a {CONFIG_NAME} in its folder or above: {error.message.rstrip('.')}"
+    message = error.message if isinstance(error, click.UsageError) else str(error)
+    return spell_options(message)

@@ -1,11 +1,16 @@
-"""What an edit has done: the summary of its frames, and one frame for pictures."""
+"""What an edit has done: the summary of its frames, and one frame for pictures.
+
+Statistics of anchors, motion, volume and smoothness are gathered block by block.
+"""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.editing.edits import EditedFrames, LayeredEdit
+from cageik_cli.editing.handles.placement import describe_place
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -216,3 +221,179 @@ def take_snapshot(edit: LayeredEdit, block: EditedFrames, summary: PoseSummary) 
         rms_percent=summary.rms_percent,
         max_residual_percent=max(residuals, default=0.0),
     )
+
+
+class PoseStatistics:
+    """Running statistics of an edit, updated block by block."""
+
+    def __init__(self, edit: LayeredEdit) -> None:
+        self._edit, self._rest = edit, edit.target.binding.rest
+        self._anchors = edit.anchors
+        self._layer_names = [layer.name for layer in edit.layers for _ in layer.schedule.anchors]
+        self._moved, self._residual = np.zeros((2, len(self._anchors)))
+        self._residual_frame = np.zeros(len(self._anchors), np.int64)
+        self._squares, self._frame_count = 0.0, 0
+        self._farthest, self._vertex, self._frame = 0.0, 0, 0
+        self._smallest_motion = 0.0
+        self._cage_farthest, self._cage_vertex = 0.0, 0
+        self._is_beyond = edit.is_beyond
+        self._beyond_moved = 0.0
+        self._volume_change: float | None = None
+        self._changed: list[int] = []
+        # By cage edit: how far, which vertex, in which frame.
+        self._cage_edits = [(0.0, int(layer.vertices[0]), 0) for layer in edit.cage_layers]
+        # Of positions before and after the edit.
+        self._anchor_trackers = _AccelerationTracker(), _AccelerationTracker()
+        self._mesh_trackers = _AccelerationTracker(), _AccelerationTracker()
+
+    def update(self, block: EditedFrames) -> None:
+        """Add the next frames, if there are any."""
+        if not len(block.frames):
+            return
+        acts = self._edit.find_active(block.frames)
+        distances = np.linalg.norm(block.anchors_after - block.anchors_before, axis=2) * acts
+        self._moved = np.maximum(self._moved, distances.max(axis=0))
+        residuals = np.linalg.norm(block.anchors_after - block.targets, axis=2) * acts
+        worst, largest = residuals.argmax(axis=0), residuals.max(axis=0)
+        is_worse = largest > self._residual
+        self._residual_frame[is_worse] = block.frames[worst[is_worse]]
+        self._residual = np.maximum(self._residual, largest)
+        is_changed = (block.cages_after != block.cages_before).any(axis=(1, 2))
+        for trackers, before, after in (
+            (self._anchor_trackers, block.anchors_before, block.anchors_after),
+            (self._mesh_trackers, block.meshes_before, block.meshes_after),
+        ):
+            trackers[0].update(block.frames, before, is_changed)
+            trackers[1].update(block.frames, after, is_changed)
+        self._update_meshes(block)
+        self._update_cage_edits(block.frames)
+        if is_changed.any():
+            numbers = block.frames[is_changed]
+            self._changed = [*self._changed[:1], int(numbers[0]), int(numbers[-1])]
+
+    def _update_meshes(self, block: EditedFrames) -> None:
+        metrics = block.metrics
+        self._squares += float(metrics.rms @ metrics.rms)
+        self._frame_count += len(block.frames)
+        worst = int(metrics.max_deviation.argmax())
+        if metrics.max_deviation[worst] > self._farthest:
+            self._farthest = float(metrics.max_deviation[worst])
+            self._vertex = int(metrics.worst_vertex[worst])
+            self._frame = int(block.frames[worst])
+            self._smallest_motion = float(np.sqrt(np.nanmin(block.squared_displacements[worst])))
+        if self._is_beyond.any():
+            beyond = np.nan_to_num(block.squared_displacements[:, self._is_beyond])
+            self._beyond_moved = max(self._beyond_moved, float(np.sqrt(beyond.max())))
+        distances = np.linalg.norm(block.cages_after - block.cages_before, axis=2).max(axis=0)
+        if distances.max() > self._cage_farthest:
+            self._cage_farthest, self._cage_vertex = float(distances.max()), int(distances.argmax())
+        with np.errstate(divide="ignore", invalid="ignore"):
+            changes = 100 * (metrics.volume_reconstructed / metrics.volume - 1)
+        known = changes[np.isfinite(changes)]
+        if len(known):
+            largest = float(known[np.abs(known).argmax()])
+            self._volume_change = max(self._volume_change or 0.0, largest, key=abs)
+
+    def _update_cage_edits(self, frames: Integers) -> None:
+        for k, layer in enumerate(self._edit.cage_layers):
+            distances = np.linalg.norm(layer.displacements(frames), axis=2)
+            frame, place = np.unravel_index(distances.argmax(), distances.shape)
+            moved = float(distances[frame, place])
+            if moved > self._cage_edits[k][0]:
+                self._cage_edits[k] = moved, int(layer.vertices[place]), int(frames[frame])
+
+    def summarize(self) -> PoseSummary:
+        """Return the summary of the frames so far."""
+        name = self._edit.target.name_frame
+        rms = float(np.sqrt(self._squares / max(1, self._frame_count)))
+        conditions = [layer.poser.condition_number for layer in self._edit.layers]
+        edits = zip(self._edit.cage_layers, self._cage_edits, strict=True)
+        beyond = self._beyond_moved if self._is_beyond.any() else None
+        return PoseSummary(
+            diagonal=self._rest.diagonal,
+            anchors=tuple(map(self._summarize_anchor, range(len(self._anchors)))),
+            rms=rms,
+            rms_percent=100 * rms / self._rest.diagonal,
+            moved=self._farthest,
+            moved_least=self._smallest_motion,
+            vertex=self._vertex,
+            frame=name(self._frame),
+            cage_moved=self._cage_farthest,
+            cage_vertex=self._cage_vertex,
+            volume_change_percent=self._volume_change,
+            condition_number=max(conditions, default=None),
+            rigidity=self._edit.rigidity,
+            changed=(name(self._changed[0]), name(self._changed[-1])) if self._changed else None,
+            beyond_moved=beyond,
+            beyond_moved_percent=None if beyond is None else 100 * beyond / self._rest.diagonal,
+            **self._summarize_acceleration(),
+            has_surface=len(self._rest.faces) > 0,
+            cage_edits=tuple(
+                CageEditSummary(layer.name, len(layer.vertices), moved, vertex, name(frame))
+                for layer, (moved, vertex, frame) in edits
+            ),
+        )
+
+    def _summarize_acceleration(self) -> dict[str, Any]:
+        """Return the fields on the vertex whose acceleration the edit raises most."""
+        before, after = (tracker.max_acceleration for tracker in self._mesh_trackers)
+        if before is None or after is None:
+            return {}
+        vertex = int((after - before).argmax())
+        if after[vertex] <= before[vertex]:
+            return {}
+        return {
+            "acceleration_vertex": vertex,
+            "acceleration": float(after[vertex]),
+            "acceleration_before": float(before[vertex]),
+        }
+
+    def _summarize_anchor(self, k: int) -> AnchorSummary:
+        before, after = (tracker.max_acceleration for tracker in self._anchor_trackers)
+        place = describe_place(self._rest, self._anchors[k].point)
+        is_vertex = place.kind == "vertex"
+        return AnchorSummary(
+            name=self._anchors[k].name,
+            layer=self._layer_names[k],
+            vertex=place.number if is_vertex else None,
+            face=None if is_vertex else place.number,
+            barycentric=None if place.values is None else tuple(place.values.tolist()),
+            moved=float(self._moved[k]),
+            residual=float(self._residual[k]),
+            residual_percent=float(100 * self._residual[k] / self._rest.diagonal),
+            frame=self._edit.target.name_frame(int(self._residual_frame[k])),
+            acceleration=None if after is None else float(after[k]),
+            acceleration_before=None if before is None else float(before[k]),
+        )
+
+
+class _AccelerationTracker:
+    """The largest second differences of l positions over consecutive frames.
+
+    Only triples of frames count of which one is changed: what a clip does elsewhere is its own.
+
+    Attributes
+    ----------
+    max_acceleration : (l,) float64, optional
+    """
+
+    def __init__(self) -> None:
+        self.max_acceleration: Floats | None = None
+        self._frames = np.empty(0, np.int64)
+        self._is_changed = np.empty(0, bool)
+        self._positions: Floats | None = None
+
+    def update(self, frames: Integers, positions: Floats, is_changed: NDArray[np.bool_]) -> None:
+        """Add positions, (k, l, 3), of frames (k,), and whether each frame is changed, (k,)."""
+        if self._positions is not None:
+            frames = np.concatenate([self._frames, frames])
+            positions = np.concatenate([self._positions, positions])
+            is_changed = np.concatenate([self._is_changed, is_changed])
+        is_run = frames[2:] - frames[:-2] == 2
+        is_run &= is_changed[2:] | is_changed[1:-1] | is_changed[:-2]
+        if is_run.any():
+            largest = np.linalg.norm(np.diff(positions, 2, axis=0)[is_run], axis=2).max(axis=0)
+            before = largest if self.max_acceleration is None else self.max_acceleration
+            self.max_acceleration = np.maximum(before, largest)
+        self._frames, self._positions = frames[-2:], positions[-2:]
+        self._is_changed = is_changed[-2:]

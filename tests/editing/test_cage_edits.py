@@ -18,7 +18,7 @@ from cageik_cli.editing.cage_edits import (
 from cageik_cli.editing.edit_target import EditTarget
 from cageik_cli.editing.edits import LayeredEdit
 from cageik_cli.editing.handles.schema import read_schema
-from cageik_cli.editing.statistics import PoseStatistics
+from cageik_cli.editing.summary import PoseStatistics
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.timeline import Timeline
 from cageik_cli.method.pose.settings import PosingSettings

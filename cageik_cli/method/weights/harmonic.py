@@ -8,6 +8,9 @@ weights sum to one and reproduce affine maps to rounding, however coarse the pan
 
 Only panels close to the model's vertices have polynomials beyond linear. Panels with too large an
 estimated error are divided.
+
+The error is estimated at the model's vertices, and measured by what the equations leave on the
+cage.
 """
 
 from collections.abc import Callable
@@ -18,20 +21,22 @@ import numpy as np
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import measure_distances, order_by_place
 from cageik_cli.geometry.shape import thin_face_pairs
-from cageik_cli.geometry.surface import weights_on_surface
+from cageik_cli.geometry.surface import closest_points, weights_on_surface
 from cageik_cli.method.weights.bem.boundary_equation import (
     BoundarySolution,
+    Densities,
+    count_points_per_block,
     rounded_interior_weights,
+    single_layer,
     solve_boundary,
     split_points,
 )
 from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.method.weights.bem.error_estimate import estimate_error, measure_surface_error
-from cageik_cli.method.weights.bem.panel_geometry import LINEAR_TERMS, Panels, exponents
-from cageik_cli.method.weights.bem.potentials import FADE_FACTOR
+from cageik_cli.method.weights.bem.panel_geometry import LINEAR_TERMS, Panels, exponents, gauss_rule
+from cageik_cli.method.weights.bem.potentials import FADE_FACTOR, compute_potentials
 from cageik_cli.method.weights.binding import Weights
 from cageik_cli.method.weights.settings import ACCURACIES, Accuracy
-from cageik_cli.util.arrays import Floats, Integers, Mask
+from cageik_cli.util.arrays import Floats, Integers, Mask, spread_evenly
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.threads import count_processors, limit_blas_threads
@@ -39,17 +44,22 @@ from cageik_cli.util.threads import count_processors, limit_blas_threads
 MIN_PANELS = 60
 """Faces of cages with fewer panels are divided into four, which costs little."""
 
+
 MAX_HARMONIC_FACES = 5000
 """Largest number of faces of a cage; its matrix then has (3 × 5000)² float32, 0.9 GB."""
+
 
 MAX_REFINEMENTS = 4
 """Largest number of times that the panels with the largest error are divided."""
 
+
 MAX_ERROR_SAMPLES = 128
 """Points at which the error is estimated."""
 
+
 MIN_REFINED_SHARE = 0.6
 """Panels are divided that have this share of the error, the fewest that do."""
+
 
 STEADY_SHARE = 0.24
 """Share of the error on the cage that does not change its sign within a panel.
@@ -57,6 +67,7 @@ STEADY_SHARE = 0.24
 It reaches far inside: on 16 cages, the error at half a radius of a panel is 0.07 to 0.45 of it, in
 the middle 0.2. With a larger share, estimates of balls and tori are above twice their error.
 """
+
 
 MAX_GAP_RATIO = 1.0
 """Panels that face another nearer than this, in roots of their area, have a higher degree."""
@@ -288,3 +299,120 @@ def _choose_degrees(panels: Panels, order: int, radii: float) -> tuple[Integers,
         degree[is_left] = lower
         reach[is_left] = np.minimum(radii * panels.radii, furthest)[is_left]
     return degree, reach
+
+
+MAX_MEASURED_PANELS = 250
+"""Panels at which the error on the cage is measured: in a tenth of the time of a bind."""
+
+
+def estimate_error(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats]:
+    """Estimate the mean row L1 error over `sample`, (s, 3), and each panel's share in it, (p,).
+
+    Away from the cage, the terms of the highest degree relative to those one lower give a ratio;
+    the missing degrees are estimated by a geometric series with this ratio. Near the cage, the
+    error is the residual of the equations at the closest point. The larger estimate counts.
+    """
+    mesh = boundary.mesh
+    degree, highest, panel = mesh.unknown_degrees
+    terms = {
+        (order, power): np.flatnonzero((degree == power) & (highest == order))
+        for order in np.unique(highest)
+        for power in (order - 1, order)
+    }
+    sizes = dict.fromkeys(terms, 0.0)
+    term_sums = np.zeros(mesh.unknowns)
+    for block in split_points(mesh, len(sample)):
+        potentials = _compute_all_potentials(mesh, sample[block])
+        term_sums += np.abs(potentials).sum(axis=1)
+        for key, rows in terms.items():
+            contributions = boundary.densities[rows].T @ potentials[rows]
+            sizes[key] += np.abs(contributions).sum() / (4 * np.pi * len(sample))
+    series = 0.0
+    for order in np.unique(highest):
+        last, before = sizes[order, order], sizes[order, order - 1]
+        if before > 0:
+            # Densities have logarithms at edges, and the series must have a useful sum.
+            ratio = np.clip(last / before, 0.3, 0.8)
+            # The error of linear densities is 0.08 to 0.16 of their linear terms on real cages.
+            series += last * (0.1 if order == 1 else ratio / (1 - ratio))
+    error = max(series, float(_residual_near_cage(boundary, sample).mean()))
+    term_sums *= np.abs(boundary.densities).sum(axis=1)
+    return error, np.bincount(panel, term_sums * (degree == highest)).astype(np.float64)
+
+
+def _compute_all_potentials(mesh: BoundaryMesh, points: Floats) -> Floats:
+    """Return ∫ ψ/r of all terms, (u, q); 0 for those that have faded out."""
+    potentials = compute_potentials(mesh, points, is_inside=True)
+    all_terms = np.zeros((mesh.unknowns, len(points)))
+    all_terms[: mesh.linear_unknowns] = potentials.linear
+    higher = all_terms[mesh.linear_unknowns :].reshape(
+        mesh.extra_terms, len(mesh.high_panels), len(points)
+    )
+    higher[:, potentials.near_panels] = potentials.higher
+    return all_terms
+
+
+def _residual_near_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
+    """Return the row L1 errors, (s,), at points inside due to the residual on the cage.
+
+    The computed weights are harmonic, and their error on the cage is (2π φ − D − ∫ q/r) / 4π. It
+    changes its sign from node to node of a panel, and so decays over the distance of nodes.
+    """
+    mesh = boundary.mesh
+    panels = mesh.panels
+    nearest = closest_points(TriMesh(panels.vertices, panels.corners), sample)
+    # Off the edges, by a thousandth of the way to the centroid.
+    on_cage = nearest.position + 1e-3 * (panels.centroids[nearest.face] - nearest.position)
+    on_panels = closest_points(nearest.mesh, on_cage)
+    barycentric = on_panels.barycentric_coordinates(np.ones(len(on_cage), bool))
+    basis_functions = mesh.basis_functions.evaluate(panels.corners[on_panels.face], barycentric)
+    residual = np.concatenate(
+        [
+            _measure_residual(boundary, boundary.densities, on_cage[block], basis_functions[block])
+            for block in split_points(mesh, len(on_cage))
+        ]
+    )
+    waves = (mesh.panel_degrees[nearest.face] + 1) / panels.radii[nearest.face]
+    return np.asarray(residual * np.exp(-np.pi * waves * nearest.distance))
+
+
+def _measure_residual(
+    boundary: BoundarySolution, densities: Densities, points: Floats, basis_functions: Floats
+) -> Floats:
+    """Return the row L1 norms, (q,), of (2π φ − D − ∫ q/r) / 4π at points in faces, (q, 3).
+
+    It is the error of the weights there, just inside. `basis_functions`, (q, n), are φ at the
+    points.
+    """
+    potentials = compute_potentials(boundary.mesh, points, is_inside=False)
+    values = single_layer(boundary.mesh, densities, potentials) + potentials.double
+    return np.asarray(np.abs(2 * np.pi * basis_functions - values.T).sum(axis=1) / (4 * np.pi))
+
+
+def measure_surface_error(boundary: BoundarySolution, pool: ThreadPoolExecutor) -> float:
+    """Measure the mean row L1 error of the weights just inside the cage, over the area of panels.
+
+    They are those of a degree above 1: near vertices, or facing one another; 0 if there are none.
+    Unlike the estimate at points, it sees those that no point is near. Of many panels, evenly
+    spread ones are measured; single precision suffices. The nodes are those of the equations, where
+    residuals are smaller than between them: it is up to a third too small.
+    """
+    mesh, panels = boundary.mesh, boundary.mesh.panels
+    barycentric, shares = gauss_rule(3)
+    if len(mesh.high_panels) == 0:
+        return 0.0
+    chosen = mesh.high_panels[spread_evenly(len(mesh.high_panels), MAX_MEASURED_PANELS)]
+    nodes = np.einsum("jk,ckx->cjx", barycentric, panels.vertices[panels.corners[chosen]])
+
+    def measure(block: slice) -> Floats:
+        basis_functions = mesh.evaluate_basis_functions(chosen[block], barycentric).reshape(
+            -1, mesh.basis_functions.count
+        )
+        points = nodes[block].reshape(-1, 3)
+        errors = _measure_residual(boundary, boundary.rounded_densities, points, basis_functions)
+        return np.asarray(errors.reshape(-1, len(shares)) @ shares)
+
+    size = max(1, count_points_per_block(mesh) // len(shares))
+    blocks = [slice(start, start + size) for start in range(0, len(chosen), size)]
+    errors = np.concatenate(list(pool.map(measure, blocks)))
+    return float(np.average(errors, weights=panels.areas[chosen]))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from cageik_cli.formats.joint_keys import (
+from cageik_cli.formats.gltf.skeleton import (
     ROTATION,
     TRANSLATION,
     JointKeys,

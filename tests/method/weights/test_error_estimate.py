@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.method.points.field import HarmonicField
-from cageik_cli.method.weights.bem import error_estimate
-from cageik_cli.method.weights.bem.error_estimate import measure_surface_error
+from cageik_cli.method.weights import harmonic
+from cageik_cli.method.weights.harmonic import measure_surface_error
 from tests.shapes import box, inside
 
 
@@ -36,6 +36,6 @@ def test_where_no_point_is_near_nothing_is_measured():
 
 def test_of_many_panels_some_are_measured(field, monkeypatch):
     expected = measure(field)
-    monkeypatch.setattr(error_estimate, "MAX_MEASURED_PANELS", 110)
+    monkeypatch.setattr(harmonic, "MAX_MEASURED_PANELS", 110)
     assert len(field.boundary.mesh.panels.corners) > 100
     assert measure(field) == pytest.approx(expected, rel=0.3)
