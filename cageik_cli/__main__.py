@@ -20,7 +20,7 @@ def main() -> None:
     try:
         try:
             from cageik_cli.cli import main as run_command_line
-            from cageik_cli.util.processes import trials
+            from cageik_cli.util.trial import trials
 
             trials.are_wanted = True
         except (OSError, ImportError, MemoryError) as error:

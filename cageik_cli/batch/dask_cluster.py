@@ -51,10 +51,8 @@ from cageik_cli.util.version import __version__
 PACKAGE_NAME = "cageik"
 """The name under which packages are installed."""
 
-
 CONNECT_TIMEOUT = 10.0
 """Seconds in which the scheduler must answer."""
-
 
 MIN_PIECE_SECONDS = 0.5
 """Seconds of work in a piece, at least; the scheduler takes a hundredth of it per task."""

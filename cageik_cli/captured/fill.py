@@ -39,10 +39,8 @@ from cageik_cli.util.arrays import Floats, Integers, Mask
 MAX_CONJUGATE_STEPS = 200
 """Steps of conjugate gradients, at most."""
 
-
 CONJUGATE_TOL = 1e-4
 """Conjugate gradients end at this share of the error of their start, in the norm of the system."""
-
 
 BRIDGE_LENGTH = 0.37
 """Length in frames: a motion of the whole mesh with a period of 2π times it would be halved."""
@@ -187,7 +185,6 @@ def make_bend_bands(gammas: Floats) -> Floats:
 
 RIGID_ROUNDS = 20
 """Rounds of rotations and positions: with 60, the error is up to a tenth less."""
-
 
 HOLD_WEIGHT = 1e-9
 """Weight by which vertices stay where they begin: a part of which nothing is seen has no other."""

@@ -34,10 +34,8 @@ from cageik_cli.util.errors import NumericalError
 HUBER_ROUNDS = 2
 """First rounds, in which outliers still pull, so that the next start close to the solution."""
 
-
 MAX_ROBUST_ROUNDS = 20
 """Rounds of weighing the followed vertices of a frame and solving it, at most."""
-
 
 WEIGHT_CHANGE_TOL = 0.01
 """Rounds end when no weight of the frame changes by more."""
@@ -319,7 +317,6 @@ def solve_definite(matrix: Floats, right: Floats) -> Floats:
 
 MIN_OUTLIER_RATIO = 8.0
 """Vertices are off by themselves that are off by more times as much as their neighbours."""
-
 
 MIN_OUTLIER_EDGE_CHANGE = 5.0
 """Percent of the diagonal; edges of outlier vertices change by more. In clean clips of a dancer, a

@@ -9,7 +9,6 @@ from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 AUTO_SMOOTHING: Final = "auto"
 """As the period that is smoothed: found by generalised cross-validation."""
 
-
 MAX_SMOOTHING_PERIOD = 240
 """Longest period that is smoothed, in frames; the shortest is any above 0.
 

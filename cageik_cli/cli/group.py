@@ -21,7 +21,6 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.command import spell_param
 from cageik_cli.util.errors import WrongUsageError, format_error
 from cageik_cli.util.outputs import listen_to_leftovers
 from cageik_cli.util.text import make_printable, single_line
@@ -123,6 +122,7 @@ def spell_options(text: str, command: click.Command | None = None) -> str:
 
 def _find_option(name: str, command: click.Command | None) -> str | None:
     """Return what is typed for a parameter: an option, or an argument in capitals."""
+    from cageik_cli.cli.command import spell_param
     from cageik_cli.cli.extract import extract_command
 
     if name == "verbose":

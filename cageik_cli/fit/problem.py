@@ -40,18 +40,14 @@ from cageik_cli.util.threads import OrderedMap
 AFFINE_FUNCTIONS = 4
 """1 and the three coordinates: the functions that weights reproduce."""
 
-
 ROUNDING_TOL = 1e-5
 """Share of the diagonal by which files of few digits round positions."""
-
 
 AFFINE_TOL = 1e-13
 """Weights nearer to affine exactness than this are left as they are."""
 
-
 FRAMES_PER_PART = 16
 """Frames per block; constant, because the last digits depend on it."""
-
 
 COMPRESSION_TOL = 2e-3
 """What a compression leaves out, relative to D, as root mean squares."""

@@ -518,7 +518,6 @@ def _make_uvs(attributes: SurfaceAttributes) -> Any | None:
 SHAPE_SUFFIX = "Shape"
 """What is added to the name of a mesh that is below a transform of its own name."""
 
-
 SAME_TIME_TOL = 1e-6
 """Times that differ by less than this share of a step are one: seconds of other rates round."""
 

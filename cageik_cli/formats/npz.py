@@ -325,7 +325,6 @@ class Writer(AnimationWriter):
 MAX_NPY_HEADER_BYTES = 1 << 14
 """Bytes that are read for a header; numpy itself accepts 10 000 characters."""
 
-
 _COPY_BYTES = 1 << 20
 
 

@@ -293,7 +293,6 @@ def _encode_faces(mesh: TriMesh) -> tuple[list[str], bytes]:
 MAX_PLY_HEADER_BYTES = 1 << 20
 """A longer header is none."""
 
-
 NORMAL_NAMES = ("nx", "ny", "nz")
 
 

@@ -41,7 +41,6 @@ from cageik_cli.util.units import list_size_notes
 DEFAULT_FORMAT = "obj"
 """Format of the files in a folder, when none is given."""
 
-
 MAX_ROUNDING = 1e-5
 """Rounding to single precision is noted above it, in diagonals."""
 

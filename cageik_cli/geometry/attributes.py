@@ -13,22 +13,17 @@ from cageik_cli.util.text import format_count
 MAX_NAMES = 100_000
 """Names of materials, groups, objects or smoothing groups of a mesh."""
 
-
 MAX_NAME_LENGTH = 1024
 """Characters of such a name."""
-
 
 MAX_VALUE = 1e9
 """Larger texture coordinates, colours and sharpnesses are refused."""
 
-
 MIN_TRANSFORM_VOLUME = 1e-9
 """A transform below this share of the volume of a box of its rows flattens what it moves."""
 
-
 NONE = -1
 """The index of a corner or a face that has no value."""
-
 
 SUBDIVISION_SCHEMES = ("none", "catmullClark", "loop", "bilinear")
 

@@ -13,7 +13,6 @@ from cageik_cli.util.errors import FormatError
 MAX_COORDINATE = 1e50
 """Larger coordinates are refused: squares of areas and volumes would overflow."""
 
-
 MIN_VOLUME_RATIO = 1e-4
 """Smallest volume of a body over its area times its diagonal: the ratio of a sheet as thick as
 0.02 % of the diagonal. A change of less volume, in percent, says nothing."""

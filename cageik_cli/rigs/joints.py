@@ -40,18 +40,14 @@ NORMAL_LENGTH = 0.0075
 On a dancer, 0.005 has an error that is 2 % smaller, and normals that are 8 % further off.
 """
 
-
 ROTATION_PULL = 0.03
 """A matrix is pulled to the rotation nearest to it by ρ, relative to one normal per joint."""
-
 
 ROTATION_SMOOTHNESS = 1e-3
 """Rotations are kept smooth over the cage by η, in the same measure as ρ."""
 
-
 ROTATION_STEPS = 4
 """Matrices and rotations take so many turns; more change error and normals by less than 1 %."""
-
 
 MAX_ROW_ENTRIES = 1 << 22
 """Rows that are multiplied at once have at most so many entries."""

@@ -27,7 +27,6 @@ from cageik_cli.util.arrays import Floats, Integers
 COMPACTNESS = 1e-3
 """A merge that spreads a joint costs this share of the spread, so that a rigid body has parts."""
 
-
 MIN_JOINTS = 3
 """Joints of a skin, at least: they have the faces of a mesh."""
 

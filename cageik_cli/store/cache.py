@@ -37,10 +37,8 @@ Value = TypeVar("Value")
 LOCK_POLL_SECONDS = 0.05
 """Seconds between two checks whether another process has computed an entry."""
 
-
 MAX_UNFINISHED_SECONDS = 3600.0
 """Seconds after which an unfinished file of any machine is taken for one of a killed process."""
-
 
 _ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.(weights|cage|fit)")
 

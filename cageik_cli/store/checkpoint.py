@@ -42,7 +42,6 @@ CHECKPOINT_MAGIC = CHECKPOINT_START + b"8\n"
 """Raise its number when the spec, the bytes of blocks or the solve change, so that older ones are
 refused."""
 
-
 _RECORD_HEADER = struct.Struct("<QI")  # length and checksum of what follows
 
 

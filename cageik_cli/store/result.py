@@ -60,7 +60,6 @@ from cageik_cli.util.text import to_unicode
 RESULT_FORMAT, RESULT_SCHEMA = "cageik.result", 1
 """What a result file says that it is; raise the number when older versions cannot read it."""
 
-
 CHECKPOINT_SUFFIX = ".partial"
 
 

@@ -6,7 +6,6 @@ library opens them. A pipe would keep the run waiting, and a device has no end.
 One process at a time holds the lock of a checkpoint, a cache entry or a batch's folder.
 """
 
-import ctypes
 import errno
 import io
 import os
@@ -199,6 +198,8 @@ def exchange(one: Path, other: Path) -> bool:
     Linux has it since 3.15 (`renameat2`), macOS since 10.12 (`renamex_np`), not for all kinds of
     disks.
     """
+    import ctypes  # slow to import, and only for folders that are replaced
+
     names = os.fsencode(one), os.fsencode(other)
     current_folder, swap = -100, 2  # AT_FDCWD, and RENAME_EXCHANGE or RENAME_SWAP
     try:

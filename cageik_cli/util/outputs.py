@@ -11,7 +11,6 @@ import io
 import os
 import platform
 import re
-import secrets
 import shutil
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -321,7 +320,7 @@ def make_unfinished_path(path: Path, suffix: str = "") -> Path:
     It ends in the suffix of `path` if that is given as `suffix`.
     """
     stem = path.name.removesuffix(suffix) if suffix else path.name
-    token = f"{_identify_machine():08x}{os.getpid() & 0xFFFFFFFF:08x}{secrets.token_hex(4)}"
+    token = f"{_identify_machine():08x}{os.getpid() & 0xFFFFFFFF:08x}{os.urandom(4).hex()}"
     return path.with_name(f"{stem}.{token}.partial{suffix}")
 
 

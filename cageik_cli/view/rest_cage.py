@@ -205,10 +205,8 @@ def _make_clip(rest: TriMesh, cage: TriMesh, name: str) -> PlayerClip:
 MAX_EDITED_VERTICES = 2500
 """Vertices of a cage that is edited: a closed one then has as many faces as can be bound."""
 
-
 MAX_EDITED_CORNERS = 20_000
 """Corners of all its polygons, and so the triangles that they are cut into."""
-
 
 CAGE_FORMAT = JsonFormat("a cage of the page", MAX_SUBMITTED_BYTES)
 

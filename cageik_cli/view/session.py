@@ -161,7 +161,6 @@ class ViewSession(ABC):
 SUBMITTED_FILES = {"handles": "handles", "cageEdits": "cage edits"}
 """The fields of a body, and what messages call them."""
 
-
 MAX_SUBMITTED_BYTES = 2 * MAX_HANDLES_BYTES
 """Largest body that is read: a handles file and a cage edits file."""
 

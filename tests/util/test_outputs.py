@@ -86,7 +86,7 @@ def test_runs_of_one_process_number_do_not_meet(tmp_path):
 
 
 def test_nobody_elses_file_is_written_into(tmp_path, monkeypatch):
-    monkeypatch.setattr("secrets.token_hex", lambda count: "0123abcd")
+    monkeypatch.setattr("os.urandom", lambda count: bytes.fromhex("0123abcd"))
     taken = make_unfinished_path(tmp_path / "a")
     taken.write_text("somebody else's")
     for attempt in (outputs.check_writable, lambda *how: outputs.write_text(how[0], "b", how[1])):

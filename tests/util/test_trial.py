@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from cageik_cli.util.processes import Trials
+from cageik_cli.util.trial import Trials
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 

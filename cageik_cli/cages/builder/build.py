@@ -44,19 +44,15 @@ SHELL_CANDIDATES = (
 )
 """Offset and closing of the shells that are tried, in diagonals, tight to loose."""
 
-
 FINE_GRID, COARSE_GRID = (0.007, 0.04), (0.014, 0.13)
 """Cells of the grids, and how far their distances are exact, in diagonals: as far as the offset and
 the closing of the shells that are made on them, and some cells."""
 
-
 MAX_SHIFTED = 2
 """The best candidates whose vertices are shifted to where they miss an animation."""
 
-
 MAX_LOOPED_SHELLS = 4
 """Shells that are tried with loops, at most, before shells are tried without."""
-
 
 NO_LIMBS = "the cage has no loops: no limbs were found that loops fit around"
 
@@ -69,7 +65,6 @@ NO_QUADS = "no cage with quads passed the tests: this one is of triangles"
 
 MIN_GOOD_ANGLE = 5.0
 """Smaller angles of a cage that is built, degrees, are noted."""
-
 
 MIN_FLAWLESS_ANGLE = 10.0
 """A smallest angle below this, degrees, makes a candidate rank lower."""

@@ -336,24 +336,19 @@ class _CollapserAround(Collapser):
 MIN_SIDES, MAX_SIDES = 4, 6
 """Vertices of a loop: as many as edges of the cage's mean length go around the limb, or nearest."""
 
-
 MAX_LOOP_DENSITY = 1.4
 """A limb gets loops beyond those that it needs up to its share of the vertices, by its area, times
 this."""
 
-
 LOOP_PLACES = 24
 """Places along a limb that a loop may have."""
-
 
 LOOP_TURNS = 12
 """Turns of the loops of a limb about it that are tried."""
 
-
 MIN_LOOP_MISFIT, MAX_LOOP_MISFIT = 0.05, 0.25
 """How far a limb may miss the tube between two loops, in mean edges of the cage: below the first,
 no other loop is needed; above the second, loops are added while others are apart from them."""
-
 
 EXPECTED_BEND = 0.15
 """How far a limb will bend off the tube where no animation is known, over the distance from the
@@ -435,22 +430,17 @@ def find_border(faces: Integers) -> Integers | None:
 MIN_LIMB_LENGTH = 0.06
 """How far a limb goes, in diagonals, at least."""
 
-
 MIN_LIMB_SLENDERNESS = 1.1
 """The length of a limb over its mean width, at least."""
-
 
 BASE_MARGIN = 0.05
 """What part of a limb is left between its base and what it meets, which may be another limb."""
 
-
 MAX_DEPTH_SOURCES = 100
 """Vertices from which distances over a shell are measured, at most."""
 
-
 DEPTH_SMOOTHINGS = 3
 """How often depths are averaged with those beside them: distances along edges are uneven."""
-
 
 LINE_POINTS = 24
 """Points of the centre line of a limb."""

@@ -39,14 +39,11 @@ from cageik_cli.util.arrays import Floats, Integers, Mask
 MIN_QUAD_SHARE = 0.7
 """A smaller share of quads among the faces of a cage is noted."""
 
-
 MAX_PAIRINGS = 5
 """How often triangles are paired, each time without the pairs that failed before."""
 
-
 MAX_CLEARED = 5
 """Rounds of pushes, each with the points that were too near after the last one."""
-
 
 PAIRED_COSINES = (0.3, 0.3, 0.1)
 """Between the normals of triangles that are paired, at least, in each round of pairing and fitting;
@@ -269,10 +266,8 @@ class _Maker:
 FITTING_STEPS = 4
 """Least-squares steps in which cuts are fitted to a model."""
 
-
 PULL_WEIGHT = 0.1
 """What a sample counts for that is further from a cut than wanted, over one that is nearer."""
-
 
 MAX_PULLED = 1.0
 """Samples further from a cut than this do not pull, in diagonals: none is."""
@@ -404,7 +399,6 @@ def _find_nearest_faces(cage: TriMesh, points: Floats) -> Integers:
 WALKS = 3
 """How often each vertex is moved towards its place: others may have been in its way."""
 
-
 HALVES = ((0, 1, 2), (0, 2, 3), (1, 2, 3), (1, 3, 0))
 """Corners of the triangles of a quad by one diagonal, and by the other."""
 
@@ -416,19 +410,15 @@ class PairedQuadDraft(PairedDraft, QuadDraft):
 MIN_QUAD_ANGLE = 5.0
 """Degrees that the triangles of a quad have, by either diagonal."""
 
-
 PAIR_VALUE = 0.5
 """What a quad counts for whatever its shape, which counts for at most one."""
-
 
 KEPT_PAIR_VALUE = 0.25
 """What a quad counts for in addition that holds the model already: it gives way to two others."""
 
-
 RIDGE_COST = 0.35
 """What the volume costs that a quad loses by its other diagonal, over the cage's volume for each
 two triangles: the cage must grow until that one holds the model, too."""
-
 
 FLIP_COST = 0.3
 """What a flip costs: a cage is flipped for quads that it would not have otherwise."""

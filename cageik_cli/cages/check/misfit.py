@@ -20,14 +20,11 @@ from cageik_cli.util.units import LONG_UNIT_NAMES, find_units_of_ratio, list_uni
 MAX_OUTSIDE_SHARE = 0.5
 """With a larger share of vertices outside, none are projected: it is another model's cage."""
 
-
 MAX_DENTED_SHARE = 0.1
 """With a larger share of vertices far outside, a cage is of another pose."""
 
-
 BUILD_REMEDY = "cageik extract builds one if `cage=` is left out"
 """What always helps where a cage is not that of the model."""
-
 
 OTHER_POSE_REMEDY = (
     f"it looks like the cage of another pose, or of another model: {BUILD_REMEDY}; or give the "
@@ -35,39 +32,31 @@ OTHER_POSE_REMEDY = (
 )
 """What to do about a cage that is not of the rest pose."""
 
-
 MAX_NEAR_PERCENT = 5.0
 """A cage whose model is outside by less, percent of its diagonal, is at most too small."""
-
 
 MAX_FITTED_PERCENT = 2.0
 """The same of a cage whose scale or place were fitted, which makes chance matches likelier."""
 
-
 MAX_TRANSFORM_STEPS = 12
 """Steps in which a transform is fitted to the points that are left outside."""
-
 
 MIN_EXTENT_RATIO, MAX_EXTENT_RATIO = 0.9, 2.0
 """A transformed cage is at least and at most so much larger than the model, along each axis."""
 
-
 MAX_SIZE_RATIO = 5.0
 """A larger ratio of the diagonals of cage and model suggests different units."""
-
 
 COMMON_SCALES = tuple(
     list_unit_ratios()[pair] for name in ("cm", "mm", "in") for pair in ((name, "m"), ("m", name))
 )
 """Scales between metres and what else most programs count in."""
 
-
 UP_CHANGES: dict[tuple[int, ...], str] = {
     (1, 0, 0, 0, 0, 1, 0, -1, 0): "with z up instead of y up",
     (1, 0, 0, 0, 0, -1, 0, 1, 0): "with y up instead of z up",
 }
 """The turns between programs that count heights along y and along z; rows of the matrix."""
-
 
 UP_AXES_OF_TURNS = dict(zip(UP_CHANGES.values(), (("Z", "Y"), ("Y", "Z")), strict=True))
 """The up axes before and after these turns."""
@@ -447,10 +436,8 @@ def _is_of_size(transform: Transform, cage: TriMesh, model: TriMesh) -> bool:
 UNIT_SCALES = tuple(dict.fromkeys((*COMMON_SCALES, *list_unit_ratios().values())))
 """All scales that have a name: those, and the rare ones between the others."""
 
-
 MAX_INFLATION = 20.0
 """Cages that must grow by more, percent of the model's diagonal, are not this model's."""
-
 
 INFLATION_TOL = 0.01
 """The inflation is found to this share of itself."""

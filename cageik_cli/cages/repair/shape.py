@@ -19,18 +19,14 @@ from cageik_cli.util.arrays import Floats, Integers
 MAX_FIT_WORK = 25e6
 """Work of all rounds, as `Effort` counts it: about 25 seconds."""
 
-
 MAX_RETURN_WORK = 10e6
 """Work of all trials to move vertices back."""
-
 
 MAX_SHAPE_ROUNDS = 12
 """How often a cage is untangled and pushed, at most."""
 
-
 MAX_FRUITLESS_ROUNDS = 4
 """A cage is given up after this many rounds in a row that found none with fewer faults."""
-
 
 MAX_SIDE_PARTS = 40
 """Parts that sides of faces of the model that cross the cage are divided in, at most."""
@@ -307,10 +303,8 @@ def _weigh_corners(
 MAX_RELAXATIONS = 12
 """How often all vertices of crossing faces are relaxed together, at most."""
 
-
 MAX_SINGLE_MOVES = 60
 """Vertices moved one at a time, at most."""
-
 
 MAX_MOVE_CANDIDATES = 24
 """Vertices tried before each move, those of most crossing faces first."""

@@ -32,10 +32,8 @@ from cageik_cli.util.files import check_input, repeat_if_interrupted
 MAX_ATTRIBUTE_VALUES = 16
 """Numbers in an attribute, such as a position or a matrix."""
 
-
 MAX_TEXT_BYTES = 1 << 28
 """Bytes of texts that are read together; many texts may be one and the same in the file."""
-
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 

@@ -237,10 +237,8 @@ def _rows_in(pairs: Integers, others: Integers) -> np.ndarray:
 MAX_STEPS = 200_000_000
 """Steps that all polygons of a mesh may take, of ten nanoseconds."""
 
-
 MAX_CORNER_STEPS = 10_000
 """Steps that they may take besides for each of their corners."""
-
 
 TEST_STEPS = 2000
 """Steps of a test of an ear, apart from one for each corner that is compared with it."""

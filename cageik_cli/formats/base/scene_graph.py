@@ -28,7 +28,7 @@ from cageik_cli.util.errors import (
     join_truncated,
 )
 from cageik_cli.util.files import mark_file
-from cageik_cli.util.processes import trials
+from cageik_cli.util.trial import trials
 
 Polygons = tuple[Integers, Integers]
 """How many corners each face has, (p,), and the vertices of the corners, face after face."""

@@ -17,7 +17,6 @@ from cageik_cli.util.text import number_names
 CAGE_KEY = "cage"
 """Files have the aliases of joints by this key of what is not interpreted."""
 
-
 HEADING_LIMITS = (0.3, 0.6)
 """Cosines of half the lean of a body: it has its heading from the second on, and none below the
 first, where it is turned over and the root keeps its last one."""
@@ -149,7 +148,6 @@ def _list_aliases(skin: Skin, count: int) -> list[str]:
 
 MIN_CENTRE_OFFSET = 0.5
 """A limb is at one side if its centre is so far from the middle, in halves of its own extent."""
-
 
 HEIGHTS = ("lower", "middle", "upper")
 """The thirds of the model that the centre of a limb can be in."""

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 MIN_WEIGHT = 1e-7
 """Smaller weights are dropped: beside a weight of 1, single precision loses them."""
 
-
 JOINT_TEXT_BYTES = 600
 """Bytes that describe a joint and its motion in a .glb, about."""
 

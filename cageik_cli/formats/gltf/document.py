@@ -28,7 +28,6 @@ from cageik_cli.util.text import single_line
 MAX_GLTF_BYTES = 2**32 - 1
 """Bytes of a glTF file and the files that it names, together: what a .glb file can state."""
 
-
 GLTF_JSON = JsonFormat("a glTF 2.0 file", MAX_GLTF_BYTES)
 
 
@@ -338,7 +337,6 @@ def _decode_data_uri(uri: str) -> bytes:
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 """Types of numbers, by their codes."""
-
 
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 """Numbers of an element, by its type."""

@@ -245,7 +245,6 @@ def number_rows(parts: Sequence[NDArray[Any]]) -> Integers:
 TRIANGLES, STRIP, FAN = 4, 5, 6
 """Modes of primitives that have faces."""
 
-
 _KEPT = re.compile(r"POSITION|NORMAL|TEXCOORD_0|COLOR_0|(JOINTS|WEIGHTS)_\d+")
 
 

@@ -18,7 +18,6 @@ from cageik_cli.util.text import format_count, number_names
 TRS_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 """Numbers of the values that place a node; rotations are quaternions (x, y, z, w)."""
 
-
 INSTANCING = "EXT_mesh_gpu_instancing"
 
 
@@ -247,7 +246,6 @@ def make_rotations(quaternions: Floats) -> Floats:
 
 INFLUENCE_SET_BYTES = 128
 """Memory that a set of four joints and weights takes at a vertex, as they are and sorted."""
-
 
 SUM_TOL = 0.01
 """Weights whose sum is this far from 1 get a note; a byte per weight rounds by less."""

@@ -321,17 +321,14 @@ def choose_animation(names: list[str], member: str | None) -> tuple[int | None, 
 DEFAULT_SAMPLING_RATE = 24.0
 """Frames per second at which animations are sampled, as glTF states none."""
 
-
 MAX_SAMPLED_TIMES = 100_000
 """Frames between the first and the last key."""
-
 
 KEY_TOL = 1e-6
 """Times this near to a key, of it or of a second, are at the key: files have single precision.
 
 That is at most a tenth of a frame, and of the way to another key: mocap may count from midnight.
 """
-
 
 _INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
 

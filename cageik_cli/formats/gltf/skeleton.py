@@ -40,22 +40,17 @@ if TYPE_CHECKING:
 SET_SIZE = 4
 """Joints per vertex in one set of attributes; programs read one set or two."""
 
-
 MAX_INFLUENCES = 2 * SET_SIZE
 """Joints per vertex that programs read."""
-
 
 FIRST_SHARE = 4.0
 """Each joint may first err by so much of the tolerance: joints above each other seldom add up."""
 
-
 MIN_TOLERANCE_SHARE = 1e-4
 """All keys are kept where less than this share of the tolerance is left: it is rounding."""
 
-
 TRIED_VERTICES = 1000
 """Vertices on which keys that are left out are tried first, about."""
-
 
 QUANTIZATION = "KHR_mesh_quantization"
 """The extension by which positions and normals may be integers; it needs no decoder."""
@@ -461,10 +456,8 @@ def _round_weights(values: Floats) -> NDArray[np.uint16]:
 ReadFrames = Callable[[int, int], tuple[Floats, Floats]]
 """Returns translations (k, J, 3) and quaternions (k, T, 4) of frames from the first number on."""
 
-
 MIN_JOINT_REACH = 1e-9
 """How far a joint moves a vertex, at least: a share, or a share of the size of the model."""
-
 
 FRAMES_PER_BLOCK = 16
 """Frames that are posed together."""
@@ -551,7 +544,6 @@ TRANSLATION, ROTATION = "translation", "rotation"
 
 TRACK_WIDTHS = {TRANSLATION: 3, ROTATION: 4}
 """Numbers of a translation, and of a quaternion."""
-
 
 MIN_SAVED_NUMBERS = 32
 """Numbers that the description of times of their own takes the space of."""

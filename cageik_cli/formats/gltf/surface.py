@@ -22,7 +22,6 @@ from cageik_cli.util.arrays import Floats, Integers
 PLAIN = "plain"
 """The material of triangles without: glTF's own is a metal, black where nothing is mirrored."""
 
-
 MAX_SHORT_VERTICES = 65535
 """Vertices that indices of 16 bits can name; the last number restarts a strip."""
 

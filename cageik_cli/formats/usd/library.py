@@ -9,7 +9,7 @@ from typing import Any
 
 from cageik_cli.util.errors import FormatError, error_context, require_optional
 from cageik_cli.util.files import check_input, open_input
-from cageik_cli.util.processes import trials
+from cageik_cli.util.trial import trials
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 

@@ -328,7 +328,6 @@ def _find_transform_times(prim: Any) -> set[float]:
 LIBRARY_KEY = "materialLibrary"
 """Where the custom data of a mesh names the file of its materials, as an OBJ file does."""
 
-
 UV_NAME = "st"
 
 

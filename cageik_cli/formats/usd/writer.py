@@ -44,7 +44,6 @@ MAX_UNSAVED_BYTES = 1 << 26
 """Bytes of time samples in memory before they are saved; also the limit of a `.usda`, which USD
 keeps in memory until the end."""
 
-
 MAX_USDZ_BYTES = 1 << 32
 """Bytes of a `.usdz`: a zip file without the extension for large files."""
 

@@ -248,7 +248,6 @@ def rotations_to_quaternions(rotations: Floats) -> Floats:
 REST_COUNTS = {(degree + 1) ** 2 - 1: degree for degree in range(4)}
 """The degree by the number of coefficients beyond the constant one."""
 
-
 _DIRECTIONS = (
     ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     ((1, 0, 0), (0, 1, 0), (1, -1, -1), (1, -1, 1), (1, 1, -1)),

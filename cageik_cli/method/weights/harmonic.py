@@ -44,22 +44,17 @@ from cageik_cli.util.threads import count_processors, limit_blas_threads
 MIN_PANELS = 60
 """Faces of cages with fewer panels are divided into four, which costs little."""
 
-
 MAX_HARMONIC_FACES = 5000
 """Largest number of faces of a cage; its matrix then has (3 × 5000)² float32, 0.9 GB."""
-
 
 MAX_REFINEMENTS = 4
 """Largest number of times that the panels with the largest error are divided."""
 
-
 MAX_ERROR_SAMPLES = 128
 """Points at which the error is estimated."""
 
-
 MIN_REFINED_SHARE = 0.6
 """Panels are divided that have this share of the error, the fewest that do."""
-
 
 STEADY_SHARE = 0.24
 """Share of the error on the cage that does not change its sign within a panel.
@@ -67,7 +62,6 @@ STEADY_SHARE = 0.24
 It reaches far inside: on 16 cages, the error at half a radius of a panel is 0.07 to 0.45 of it, in
 the middle 0.2. With a larger share, estimates of balls and tori are above twice their error.
 """
-
 
 MAX_GAP_RATIO = 1.0
 """Panels that face another nearer than this, in roots of their area, have a higher degree."""

@@ -50,10 +50,8 @@ from cageik_cli.util.threads import OrderedMap, count_processors
 FILM_COLOURS = {"background": "#ffffff", "label": "#59626d"}
 """Of what is neither the model nor its cage."""
 
-
 MAX_TILE_SIDE = 640
 """Pixels of a square that is drawn at once: larger pictures take no more memory."""
-
 
 COLOUR_SAMPLES = 6
 """Pictures from which the colours of a GIF are chosen."""
@@ -203,7 +201,6 @@ def write_film(
 Pixels = NDArray[np.uint8]
 """(h, w, 3): red, green and blue."""
 
-
 MAX_SHOT_BYTES = 64 << 20
 """Bytes of the meshes of a film that are in memory at a time."""
 
@@ -297,7 +294,6 @@ def _write_label(pixels: Pixels, label: str) -> Pixels:
 
 GIF_COLOURS = 127
 """Colours of a GIF; one more stands for what has not changed."""
-
 
 WEBP_QUALITY = 75
 """Of the pictures of a WebP, up to 100: the thin lines of a cage stay clean."""

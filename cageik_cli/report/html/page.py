@@ -66,7 +66,6 @@ SECTIONS = (
 )
 """Anchors of the sections, and their names in the navigation: one line of a laptop holds all."""
 
-
 QUALITY_STATES = {"good": "good", "fair": "none", "poor": "warn"}
 """Looks of the badge of a quality."""
 

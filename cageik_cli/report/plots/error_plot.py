@@ -34,7 +34,6 @@ from cageik_cli.util.arrays import Floats, Integers
 AXES_SIDES = {"left": 0.1, "bottom": 0.14, "right": 0.9, "top": 0.87}
 """Sides of the axes, as shares of the picture from its lower left corner."""
 
-
 MAX_MARKED_FRAMES = 60
 """Clips with more frames have markers only at frames between gaps."""
 

@@ -34,7 +34,6 @@ POSE_SCRIPTS = (
 )
 """Scripts that it does not need."""
 
-
 REST_MODES = {"look": "Look", "rest": "Rest cage"}
 """What pointers on its picture can do."""
 

@@ -51,24 +51,19 @@ from cageik_cli.view.player.scripts import PLAYER_SCRIPTS, read_scripts
 MAX_DRAWN_VERTICES = 50_000
 """A larger model is decimated."""
 
-
 MAX_WEIGHTS = 1 << 24
 """Weights of a page at most; a model of more in its cage is decimated, too."""
-
 
 MAX_INT16 = 32_767
 """The largest integer that steps of lengths are stored as."""
 
-
 MIN_ERROR_STEP = 1e-5
 """Smallest step of stored errors, in diagonals: smaller errors are not seen."""
-
 
 VIEW_TEMPLATES = Templates("cageik_cli.view", "cageik_cli.report.html")
 
 MODES = {"look": "Look", "pose": "Pose", "cage": "Cage", "influence": "Influence"}
 """What pointers on the picture can do: names of modes, and of their buttons."""
-
 
 PANELS = ("pose", "cage", "influence", "look", "parts")
 """Groups of the side panel, from top to bottom: names of templates."""
@@ -378,7 +373,6 @@ def _list_focus(clip: PlayerClip, chosen: Integers) -> dict[str, Any] | None:
 
 MAX_TIMELINE_COLUMNS = 600
 """More frames share columns: the bar has about so many pixels."""
-
 
 MIN_COLUMN_HEIGHT = 0.04
 """Share of the bar that a frame without error takes, so that it is seen to be there."""

@@ -225,7 +225,6 @@ def count_points_per_block(mesh: BoundaryMesh) -> int:
 BLOCK_SIZE = 256
 """Unknowns that are eliminated together; the inverses of their blocks take little time."""
 
-
 SUBSTITUTED_COLUMNS = 64
 """Right hand sides in which the unknowns are substituted together."""
 
