@@ -101,9 +101,13 @@ class SharedOptions:
                 if context.get_parameter_source(name) is source
             }
 
-        return SharedOptions(
-            collect(ParameterSource.COMMANDLINE), collect(ParameterSource.DEFAULT_MAP)
-        )
+        typed = collect(ParameterSource.COMMANDLINE)
+        for param in context.command.params:
+            if isinstance(param, GroupedOption) and param.name in typed:
+                for other, message in param.setting.excludes:
+                    if other in typed:  # in every clip alike, so before any is searched for
+                        raise click.UsageError(message.format(**typed))
+        return SharedOptions(typed, collect(ParameterSource.DEFAULT_MAP))
 
     def find_auxiliary_files(self) -> set[Path]:
         """Return the files that the options name and that are no frames."""
