@@ -1,6 +1,7 @@
-"""Alembic, read and written: polygon meshes whose points, or whose transforms, have samples.
+"""Alembic in and out: polygon meshes, below transforms, that have samples in time.
 
-UVs, normals and materials come with a mesh; its path, and the transforms above it, place it.
+UVs, normals and materials are those of the first sample; other programs know materials as face
+sets.
 """
 
 import errno
@@ -46,6 +47,12 @@ from cageik_cli.util.text import single_line
 FPS_KEY = "cageik_fps"
 """Where a mesh states the frame rate. The archive could only state it together with the time."""
 
+SHAPE_SUFFIX = "Shape"
+"""What is added to the name of a mesh that is below a transform of its own name."""
+
+SAME_TIME_TOL = 1e-6
+"""Times that differ by less than this share of a step are one: seconds of other rates round."""
+
 
 class Reader(SceneReader):
     """Frames of the polygon meshes of an archive; times are seconds."""
@@ -56,7 +63,22 @@ class Reader(SceneReader):
     def check_file(self, path: Path) -> None:
         """Refuse what the library would open as an empty archive, or not at all."""
         require_alembic("reading .abc")
-        _check_header(path)
+        with open_input(path) as stream:
+            try:
+                header = stream.read(16)
+            except OSError as error:
+                raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
+        if header.startswith(b"\x89HDF"):
+            raise FormatError(
+                "is an old Alembic file, in HDF5; convert it with abcconvert -toOgawa"
+            )
+        if not header.startswith(b"Ogawa"):
+            raise FormatError("is not an Alembic file; export it again")
+        # A byte that is set when the file is closed, and the place of its root, at the end.
+        if header[5:6] != b"\xff" or int.from_bytes(header[8:], "little") >= path.stat().st_size:
+            raise FormatError(
+                "is cut short, or was not closed by the program that wrote it; export it again"
+            )
         self._lock = Lock()  # the library's streams are not thread-safe
 
     @contextmanager
@@ -66,13 +88,13 @@ class Reader(SceneReader):
             with self._lock:
                 yield []
         except (RuntimeError, IndexError, UnicodeDecodeError) as error:
-            cause = find_cause(error)
+            cause = _find_cause(error)
             raise LibraryError(f"is not a sound Alembic file ({cause}); export it again") from error
 
     def list_meshes(self, path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         """Open the archive."""
-        from alembic3d.Abc import IArchive
-        from alembic3d.AbcGeom import IPolyMesh
+        from alembic3d.Abc import IArchive, ISampleSelector
+        from alembic3d.AbcGeom import IPolyMesh, IsAncestorInvisible
 
         self._archive, self._claimed = IArchive(str(path)), ClaimedBytes(path.stat().st_size)
         self._stated_rates: list[str] = []
@@ -81,8 +103,9 @@ class Reader(SceneReader):
         paths = [thing.getFullName() for thing in meshes]
         names = name_parts(paths, [is_still(thing) for thing in meshes])
         self._names = dict(zip(paths, names, strict=True))
-        hidden = [name for name, thing in zip(names, meshes, strict=True) if _is_hidden(thing)]
-        return dict(zip(names, meshes, strict=True)), dict.fromkeys(hidden, "invisible")
+        found, first = dict(zip(names, meshes, strict=True)), ISampleSelector(0)
+        hidden = [name for name, thing in found.items() if IsAncestorInvisible(thing, first)]
+        return found, dict.fromkeys(hidden, "invisible")
 
     def find_top(self, member: str | None) -> str | None:
         """Return the part of a mesh that is named by its own path."""
@@ -133,7 +156,7 @@ class AlembicMesh(SceneMesh):
 
         self._schema = IPolyMesh(thing, WrapExistingFlag.kWrapExisting).getSchema()
         self._claimed, self._points = claimed, self._schema.getPositionsProperty()
-        self._transforms = find_transforms(thing)
+        self._transforms = _find_transforms(thing)
 
     def list_times(self) -> set[float]:
         """List the times of the points, or of the transforms if the points do not move."""
@@ -146,7 +169,7 @@ class AlembicMesh(SceneMesh):
         """Return the product of the transforms."""
         matrix = np.eye(4)
         for transform in self._transforms:
-            matrix = matrix @ interpolate_matrix(transform, time)
+            matrix = matrix @ _interpolate_matrix(transform, time)
         return matrix
 
     def has_moving_transform(self) -> bool:
@@ -155,9 +178,9 @@ class AlembicMesh(SceneMesh):
 
     def read_points(self, time: float) -> np.ndarray:
         """Read the points at a time, interpolated linearly between two samples."""
-        start, stop, part = locate_samples(self._points, time)
+        start, stop, part = _locate_samples(self._points, time)
         before, after = (
-            np.array(read_sample(self._points, index, self._claimed.packed), np.float32).reshape(
+            np.array(_read_sample(self._points, index, self._claimed.packed), np.float32).reshape(
                 -1, 3
             )
             for index in (start, stop)
@@ -178,7 +201,7 @@ class AlembicMesh(SceneMesh):
         """Read the faces of a sample."""
         size = self._claimed.packed
         counts, corners = (
-            np.array(read_sample(p, min(int(time), p.getNumSamples() - 1), size), np.int64)
+            np.array(_read_sample(p, min(int(time), p.getNumSamples() - 1), size), np.int64)
             for p in self._polygon_properties
         )
         self._claimed.claim(4 * (len(counts) + len(corners)))
@@ -189,7 +212,12 @@ class AlembicMesh(SceneMesh):
     ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
         """Return what reads UVs, normals and face sets, in the first sample."""
         self._claimed.claim(12 * vertex_count)
-        return list_layers(self._schema, self._claimed)
+        surface = _SurfaceReader(self._schema, self._claimed)
+        return {
+            "its texture coordinates": partial(_read_safely, surface.read_uvs),
+            "its normals": partial(_read_safely, surface.read_normals),
+            "its face sets": partial(_read_safely, surface.read_face_sets),
+        }
 
     @property
     def _polygon_properties(self) -> tuple[Any, Any]:
@@ -200,24 +228,6 @@ def require_alembic(purpose: str) -> None:
     """Raise MissingLibraryError without alembic3d, which is needed for a purpose."""
     with require_optional("alembic3d", purpose):
         import alembic3d  # noqa: F401
-
-
-def _check_header(path: Path) -> None:
-    """Refuse files that are not Alembic, or not complete."""
-    with open_input(path) as stream:
-        try:
-            header = stream.read(16)
-        except OSError as error:
-            raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
-    if header.startswith(b"\x89HDF"):
-        raise FormatError("is an old Alembic file, in HDF5; convert it with abcconvert -toOgawa")
-    if not header.startswith(b"Ogawa"):
-        raise FormatError("is not an Alembic file; export it again")
-    # A byte that is set when the file is closed, and the place of its root, at the end.
-    if header[5:6] != b"\xff" or int.from_bytes(header[8:], "little") >= path.stat().st_size:
-        raise FormatError(
-            "is cut short, or was not closed by the program that wrote it; export it again"
-        )
 
 
 def _iterate_descendants(thing: Any) -> Iterator[Any]:
@@ -231,14 +241,6 @@ def _sample_times(sampled: Any) -> set[float]:
     count = sampled.getNumSamples()
     sampling = sampled.getTimeSampling()
     return {sampling.getSampleTime(k) for k in range(count)} if count > 1 else set()
-
-
-def _is_hidden(thing: Any) -> bool:
-    """Return whether an object, or one that it is below, is invisible in its first sample."""
-    from alembic3d.Abc import ISampleSelector
-    from alembic3d.AbcGeom import IsAncestorInvisible
-
-    return bool(IsAncestorInvisible(thing, ISampleSelector(0)))
 
 
 def _read_frame_rate(archive: Any, stated: list[str]) -> float | None:
@@ -294,12 +296,12 @@ class Writer(AnimationWriter):
             matrices: dict[str, Floats] = {}
             for (above, _, _), part in zip(places, parts, strict=True):
                 matrices.setdefault(above, part.transform)
-            tree = TransformTree(archive.getTop(), matrices)
+            tree = _TransformTree(archive.getTop(), matrices)
             # The last references to the file: it is closed with these.
             self._meshes = []
             for (above, _, name), part in zip(places, parts, strict=True):
                 schema = OPolyMesh(tree.define(above), name, stated, times).getSchema()
-                self._meshes.append((schema, AlembicSurface(part.own_mesh), part))
+                self._meshes.append((schema, _AlembicSurface(part.own_mesh), part))
         except RuntimeError as error:
             raise OSError(str(error)) from error
 
@@ -330,18 +332,6 @@ def _check_disk_space(target: Path, animation: Animation) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def list_layers(
-    schema: Any, claimed: ClaimedBytes
-) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
-    """Return what reads the layers of a surface in its first sample, for `FileMesh.read_layers`."""
-    surface = _SurfaceReader(schema, claimed)
-    return {
-        "its texture coordinates": partial(_read_safely, surface.read_uvs),
-        "its normals": partial(_read_safely, surface.read_normals),
-        "its face sets": partial(_read_safely, surface.read_face_sets),
-    }
-
-
 def _read_safely(
     read: Callable[[SurfaceAttributes], SurfaceAttributes], attributes: SurfaceAttributes
 ) -> SurfaceAttributes:
@@ -349,15 +339,15 @@ def _read_safely(
     try:
         return read(attributes)
     except (FormatError, RuntimeError, IndexError, TypeError, ValueError) as error:
-        raise FormatError(single_line(find_cause(error))) from error
+        raise FormatError(single_line(_find_cause(error))) from error
 
 
-def find_cause(error: Exception) -> str:
+def _find_cause(error: Exception) -> str:
     """Return what the innermost of exceptions says that are wrapped in one another."""
     return " ".join(str(error).rpartition("EXCEPTION:")[2].split())
 
 
-def read_sample(sampled: Any, index: int, size: int) -> Any:
+def _read_sample(sampled: Any, index: int, size: int) -> Any:
     """Read one array of a file of some size.
 
     A missing one, which has no digest, would crash the library.
@@ -415,7 +405,7 @@ class _SurfaceReader:
             yield single_line(name), faces
 
     def _read_first(self, sampled: Any, kind: type[np.float64 | np.int64]) -> NDArray[Any]:
-        values = read_sample(sampled, 0, self._claimed.packed)
+        values = _read_sample(sampled, 0, self._claimed.packed)
         self._claimed.claim(len(values) * sampled.getDataType().getNumBytes())
         with np.errstate(invalid="ignore"):  # a signalling nan is refused with the others
             return np.array(values, kind)
@@ -441,7 +431,7 @@ class _SurfaceReader:
         return np.asarray(found, np.int64)
 
 
-class AlembicSurface:
+class _AlembicSurface:
     """The faces of a mesh as Alembic has them, clockwise, with their UVs and normals."""
 
     def __init__(self, mesh: TriMesh) -> None:
@@ -515,13 +505,6 @@ def _make_uvs(attributes: SurfaceAttributes) -> Any | None:
     return OV2fGeomParamSample(table, numbers, GeometryScope.kFacevaryingScope)
 
 
-SHAPE_SUFFIX = "Shape"
-"""What is added to the name of a mesh that is below a transform of its own name."""
-
-SAME_TIME_TOL = 1e-6
-"""Times that differ by less than this share of a step are one: seconds of other rates round."""
-
-
 def place_meshes(parts: Sequence[str], are_still: Sequence[bool]) -> list[str]:
     """Return the paths of the meshes of parts, which are at these paths.
 
@@ -566,7 +549,7 @@ def name_parts(meshes: Sequence[str], are_still: Sequence[bool]) -> list[str]:
             parts[k] = meshes[k]
 
 
-def find_transforms(thing: Any) -> list[Any]:
+def _find_transforms(thing: Any) -> list[Any]:
     """Return the transforms that move an object, its own first."""
     from alembic3d.Abc import WrapExistingFlag
     from alembic3d.AbcGeom import IXform
@@ -581,7 +564,7 @@ def find_transforms(thing: Any) -> list[Any]:
     return found
 
 
-def locate_samples(sampled: Any, time: float) -> tuple[int, int, float]:
+def _locate_samples(sampled: Any, time: float) -> tuple[int, int, float]:
     """Return the samples before and after a time, and the part of the way between them.
 
     At a sample, to rounding of its time, they are the same.
@@ -595,13 +578,13 @@ def locate_samples(sampled: Any, time: float) -> tuple[int, int, float]:
     return (stop, stop, 0.0) if part > 1 - SAME_TIME_TOL else (start, stop, part)
 
 
-def interpolate_matrix(transform: Any, time: float) -> Floats:
+def _interpolate_matrix(transform: Any, time: float) -> Floats:
     """Return a transform at a time, interpolated linearly between two samples."""
     from alembic3d.Abc import ISampleSelector
 
     if transform.getNumSamples() == 0:
         return np.eye(4)
-    start, stop, part = locate_samples(transform, time)
+    start, stop, part = _locate_samples(transform, time)
     before, after = (
         # By its time: a selector would take an index for seconds, too.
         np.array([list(row) for row in transform.getValue(ISampleSelector(at)).getMatrix()])
@@ -612,11 +595,11 @@ def interpolate_matrix(transform: Any, time: float) -> Floats:
 
 def is_still(thing: Any) -> bool:
     """Return whether no transform places an object, at second 0."""
-    moves = [interpolate_matrix(each, 0.0) for each in find_transforms(thing)]
+    moves = [_interpolate_matrix(each, 0.0) for each in _find_transforms(thing)]
     return all(np.array_equal(matrix, np.eye(4)) for matrix in moves)
 
 
-class TransformTree:
+class _TransformTree:
     """The transforms above meshes, which are written as they are needed.
 
     Parameters
@@ -634,7 +617,8 @@ class TransformTree:
     def define(self, path: str) -> Any:
         """Return the transform at a path; those above it are written first."""
         if path not in self._objects:
-            from alembic3d.AbcGeom import OXform
+            import imath
+            from alembic3d.AbcGeom import OXform, XformSample
 
             above, _, name = path.rpartition("/")
             parent = self.define(above)
@@ -642,15 +626,8 @@ class TransformTree:
             local = matrix @ np.linalg.inv(self._matrices[above])
             transform = OXform(parent, name)
             if not np.array_equal(local, np.eye(4)):
-                _set_matrix(transform.getSchema(), local)
+                sample = XformSample()
+                sample.setMatrix(imath.M44d(*local.ravel().tolist()))
+                transform.getSchema().set(sample)
             self._objects[path] = transform
         return self._objects[path]
-
-
-def _set_matrix(schema: Any, matrix: Floats) -> None:
-    import imath
-    from alembic3d.AbcGeom import XformSample
-
-    sample = XformSample()
-    sample.setMatrix(imath.M44d(*matrix.ravel().tolist()))
-    schema.set(sample)

@@ -142,7 +142,6 @@ def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
     if len(series) > 1:  # cages of several sizes beside the frames, say
         clips = {start: group for start, group in series.items() if are_frames(group)}
         series = clips or series
-    begins = re.compile("|".join(map(re.escape, series)))
     kinds = {file_suffix(group[0]) for group in series.values()}
     if len(series) > 1 and len(kinds) == 1:
         names = join_truncated((f"{start}*" for start in sorted(series)), 5)
@@ -151,7 +150,8 @@ def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
             f"{folder}: holds {len(series)} series of numbered meshes, {names}; choose one by a "
             f"quoted glob, such as '{example}'"
         )
-    return [path for path in files if _continues_with_number(path.name, begins)]
+    begins = re.compile(rf"(?>{'|'.join(map(re.escape, series))})-?\d")
+    return [path for path in files if begins.match(path.name)]
 
 
 def _find_series(files: list[Path]) -> dict[str, list[Path]]:
@@ -201,11 +201,15 @@ def _check_meshes(place: str, meshes: Sequence[Path], below: str, what: str = "h
     if is_clip and not below:
         return
     below = below or suggest_series_below(meshes[0].parent)
+    others = (
+        f"name one of them, as in {meshes[0]}, or export them as one file of several parts (.usdc, "
+        ".abc, or .obj with objects)"
+    )
     found = "a mesh" if len(meshes) == 1 else f"{len(meshes)} meshes"
     names = join_truncated(map(_describe_mesh, counts, counts.values()), 5)
     raise SettingError(
         f"{place}: {what} {found}{'' if is_clip else ' that are no frames of one clip'} "
-        f"({names}); {below or _suggest_mesh(meshes[0])}"
+        f"({names}); {below or others}"
     )
 
 
@@ -257,13 +261,6 @@ def _describe_mesh(path: Path, counts: tuple[int | None, int] | None) -> str:
     )
 
 
-def _suggest_mesh(path: Path) -> str:
-    return (
-        f"name one of them, as in {path}, or export them as one file of several parts (.usdc, "
-        ".abc, or .obj with objects)"
-    )
-
-
 def suggest_series_below(folder: Path) -> str:
     """Ask whether a folder in this one is meant, which has a series of meshes; nothing if none."""
     suffixes, found = mesh_suffixes(), []
@@ -275,11 +272,6 @@ def suggest_series_below(folder: Path) -> str:
         if count:
             found.append(f"{to_unicode(inside)}, {count} meshes")
     return f"did you mean {' or '.join(found[:3])}?" if found else ""
-
-
-def _continues_with_number(name: str, begins: re.Pattern[str]) -> bool:
-    match = begins.match(name)
-    return match is not None and re.match(r"-?\d", name[match.end() :]) is not None
 
 
 def list_left_out(arguments: list[str], paths: tuple[Path, ...]) -> list[str]:

@@ -1,6 +1,6 @@
 """Clips in numpy files: an array of positions, and in a `.npz` perhaps one of faces.
 
-Arrays are found in `.npy` and `.npz` files without loading them.
+Arrays are found without loading them.
 """
 
 import io
@@ -33,6 +33,24 @@ from cageik_cli.formats.settings import LAYOUTS, SceneHints, parse_scene_metadat
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, SettingError, error_context
 from cageik_cli.util.files import open_input
+
+VERTEX_NAMES = ("vertices", "verts", "V", "v")
+
+FACE_NAMES = ("faces", "tris", "F", "f")
+
+MAX_NPY_HEADER_BYTES = 1 << 14
+"""Bytes that are read for a header; numpy itself accepts 10 000 characters."""
+
+_COPY_BYTES = 1 << 20
+
+_HEADER_READERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+
+# What numpy and zipfile raise for files that are cut, encrypted or not of arrays.
+_READ_ERRORS = (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError,
+            SyntaxError, TokenError, zlib.error, zipfile.BadZipFile)  # fmt: skip
 
 
 def list_layouts(shape: tuple[int, ...], layout: str | None) -> list[str]:
@@ -68,12 +86,6 @@ def choose_layout(layouts: list[str], shape: tuple[int, ...], expected_vertices:
     return best[0]
 
 
-VERTEX_NAMES = ("vertices", "verts", "V", "v")
-
-
-FACE_NAMES = ("faces", "tris", "F", "f")
-
-
 class Reader(ArrayClipFile):
     """Frames of one `.npz` or `.npy`, whose axes may be in any order of `LAYOUTS`."""
 
@@ -94,7 +106,15 @@ class Reader(ArrayClipFile):
             )
         positions, faces = _find_array(archive, VERTEX_NAMES), None
         if archive.names.intersection(FACE_NAMES):
-            faces = _read_faces(_find_array(archive, FACE_NAMES))
+            array = _find_array(archive, FACE_NAMES)
+            if array.dtype.kind not in "iu" or len(array.shape) != 2 or array.shape[1] != 3:
+                raise FormatError(
+                    f"faces are {array.dtype} of shape {array.shape}, expected integers of shape "
+                    "(count, 3)"
+                )
+            faces = array.read()
+            if not faces.size:
+                raise FormatError("there are 0 faces, expected at least 1")
         metadata = {name: archive.read_scalar(name) for name in SceneHints.__slots__}
         return ArrayClip(
             _open_frames(positions, faces, request), faces, *parse_scene_metadata(metadata)
@@ -167,7 +187,6 @@ class NpzArchive:
             if info.compress_type == zipfile.ZIP_STORED:
                 return _open_array(self._file, self._find_offset(info), info.file_size)
             if info.compress_type == zipfile.ZIP_DEFLATED:
-                self._check_claimed_size(info)
                 array = _open_array(self._decompress(info), 0, info.file_size)
                 check_unpacked_array(array.shape, array.dtype, info.compress_size)
                 return array
@@ -196,19 +215,15 @@ class NpzArchive:
             )
         return place
 
-    def _check_claimed_size(self, info: zipfile.ZipInfo) -> None:
-        """Refuse a member that announces a lot more than it has, or more than the disk can hold."""
-        size, folder = info.file_size, tempfile.gettempdir()
-        packed = min(info.compress_size, self._file.size)
-        check_unpacked_size(size, packed)
-        if size > (free := shutil.disk_usage(folder).free):
-            raise FileAccessError(
-                f"needs {size} bytes unpacked, and {folder} has {free} free; set TMPDIR to a "
-                "larger folder, or write the file with numpy.savez"
-            )
-
     def _decompress(self, info: zipfile.ZipInfo) -> BinaryFile:
-        """Unpack a member into a temporary file."""
+        """Unpack a member into a temporary file, unless it is too large for it or for the disk."""
+        folder = tempfile.gettempdir()
+        check_unpacked_size(info.file_size, min(info.compress_size, self._file.size))
+        if info.file_size > (free := shutil.disk_usage(folder).free):
+            raise FileAccessError(
+                f"needs {info.file_size} bytes unpacked, and {folder} has {free} free; set TMPDIR "
+                "to a larger folder, or write the file with numpy.savez"
+            )
         with ExitStack() as stack:
             try:
                 target = stack.enter_context(tempfile.TemporaryFile())
@@ -220,7 +235,7 @@ class NpzArchive:
                     size = _copy_at_most(member, target, info.file_size)
             except OSError as error:
                 raise FileAccessError(
-                    f"cannot be unpacked into {tempfile.gettempdir()} ({error}); set TMPDIR "
+                    f"cannot be unpacked into {folder} ({error}); set TMPDIR "
                     "to another folder, or write the file with numpy.savez"
                 ) from error
             if size != info.file_size:
@@ -235,17 +250,6 @@ def _find_array(archive: NpzArchive, names: tuple[str, ...]) -> FileArray:
         held = ", ".join(found) or "none"
         raise FormatError(f"holds {held} of the arrays {', '.join(names)}, expected exactly one")
     return archive.open_array(found[0])
-
-
-def _read_faces(array: FileArray) -> np.ndarray:
-    if array.dtype.kind not in "iu" or len(array.shape) != 2 or array.shape[1] != 3:
-        raise FormatError(
-            f"faces are {array.dtype} of shape {array.shape}, expected integers of shape (count, 3)"
-        )
-    faces = array.read()
-    if not faces.size:
-        raise FormatError("there are 0 faces, expected at least 1")
-    return faces
 
 
 def _open_frames(array: FileArray, faces: np.ndarray | None, request: ClipRequest) -> StoredFrames:
@@ -286,7 +290,17 @@ class Writer(AnimationWriter):
     def __init__(self, target: Path, animation: Animation) -> None:
         with ExitStack() as stack:
             self._archive = stack.enter_context(zipfile.ZipFile(target, "w"))
-            self._write_static_arrays(animation)
+            scene = animation.scene
+            for name, value in (
+                ("faces", animation.rest.faces.astype(np.int32)),
+                ("fps", np.float64(scene.fps)),
+                ("start", np.float64(scene.start)),
+                ("up_axis", np.str_(scene.up_axis)),
+                ("metres_per_unit", np.float64(scene.metres_per_unit)),
+                ("frame_step", np.float64(scene.frame_step)),
+            ):
+                with self._open_member(name) as stream:
+                    np.lib.format.write_array(stream, np.asarray(value), allow_pickle=False)
             self._frames = stack.enter_context(self._open_member("vertices"))
             shape = (animation.frame_count, *animation.rest.vertices.shape)
             header = {"descr": "<f8", "fortran_order": False, "shape": shape}
@@ -305,38 +319,8 @@ class Writer(AnimationWriter):
         """Close the file."""
         self._open_files.close()  # nothing is left to close if `complete` failed
 
-    def _write_static_arrays(self, animation: Animation) -> None:
-        scene = animation.scene
-        for name, value in (
-            ("faces", animation.rest.faces.astype(np.int32)),
-            ("fps", np.float64(scene.fps)),
-            ("start", np.float64(scene.start)),
-            ("up_axis", np.str_(scene.up_axis)),
-            ("metres_per_unit", np.float64(scene.metres_per_unit)),
-            ("frame_step", np.float64(scene.frame_step)),
-        ):
-            with self._open_member(name) as stream:
-                np.lib.format.write_array(stream, np.asarray(value), allow_pickle=False)
-
     def _open_member(self, name: str) -> IO[bytes]:
         return self._archive.open(fixed_date_zipinfo(f"{name}.npy"), "w", force_zip64=True)
-
-
-MAX_NPY_HEADER_BYTES = 1 << 14
-"""Bytes that are read for a header; numpy itself accepts 10 000 characters."""
-
-_COPY_BYTES = 1 << 20
-
-
-_HEADER_READERS = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
-
-
-# What numpy and zipfile raise for files that are cut, encrypted or not of arrays.
-_READ_ERRORS = (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError,
-            SyntaxError, TokenError, zlib.error, zipfile.BadZipFile)  # fmt: skip
 
 
 def open_npy(path: Path) -> FileArray:

@@ -1,8 +1,6 @@
 """PLY: positions and polygons, in the file's order; polygons may be of several sizes.
 
-UVs, normals and colours are of vertices, or of the corners of faces.
-
-The header says which elements there are; their rows are binary or text.
+UVs, normals and colours are of vertices, or of the corners of faces. Rows are binary or text.
 """
 
 import struct
@@ -28,13 +26,31 @@ from cageik_cli.util.errors import FormatError
 
 COLOUR_NAMES = ("red", "green", "blue", "alpha")
 
-
 CORNER_UVS = "texcoord"
 """The list of a face with the two texture coordinates of each corner, as MeshLab writes it."""
 
-
 CornerUvs = tuple[NDArray[Any], Integers]
 """The numbers of the lists `texcoord` one after the other, and the length of each."""
+
+MAX_PLY_HEADER_BYTES = 1 << 20
+"""A longer header is none."""
+
+NORMAL_NAMES = ("nx", "ny", "nz")
+
+_TYPE_CODES = {
+    **dict.fromkeys(("char", "int8"), "b"),
+    **dict.fromkeys(("uchar", "uint8"), "B"),
+    **dict.fromkeys(("short", "int16"), "h"),
+    **dict.fromkeys(("ushort", "uint16"), "H"),
+    **dict.fromkeys(("int", "int32"), "i"),
+    **dict.fromkeys(("uint", "uint32"), "I"),
+    "int64": "q",
+    "uint64": "Q",
+    "float16": "e",
+    **dict.fromkeys(("float", "float32"), "f"),
+    **dict.fromkeys(("double", "float64"), "d"),
+}
+"""The letters of types for `struct` and numpy; a list has two, of its count and of its items."""
 
 
 class Reader(FrameFileReader):
@@ -46,7 +62,7 @@ class Reader(FrameFileReader):
     def parse(cls, data: bytes) -> FileMesh:
         """Parse the content of a PLY file."""
         vertices, corners, sizes = None, np.empty(0, np.int64), np.empty(0, np.int64)
-        with wrap_ply_errors():
+        with _wrap_ply_errors():
             file = PlyRows(data)
             for element in file.elements:
                 if element.name == "face":
@@ -71,7 +87,7 @@ class Reader(FrameFileReader):
     def read_attributes(cls, data: bytes, mesh: FileMesh) -> FileMesh:
         """Read UVs, normals and colours."""
         try:
-            with wrap_ply_errors():
+            with _wrap_ply_errors():
                 columns, corner_uvs = _read_surface_columns(data)
         except FormatError as error:
             note = f"its colours, normals and texture coordinates are left out ({error.__cause__})"
@@ -290,30 +306,8 @@ def _encode_faces(mesh: TriMesh) -> tuple[list[str], bytes]:
     return lines, b"".join(parts)
 
 
-MAX_PLY_HEADER_BYTES = 1 << 20
-"""A longer header is none."""
-
-NORMAL_NAMES = ("nx", "ny", "nz")
-
-
-_TYPE_CODES = {
-    **dict.fromkeys(("char", "int8"), "b"),
-    **dict.fromkeys(("uchar", "uint8"), "B"),
-    **dict.fromkeys(("short", "int16"), "h"),
-    **dict.fromkeys(("ushort", "uint16"), "H"),
-    **dict.fromkeys(("int", "int32"), "i"),
-    **dict.fromkeys(("uint", "uint32"), "I"),
-    "int64": "q",
-    "uint64": "Q",
-    "float16": "e",
-    **dict.fromkeys(("float", "float32"), "f"),
-    **dict.fromkeys(("double", "float64"), "d"),
-}
-"""The letters of types for `struct` and numpy; a list has two, of its count and of its items."""
-
-
 @contextmanager
-def wrap_ply_errors() -> Iterator[None]:
+def _wrap_ply_errors() -> Iterator[None]:
     """Turn what a damaged file makes of the code below into a FormatError."""
     try:
         yield
@@ -324,7 +318,7 @@ def wrap_ply_errors() -> Iterator[None]:
 class PlyRows:
     """The elements of a PLY file, whose rows are read element by element, in their order.
 
-    A damaged file raises one of the errors of `wrap_ply_errors`.
+    A damaged file raises one of the errors of `_wrap_ply_errors`.
 
     Attributes
     ----------
@@ -342,28 +336,28 @@ class PlyRows:
         self.is_text, self.order, self.elements = False, "", list[Element]()
         for line in data[: self.head_size].decode("utf-8", "replace").splitlines():
             try:
-                self._read_header_line(line.split())
+                words = line.split()
+                if words[:1] == ["format"]:
+                    orders = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
+                    self.order, self.is_text = _look_up(orders, words[1]), words[1] == "ascii"
+                elif words[:1] == ["element"]:
+                    self.elements.append(Element(words[1], int(words[2]), {}))
+                    if self.elements[-1].count < 0:
+                        raise ValueError(
+                            f"its header says `{' '.join(words)}`, which is not a valid count"
+                        )
+                elif words[:1] == ["property"]:
+                    types = words[2:4] if words[1] == "list" else words[1:2]
+                    codes = "".join(_look_up(_TYPE_CODES, kind) for kind in types)
+                    known = self.elements[-1].type_codes
+                    if words[-1] in known or (len(codes) == 2 and codes[0] in "efd"):
+                        raise ValueError(f"its header has the invalid line `{' '.join(words)}`")
+                    known[words[-1]] = codes
             except IndexError as error:
                 raise ValueError(f"its header has the incomplete line `{line}`") from error
         self._data, self._offset = data, self.head_size
         lines = data[self.head_size :].splitlines() if self.is_text else []
         self._lines = [line for line in lines if line.strip()]
-
-    def _read_header_line(self, words: list[str]) -> None:
-        if words[:1] == ["format"]:
-            orders = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
-            self.order, self.is_text = _look_up(orders, words[1]), words[1] == "ascii"
-        elif words[:1] == ["element"]:
-            self.elements.append(Element(words[1], int(words[2]), {}))
-            if self.elements[-1].count < 0:
-                raise ValueError(f"its header says `{' '.join(words)}`, which is not a valid count")
-        elif words[:1] == ["property"]:
-            types = words[2:4] if words[1] == "list" else words[1:2]
-            codes = "".join(_look_up(_TYPE_CODES, kind) for kind in types)
-            known = self.elements[-1].type_codes
-            if words[-1] in known or (len(codes) == 2 and codes[0] in "efd"):
-                raise ValueError(f"its header has the invalid line `{' '.join(words)}`")
-            known[words[-1]] = codes
 
     @property
     def line_count(self) -> int:

@@ -26,6 +26,18 @@ from cageik_cli.util.errors import FormatError, OutputError, join_truncated
 MOVED = np.dtype([(name, np.float64) for name in (*"xyz", *NORMAL_NAMES)])
 """Places and normals, before they are rounded to the types of a file."""
 
+SCALES = tuple(f"scale_{k}" for k in range(3))
+
+TURNS = tuple(f"rot_{k}" for k in range(4))
+
+COLOURS = tuple(f"f_dc_{k}" for k in range(3))
+
+MAX_LOG_SCALE = 80.0
+"""Largest size of the logarithm of a standard deviation."""
+
+MAX_COLOUR = 1e30
+"""Largest size of a coefficient of a colour: in single precision, its sums stay finite."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointFile:
@@ -215,17 +227,6 @@ class PointWriter(FrameFileWriter):
         return self._points.encode(rows)
 
 
-SCALES = tuple(f"scale_{k}" for k in range(3))
-TURNS = tuple(f"rot_{k}" for k in range(4))
-COLOURS = tuple(f"f_dc_{k}" for k in range(3))
-
-MAX_LOG_SCALE = 80.0
-"""Largest size of the logarithm of a standard deviation."""
-
-MAX_COLOUR = 1e30
-"""Largest size of a coefficient of a colour: in single precision, its sums stay finite."""
-
-
 def holds_splats(points: PointFile) -> bool:
     """Return whether points are Gaussian splats, by the names of their properties."""
     return {SCALES[0], TURNS[0]} <= set(points.names)
@@ -257,16 +258,11 @@ def read_splats(points: PointFile) -> Splats:
     _stack(points, COLOURS, MAX_COLOUR)  # what is kept is checked, too
     _stack(points, ("opacity",))
     colours = colours.reshape(3, len(rest) // 3, len(points.rows))
-    return Splats(np.exp(logs), _read_quaternions(points), colours)
-
-
-def _read_quaternions(points: PointFile) -> Floats:
-    """Return the quaternions with length one, (4, m)."""
     turns = _stack(points, TURNS)
     largest = np.abs(turns).max(axis=0)
     _refuse(points, TURNS[:1], (largest == 0)[None], "a quaternion that is not zero")
     turns /= largest  # the squares of its numbers may be too large or small for their type
-    return np.asarray(turns / np.linalg.norm(turns, axis=0))
+    return Splats(np.exp(logs), np.asarray(turns / np.linalg.norm(turns, axis=0)), colours)
 
 
 def _stack(points: PointFile, names: tuple[str, ...], limit: float = np.inf) -> Floats:

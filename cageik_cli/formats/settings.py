@@ -21,6 +21,28 @@ ROOT_MOTIONS = ("keep", "extract")
 MAX_FRAME_STEP = 10
 """Frames from one sample of a clip to the next, at most, where times leave them open."""
 
+LAYOUTS = ("fvx", "vxf", "fxv")
+"""Orders of an array's axes: f frames, v vertices, x coordinates."""
+
+AUTO: Final = "auto"
+"""As the number of the rest pose: the frame in which the least of the surface touches."""
+
+Gaps = Literal["refuse", "keep", "close"]
+"""What is done with missing numbers of files: refused, kept in time, or closed."""
+
+RestFrame = int | str
+"""Which frame is the rest pose: its index from 0; or as text its number, or `AUTO`."""
+
+GLTF_RATE_KEY = "cageik_rate"
+"""Where animations in glTF, which has no frame rate, state it: frames per second, and the step of
+frame numbers."""
+
+DEFAULT_MORPHS = 60
+"""Morph targets at most, where neither their number nor a tolerance is given."""
+
+MAX_MORPHS = 256
+"""Morph targets at most: all that WebGL 2 guarantees room for, as layers of a texture."""
+
 
 @dataclass(frozen=True, slots=True)
 class Scene:
@@ -121,9 +143,8 @@ class SceneHints:
 
     def over(self, others: "SceneHints") -> "SceneHints":
         """Return what is given here, and what is not as others give it."""
-        return SceneHints(
-            **{name: _choose(getattr(self, name), getattr(others, name)) for name in self.__slots__}
-        )
+        given = {name: getattr(self, name) for name in self.__slots__}
+        return replace(others, **{k: value for k, value in given.items() if value is not None})
 
     def restrict_to_frames(self, frames: range) -> "SceneHints":
         """Return the settings of some frames of the clip, which keep their numbers."""
@@ -174,10 +195,6 @@ class SceneHints:
         return ", ".join(words for words in given if words)
 
 
-def _choose(value: Any, otherwise: Any) -> Any:
-    return otherwise if value is None else value
-
-
 def find_frame_step(start: float, tolerance: float) -> float | None:
     """Find the smallest step for which the number of the first frame is whole; None for 1.
 
@@ -209,19 +226,6 @@ def parse_scene_metadata(metadata: Mapping[str, Any]) -> tuple[SceneHints, tuple
         except InputError as error:
             notes.append(f"ignored `{name}`: {error}")
     return hints, tuple(notes)
-
-
-LAYOUTS = ("fvx", "vxf", "fxv")
-"""Orders of an array's axes: f frames, v vertices, x coordinates."""
-
-AUTO: Final = "auto"
-"""As the number of the rest pose: the frame in which the least of the surface touches."""
-
-Gaps = Literal["refuse", "keep", "close"]
-"""What is done with missing numbers of files: refused, kept in time, or closed."""
-
-RestFrame = int | str
-"""Which frame is the rest pose: its index from 0; or as text its number, or `AUTO`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,17 +312,6 @@ class ClipSettings:
     def __post_init__(self) -> None:
         check_frames(self.selection)
         SceneHints(fps=self.fps)  # which checks it
-
-
-GLTF_RATE_KEY = "cageik_rate"
-"""Where animations in glTF, which has no frame rate, state it: frames per second, and the step of
-frame numbers."""
-
-DEFAULT_MORPHS = 60
-"""Morph targets at most, where neither their number nor a tolerance is given."""
-
-MAX_MORPHS = 256
-"""Morph targets at most: all that WebGL 2 guarantees room for, as layers of a texture."""
 
 
 @dataclass(frozen=True, slots=True)

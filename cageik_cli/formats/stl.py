@@ -24,6 +24,31 @@ HEADER_BYTES = 84
 TRIANGLE_BYTES = 50
 """Bytes of a triangle: its normal and three corners in single precision, and two of anything."""
 
+Solids = list[tuple[str, int]]
+"""The name of each solid that has triangles, and how many."""
+
+# Possessive, so that what does not match is refused in one pass, however long a number is.
+_COORDINATE = (
+    rb"[ \t]++[-+]?(?:(?:\d++(?:\.\d*+)?|\.\d++)(?:e[-+]?\d++)?|nan(?:\(\w*+\))?|inf(?:inity)?)"
+)
+
+_END_OF_LINE = rb"[^\S\n]*+\n\s*+"
+
+_FACET = re.compile(
+    rb"\s*+facet[ \t]++normal"
+    + 3 * _COORDINATE
+    + _END_OF_LINE
+    + rb"outer[ \t]++loop"
+    + _END_OF_LINE
+    + 3 * (rb"vertex" + 3 * _COORDINATE + _END_OF_LINE)
+    + rb"endloop\s++endfacet(?!\S)",
+    re.IGNORECASE,
+)
+
+_SOLID = re.compile(rb"\s*+solid(?!\S)([^\n]*+)", re.IGNORECASE)
+
+_END = re.compile(rb"\s*+endsolid(?!\S)[^\n]*+", re.IGNORECASE)
+
 
 class Reader(FrameFileReader):
     """Frames from STL files. The vertices of all are those of the first, or of the rest pose."""
@@ -73,10 +98,6 @@ class Reader(FrameFileReader):
             return corner_map.find_positions(_read_corners(content)[0])
 
         return parse_positions
-
-
-Solids = list[tuple[str, int]]
-"""The name of each solid that has triangles, and how many."""
 
 
 def _read_corners(data: bytes) -> tuple[Floats, Solids]:
@@ -131,25 +152,6 @@ def _load_corners(data: bytes, count: int) -> Floats:
     return corners
 
 
-# Possessive, so that what does not match is refused in one pass, however long a number is.
-_COORDINATE = (
-    rb"[ \t]++[-+]?(?:(?:\d++(?:\.\d*+)?|\.\d++)(?:e[-+]?\d++)?|nan(?:\(\w*+\))?|inf(?:inity)?)"
-)
-_END_OF_LINE = rb"[^\S\n]*+\n\s*+"
-_FACET = re.compile(
-    rb"\s*+facet[ \t]++normal"
-    + 3 * _COORDINATE
-    + _END_OF_LINE
-    + rb"outer[ \t]++loop"
-    + _END_OF_LINE
-    + 3 * (rb"vertex" + 3 * _COORDINATE + _END_OF_LINE)
-    + rb"endloop\s++endfacet(?!\S)",
-    re.IGNORECASE,
-)
-_SOLID = re.compile(rb"\s*+solid(?!\S)([^\n]*+)", re.IGNORECASE)
-_END = re.compile(rb"\s*+endsolid(?!\S)[^\n]*+", re.IGNORECASE)
-
-
 def _check_text(data: bytes) -> tuple[bytes, Solids]:
     """Return an ASCII file as one solid without a name, and the solids that it has.
 
@@ -176,16 +178,11 @@ def _check_text(data: bytes) -> tuple[bytes, Solids]:
                 "`endloop`, `endfacet`) or `endsolid`",
             )
         if count:
-            solids.append((_decode_name(head[1]), count))
+            name = single_line(to_unicode(head[1].strip().decode(errors="replace")))
+            solids.append((name[: MAX_NAME_LENGTH // 2] or "solid", count))
             facets.append(text[start:place])
         place = end.end()
     return b"solid\n%b\nendsolid\n" % b"\n".join(facets), solids
-
-
-def _decode_name(name: bytes) -> str:
-    """Return the name of a solid as one that a part may have."""
-    text = single_line(to_unicode(name.strip().decode(errors="replace")))
-    return text[: MAX_NAME_LENGTH // 2] or "solid"
 
 
 def _refuse_line(text: bytes, place: int, expected: str) -> NoReturn:

@@ -126,49 +126,23 @@ class FrameRange:
     @property
     def option_text(self) -> str:
         """The range as `parse_frames` reads it."""
-        first, last, step = map(_format_bound, (self.first, self.last, self.step))
+        first, last, step = (
+            "" if number is None else format_frame_number(number)
+            for number in (self.first, self.last, self.step)
+        )
         if self.first is not None and 0 <= self.first == self.last:
             return first
         return f"{first}-{last}{f'x{step}' if step else ''}"
 
     def find_indices(self, timeline: Timeline) -> range:
         """Return the indices of the frames of a clip; see `Timeline.choose`."""
-        self._check_order(timeline)
-        self._check_bounds(timeline)
-        found = self.list_indices(timeline)
-        if not found:
-            self._refuse("is no frame", timeline, timeline.suggest_others())
-        return found
-
-    def list_indices(self, timeline: Timeline) -> range:
-        """Return the indices of the frames of a clip that are in the range, perhaps none."""
-        inside = self.limit_to(timeline)
-        first = timeline.start if inside.first is None else inside.first
-        last = timeline.last if inside.last is None else inside.last
-        start = math.ceil((first - timeline.start) / timeline.step - FRAME_NUMBER_TOL)
-        stop = math.floor((last - timeline.start) / timeline.step + FRAME_NUMBER_TOL) + 1
-        return range(start, min(stop, timeline.count), self._count_steps(timeline))
-
-    def limit_to(self, timeline: Timeline) -> "FrameRange":
-        """Return the part of the range that is in a clip."""
-        tolerance = FRAME_NUMBER_TOL * timeline.step
-        is_below = self.first is not None and self.first < timeline.start - tolerance
-        is_above = self.last is not None and self.last > timeline.last + tolerance
-        return FrameRange(
-            timeline.start if is_below else self.first, None if is_above else self.last, self.step
-        )
-
-    def _check_order(self, timeline: Timeline) -> None:
-        """Refuse a range that ends before it begins."""
-        if not _is_empty(self):
-            return
-        turned = FrameRange(self.last, self.first, self.step).limit_to(timeline)
-        is_known = bool(turned.list_indices(timeline))
-        advice = f"give `selection={turned.option_text}`" if is_known else timeline.suggest_others()
-        raise WrongUsageError(f"{_describe_empty(self)}; {timeline.describe()}; {advice}")
-
-    def _check_bounds(self, timeline: Timeline) -> None:
-        """Refuse bounds that are beyond the clip, and those that may be read in two ways."""
+        if _is_empty(self):
+            turned = FrameRange(self.last, self.first, self.step).limit_to(timeline)
+            is_known = bool(turned.list_indices(timeline))
+            advice = (
+                f"give `selection={turned.option_text}`" if is_known else timeline.suggest_others()
+            )
+            raise WrongUsageError(f"{_describe_empty(self)}; {timeline.describe()}; {advice}")
         inside = self.limit_to(timeline)
         if inside != self:
             advice = f"give `selection={inside.option_text}` to take those that there are"
@@ -182,30 +156,44 @@ class FrameRange:
                 f"give `selection=-{typed}--{typed}` for the one, or "
                 f"`selection={timeline.number_frame(0)}-{typed}` for the other"
             )
+        found = self.list_indices(timeline)
+        if not found:
+            self._refuse("is no frame", timeline, timeline.suggest_others())
+        return found
 
-    def _refuse(self, why: str, timeline: Timeline, advice: str) -> NoReturn:
-        raise SettingError(
-            f"`selection={self.option_text}`: {why}; {timeline.describe()}; {advice}"
-        )
-
-    def _count_steps(self, timeline: Timeline) -> int:
-        """Return how many frames of the clip a step is."""
+    def list_indices(self, timeline: Timeline) -> range:
+        """Return the indices of the frames of a clip that are in the range, perhaps none."""
+        inside = self.limit_to(timeline)
+        first = timeline.start if inside.first is None else inside.first
+        last = timeline.last if inside.last is None else inside.last
+        start = math.ceil((first - timeline.start) / timeline.step - FRAME_NUMBER_TOL)
+        stop = math.floor((last - timeline.start) / timeline.step + FRAME_NUMBER_TOL) + 1
         steps = 1.0 if self.step is None else self.step / timeline.step
         if round(steps) < 1 or abs(steps - round(steps)) > FRAME_NUMBER_TOL:
             raise SettingError(
                 f"`selection={self.option_text}`: {timeline.describe()}; give a multiple of their "
                 "step"
             )
-        return round(steps)
+        return range(start, min(stop, timeline.count), round(steps))
+
+    def limit_to(self, timeline: Timeline) -> "FrameRange":
+        """Return the part of the range that is in a clip."""
+        tolerance = FRAME_NUMBER_TOL * timeline.step
+        is_below = self.first is not None and self.first < timeline.start - tolerance
+        is_above = self.last is not None and self.last > timeline.last + tolerance
+        return FrameRange(
+            timeline.start if is_below else self.first, None if is_above else self.last, self.step
+        )
+
+    def _refuse(self, why: str, timeline: Timeline, advice: str) -> NoReturn:
+        raise SettingError(
+            f"`selection={self.option_text}`: {why}; {timeline.describe()}; {advice}"
+        )
 
 
 def format_frame_number(number: float) -> str:
     """Return the number of a frame as text, whole where it is."""
     return f"{number + 0.0:.10g}"  # no minus before zero
-
-
-def _format_bound(number: float | None) -> str:
-    return "" if number is None else format_frame_number(number)
 
 
 def format_slice(wanted: slice) -> str:

@@ -1,6 +1,6 @@
 """Write animations and meshes: from the name of an output to its writer.
 
-With `{part}` in the name of the output there is one file for each part of a model.
+A name with `{part}` stands for a file of each part of a model.
 """
 
 import json
@@ -44,8 +44,10 @@ DEFAULT_FORMAT = "obj"
 MAX_ROUNDING = 1e-5
 """Rounding to single precision is noted above it, in diagonals."""
 
-
 WriterFactory = Callable[[Path, Animation], AnimationWriter]
+
+PLACEHOLDER = "{part}"
+"""Stands for the name of a part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,7 +282,7 @@ def write_animation(
         progress.note("note", f"{path.name}: moved to the origin, offset in {output.offset_path}")
     notes = [*writer.notes, *_list_rounding_notes(largest, animation.rest.diagonal)]
     if make_writer is None:
-        notes = [*list_part_notes(outputs, output, animation), *notes]
+        notes = [*_list_part_notes(outputs, output, animation), *notes]
     if writer.states_unit:
         unit = animation.scene.metres_per_unit
         notes += list_size_notes(animation.rest.diagonal, unit, "the file says that a unit is")
@@ -303,8 +305,19 @@ def _open_writer(
         return
     if make_writer is not None:
         raise OutputError(f"{output.path}: there are no parts to write; leave {PLACEHOLDER} out")
-    with open_part_writers(outputs, animation) as writer:
-        yield writer
+    with ExitStack() as stack:
+        writers = []
+        for part, each in zip(animation.split(), outputs, strict=True):
+            own = replace(
+                animation,
+                rest=join_meshes([part.mesh], [part.name], [part.transform]),
+                guide=animation.guide if part.name == animation.guide else "",
+            )
+            writers.append((part, stack.enter_context(each.open_writer(own))))
+        together = _PartsWriter(writers)
+        yield together
+    # Known when the writers are complete.
+    together.notes = tuple(dict.fromkeys(note for _, one in writers for note in one.notes))
 
 
 def _list_rounding_notes(largest: float, diagonal: float) -> list[str]:
@@ -348,16 +361,12 @@ def _choose_mesh_writer(path: Path) -> type[FrameFileWriter]:
     return writers[path.suffix.lower()]
 
 
-PLACEHOLDER = "{part}"
-"""Stands for the name of a part."""
-
-
 def names_parts(path: Path) -> bool:
     """Return whether the name of an output has a place for that of a part."""
     return PLACEHOLDER in str(path)
 
 
-def split_output(output: "Output", mesh: TriMesh, name: str) -> "list[Output]":
+def split_output(output: Output, mesh: TriMesh, name: str) -> list[Output]:
     """Return the output of each part of a mesh; the output alone if its name has no `{part}`.
 
     A mesh that came as one has a `name`.
@@ -396,23 +405,6 @@ def name_part_files(names: list[str]) -> list[str]:
     return [name + numbered[len(fold) :] for name, fold, numbered in unique]
 
 
-@contextmanager
-def open_part_writers(outputs: "list[Output]", animation: Animation) -> Iterator[AnimationWriter]:
-    """Open a writer of all parts, each to its output; these get their names at the end."""
-    with ExitStack() as stack:
-        writers = []
-        for part, output in zip(animation.split(), outputs, strict=True):
-            own = replace(
-                animation,
-                rest=join_meshes([part.mesh], [part.name], [part.transform]),
-                guide=animation.guide if part.name == animation.guide else "",
-            )
-            writers.append((part, stack.enter_context(output.open_writer(own))))
-        together = _PartsWriter(writers)
-        yield together
-    together.gather_notes()
-
-
 class _PartsWriter(AnimationWriter):
     """Hands each part of the frames to its writer, which its output completes."""
 
@@ -429,12 +421,8 @@ class _PartsWriter(AnimationWriter):
     def complete(self) -> None:
         """Do nothing: outputs complete their writers."""
 
-    def gather_notes(self) -> None:
-        """Take the notes of the writers, which are known when they are complete."""
-        self.notes = tuple(dict.fromkeys(note for _, one in self._writers for note in one.notes))
 
-
-def list_part_notes(outputs: "list[Output]", output: "Output", animation: Animation) -> list[str]:
+def _list_part_notes(outputs: list[Output], output: Output, animation: Animation) -> list[str]:
     """Return a note on how the parts of a model are written, unless the format knows parts."""
     parts, writer = split_parts(animation.rest), output.find_writer()
     if names_parts(output.path):
@@ -451,7 +439,7 @@ def list_part_notes(outputs: "list[Output]", output: "Output", animation: Animat
     return []
 
 
-def _suggest_name(output: "Output") -> str:
+def _suggest_name(output: Output) -> str:
     """Return a name with a place for that of a part."""
     path = output.path
     if output.frame_names is None:

@@ -66,7 +66,9 @@ class FileSeries:
                 f"{paths[second]}: has the frame number of {paths[second - 1].name}, "
                 f"{self._numbers[second]}; remove one of them"
             )
-        usual = _find_usual_step(steps)
+        # The most frequent step above zero; of equally frequent ones, the smallest.
+        counts = Counter(step for step in steps if step > 0)
+        usual = min(counts, key=lambda step: (-counts[step], step), default=1)
         odd = [k for k, step in enumerate(steps) if step != usual]
         if odd and gaps == "refuse":
             self._refuse(odd, steps, usual)
@@ -74,7 +76,12 @@ class FileSeries:
             self._keep_gaps(gcd(*steps))
         elif self._numbers[-1] <= MAX_FRAME_NUMBER:
             self.scene = SceneHints(start=float(self._numbers[0]), frame_step=float(usual))
-            self.notes = (self._describe_closed(odd, usual),) if odd else ()
+            if odd:
+                names = join_truncated((paths[k + 1].name for k in odd), 5)
+                self.notes = (
+                    f"gaps in frame numbers are closed at {names}; frames are numbered from "
+                    f"{self._numbers[0]} in steps of {usual}, other than their files",
+                )
 
     def trim(self, chosen: range) -> range:
         """Return the chosen frames without missing ones at either end."""
@@ -126,13 +133,6 @@ class FileSeries:
             "another with `close_gaps=True`"
         )
 
-    def _describe_closed(self, odd: list[int], usual: int) -> str:
-        names = join_truncated((self.paths[k + 1].name for k in odd), 5)
-        return (
-            f"gaps in frame numbers are closed at {names}; frames are numbered from "
-            f"{self._numbers[0]} in steps of {usual}, other than their files"
-        )
-
     def _keep_gaps(self, step: int) -> None:
         """Make even steps, in which some frames have no file."""
         paths, first, last = self.paths, self._numbers[0], self._numbers[-1]
@@ -152,12 +152,6 @@ class FileSeries:
             series.append(paths[k + 1])
         self.paths = tuple(series)
         self.scene = SceneHints(start=float(first), frame_step=float(step))
-
-
-def _find_usual_step(steps: list[int]) -> int:
-    """Return the most frequent step above zero; of equally frequent ones, the smallest."""
-    counts = Counter(step for step in steps if step > 0)
-    return min(counts, key=lambda step: (-counts[step], step), default=1)
 
 
 def _check_whole_numbers(paths: tuple[Path, ...]) -> None:

@@ -1,7 +1,4 @@
-"""HDF5 files from any source: what they announce is checked before it is used.
-
-The attributes of a surface are checked by a digest.
-"""
+"""HDF5 files from any source, and surfaces in them: what they announce is checked before use."""
 
 import hashlib
 import os
@@ -36,6 +33,8 @@ MAX_TEXT_BYTES = 1 << 28
 """Bytes of texts that are read together; many texts may be one and the same in the file."""
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
+
+_SUBDIVISION_PARTS = tuple(part.name for part in fields(Subdivision) if "scheme" not in part.name)
 
 
 def check_hdf5_suffix(
@@ -206,9 +205,6 @@ def scalar_attributes(file: h5py.File, names: tuple[str, ...]) -> dict[str, Any]
     """Return the attributes of these names that are single values."""
     held = [name for name in names if name in file.attrs and _is_plain_attribute(file, name)]
     return {name: file.attrs[name] for name in held if file.attrs.get_id(name).shape == ()}
-
-
-_SUBDIVISION_PARTS = tuple(part.name for part in fields(Subdivision) if "scheme" not in part.name)
 
 
 def write_surface(file: h5py.File, group: str, mesh: TriMesh) -> None:

@@ -1,6 +1,6 @@
 """Meshes as they are read from files: polygons are cut into triangles, connectivities compared.
 
-A polygon that a fan would fold over is cut by clipping ears.
+Polygons that a fan of triangles would fold over are cut by clipping ears.
 """
 
 from collections import deque
@@ -23,6 +23,15 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import ConnectivityError, FormatError
 from cageik_cli.util.text import format_count
+
+MAX_STEPS = 200_000_000
+"""Steps that all polygons of a mesh may take, of ten nanoseconds."""
+
+MAX_CORNER_STEPS = 10_000
+"""Steps that they may take besides for each of their corners."""
+
+TEST_STEPS = 2000
+"""Steps of a test of an ear, apart from one for each corner that is compared with it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,16 +243,6 @@ def _rows_in(pairs: Integers, others: Integers) -> np.ndarray:
     return np.isin(pairs @ [base, 1], others @ [base, 1])
 
 
-MAX_STEPS = 200_000_000
-"""Steps that all polygons of a mesh may take, of ten nanoseconds."""
-
-MAX_CORNER_STEPS = 10_000
-"""Steps that they may take besides for each of their corners."""
-
-TEST_STEPS = 2000
-"""Steps of a test of an ear, apart from one for each corner that is compared with it."""
-
-
 def replace_folded_fans(mesh: TriMesh) -> TriMesh:
     """Cut the polygons again whose fans fold over, by clipping ears.
 
@@ -323,7 +322,10 @@ class _EarClipping:
                 return None
             corner = waiting.popleft()
             if corner not in ears and self._turns_left(corner) and self._is_ear(corner):
-                before, after = self._clip(corner)
+                before, after = self._before[corner], self._after[corner]
+                self._after[before], self._before[after] = after, before
+                self._forget_if_left(before)
+                self._forget_if_left(after)
                 ears[corner] = [before, corner, after]
                 # Either may be an ear now. They wait, so that ears are no fan of thin triangles.
                 waiting += (before, after)
@@ -336,14 +338,6 @@ class _EarClipping:
 
     def _list_triangle(self, corner: int) -> list[list[float]]:
         return [self._xy[k] for k in (self._before[corner], corner, self._after[corner])]
-
-    def _clip(self, corner: int) -> tuple[int, int]:
-        """Take a corner out, and return its neighbours."""
-        before, after = self._before[corner], self._after[corner]
-        self._after[before], self._before[after] = after, before
-        self._forget_if_left(before)
-        self._forget_if_left(after)
-        return before, after
 
     def _forget_if_left(self, corner: int) -> None:
         """Keep a corner that turns left from being found in triangles: nan lies in none."""

@@ -1,7 +1,6 @@
-"""What readers of clips share: one mesh file per frame, or frames in one binary file.
+"""Base classes of the readers: clips of a mesh file per frame, and clips in one file.
 
-Files are in the natural order of their names. Frames at known offsets of a binary file are read on
-demand.
+Frames at known offsets of a binary file are read on demand.
 """
 
 import hashlib
@@ -44,6 +43,9 @@ from cageik_cli.util.errors import (
 )
 from cageik_cli.util.files import open_input, read_input
 from cageik_cli.util.text import to_unicode
+
+MAX_CHUNK_BYTES = 1 << 25
+"""Bytes of a chunk, unless a single frame has more."""
 
 
 class FrameFileReader(MeshSequence):
@@ -264,10 +266,6 @@ def check_zero_based(faces: np.ndarray, vertex_count: int) -> None:
         )
 
 
-MAX_CHUNK_BYTES = 1 << 25
-"""Bytes of a chunk, unless a single frame has more."""
-
-
 class ChunkedFrames(ABC):
     """Frames read in chunks, by any thread.
 
@@ -451,21 +449,16 @@ class StoredFrames(ChunkedFrames):
         lengths = {"f": stop - start, "v": self.vertex_count, "x": 3}
         is_whole = stop - start == self.frame_count
         if self._is_frame_axis_last and not is_whole:
-            stored = self._read_strided(start, stop)
+            stored = np.empty((3 * self.vertex_count, stop - start), self._dtype)
+            for row, stretch in enumerate(stored):  # of each coordinate
+                place = (row * self.frame_count + start) * self._dtype.itemsize
+                self._file.read_into(stretch, self._offset + place)
         else:
             stride = 3 * self.vertex_count * self._dtype.itemsize
             shape = (3 * self.vertex_count * (stop - start),)
             stored = self._file.read_array(self._offset + start * stride, self._dtype, shape)
         stored = stored.reshape([lengths[axis] for axis in self._order])
         return stored.transpose([self._order.index(axis) for axis in "fvx"])
-
-    def _read_strided(self, start: int, stop: int) -> np.ndarray:
-        """Read a part of the row of each coordinate."""
-        stretches = np.empty((3 * self.vertex_count, stop - start), self._dtype)
-        for row, stretch in enumerate(stretches):
-            place = (row * self.frame_count + start) * self._dtype.itemsize
-            self._file.read_into(stretch, self._offset + place)
-        return stretches
 
 
 def check_file_size(file: BinaryFile, expected: int, counts: dict[str, int]) -> None:

@@ -1,8 +1,10 @@
 """Meshes in scenes: polygons of either winding, moved by transforms, sampled in time."""
 
+import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
+from functools import cached_property
 from importlib import import_module
 from itertools import chain, takewhile
 from pathlib import Path
@@ -13,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.choose_parts import choose_parts
+from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.mesh_data import FileMesh, describe_cut, describe_folded
 from cageik_cli.formats.base.readers import ClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
@@ -176,51 +179,57 @@ class SceneReader(ClipFile):
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
         """Return what the file says of the scene; `step` is None for one frame, or uneven ones."""
 
+    @property
+    def files(self) -> Sequence[Path]:
+        """The files that hold the scene, its own first."""
+        return [self.path]
+
+    def describe_source(self) -> dict[str, Any]:
+        """Return the file's name, how many files hold the scene, and a digest over all."""
+        count = len(self.files)
+        return super().describe_source() | ({"files": count} if count > 1 else {})
+
+    @cached_property
+    def _digest(self) -> bytes:
+        digests = [hash_file(file) for file in dict.fromkeys(self.files)]
+        return digests[0] if len(digests) == 1 else hashlib.sha256(b"".join(digests)).digest()
+
     def __init__(self, request: ClipRequest) -> None:
         self.path = path = request.path
         with error_context(path):
             self.check_file(path)
-            self._try_first(path, request)
+            if self.library:
+                fault = trials.find_fault(
+                    self.library,
+                    try_scene,
+                    type(self).__module__,
+                    str(path),
+                    request.member,
+                    request.settings.exclude,
+                    key=str(mark_file(path)),
+                )
+                if fault:
+                    raise FormatError(fault)
             with self.guard() as warnings, trials.silence():
                 notes = self._open_clip(path, request)
         self.notes = tuple(f"{path.name}: {note}" for note in (*notes, *warnings))
 
-    def _try_first(self, path: Path, request: ClipRequest) -> None:
-        """Refuse a file on which the library ends another process."""
-        if not self.library:
-            return
-        fault = trials.find_fault(
-            self.library,
-            try_scene,
-            type(self).__module__,
-            str(path),
-            request.member,
-            request.settings.exclude,
-            key=str(mark_file(path)),
-        )
-        if fault:
-            raise FormatError(fault)
-
     def read_positions(self, index: int) -> Floats:
         """Read the vertices of one frame."""
         with error_context(self.location(index)), self.guard():
-            return self._read_joined(self._times[index])
-
-    def _read_joined(self, time: float) -> Floats:
-        """Read the points of all meshes, whose numbers must be those of the first frame."""
-        points = []
-        for name, mesh in self._meshes.items():
-            with error_context(name):
-                points.append(mesh.read_moved(time))
-        parts = self.first.polygons.parts
-        assert parts is not None
-        for name, own, count in zip(parts.names, points, parts.vertex_counts, strict=True):
-            if len(own) != count:
-                raise ConnectivityError(
-                    f"{len(own)} vertices of {name}, the rest pose has {count}; all must share "
-                    "one connectivity"
-                )
-        return np.concatenate(points)
+            points = []
+            for name, mesh in self._meshes.items():
+                with error_context(name):
+                    points.append(mesh.read_moved(self._times[index]))
+            parts = self.first.polygons.parts
+            assert parts is not None
+            for name, own, count in zip(parts.names, points, parts.vertex_counts, strict=True):
+                if len(own) != count:
+                    raise ConnectivityError(
+                        f"{len(own)} vertices of {name}, the rest pose has {count}; all must share "
+                        "one connectivity"
+                    )
+            return np.concatenate(points)
 
     def _open_clip(self, path: Path, request: ClipRequest) -> list[str]:
         """Find the meshes and their frames; return notes on what was changed."""

@@ -287,16 +287,14 @@ class FramePrefetcher:
     def blocks(self, size: int) -> Iterator[Block]:
         """Yield the frames in blocks of at most `size`."""
         for start in self._indices[::size]:
-            yield self._make_block(start, list(islice(self._frames, size)))
+            read = list(islice(self._frames, size))
+            errors = {k: v for k, v in enumerate(read, start) if isinstance(v, InputError)}
+            placeholder = self._sequence.first.vertices
+            positions = np.stack([placeholder if isinstance(v, InputError) else v for v in read])
+            yield Block(start, positions, errors)
 
     def _read_or_error(self, index: int) -> Floats | InputError:
         try:
             return self._sequence.read_frame(index)
         except InputError as error:
             return error
-
-    def _make_block(self, start: int, read: list[Floats | InputError]) -> Block:
-        errors = {k: v for k, v in enumerate(read, start) if isinstance(v, InputError)}
-        placeholder = self._sequence.first.vertices
-        positions = np.stack([placeholder if isinstance(v, InputError) else v for v in read])
-        return Block(start, positions, errors)

@@ -1,6 +1,6 @@
 """The joints of a skin as a tree, and their motion: a root, limbs, and joints below.
 
-Limbs are named by their place in the rest pose, and joints by their limb, as `L_upper_front_02`.
+Limbs are named by their place in the rest pose, and joints after these, as `L_upper_front_02`.
 Left is +x and the front is +z, as glTF has characters; if z is up, the front is −y.
 """
 
@@ -20,6 +20,12 @@ CAGE_KEY = "cage"
 HEADING_LIMITS = (0.3, 0.6)
 """Cosines of half the lean of a body: it has its heading from the second on, and none below the
 first, where it is turned over and the root keeps its last one."""
+
+MIN_CENTRE_OFFSET = 0.5
+"""A limb is at one side if its centre is so far from the middle, in halves of its own extent."""
+
+HEIGHTS = ("lower", "middle", "upper")
+"""The thirds of the model that the centre of a limb can be in."""
 
 
 class Skeleton:
@@ -144,13 +150,6 @@ def _list_aliases(skin: Skin, count: int) -> list[str]:
     digits = max(3, len(str(len(joints) - 1)))
     names = [f"cage_{k:0{digits}}" for k in range(len(joints))]
     return [" ".join(names[k] for k in np.flatnonzero(joints == j)) for j in range(count)]
-
-
-MIN_CENTRE_OFFSET = 0.5
-"""A limb is at one side if its centre is so far from the middle, in halves of its own extent."""
-
-HEIGHTS = ("lower", "middle", "upper")
-"""The thirds of the model that the centre of a limb can be in."""
 
 
 def name_joints(

@@ -248,7 +248,17 @@ class PointCacheWriter(AnimationWriter):
     dtype: str
 
     def __init__(self, target: Path, animation: Animation) -> None:
-        self.notes = _list_blender_notes(animation.scene)
+        scene = animation.scene
+        if scene.start != 0:
+            self.notes += (
+                "Blender's Mesh Cache puts the first frame at scene frame 0; set its Frame Start "
+                f"to {scene.start:.10g}",
+            )
+        if scene.frame_step != 1:
+            self.notes += (
+                "Blender's Mesh Cache plays one frame per scene frame; set its Frame Scale to "
+                f"{1 / scene.frame_step:.6g}",
+            )
         with ExitStack() as stack:
             self._file = stack.enter_context(target.open("wb"))
             self._file.write(self.make_header(animation))
@@ -270,19 +280,3 @@ class PointCacheWriter(AnimationWriter):
     def abandon(self) -> None:
         """Close the file."""
         self._file.close()
-
-
-def _list_blender_notes(scene: Scene) -> tuple[str, ...]:
-    """Return a note on the frames at which Blender's Mesh Cache plays, unless they are right."""
-    notes = []
-    if scene.start != 0:
-        notes.append(
-            "Blender's Mesh Cache puts the first frame at scene frame 0; set its Frame Start to "
-            f"{scene.start:.10g}"
-        )
-    if scene.frame_step != 1:
-        notes.append(
-            "Blender's Mesh Cache plays one frame per scene frame; set its Frame Scale to "
-            f"{1 / scene.frame_step:.6g}"
-        )
-    return tuple(notes)

@@ -1,7 +1,7 @@
 """A glTF file and the buffers that it names, checked before anything is computed with them.
 
-Objects of its JSON are checked when their values are asked for. Arrays may be strided, sparse, and
-of small integers that stand for fractions.
+Values of its JSON are checked when they are asked for. Its arrays may be strided, sparse, or of
+small integers that stand for fractions.
 """
 
 import base64
@@ -30,19 +30,23 @@ MAX_GLTF_BYTES = 2**32 - 1
 
 GLTF_JSON = JsonFormat("a glTF 2.0 file", MAX_GLTF_BYTES)
 
-
 _COMPRESSIONS = (
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
     "KHR_meshopt_compression",
 )
 
-
 _HARMLESS = re.compile(
     r"KHR_mesh_quantization|KHR_node_visibility|EXT_mesh_gpu_instancing|"
     r"(KHR|EXT|MSFT|ADOBE)_(materials|texture|lights)_\w+|KHR_xmp\w*"
 )
 """Extensions that change no position of a vertex, or that are read."""
+
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+"""Types of numbers, by their codes."""
+
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+"""Numbers of an element, by its type."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +188,14 @@ class Document:
             raise FormatError(
                 f"is not glTF 2 (its version is `{version[:20]}`); export it again as glTF 2.0"
             )
-        self._check_extensions()
+        for name in self.root.list_texts("extensionsRequired"):
+            if name in _COMPRESSIONS:
+                raise make_compression_error(name)
+            if not _HARMLESS.fullmatch(name):
+                raise FormatError(
+                    f"needs the extension {name[:60]!a}, which cageik does not read; export it "
+                    "without, or as USD or Alembic"
+                )
         self.nodes = self.root.list_items("nodes")
         self.meshes = self.root.list_items("meshes")
         self.skins = self.root.list_items("skins")
@@ -227,18 +238,6 @@ class Document:
     @cached_property
     def _buffer_items(self) -> list[Item]:
         return self.root.list_items("buffers")
-
-    def _check_extensions(self) -> None:
-        """Refuse a file that cannot be read without what cageik does not know."""
-        required = self.root.list_texts("extensionsRequired")
-        for name in required:
-            if name in _COMPRESSIONS:
-                raise make_compression_error(name)
-            if not _HARMLESS.fullmatch(name):
-                raise FormatError(
-                    f"needs the extension {name[:60]!a}, which cageik does not read; export it "
-                    "without, or as USD or Alembic"
-                )
 
     def _read_buffer(self, number: int) -> memoryview:
         """Return the bytes of a buffer, at least as many as it states."""
@@ -333,13 +332,6 @@ def _decode_data_uri(uri: str) -> bytes:
         return base64.b64decode(unquote(body) if "%" in body else body, validate=True)
     except (binascii.Error, ValueError) as error:
         raise FormatError(f"is not base64 ({error}); export the file again") from error
-
-
-COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-"""Types of numbers, by their codes."""
-
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-"""Numbers of an element, by its type."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

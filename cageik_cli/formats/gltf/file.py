@@ -1,7 +1,4 @@
-"""A GLB file in the making: arrays in temporary files, and the JSON that describes them.
-
-It has one node per part of the model, below those in its path.
-"""
+"""A GLB file in the making: arrays in temporary files, and nodes and JSON that describe them."""
 
 import shutil
 import struct
@@ -17,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.writers import Animation, AnimationWriter
-from cageik_cli.formats.settings import GLTF_RATE_KEY, Scene
+from cageik_cli.formats.settings import GLTF_RATE_KEY
 from cageik_cli.geometry.parts import Part
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import OutputError, require_optional
@@ -27,11 +24,15 @@ from cageik_cli.util.version import __version__
 MAX_GLB_BYTES = 2**32 - 1
 """Largest size that a GLB file can state."""
 
-
 Singles = NDArray[np.float32]
 
-
 Small = TypeVar("Small", np.int8, np.int16, np.uint16)
+
+MAX_SPOOL_BYTES = 1 << 25
+"""Bytes of the vectors of all frames that are read together; the last digits depend on it."""
+
+SHEAR_TOL = 1e-6
+"""Cosine of axes above which a transform shears, which the transform of a node cannot."""
 
 
 class VectorTargets:
@@ -230,10 +231,6 @@ def describe_excess(size: int) -> str:
     )
 
 
-MAX_SPOOL_BYTES = 1 << 25
-"""Bytes of the vectors of all frames that are read together; the last digits depend on it."""
-
-
 class VectorSpool:
     """F frames of m vectors, written frame by frame and read for all frames together.
 
@@ -253,7 +250,12 @@ class VectorSpool:
         """Yield the first of each block of b vectors, and their (F, width b) of all frames."""
         size = max(1, MAX_SPOOL_BYTES // (8 * self.width * max(1, self.frame_count)))
         for first in range(start, stop, size):
-            yield first, self._read(first, min(first + size, stop))
+            count = min(size, stop - first)
+            block = np.empty((self.frame_count, self.width * count), np.float32)
+            for frame, row in enumerate(block):
+                self._file.seek(4 * self.width * (frame * self.vertex_count + first))
+                self._file.readinto(row.data)
+            yield first, block.astype(np.float64)
 
     def read_frames(self, start: int, stop: int) -> Floats:
         """Return the vectors of some frames, (k, m, width)."""
@@ -265,13 +267,6 @@ class VectorSpool:
     def close(self) -> None:
         """Delete the temporary file."""
         self._file.close()
-
-    def _read(self, start: int, stop: int) -> Floats:
-        block = np.empty((self.frame_count, self.width * (stop - start)), np.float32)
-        for frame, row in enumerate(block):
-            self._file.seek(4 * self.width * (frame * self.vertex_count + start))
-            self._file.readinto(row.data)
-        return block.astype(np.float64)
 
 
 class GlbWriter(AnimationWriter):
@@ -290,7 +285,11 @@ class GlbWriter(AnimationWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         self._target, self._animation = target, animation
-        self.notes = _describe_start(animation.scene)
+        start = animation.scene.start
+        if start not in (0, 1):
+            self.notes = (
+                f"frame {start:.10g} is at 0 s, where players begin; cageik reads its number",
+            )
 
     def open_file(self, vector_count: int, spool_count: int) -> list[VectorSpool]:
         """Open the file, and spools of as many vectors per frame."""
@@ -338,17 +337,6 @@ class GlbWriter(AnimationWriter):
         if scene.metres_per_unit != 1:
             placement["scale"] = [scene.metres_per_unit] * 3
         return placement
-
-
-def _describe_start(scene: Scene) -> tuple[str, ...]:
-    """Return a note on the number of the frame at 0 s, where that is not the usual 0 or 1."""
-    if scene.start in (0, 1):
-        return ()
-    return (f"frame {scene.start:.10g} is at 0 s, where players begin; cageik reads its number",)
-
-
-SHEAR_TOL = 1e-6
-"""Cosine of axes above which a transform shears, which the transform of a node cannot."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -418,17 +406,12 @@ def _find_outer(path: str, matrices: dict[str, Floats]) -> Floats:
 
 
 def make_part_nodes(
-    names: Sequence[str],
-    first: int,
-    spaces: Sequence[NodeSpace] = (),
-    **every: Any,
+    names: Sequence[str], spaces: Sequence[NodeSpace] = (), **every: Any
 ) -> tuple[list[Any], list[int], list[int]]:
     """Return a node per part, with mesh k of part k, below nodes for what is above in its path.
 
     Parameters
     ----------
-    first : int
-        Number of the first of these nodes in the file.
     spaces : sequence of NodeSpace, optional
         Of the parts; that of the scene if absent.
     **every
@@ -447,7 +430,7 @@ def make_part_nodes(
 
     def place(path: str) -> Any:
         above, _, name = path.strip("/").rpartition("/")
-        numbers[path] = first + len(nodes)
+        numbers[path] = len(nodes)
         node = gltf.Node(name=name)
         nodes.append(node)
         if not above:
@@ -455,30 +438,23 @@ def make_part_nodes(
         else:
             if above not in numbers:
                 place(above)
-            nodes[numbers[above] - first].children.append(numbers[path])
+            nodes[numbers[above]].children.append(numbers[path])
         return node
 
     meshes = []
     for k, name in enumerate(names):
         path = name.strip("/")
-        node = nodes[numbers[path] - first] if path in numbers else place(path)
+        node = nodes[numbers[path]] if path in numbers else place(path)
         node.mesh = k
         for field, value in every.items():
             setattr(node, field, value)
         meshes.append(numbers[path])
     matrices = {name.strip("/"): one.transform for name, one in zip(names, spaces, strict=False)}
-    for path, number in numbers.items():
-        _set_matrix(nodes[number - first], path, matrices)
+    for path, matrix in matrices.items():
+        local = matrix @ np.linalg.inv(_find_outer(path, matrices))
+        if not np.array_equal(local, np.eye(4)):
+            nodes[numbers[path]].matrix = local.ravel().tolist()
     return nodes, tops, meshes
-
-
-def _set_matrix(node: Any, path: str, matrices: dict[str, Floats]) -> None:
-    """Set the matrix of the node of a part into the space of the next part above."""
-    if path not in matrices:
-        return
-    local = matrices[path] @ np.linalg.inv(_find_outer(path, matrices))
-    if not np.array_equal(local, np.eye(4)):
-        node.matrix = local.ravel().tolist()
 
 
 def place_node(node: Any, placement: dict[str, list[float]]) -> None:

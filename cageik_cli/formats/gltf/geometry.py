@@ -1,7 +1,6 @@
-"""The mesh of a node: split vertices are welded, which targets and joints move.
+"""The mesh of a node: primitives are joined, split vertices welded, and layers of the surface read.
 
-Primitives say which vertices they use, and the triangles between these. Texture coordinates,
-normals, colours and materials are those of the split vertices.
+Morph targets and joints move what is welded.
 """
 
 import re
@@ -46,6 +45,13 @@ from cageik_cli.util.text import format_count, number_names, single_line
 
 TargetMoves = tuple[Integers, NDArray[Any], Integers]
 """Welded vertices (k,), displacements (r, 3) of the file, and which of these they have, (k,)."""
+
+TRIANGLES, STRIP, FAN = 4, 5, 6
+"""Modes of primitives that have faces."""
+
+_KEPT = re.compile(r"POSITION|NORMAL|TEXCOORD_0|COLOR_0|(JOINTS|WEIGHTS)_\d+")
+
+_DRACO = "KHR_draco_mesh_compression"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +106,9 @@ class Geometry:
         is_used = np.zeros(triangles.vertex_count, bool)
         is_used[triangles.faces] = True
         used = np.flatnonzero(is_used)
-        positions = self._join([read_floats(document, k, (3,)) for k in self._list("POSITION")])
+        positions = self._join(
+            [read_floats(document, pool.attributes["POSITION"], (3,)) for pool in self.pools]
+        )
         influences = None if skin is None else self._read_influences(len(skin.joints))
         keys = [positions]
         if influences is not None:
@@ -160,9 +168,6 @@ class Geometry:
             found[pool.start : pool.stop, : rows.shape[1]] = rows
             found[pool.start : pool.stop, rows.shape[1] :] = 1  # opaque
         return found
-
-    def _list(self, name: str) -> list[int]:
-        return [pool.attributes[name] for pool in self.pools]
 
     @staticmethod
     def _join(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
@@ -242,15 +247,6 @@ def number_rows(parts: Sequence[NDArray[Any]]) -> Integers:
     return np.unique(whole, return_inverse=True)[1]
 
 
-TRIANGLES, STRIP, FAN = 4, 5, 6
-"""Modes of primitives that have faces."""
-
-_KEPT = re.compile(r"POSITION|NORMAL|TEXCOORD_0|COLOR_0|(JOINTS|WEIGHTS)_\d+")
-
-
-_DRACO = "KHR_draco_mesh_compression"
-
-
 def has_faces(mesh: Item) -> bool:
     """Return whether a mesh has a primitive of triangles."""
     return any(map(_is_of_faces, mesh.list_items("primitives")))
@@ -291,9 +287,10 @@ class Triangles:
         materials = [np.zeros(0, np.int64)]
         primitives = mesh.list_items("primitives")
         for primitive in primitives:
-            if not (_is_of_faces(primitive) and _has_positions(primitive)):
+            attributes = primitive.find_item("attributes") if _is_of_faces(primitive) else None
+            if attributes is None or not attributes.has("POSITION"):
                 continue
-            pool = self._find_pool(document, primitive)
+            pool = self._find_pool(document, primitive, attributes)
             faces.append(pool.start + _read_faces(document, primitive, pool.stop - pool.start))
             material = primitive.find_integer("material", len(document.materials))
             materials.append(np.full(len(faces[-1]), NONE if material is None else material))
@@ -302,13 +299,13 @@ class Triangles:
         self.faces, self.materials = np.concatenate(faces), np.concatenate(materials)
         others = len(primitives) + 1 - len(faces)
         self.notes = [f"{format_count(others, 'primitive')} without faces left out"] * (others > 0)
-        self.notes += _describe_unread(self.pools.values())
+        names = dict.fromkeys(name for pool in self.pools.values() for name in pool.attributes)
+        unread = [name for name in names if not _KEPT.fullmatch(name)]
+        self.notes += [f"left out {join_truncated(map(single_line, unread))}"] if unread else []
 
-    def _find_pool(self, document: Document, primitive: Item) -> Pool:
+    def _find_pool(self, document: Document, primitive: Item, item: Item) -> Pool:
         """Return the vertices of a primitive, which others may share; new ones are added."""
         count = len(document.accessors)
-        item = primitive.find_item("attributes")
-        assert item is not None
         attributes = {name: item.read_integer(name, count) for name in item.values}
         targets = tuple(
             each.find_integer("POSITION", count) for each in primitive.list_items("targets")
@@ -331,11 +328,6 @@ def _is_of_faces(primitive: Item) -> bool:
 def _read_mode(primitive: Item) -> int:
     mode = primitive.find_integer("mode", 7)
     return TRIANGLES if mode is None else mode
-
-
-def _has_positions(primitive: Item) -> bool:
-    attributes = primitive.find_item("attributes")
-    return attributes is not None and attributes.has("POSITION")
 
 
 def _claim_vertices(
@@ -385,13 +377,6 @@ def _read_faces(document: Document, primitive: Item, vertex_count: int) -> Integ
         return np.stack([corners[1:-1], corners[2:], np.full(count - 2, corners[0])], axis=1)
     odd = k % 2  # every second triangle of a strip turns the other way
     return np.stack([corners[k], corners[k + 1 + odd], corners[k + 2 - odd]], axis=1)
-
-
-def _describe_unread(pools: Iterable[Pool]) -> list[str]:
-    """Return a note on the attributes that are not kept."""
-    names = dict.fromkeys(name for pool in pools for name in pool.attributes)
-    unread = [name for name in names if not _KEPT.fullmatch(name)]
-    return [f"left out {join_truncated(map(single_line, unread))}"] if unread else []
 
 
 class SurfaceReader:

@@ -186,7 +186,13 @@ class Writer(GlbWriter):
         super().__init__(target, animation)
         self._settings = animation.morphs
         self._surface = cut_surface(animation.rest, self._settings.has_normals)
-        self._check_size()
+        # Too large with as many targets as are allowed, if that is known.
+        settings = self._settings
+        least = 1 if settings.tolerance is not None else settings.limit
+        count = 1 + min(least, self._animation.frame_count)
+        size = 12 * count * len(self._surface.origins) * (2 if settings.has_normals else 1)
+        if size > MAX_GLB_BYTES:
+            raise OutputError(describe_excess(size))
         self._rest = to_float32(animation.rest.vertices).astype(np.float64)
         self._parts = animation.split()
         self._spaces = choose_spaces(self._parts)
@@ -209,15 +215,6 @@ class Writer(GlbWriter):
             primitives = [self._write_primitive(each, modes) for each in self._surface.primitives]
         self._compose(primitives, modes, rms, largest)
         self._open.close()
-
-    def _check_size(self) -> None:
-        """Refuse what is too large with as many targets as are allowed, if that is known."""
-        settings = self._settings
-        least = 1 if settings.tolerance is not None else settings.limit
-        count = 1 + min(least, self._animation.frame_count)
-        size = 12 * count * len(self._surface.origins) * (2 if settings.has_normals else 1)
-        if size > MAX_GLB_BYTES:
-            raise OutputError(describe_excess(size))
 
     def _choose_modes(self) -> tuple[Modes, float, float]:
         """Return the targets and their errors, rms and largest, in percent of the diagonal.
@@ -313,7 +310,7 @@ class Writer(GlbWriter):
             },
         }
         names = [part.name for part in self._parts]
-        nodes, tops, with_meshes = make_part_nodes(names, 0, self._spaces)
+        nodes, tops, with_meshes = make_part_nodes(names, self._spaces)
         for top in tops:
             place_node(nodes[top], self.make_node_transform())
         owners = [each.part for each in self._surface.primitives]

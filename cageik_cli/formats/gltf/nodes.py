@@ -1,7 +1,4 @@
-"""The tree of nodes: paths, transforms from the top down, and skins.
-
-A skin says which joints there are, and how much each of them moves each vertex.
-"""
+"""The tree of nodes, with their paths and transforms, and the skins whose joints are nodes."""
 
 from collections.abc import Container
 from typing import Any
@@ -19,6 +16,12 @@ TRS_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 """Numbers of the values that place a node; rotations are quaternions (x, y, z, w)."""
 
 INSTANCING = "EXT_mesh_gpu_instancing"
+
+INFLUENCE_SET_BYTES = 128
+"""Memory that a set of four joints and weights takes at a vertex, as they are and sorted."""
+
+SUM_TOL = 0.01
+"""Weights whose sum is this far from 1 get a note; a byte per weight rounds by less."""
 
 
 class NodeTree:
@@ -242,13 +245,6 @@ def make_rotations(quaternions: Floats) -> Floats:
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
     return np.moveaxis(np.array(rows), -1, 0)
-
-
-INFLUENCE_SET_BYTES = 128
-"""Memory that a set of four joints and weights takes at a vertex, as they are and sorted."""
-
-SUM_TOL = 0.01
-"""Weights whose sum is this far from 1 get a note; a byte per weight rounds by less."""
 
 
 class Skin:

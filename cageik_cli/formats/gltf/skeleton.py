@@ -1,10 +1,8 @@
 """A cage animation as a skinned glTF: joints that the cage has become, and weights of the mesh.
 
-Joints and weights of a vertex are in sets of four. What is left out of the file or rounded is
-measured: the skin is posed from the file, as programs pose it.
-
-A joint has keys for all frames, or for as few as lines between them replace. Between two keys,
-translations move on a line, and rotations turn evenly about one axis (slerp). The frame that lies
+The skin is posed as programs pose it from the file, to measure what is left out or rounded. Keys
+of joints are those of all frames, or as few as lines between them replace: translations move on a
+line from one key to the next, and rotations turn evenly about one axis (slerp). The frame that lies
 furthest off becomes a key, until all are within what is allowed (Ramer 1972; Douglas and Peucker
 1973).
 """
@@ -55,89 +53,21 @@ TRIED_VERTICES = 1000
 QUANTIZATION = "KHR_mesh_quantization"
 """The extension by which positions and normals may be integers; it needs no decoder."""
 
+ReadFrames = Callable[[int, int], tuple[Floats, Floats]]
+"""Returns translations (k, J, 3) and quaternions (k, T, 4) of frames from the first number on."""
 
-class PosedSkin:
-    """Vertices at rest, (m, 3), with weights (m, n), below the joints of a skeleton."""
+MIN_JOINT_REACH = 1e-9
+"""How far a joint moves a vertex, at least: a share, or a share of the size of the model."""
 
-    def __init__(
-        self,
-        vertices: NDArray[np.floating],
-        weights: "sparse.csr_array",
-        bind_places: Floats,
-        skeleton: Skeleton,
-    ) -> None:
-        self.vertices, self._weights, self._skeleton = (
-            vertices.astype(np.float64),
-            weights,
-            skeleton,
-        )
-        self._bind_places = bind_places
+FRAMES_PER_BLOCK = 16
+"""Frames that are posed together."""
 
-    def pose(self, moves: Floats, turns: Floats) -> Floats:
-        """Return the vertices (k, m, 3), for translations (k, J, 3) and quaternions (k, T, 4)."""
-        from scipy.spatial.transform import Rotation
+TRANSLATION, ROTATION = "translation", "rotation"
+TRACK_WIDTHS = {TRANSLATION: 3, ROTATION: 4}
+"""Numbers of a translation, and of a quaternion."""
 
-        skeleton, (count, joint_count, _) = self._skeleton, moves.shape
-        local = np.tile(np.eye(3), (count, joint_count, 1, 1))
-        matrices = Rotation.from_quat(turns.reshape(-1, 4)).as_matrix().swapaxes(1, 2)
-        local[:, : turns.shape[1]] = matrices.reshape(count, -1, 3, 3)
-        places, rotations = moves.copy(), local
-        for j, parent in enumerate(skeleton.parents.tolist()):
-            if parent >= 0:
-                places[:, j] = (moves[:, j, None] @ rotations[:, parent])[:, 0] + places[:, parent]
-                rotations[:, j] = local[:, j] @ rotations[:, parent]
-        rotations, places = rotations[:, skeleton.lead :], places[:, skeleton.lead :]
-        shifts = places - np.einsum("na,knab->knb", self._bind_places, rotations)
-        posed = self._multiply(shifts)
-        for axis in range(3):
-            posed += self.vertices[:, axis, None] * self._multiply(rotations[:, :, axis])
-        return posed.reshape(len(self.vertices), count, 3).swapaxes(0, 1)
-
-    def measure_reach(self) -> tuple[Floats, Floats]:
-        """Return how far a vertex can move by a unit of each joint's translation and rotation.
-
-        They are (J,) each: at most 1, and the distance of what follows the joint. What hardly moves
-        a vertex counts as if it moved one by `MIN_JOINT_REACH`.
-        """
-        skeleton, count = self._skeleton, len(self._skeleton.parents)
-        entries = self._weights.tocoo()
-        arms = self.vertices[entries.row] - self._bind_places[entries.col]
-        moves, turns = np.zeros(count), np.zeros(count)
-        numbers = skeleton.lead + entries.col
-        np.maximum.at(moves, numbers, entries.data)
-        np.maximum.at(turns, numbers, entries.data * np.linalg.norm(arms, axis=1))
-        reach = np.zeros(count)
-        np.maximum.at(reach, numbers, np.linalg.norm(arms, axis=1))
-        for j in range(count - 1, 0, -1):  # what is above moves all that is below
-            parent = int(skeleton.parents[j])
-            far = reach[j] + np.linalg.norm(skeleton.rest_translations[j])
-            reach[parent] = turns[parent] = max(reach[parent], far)
-            moves[parent] = 1
-        size = float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
-        least = MIN_JOINT_REACH * (size or 1.0)
-        return np.maximum(moves, MIN_JOINT_REACH), np.maximum(turns, least)
-
-    def _multiply(self, values: Floats) -> Floats:
-        """Return the weights times values of the joints, (k, n, 3), as (m, 3k)."""
-        return np.asarray(self._weights @ values.swapaxes(0, 1).reshape(values.shape[1], -1))
-
-
-class Track:
-    """Values of a joint at its keys, (k, w), and the frames of these, (k,)."""
-
-    def __init__(self, path: str, joint: int, frames: Integers, values: Floats) -> None:
-        self.path, self.joint, self.frames, self.values = path, joint, frames, values
-
-    def evaluate(self, start: int, stop: int) -> Floats:
-        """Return the values at some frames, (stop - start, w)."""
-        wanted = np.arange(start, stop)
-        if len(self.frames) == 1:
-            return np.repeat(self.values, len(wanted), axis=0)
-        after = np.searchsorted(self.frames, wanted, side="right").clip(1, len(self.frames) - 1)
-        first, last = self.frames[after - 1], self.frames[after]
-        shares = (wanted - first) / (last - first)
-        between = interpolate_moves if self.path == TRANSLATION else interpolate_turns
-        return between(self.values[after - 1], self.values[after], shares)
+MIN_SAVED_NUMBERS = 32
+"""Numbers that the description of times of their own takes the space of."""
 
 
 class SkeletonWriter(GlbWriter):
@@ -208,7 +138,7 @@ class SkeletonWriter(GlbWriter):
         self._attributes = SkinAttributes(self._vertices, self._skin.weights, self._is_quantized)
         tracks = self._choose_tracks()
         names = [part.name or "mesh" for part in split_parts(self._skin.rest)]
-        nodes, tops, _ = make_part_nodes(names, 0, skin=0)
+        nodes, tops, _ = make_part_nodes(names, skin=0)
         self._root = len(nodes) + 1
         primitives, materials = self._cut_mesh()
         meshes = [
@@ -229,7 +159,7 @@ class SkeletonWriter(GlbWriter):
         )
         self._open.close()
 
-    def _choose_tracks(self) -> list[Track] | None:
+    def _choose_tracks(self) -> "list[Track] | None":
         """Choose the keys, None for all, and note what those left out and rounding change."""
         if self._tolerance is None and not self._is_quantized:
             return None
@@ -252,8 +182,8 @@ class SkeletonWriter(GlbWriter):
         return tracks
 
     def _reduce_tracks(
-        self, exact: PosedSkin, written: PosedSkin, limit: float
-    ) -> list[Track] | None:
+        self, exact: "PosedSkin", written: "PosedSkin", limit: float
+    ) -> "list[Track] | None":
         """Leave out keys as long as no vertex moves by more than `limit`; None if that is none.
 
         A few vertices are looked at first, and all where these hold it.
@@ -280,7 +210,7 @@ class SkeletonWriter(GlbWriter):
             share *= min(0.7, 0.9 * limit / largest)
         return None
 
-    def _pose_skins(self, vertices: Integers) -> tuple[PosedSkin, PosedSkin]:
+    def _pose_skins(self, vertices: Integers) -> "tuple[PosedSkin, PosedSkin]":
         """Return some vertices of the skin, as it is and as it is written."""
         count = len(self._animation.rest.vertices)
         places = self._bind_places[self._skeleton.lead :]
@@ -296,7 +226,7 @@ class SkeletonWriter(GlbWriter):
         """Return a distance in percent of the diagonal."""
         return f"{100 * distance / self._skin.rest.diagonal:.2g} %"
 
-    def _note_change(self, tracks: list[Track] | None, rms: float, largest: float) -> None:
+    def _note_change(self, tracks: "list[Track] | None", rms: float, largest: float) -> None:
         """Note how many keys there are, and what they and rounding change."""
         every = self._keys.track_count * self._keys.frame_count
         count = every if tracks is None else sum(len(track.frames) for track in tracks)
@@ -372,7 +302,7 @@ class SkeletonWriter(GlbWriter):
         joints = list(range(self._root, self._root + len(places)))
         return gltf.Skin(inverseBindMatrices=inverse, skeleton=self._root, joints=joints)
 
-    def _write_motion(self, tracks: list[Track] | None) -> dict[str, list[object]]:
+    def _write_motion(self, tracks: "list[Track] | None") -> dict[str, list[object]]:
         """Write the keys of the joints; tracks with keys in the same frames share their times.
 
         Without tracks, the keys are those of all frames.
@@ -453,14 +383,90 @@ def _round_weights(values: Floats) -> NDArray[np.uint16]:
     return np.asarray(found + (ranks < missing)).astype(np.uint16)
 
 
-ReadFrames = Callable[[int, int], tuple[Floats, Floats]]
-"""Returns translations (k, J, 3) and quaternions (k, T, 4) of frames from the first number on."""
+class PosedSkin:
+    """Vertices at rest, (m, 3), with weights (m, n), below the joints of a skeleton."""
 
-MIN_JOINT_REACH = 1e-9
-"""How far a joint moves a vertex, at least: a share, or a share of the size of the model."""
+    def __init__(
+        self,
+        vertices: NDArray[np.floating],
+        weights: "sparse.csr_array",
+        bind_places: Floats,
+        skeleton: Skeleton,
+    ) -> None:
+        self.vertices, self._weights, self._skeleton = (
+            vertices.astype(np.float64),
+            weights,
+            skeleton,
+        )
+        self._bind_places = bind_places
 
-FRAMES_PER_BLOCK = 16
-"""Frames that are posed together."""
+    def pose(self, moves: Floats, turns: Floats) -> Floats:
+        """Return the vertices (k, m, 3), for translations (k, J, 3) and quaternions (k, T, 4)."""
+        from scipy.spatial.transform import Rotation
+
+        skeleton, (count, joint_count, _) = self._skeleton, moves.shape
+        local = np.tile(np.eye(3), (count, joint_count, 1, 1))
+        matrices = Rotation.from_quat(turns.reshape(-1, 4)).as_matrix().swapaxes(1, 2)
+        local[:, : turns.shape[1]] = matrices.reshape(count, -1, 3, 3)
+        places, rotations = moves.copy(), local
+        for j, parent in enumerate(skeleton.parents.tolist()):
+            if parent >= 0:
+                places[:, j] = (moves[:, j, None] @ rotations[:, parent])[:, 0] + places[:, parent]
+                rotations[:, j] = local[:, j] @ rotations[:, parent]
+        rotations, places = rotations[:, skeleton.lead :], places[:, skeleton.lead :]
+        shifts = places - np.einsum("na,knab->knb", self._bind_places, rotations)
+        posed = self._multiply(shifts)
+        for axis in range(3):
+            posed += self.vertices[:, axis, None] * self._multiply(rotations[:, :, axis])
+        return posed.reshape(len(self.vertices), count, 3).swapaxes(0, 1)
+
+    def measure_reach(self) -> tuple[Floats, Floats]:
+        """Return how far a vertex can move by a unit of each joint's translation and rotation.
+
+        They are (J,) each: at most 1, and the distance of what follows the joint. What hardly moves
+        a vertex counts as if it moved one by `MIN_JOINT_REACH`.
+        """
+        skeleton, count = self._skeleton, len(self._skeleton.parents)
+        entries = self._weights.tocoo()
+        arms = self.vertices[entries.row] - self._bind_places[entries.col]
+        moves, turns = np.zeros(count), np.zeros(count)
+        numbers = skeleton.lead + entries.col
+        np.maximum.at(moves, numbers, entries.data)
+        np.maximum.at(turns, numbers, entries.data * np.linalg.norm(arms, axis=1))
+        reach = np.zeros(count)
+        np.maximum.at(reach, numbers, np.linalg.norm(arms, axis=1))
+        for j in range(count - 1, 0, -1):  # what is above moves all that is below
+            parent = int(skeleton.parents[j])
+            far = reach[j] + np.linalg.norm(skeleton.rest_translations[j])
+            reach[parent] = turns[parent] = max(reach[parent], far)
+            moves[parent] = 1
+        size = float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+        least = MIN_JOINT_REACH * (size or 1.0)
+        return np.maximum(moves, MIN_JOINT_REACH), np.maximum(turns, least)
+
+    def _multiply(self, values: Floats) -> Floats:
+        """Return the weights times values of the joints, (k, n, 3), as (m, 3k)."""
+        return np.asarray(self._weights @ values.swapaxes(0, 1).reshape(values.shape[1], -1))
+
+
+def measure_change(
+    keys: "JointKeys", read_written: ReadFrames, exact: PosedSkin, written: PosedSkin
+) -> tuple[float, float]:
+    """Return the rms and the largest distance between two skins, in the unit of the scene.
+
+    One is exact, and posed by the keys of all frames; the other by what `read_written` returns.
+    """
+    squares = largest = 0.0
+    for start in range(0, keys.frame_count, FRAMES_PER_BLOCK):
+        stop = min(start + FRAMES_PER_BLOCK, keys.frame_count)
+        apart = written.pose(*read_written(start, stop)) - exact.pose(
+            *keys.read_frames(start, stop)
+        )
+        distances = np.square(apart).sum(axis=2)
+        squares += float(distances.sum())
+        largest = max(largest, float(distances.max()))
+    count = keys.frame_count * len(exact.vertices)
+    return float(np.sqrt(squares / count)), float(np.sqrt(largest))
 
 
 class JointKeys:
@@ -519,34 +525,22 @@ class JointKeys:
             spool.close()
 
 
-def measure_change(
-    keys: JointKeys, read_written: ReadFrames, exact: PosedSkin, written: PosedSkin
-) -> tuple[float, float]:
-    """Return the rms and the largest distance between two skins, in the unit of the scene.
+class Track:
+    """Values of a joint at its keys, (k, w), and the frames of these, (k,)."""
 
-    One is exact, and posed by the keys of all frames; the other by what `read_written` returns.
-    """
-    squares = largest = 0.0
-    for start in range(0, keys.frame_count, FRAMES_PER_BLOCK):
-        stop = min(start + FRAMES_PER_BLOCK, keys.frame_count)
-        apart = written.pose(*read_written(start, stop)) - exact.pose(
-            *keys.read_frames(start, stop)
-        )
-        distances = np.square(apart).sum(axis=2)
-        squares += float(distances.sum())
-        largest = max(largest, float(distances.max()))
-    count = keys.frame_count * len(exact.vertices)
-    return float(np.sqrt(squares / count)), float(np.sqrt(largest))
+    def __init__(self, path: str, joint: int, frames: Integers, values: Floats) -> None:
+        self.path, self.joint, self.frames, self.values = path, joint, frames, values
 
-
-TRANSLATION, ROTATION = "translation", "rotation"
-
-
-TRACK_WIDTHS = {TRANSLATION: 3, ROTATION: 4}
-"""Numbers of a translation, and of a quaternion."""
-
-MIN_SAVED_NUMBERS = 32
-"""Numbers that the description of times of their own takes the space of."""
+    def evaluate(self, start: int, stop: int) -> Floats:
+        """Return the values at some frames, (stop - start, w)."""
+        wanted = np.arange(start, stop)
+        if len(self.frames) == 1:
+            return np.repeat(self.values, len(wanted), axis=0)
+        after = np.searchsorted(self.frames, wanted, side="right").clip(1, len(self.frames) - 1)
+        first, last = self.frames[after - 1], self.frames[after]
+        shares = (wanted - first) / (last - first)
+        between = interpolate_moves if self.path == TRANSLATION else interpolate_turns
+        return between(self.values[after - 1], self.values[after], shares)
 
 
 def reduce_track(path: str, joint: int, values: Floats, allowed: float) -> Track:

@@ -26,6 +26,12 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_fan_normals
 from cageik_cli.util.arrays import Floats, Integers
 
+MIN_DIGITS = 9
+"""Digits of coordinates, which distinguish all float32 values."""
+
+EXACT = 0
+"""In place of a number of digits: as many as each coordinate has."""
+
 
 class Reader(FrameFileReader):
     """Frames from OBJ files."""
@@ -126,13 +132,6 @@ def _find_face_runs(words: Tokens) -> list[bytes]:
     return [words.text[begin:end] for begin, end in runs]
 
 
-MIN_DIGITS = 9
-"""Digits of coordinates, which distinguish all float32 values."""
-
-EXACT = 0
-"""In place of a number of digits: as many as each coordinate has."""
-
-
 class Writer(FrameFileWriter):
     """Writes vertices with nine digits, and with more where they are far from the origin.
 
@@ -188,7 +187,11 @@ def make_obj_template(mesh: TriMesh, digits: int = MIN_DIGITS) -> bytes:
         return f"{vertex}\n".encode() * len(mesh.vertices) + faces
     library = _clean_name(attributes.material_library).replace("%", "%%")
     head = f"mtllib {library}\n" if library else ""
-    head += "".join(_write_vertices(vertex, len(mesh.vertices), attributes.colours))
+    if attributes.colours is None:
+        head += f"{vertex}\n" * len(mesh.vertices)
+    else:
+        texts = (" ".join(map(repr, colour)) for colour in attributes.colours.tolist())
+        head += "".join(f"{vertex} {text}\n" for text in texts)
     if attributes.uvs is not None:
         head += "".join(f"vt {u!r} {v!r}\n" for u, v in attributes.uvs.values.tolist())
     if attributes.normal_fans is not None:
@@ -202,14 +205,6 @@ def encode_exact_obj(vertices: Floats, polygons: Iterable[Integers]) -> bytes:
     lines = b"v %r %r %r\n" * len(vertices) % tuple(vertices.ravel().tolist())
     faces = (" ".join(map(str, (ring + 1).tolist())) for ring in polygons)
     return lines + "".join(f"f {face}\n" for face in faces).encode()
-
-
-def _write_vertices(vertex: str, count: int, colours: Floats | None) -> list[str]:
-    """Return formats of the lines of vertices, with their colours."""
-    if colours is None:
-        return [f"{vertex}\n"] * count
-    texts = (" ".join(map(repr, colour)) for colour in colours.tolist())
-    return [f"{vertex} {text}\n" for text in texts]
 
 
 def _write_polygons(attributes: SurfaceAttributes) -> Iterator[str]:
@@ -240,32 +235,23 @@ def _write_corners(attributes: SurfaceAttributes) -> Iterator[str]:
 def _write_label_changes(attributes: SurfaceAttributes) -> dict[int, list[str]]:
     """Return the lines of names before the polygons at which they change, by its number."""
     found: dict[int, list[str]] = {}
+    objects, parts = attributes.objects, attributes.parts
+    if parts is not None:
+        indices = np.repeat(np.arange(len(parts.names)), parts.polygon_counts)
+        objects = FaceLabels(tuple(choose_short_names(parts.names)), indices)
     for labels, keyword, none in (
-        (_label_parts(attributes), "o", "default"),
+        (objects, "o", "default"),
         (attributes.groups, "g", "default"),
         (attributes.materials, "usemtl", "default"),
         (attributes.smoothing, "s", "off"),
     ):
-        for number, name in _find_changes(labels) if labels is not None else ():
-            found.setdefault(number, []).append(f"{keyword} {_clean_name(name) or none}\n")
+        if labels is None:
+            continue
+        for number in np.flatnonzero(np.diff(labels.indices, prepend=NONE)).tolist():
+            index = int(labels.indices[number])
+            name = "" if index == NONE else _clean_name(labels.names[index])
+            found.setdefault(number, []).append(f"{keyword} {name or none}\n")
     return found
-
-
-def _label_parts(attributes: SurfaceAttributes) -> FaceLabels | None:
-    """Return the names of the parts, as short as they can be; else those of the objects."""
-    parts = attributes.parts
-    if parts is None:
-        return attributes.objects
-    indices = np.repeat(np.arange(len(parts.names)), parts.polygon_counts)
-    return FaceLabels(tuple(choose_short_names(parts.names)), indices)
-
-
-def _find_changes(labels: FaceLabels) -> Iterator[tuple[int, str]]:
-    """Yield the polygons whose name is another than that of the one before, with the name."""
-    changed = np.flatnonzero(np.diff(labels.indices, prepend=NONE))
-    for number in changed.tolist():
-        index = int(labels.indices[number])
-        yield number, "" if index == NONE else labels.names[index]
 
 
 def _clean_name(name: str) -> str:

@@ -28,6 +28,9 @@ from cageik_cli.util.text import single_line
 COLOURED_WORDS = 7
 """Words of a line of a vertex with a colour; a fourth number alone is a weight."""
 
+MAX_LIBRARY_BYTES = 1 << 24
+"""Bytes of all libraries of materials that are read: a hundred thousand materials."""
+
 
 def read_obj_attributes(data: bytes, mesh: FileMesh) -> FileMesh:
     """Return a mesh that was parsed with all else that its OBJ text says of the surface.
@@ -204,10 +207,6 @@ def _read_corner_indices(
     indices = np.full(len(parts), NONE)
     indices[is_given] = given
     return indices
-
-
-MAX_LIBRARY_BYTES = 1 << 24
-"""Bytes of all libraries of materials that are read: a hundred thousand materials."""
 
 
 def read_material_colours(path: Path, mesh: FileMesh) -> FileMesh:

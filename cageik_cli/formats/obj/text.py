@@ -1,9 +1,8 @@
 """The words of an OBJ text, found all at once; reading, comparing and rewriting share them.
 
 Words are found in a text of the same length without comments and without line ends that a backslash
-continues (`blank_out`), so that every place in it is a place in the file.
-
-Numbers are rounded as `float` rounds, by compiled code where there is some.
+continues (`blank_out`), so that every place in it is a place in the file. Numbers are rounded as
+`float` rounds, by compiled code where that is possible.
 """
 
 import codecs
@@ -18,21 +17,21 @@ from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, InputError
+from cageik_cli.util.text import format_count
 
 Offsets = NDArray[np.int32] | NDArray[np.int64]
 
-
 VERTEX, FACE = ord("v"), ord("f")
-
 
 _IS_BLANK = np.isin(np.arange(256), list(b" \t\n\r\v\f"))
 
-
 _BARE_RETURN = re.compile(rb"\r(?!\n)")
-
 
 MAX_SHORT_TEXT = 2**31 - 1
 """Bytes of a text whose places 32 bits can count."""
+
+MAX_PLAIN_LENGTH = 18
+"""Characters of words that are converted all at once; their digits fit in 64 bits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,14 +158,11 @@ def tokenize(text: bytes) -> Tokens:
         lines = np.cumsum(is_head)[is_word]
         bounds, is_head = bounds[is_word], np.diff(lines, prepend=0) > 0
     heads = np.flatnonzero(is_head)
-    return Tokens(text, bounds, heads, _classify_lines(codes, bounds[heads, 0]))
-
-
-def _classify_lines(codes: NDArray[np.uint8], begins: Offsets) -> NDArray[np.uint8]:
-    """Return what the lines are that begin with the words at `begins`."""
+    # What a line is: its first word, if that is `v` or `f` alone.
+    begins = bounds[heads, 0]
     letters = codes[begins]
     letters[((letters != VERTEX) & (letters != FACE)) | ~_IS_BLANK[codes[begins + 1]]] = 0
-    return letters
+    return Tokens(text, bounds, heads, letters)
 
 
 def parse_vertices(tokens: Tokens) -> Floats | None:
@@ -224,15 +220,18 @@ def parse_obj(data: bytes) -> FileMesh:
 
 def _parse_word_by_word(tokens: Tokens, data: bytes) -> FileMesh:
     """Read a text with unusual numbers, or say what is wrong with it."""
-    vertices: list[tuple[float, ...]] = []
+    vertices: list[list[float]] = []
     polygons: list[list[int]] = []
     for line in np.flatnonzero(tokens.line_kinds).tolist():
-        words = tokens.split_line(line)[1:]
+        words, is_vertex = tokens.split_line(line)[1:], tokens.line_kinds[line] == VERTEX
         try:
-            if tokens.line_kinds[line] == VERTEX:
-                vertices.append(_parse_position(words))
+            if len(words) < 3:
+                found = format_count(len(words), "coordinate" if is_vertex else "corner")
+                raise FormatError(f"has {found}, expected {'3' if is_vertex else '3 or more'}")
+            if is_vertex:
+                vertices.append([_parse_coordinate(word) for word in words[:3]])
             else:
-                polygons.append(_parse_polygon(words, len(vertices)))
+                polygons.append([_parse_corner(word, len(vertices)) for word in words])
         except InputError as error:
             is_cut = not tokens.line_kinds[line + 1 :].any()
             remedy = "the file is cut off there, export it again" if is_cut else "export it again"
@@ -251,28 +250,12 @@ def _parse_word_by_word(tokens: Tokens, data: bytes) -> FileMesh:
     return FileMesh.from_polygons(np.array(vertices), polygons)
 
 
-def _parse_position(words: list[bytes]) -> tuple[float, ...]:
-    if len(words) < 3:
-        noun = "coordinate" if len(words) == 1 else "coordinates"
-        raise FormatError(f"has {len(words)} {noun}, expected 3")
+def _parse_coordinate(word: bytes) -> float:
     try:
-        x, y, z = (_parse_number(word) for word in words[:3])
+        # Python's digit separator is not a number in a file.
+        return float(word.replace(b"_", b"?"))
     except ValueError as error:
         raise FormatError("has a coordinate that is not a number") from error
-    return x, y, z
-
-
-def _parse_number(word: bytes) -> float:
-    if b"_" in word:
-        raise ValueError("Python's digit separator is not a number in a file")
-    return float(word)
-
-
-def _parse_polygon(words: list[bytes], count: int) -> list[int]:
-    if len(words) < 3:
-        noun = "corner" if len(words) == 1 else "corners"
-        raise FormatError(f"has {len(words)} {noun}, expected 3 or more")
-    return [_parse_corner(word, count) for word in words]
 
 
 def _parse_corner(word: bytes, count: int) -> int:
@@ -293,10 +276,6 @@ def _quote_line(tokens: Tokens, line: int, data: bytes) -> str:
     number = len(data[:begin].splitlines()) + 1
     text = " ".join(data[begin:end].decode("ascii", errors="replace").split())
     return f"line {number}: `{text if len(text) <= 60 else text[:57] + '...'}`"
-
-
-MAX_PLAIN_LENGTH = 18
-"""Characters of words that are converted all at once; their digits fit in 64 bits."""
 
 
 def convert_words(

@@ -13,6 +13,18 @@ from cageik_cli.util.trial import trials
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
+MAX_LAYERS = 10_000
+"""Layers of a stage; the value clips of a layer do not count."""
+
+MAX_PRIMS = 1_000_000
+"""Prims of a stage; references to references multiply them."""
+
+MAX_NESTING = 500
+"""Brackets inside each other in the text of a layer.
+
+USD crashes at tens of thousands of braces, and does not end for as many others.
+"""
+
 
 def require_usd(purpose: str) -> None:
     """Raise MissingLibraryError without usd-core, which is needed for a purpose."""
@@ -54,19 +66,6 @@ def _format_diagnostic(diagnostic: Any) -> str:
     return re.sub(r"@([^@]*)@", lambda layer: Path(layer[1]).name, text)
 
 
-MAX_LAYERS = 10_000
-"""Layers of a stage; the value clips of a layer do not count."""
-
-MAX_PRIMS = 1_000_000
-"""Prims of a stage; references to references multiply them."""
-
-MAX_NESTING = 500
-"""Brackets inside each other in the text of a layer.
-
-USD crashes at tens of thousands of braces, and does not end for as many others.
-"""
-
-
 def check_layers(path: Path) -> list[Any]:
     """Open the layers that a stage is composed of, and check all files that they name.
 
@@ -81,7 +80,7 @@ def check_layers(path: Path) -> list[Any]:
         `MAX_PRIMS` prims. USD would wait for a pipe, read a device without end, and compose prims
         until memory ends.
     """
-    from pxr import Sdf
+    from pxr import Sdf, UsdUtils
 
     found: list[Any] = []
     check_input(path)
@@ -98,7 +97,8 @@ def check_layers(path: Path) -> list[Any]:
         found.append(layer)
         if len(found) > MAX_LAYERS:
             raise FormatError(f"is composed of more than {MAX_LAYERS} layers; export it as one")
-        named = set(_list_named_files(layer)) - seen
+        groups = UsdUtils.ExtractExternalReferences(layer.identifier)  # with clips and pictures
+        named = {file for group in groups for file in _resolve(layer, group)} - seen
         for file in sorted(named):
             with error_context(Path(_split_package(file)).name):
                 named_file = Path(_split_package(file))
@@ -192,14 +192,6 @@ class _PrimCounter:
                 spec = target.GetPrimAtPath(path) if path else target.pseudoRoot
                 return 0 if spec is None else self.count(target, spec)
         return 0
-
-
-def _list_named_files(layer: Any) -> Iterator[str]:
-    """List the files that exist of those that a layer names: layers, value clips, pictures."""
-    from pxr import UsdUtils
-
-    for group in UsdUtils.ExtractExternalReferences(layer.identifier):
-        yield from _resolve(layer, group)
 
 
 def _list_composed_files(layer: Any) -> Iterator[str]:

@@ -1,9 +1,5 @@
-"""A clip in USD: a mesh whose points, or whose transforms, have time samples.
+"""A clip in USD: meshes whose points, transforms or rigs have time samples, and their surfaces."""
 
-Its UVs, normals, colours, materials, groups and subdivision are read with the first frame.
-"""
-
-import hashlib
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -15,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.files import ClaimedBytes, hash_file
+from cageik_cli.formats.base.files import ClaimedBytes
 from cageik_cli.formats.base.mesh_data import share_normals
 from cageik_cli.formats.base.scene_graph import (
     EVEN_STEP_TOL,
@@ -49,6 +45,13 @@ from cageik_cli.util.text import format_count, single_line
 MAX_TIME_CODES = 100_000
 """Largest number of whole time codes, a frame each, that replace uneven samples."""
 
+LIBRARY_KEY = "materialLibrary"
+"""Where the custom data of a mesh names the file of its materials, as an OBJ file does."""
+
+UV_NAME = "st"
+
+_PER_VERTEX, _PER_CORNER, _PER_FACE = ("vertex", "varying"), ("faceVarying",), ("uniform",)
+
 
 class Reader(SceneReader):
     """Frames of the meshes of a stage; times are time codes."""
@@ -74,7 +77,7 @@ class Reader(SceneReader):
         _ = check_layers(path)  # held, so that they are not read twice
         self._stage = Usd.Stage.Open(str(path))
         prims = list(Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies()))
-        self._claimed = ClaimedBytes(sum(file.stat().st_size for file in self._composed_files))
+        self._claimed = ClaimedBytes(sum(file.stat().st_size for file in self.files))
         self._rigs = Rigs(self._claimed)
         meshes = {str(prim.GetPath()): prim for prim in prims if prim.IsA(UsdGeom.Mesh)}
         scattered = _list_scattered(prims)
@@ -132,24 +135,14 @@ class Reader(SceneReader):
             metres_per_unit=UsdGeom.GetStageMetersPerUnit(stage) if has_unit else None,
         )
 
-    def describe_source(self) -> dict[str, Any]:
-        """Return the file's name, how many files it is composed of, and a digest over all."""
-        count = len(self._composed_files)
-        return super().describe_source() | ({"files": count} if count > 1 else {})
-
     @cached_property
-    def _composed_files(self) -> list[Path]:
+    def files(self) -> list[Path]:
         """All files that the stage is composed of, its own first."""
         from pxr import Ar
 
         layers = [layer.realPath for layer in self._stage.GetUsedLayers() if layer.realPath]
         files = {Ar.SplitPackageRelativePathOuter(layer)[0] for layer in layers}
         return [self.path, *(Path(file) for file in sorted(files - {str(self.path.resolve())}))]
-
-    @cached_property
-    def _digest(self) -> bytes:
-        digests = [hash_file(file) for file in self._composed_files]
-        return digests[0] if len(digests) == 1 else hashlib.sha256(b"".join(digests)).digest()
 
 
 class UsdSceneMesh(SceneMesh):
@@ -325,15 +318,6 @@ def _find_transform_times(prim: Any) -> set[float]:
     return times
 
 
-LIBRARY_KEY = "materialLibrary"
-"""Where the custom data of a mesh names the file of its materials, as an OBJ file does."""
-
-UV_NAME = "st"
-
-
-_PER_VERTEX, _PER_CORNER, _PER_FACE = ("vertex", "varying"), ("faceVarying",), ("uniform",)
-
-
 class SurfaceReader:
     """Reads the layers of the surface of one mesh, at a time."""
 
@@ -355,7 +339,12 @@ class SurfaceReader:
 
     def read_uvs(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
         """Read the primvar `st`, or else the first that holds texture coordinates."""
-        primvar = self._find_uvs()
+        from pxr import Sdf
+
+        names = (Sdf.ValueTypeNames.TexCoord2fArray, Sdf.ValueTypeNames.Float2Array)
+        usual = self._primvars.GetPrimvar(UV_NAME)
+        found = [usual, *self._primvars.GetPrimvarsWithAuthoredValues()]
+        primvar = next((each for each in found if each and each.GetTypeName() in names), None)
         if primvar is None:
             return attributes
         values = self._to_array(primvar.Get(self._time), 2)
@@ -453,15 +442,6 @@ class SurfaceReader:
         if named.max(initial=-1) >= self._vertex_count:
             raise FormatError(f"it names vertex {named.max()} of {self._vertex_count}")
         return replace(attributes, subdivision=subdivision)
-
-    def _find_uvs(self) -> Any | None:
-        """Return the primvar of the texture coordinates."""
-        from pxr import Sdf
-
-        names = (Sdf.ValueTypeNames.TexCoord2fArray, Sdf.ValueTypeNames.Float2Array)
-        usual = self._primvars.GetPrimvar(UV_NAME)
-        found = [usual, *self._primvars.GetPrimvarsWithAuthoredValues()]
-        return next((each for each in found if each and each.GetTypeName() in names), None)
 
     def _read_indices(self, primvar: Any, count: int) -> Integers:
         """Return the indices into `count` values; one after the other if there are none."""

@@ -53,7 +53,14 @@ class Rigs:
         for prim in Usd.PrimRange(root.GetPrim(), instances):
             if prim.IsA(UsdSkel.Skeleton):
                 with error_context(str(prim.GetPath())):
-                    _check_joints(UsdSkel.Skeleton(prim))
+                    names = UsdSkel.Skeleton(prim).GetJointsAttr().Get() or ()
+                    if len(names) > MAX_JOINTS:
+                        raise FormatError(f"has {len(names)} joints, expected at most {MAX_JOINTS}")
+                    depth = max((str(name).count("/") + 1 for name in names), default=0)
+                    if depth > MAX_JOINT_DEPTH:
+                        raise FormatError(
+                            f"is a chain of {depth} joints, expected at most {MAX_JOINT_DEPTH}"
+                        )
         cache = UsdSkel.Cache()
         cache.Populate(root, instances)
         self._caches.append(cache)
@@ -72,6 +79,8 @@ class MeshPose:
     def __init__(
         self, mesh: Any, skeleton: Any, query: Any, skin: Any, *, claimed: ClaimedBytes
     ) -> None:
+        from pxr import Usd
+
         self._mesh, self._skeleton, self._query, self._skin = mesh, skeleton, query, skin
         if not query:
             raise FormatError(
@@ -81,7 +90,8 @@ class MeshPose:
         self._motion = query.GetAnimQuery()
         self.has_joints = skin.HasJointInfluences()
         points = mesh.GetPointsAttr()
-        self._count = len(points.Get(_find_first_time(points)) or ())
+        times = points.GetTimeSamples()
+        self._count = len(points.Get(times[0] if times else Usd.TimeCode.Default()) or ())
         self._is_unchecked = True
         self._check_binding()
         if self.has_joints:
@@ -151,17 +161,13 @@ class MeshPose:
         """Move points, in place, from the space of the mesh into that of the skeleton."""
         if self._is_unchecked:
             self._check_influences(time)
-            self._is_unchecked = self._changes_weights()
+            primvars = (self._skin.GetJointIndicesPrimvar(), self._skin.GetJointWeightsPrimvar())
+            self._is_unchecked = any(primvar.ValueMightBeTimeVarying() for primvar in primvars)
         if self._motion and self._motion.GetJointOrder():
             self._check_motion(time)
         joints = self._query.ComputeSkinningTransforms(time)
         if not self._skin.ComputeSkinnedPoints(joints, points, time):
             raise FormatError(f"USD cannot skin it at time {time:g}; bake the mesh to points")
-
-    def _changes_weights(self) -> bool:
-        """Return whether the weights have time samples."""
-        primvars = (self._skin.GetJointIndicesPrimvar(), self._skin.GetJointWeightsPrimvar())
-        return any(primvar.ValueMightBeTimeVarying() for primvar in primvars)
 
     def _check_binding(self) -> None:
         """Refuse joints of a mesh that USD leaves out, for it would not be posed."""
@@ -319,21 +325,3 @@ def _check_offsets(shape: Any, point_count: int, claimed: ClaimedBytes) -> None:
                 f"`{attribute.GetName()}` has {format_count(count, 'offset')} for {expected} "
                 "points; export it again"
             )
-
-
-def _check_joints(skeleton: Any) -> None:
-    """Refuse more joints, or a longer chain of them, than USD places in a bearable time."""
-    names = skeleton.GetJointsAttr().Get() or ()
-    if len(names) > MAX_JOINTS:
-        raise FormatError(f"has {len(names)} joints, expected at most {MAX_JOINTS}")
-    depth = max((str(name).count("/") + 1 for name in names), default=0)
-    if depth > MAX_JOINT_DEPTH:
-        raise FormatError(f"is a chain of {depth} joints, expected at most {MAX_JOINT_DEPTH}")
-
-
-def _find_first_time(attribute: Any) -> Any:
-    """Return the first time sample of an attribute, or the default time."""
-    from pxr import Usd
-
-    times = attribute.GetTimeSamples()
-    return times[0] if times else Usd.TimeCode.Default()

@@ -24,7 +24,13 @@ class UsdSplatWriter(UsdWriter):
     """
 
     def __init__(self, target: Path, animation: Animation, points: PointFile) -> None:
-        _require_schema()
+        require_usd("writing USD")
+        from pxr import UsdVol
+
+        if not hasattr(UsdVol, SCHEMA):
+            raise MissingLibraryError(
+                "writing splats as USD needs usd-core 26.3 or newer: pip install -U usd-core"
+            )
         self._rest = rest_names(points)
         self._splat_count = len(points.rows)
         coefficients = 1 + len(self._rest) // 3
@@ -59,7 +65,11 @@ class UsdSplatWriter(UsdWriter):
                 self._set("positions", positions, time)
                 self._set("scales", scales, time)
                 self._set("orientations", _stack(rows, TURNS), time)
-                self._attributes["extent"].Set(_compute_splat_extent(positions, scales), time)
+                # Each splat is taken to three of its largest standard deviation.
+                radii = 3.0 * scales.max(axis=1, keepdims=True)
+                self._attributes["extent"].Set(
+                    compute_extent(np.concatenate([positions - radii, positions + radii])), time
+                )
                 if self._rest:
                     self._set_colours(rows, time)
 
@@ -81,17 +91,6 @@ class UsdSplatWriter(UsdWriter):
         self._attributes[name].Set(array, Usd.TimeCode.Default() if time is None else time)
 
 
-def _require_schema() -> None:
-    """Raise MissingLibraryError without a usd-core that knows splats."""
-    require_usd("writing USD")
-    from pxr import UsdVol
-
-    if not hasattr(UsdVol, SCHEMA):
-        raise MissingLibraryError(
-            "writing splats as USD needs usd-core 26.3 or newer: pip install -U usd-core"
-        )
-
-
 def _stack(rows: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.float32]:
     """Return some properties as float32, (m, count)."""
     found = np.empty((len(rows), len(names)), np.float32)
@@ -105,9 +104,3 @@ def _compute_opacities(rows: NDArray[Any]) -> NDArray[np.float32]:
     """Return the opacities, (m,), whose logits the rows have."""
     with np.errstate(over="ignore"):
         return (1 / (1 + np.exp(-rows["opacity"].astype(np.float64)))).astype(np.float32)
-
-
-def _compute_splat_extent(positions: NDArray[np.float32], scales: NDArray[np.float32]) -> Any:
-    """Return the bounding box of splats, each to three of its largest standard deviation."""
-    radii = 3.0 * scales.max(axis=1, keepdims=True)
-    return compute_extent(np.concatenate([positions - radii, positions + radii]))

@@ -1,6 +1,6 @@
 """USD: meshes whose points have a time sample per frame, or a skeleton; in single precision.
 
-A mesh keeps its polygons, UVs, normals, colours, materials, groups and subdivision.
+A mesh has its polygons, UVs, normals, colours, materials, groups and subdivision.
 """
 
 import zipfile
@@ -69,7 +69,7 @@ class UsdWriter(AnimationWriter):
         """Start a file of `frame_bytes` per frame."""
         suffix = target.suffix.lower()
         require_usd(f"writing {target.suffix}")
-        from pxr import Sdf, Usd
+        from pxr import Sdf, Usd, UsdGeom
 
         _check_size_limit(suffix, animation.frame_count * frame_bytes)
         self._target, self._frame_bytes, self._unsaved_bytes = target, frame_bytes, 0
@@ -83,7 +83,13 @@ class UsdWriter(AnimationWriter):
         with ExitStack() as stack, capture_diagnostics(OSError):
             stack.callback(self.abandon)
             self.stage = Usd.Stage.Open(Sdf.Layer.CreateNew(str(self._path), args=binary))
-            _write_scene_metadata(self.stage, animation)
+            scene = animation.scene
+            UsdGeom.SetStageUpAxis(self.stage, scene.up_axis)
+            UsdGeom.SetStageMetersPerUnit(self.stage, scene.metres_per_unit)
+            self.stage.SetTimeCodesPerSecond(scene.fps)
+            self.stage.SetFramesPerSecond(scene.fps)
+            self.stage.SetStartTimeCode(scene.start)
+            self.stage.SetEndTimeCode(scene.frame_number(animation.frame_count - 1))
             self.root = f"/{animation.name}"
             self.stage.SetDefaultPrim(self.stage.OverridePrim(self.root))
             stack.pop_all()  # open from here on
@@ -112,18 +118,6 @@ class UsdWriter(AnimationWriter):
         self.__dict__.pop("stage", None)
         if self._folder is not None:
             self._folder.cleanup()
-
-
-def _write_scene_metadata(stage: Any, animation: Animation) -> None:
-    from pxr import UsdGeom
-
-    scene = animation.scene
-    UsdGeom.SetStageUpAxis(stage, scene.up_axis)
-    UsdGeom.SetStageMetersPerUnit(stage, scene.metres_per_unit)
-    stage.SetTimeCodesPerSecond(scene.fps)
-    stage.SetFramesPerSecond(scene.fps)
-    stage.SetStartTimeCode(scene.start)
-    stage.SetEndTimeCode(scene.frame_number(animation.frame_count - 1))
 
 
 def _check_size_limit(suffix: str, size: int) -> None:
@@ -192,7 +186,15 @@ class UsdMesh:
             # By default, a mesh is subdivided by Catmull and Clark.
             self.prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
             return
-        _write_subdivision(self.prim, attributes)
+        subdivision = attributes.subdivision
+        self.prim.CreateSubdivisionSchemeAttr(subdivision.scheme)
+        if len(subdivision.crease_lengths):
+            self.prim.CreateCreaseIndicesAttr(_to_ints(subdivision.crease_vertices))
+            self.prim.CreateCreaseLengthsAttr(_to_ints(subdivision.crease_lengths))
+            self.prim.CreateCreaseSharpnessesAttr(_to_floats(subdivision.crease_sharpness))
+        if len(subdivision.corner_vertices):
+            self.prim.CreateCornerIndicesAttr(_to_ints(subdivision.corner_vertices))
+            self.prim.CreateCornerSharpnessesAttr(_to_floats(subdivision.corner_sharpness))
         _write_uvs(self.prim, attributes)
         _write_colours(self.prim, attributes)
         _write_materials(self.prim, attributes, materials)
@@ -435,18 +437,6 @@ def _to_floats(values: Floats) -> Any:
     from pxr import Vt
 
     return Vt.FloatArray.FromNumpy(to_float32(values))
-
-
-def _write_subdivision(prim: Any, attributes: SurfaceAttributes) -> None:
-    subdivision = attributes.subdivision
-    prim.CreateSubdivisionSchemeAttr(subdivision.scheme)
-    if len(subdivision.crease_lengths):
-        prim.CreateCreaseIndicesAttr(_to_ints(subdivision.crease_vertices))
-        prim.CreateCreaseLengthsAttr(_to_ints(subdivision.crease_lengths))
-        prim.CreateCreaseSharpnessesAttr(_to_floats(subdivision.crease_sharpness))
-    if len(subdivision.corner_vertices):
-        prim.CreateCornerIndicesAttr(_to_ints(subdivision.corner_vertices))
-        prim.CreateCornerSharpnessesAttr(_to_floats(subdivision.corner_sharpness))
 
 
 def _write_uvs(prim: Any, attributes: SurfaceAttributes) -> None:
