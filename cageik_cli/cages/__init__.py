@@ -1,5 +1,5 @@
 """Cages: built around a model, checked, repaired, and bound to it.
 
-Depends on `method`. `builder` builds one, `check` finds what is wrong with one, `repair` mends it;
-`bind` checks a cage around a rest pose and computes the weights.
+Depends on `method`, `geometry` and `util`. Start with `bind`; `check/diagnosis` collects all that
+is wrong with a cage, `builder/build` makes one, and `repair/repair` mends one.
 """

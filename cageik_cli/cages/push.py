@@ -75,7 +75,11 @@ def push(
         deepest.append(float(contacts.missing.max()))
         if deepest[-1] > 0.9 * deepest[-1 - MAX_FRUITLESS_PUSHES]:
             break
-        moves = _limit_moves(contacts, form)
+        # Deep contacts count for more: where many points are nearly there, one may not be.
+        moves = solve_moves(contacts, contacts.missing / deepest[-1] + 0.1, form)
+        lengths = np.linalg.norm(moves, axis=1, keepdims=True)
+        most = MAX_PUSH_STEP * deepest[-1]
+        moves *= np.minimum(1, most / np.maximum(lengths, most))
         longest = float(np.linalg.norm(moves, axis=1).max())
         cage = TriMesh(cage.vertices + moves, cage.faces)
     return cage
@@ -89,15 +93,6 @@ def make_form(cage: TriMesh, smoothness: float, stiffness: float) -> sparse.csc_
     gradient = sparse.csc_array((signs, (rows, ends.ravel())), shape=(len(ends), count))
     form = smoothness * (gradient.T @ gradient) + stiffness * sparse.eye_array(count)
     return sparse.csc_array(sparse.kron(form, sparse.eye_array(3)))
-
-
-def _limit_moves(contacts: Contacts, form: sparse.csc_array) -> Floats:
-    """Solve for moves; no vertex moves further than `MAX_PUSH_STEP` times what is missing most."""
-    # Deep contacts count for more: where many points are nearly there, one may not be.
-    moves = solve_moves(contacts, contacts.missing / contacts.missing.max() + 0.1, form)
-    length = np.linalg.norm(moves, axis=1, keepdims=True)
-    longest = MAX_PUSH_STEP * contacts.missing.max()
-    return np.asarray(moves * np.minimum(1, longest / np.maximum(length, longest)))
 
 
 def solve_moves(contacts: Contacts, weight: Floats, form: sparse.csc_array) -> Floats:

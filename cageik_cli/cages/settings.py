@@ -17,7 +17,6 @@ MAX_VERTICES = 2000
 MAX_CLEARANCE = 0.2
 """The largest clearance, in diagonals."""
 
-
 SymmetryChoice = Literal["auto", "x", "y", "z", "off"]
 """About which plane a cage is to be symmetric."""
 

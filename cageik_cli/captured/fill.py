@@ -13,9 +13,8 @@ Uᵀ b is a pentadiagonal system over time. Where vertices are missing, this sol
 preconditioner of conjugate gradients. What is occluded for long stays where each frame's own solve
 has it: acceleration alone would let it fly.
 
-`RigidFiller` puts vertices that are occluded where the surface around them has them, as rigidly as
-possible. With the rest pose p, the positions x of the vertices that are seen, and a rotation R_i
-per vertex,
+Vertices that are occluded are put where the surface around them has them, as rigidly as possible.
+With the rest pose p, the positions x of the vertices that are seen, and a rotation R_i per vertex,
 
     minimise  Σ_ij |x_i − x_j − R_i (p_i − p_j)|²  over the hidden x and all R,
 
@@ -44,6 +43,12 @@ CONJUGATE_TOL = 1e-4
 
 BRIDGE_LENGTH = 0.37
 """Length in frames: a motion of the whole mesh with a period of 2π times it would be halved."""
+
+RIGID_ROUNDS = 20
+"""Rounds of rotations and positions: with 60, the error is up to a tenth less."""
+
+HOLD_WEIGHT = 1e-9
+"""Weight by which vertices stay where they begin: a part of which nothing is seen has no other."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,13 +188,6 @@ def make_bend_bands(gammas: Floats) -> Floats:
     return bands
 
 
-RIGID_ROUNDS = 20
-"""Rounds of rotations and positions: with 60, the error is up to a tenth less."""
-
-HOLD_WEIGHT = 1e-9
-"""Weight by which vertices stay where they begin: a part of which nothing is seen has no other."""
-
-
 class RigidFiller:
     """Filler of frames of a mesh; the factors of the last occluded vertices are kept."""
 
@@ -218,8 +216,14 @@ class RigidFiller:
         if self._factor is None:
             return filled
         joined, second = self._joined, self._edges[:, 1]
+        here, there = self._ring_edges.T
         for _ in range(RIGID_ROUNDS):
-            rotations = self._find_rotations(filled)
+            # The rotation of the rest pose to the positions around each vertex of the ring.
+            sides = filled[here] - filled[there]
+            products = (sides[:, :, None] * self._ring_sides[:, None, :]).reshape(-1, 9)
+            sums = np.add.reduceat(products, self._ring_starts)
+            entries = nearest_rotations_by_entry(np.ascontiguousarray(sums.T))
+            rotations = entries.T.reshape(-1, 3, 3)
             means = (rotations[self._first_ring] + rotations[self._second_ring]) / 2
             pulls = np.einsum("eab,eb->ea", means, self._sides)
             # What is seen is known: it goes to the other side.
@@ -228,14 +232,6 @@ class RigidFiller:
             right += np.add.reduceat(pulls, self._starts)
             filled[joined] = self._factor.solve(right)
         return filled
-
-    def _find_rotations(self, positions: Floats) -> Floats:
-        """Return the rotation of the rest pose to the positions around each vertex of the ring."""
-        first, second = self._ring_edges.T
-        sides = positions[first] - positions[second]
-        products = (sides[:, :, None] * self._ring_sides[:, None, :]).reshape(-1, 9)
-        sums = np.add.reduceat(products, self._ring_starts)
-        return nearest_rotations_by_entry(np.ascontiguousarray(sums.T)).T.reshape(-1, 3, 3)
 
     def _prepare(self, is_occluded: Mask) -> None:
         """List the edges at occluded vertices and those at their neighbours, and factor."""

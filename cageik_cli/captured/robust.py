@@ -16,8 +16,8 @@ the first rounds (Huber 1964) and exp(1 − u²) in the others (Welsch; Holland 
 the vertex is torn from the surface (`captured.robust`). A frame without outliers keeps the plain
 solution, to the last bit.
 
-Whether a frame has outliers is asked before any solve (`has_outlier_vertices`): these vertices are
-far from the surface around them. `find_torn_vertices` asks the residuals of a solve.
+Vertices are thrown if their neighbours are not: `has_outlier_vertices` compares frames before any
+solve, `find_torn_vertices` the residuals of one.
 """
 
 from collections.abc import Iterable
@@ -39,6 +39,15 @@ MAX_ROBUST_ROUNDS = 20
 
 WEIGHT_CHANGE_TOL = 0.01
 """Rounds end when no weight of the frame changes by more."""
+
+MIN_OUTLIER_RATIO = 8.0
+"""Vertices are off by themselves that are off by more times as much as their neighbours."""
+
+MIN_OUTLIER_EDGE_CHANGE = 5.0
+"""Percent of the diagonal; edges of outlier vertices change by more. In clean clips of a dancer, a
+horse and a cartoon chicken no vertex does so by itself by more than 2.9 %. A vertex that is thrown
+by 9 % of the diagonal is seen in 70 to 100 % of tries there, one thrown by 5 % or less hardly ever:
+clean vertices come too near to that."""
 
 
 class RobustSolver:
@@ -315,16 +324,6 @@ def solve_definite(matrix: Floats, right: Floats) -> Floats:
     raise NumericalError("the vertices that are data do not determine the cage")
 
 
-MIN_OUTLIER_RATIO = 8.0
-"""Vertices are off by themselves that are off by more times as much as their neighbours."""
-
-MIN_OUTLIER_EDGE_CHANGE = 5.0
-"""Percent of the diagonal; edges of outlier vertices change by more. In clean clips of a dancer, a
-horse and a cartoon chicken no vertex does so by itself by more than 2.9 %. A vertex that is thrown
-by 9 % of the diagonal is seen in 70 to 100 % of tries there, one thrown by 5 % or less hardly ever:
-clean vertices come too near to that."""
-
-
 def average_neighbours(mesh: TriMesh, values: Floats) -> Floats:
     """Return the mean of the values, (m,), of each vertex's neighbours; its own if it has none."""
     first, second = mesh.edges.ends.T
@@ -347,29 +346,23 @@ def has_outlier_vertices(mesh: TriMesh, frames: Iterable[Floats]) -> bool:
     mesh : TriMesh
         A pose that the frames are compared with; its vertex may be the outlier.
     """
-    return any(_is_outlier(mesh, _measure_least_changes(mesh, frame)) for frame in frames)
+    return any(_has_outlier_vertex(mesh, frame) for frame in frames)
 
 
-def _measure_least_changes(mesh: TriMesh, frame: Floats) -> Floats:
-    """Return by how much the edge of each vertex changes that changes least, (m,); 0 of none."""
+def _has_outlier_vertex(mesh: TriMesh, frame: Floats) -> bool:
     first, second = mesh.edges.ends.T
     before, after = (
         np.linalg.norm(points[first] - points[second], axis=1) for points in (mesh.vertices, frame)
     )
-    least = np.full(len(mesh.vertices), np.inf)
+    least = np.full(len(mesh.vertices), np.inf)  # by how much an edge of each vertex changes
     for ends in (first, second):
         np.minimum.at(least, ends, np.abs(after - before))
     least[~np.isfinite(least)] = 0.0
-    return least
-
-
-def _is_outlier(mesh: TriMesh, changes: Floats) -> bool:
-    """Return whether a vertex changes by so much, and by far more than its neighbours."""
-    is_large = 100 * changes > MIN_OUTLIER_EDGE_CHANGE * mesh.diagonal
+    is_large = 100 * least > MIN_OUTLIER_EDGE_CHANGE * mesh.diagonal
     if not is_large.any():
         return False
-    around = average_neighbours(mesh, changes)
-    return bool((is_large & (changes > MIN_OUTLIER_RATIO * around)).any())
+    around = average_neighbours(mesh, least)
+    return bool((is_large & (least > MIN_OUTLIER_RATIO * around)).any())
 
 
 def find_torn_vertices(mesh: TriMesh, residuals: Floats, limits: Floats, is_data: Mask) -> Mask:

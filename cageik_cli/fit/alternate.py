@@ -162,12 +162,15 @@ class Alternator:
         """
         target = target.compress(self.problem.vertex_weights)
         if settings.rank is not None:
-            return self._fit_low_rank(target, settings.rank)
+            whole, motion = self._fit_full_rank(target)
+            start = self.problem.truncate(motion, whole, settings.rank)
+            change, _ = self._alternate(target, start, self.problem.refit, self.problem.add_change)
+            return self._bind(self.problem.add_change(change)), change
         if settings.influences is not None:
             strength = min(self.problem.regularization, MAX_START_REGULARIZATION)
             close = replace(self, problem=replace(self.problem, regularization=strength))
-            whole = self.problem.add_change(close._fit_full_rank(target)[0])
-            return self.fit_influences(target, whole, settings.influences), None
+            weights = self.problem.add_change(close._fit_full_rank(target)[0])
+            return self.fit_influences(target, weights, settings.influences), None
         change, _ = self._fit_full_rank(target)
         return self._bind(self.problem.add_change(change)), None
 
@@ -178,13 +181,6 @@ class Alternator:
         step = partial(refit_influences, self.problem)
         found, _ = self._alternate(target, start, step, lambda form: form.to_dense(n))
         return self._bind(found.to_dense(n), has_offsets=True)
-
-    def _fit_low_rank(self, target: Displacements, rank: int) -> tuple[Binding, Correction]:
-        """Fit weights whose change has at most `rank`, from the change that has any rank."""
-        whole, motion = self._fit_full_rank(target)
-        start = self.problem.truncate(motion, whole, rank)
-        change, _ = self._alternate(target, start, self.problem.refit, self.problem.add_change)
-        return self._bind(self.problem.add_change(change)), change
 
     def _fit_full_rank(self, target: Displacements) -> tuple[Correction, Motion]:
         """Return the change of all weights, and the motion of the cage for it."""

@@ -136,6 +136,8 @@ class Fitter:
             fitted, low_rank = self.fit_sample(sample, strength)
             measured = self.cage_solve.compare(fitted.weights, sample.target)
             solver = self.cage_solve.prepare(self._binding.weights)
+            own_roughness = self._problem.surface.measure(self._binding.weights)
+            roughness = self._problem.surface.measure(fitted.weights)
             report = FitReport(
                 regularization=strength,
                 smoothness=self._settings.smoothness,
@@ -149,7 +151,7 @@ class Fitter:
                 negative_per_row=abs(float(np.minimum(fitted.weights, 0).sum()))
                 / len(fitted.weights),
                 min_weight=float(fitted.weights.min()),
-                roughness=self._compare_roughness(fitted.weights),
+                roughness=roughness / own_roughness if own_roughness else 1.0,
                 fixed_floats=_count_fixed_floats(fitted, low_rank),
                 curve=tuple(curve),
             )
@@ -204,25 +206,23 @@ class Fitter:
         return self._memory - 2 * sample.target.nbytes
 
     def _choose_regularization(self, sample: Sample) -> tuple[float, Curve]:
-        """Return the regularization, and what was tried if it is chosen by held-out blocks."""
+        """Return the regularization, and what was tried if it is chosen by held-out blocks.
+
+        Regularizations are tried while the error falls by a few percent.
+        """
         if self._settings.regularization is not None:
             return self._settings.regularization, []
-        curve = self._search_regularization(sample)
-        return choose_regularization(curve), curve
-
-    def _search_regularization(self, sample: Sample) -> Curve:
-        """Measure regularizations on held-out blocks, while the error falls by a few percent."""
         curve: Curve = []
         for start in range(0, len(TRIED_REGULARIZATIONS), 2):
             pair = TRIED_REGULARIZATIONS[start : start + 2]
             cases = [self._make_case(sample.in_held_out_block, s, sample) for s in pair]
             for strength, found in zip(pair, self._compare_held_out(sample, cases), strict=True):
                 if found is None:
-                    return []
+                    return choose_regularization([]), []
                 curve.append((strength, found.fitted.rms))
             if curve[-1][1] > MAX_ERROR_SHARE * curve[-2][1]:
                 break
-        return curve
+        return choose_regularization(curve), curve
 
     def _measure_unseen(
         self, sample: Sample, strength: float, is_strength_chosen: bool
@@ -267,11 +267,6 @@ class Fitter:
         fits = self._count_fits(sample)
         with OrderedMap(compare, cases, fits, fits) as found:
             return list(found)
-
-    def _compare_roughness(self, weights: Floats) -> float:
-        """Return the roughness of `weights` relative to that of the binding's."""
-        own = self._problem.surface.measure(self._binding.weights)
-        return self._problem.surface.measure(weights) / own if own else 1.0
 
 
 def _check_freedom(binding: Binding, settings: FitSettings) -> None:

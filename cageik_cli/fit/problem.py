@@ -18,10 +18,9 @@ is the fit of a few columns. For given U, the rows of Vᵀ separate in the same 
 
     (g_i UᵀΩU + λ UᵀU + μ UᵀΛᵀΛU) Vᵀq_i = UᵀΩ (D − H B) Bᵀ q_i / s.
 
-`Displacements` are in memory once, also for subsets of their frames. Sums of squares over the
-frames do not change when the columns of D are turned by an orthogonal matrix, and a linear solve
-for the cages turns with them. In the eigenvectors of DᵀD, the last columns are nearly 0; a fit to
-the others is the same, and faster.
+The displacements are in memory once. Sums of squares over the frames do not change when the columns
+of D are turned by an orthogonal matrix, and a linear solve for the cages turns with them. In the
+eigenvectors of DᵀD, the last columns are nearly 0; a fit to the others is the same, and faster.
 """
 
 from collections.abc import Iterator, Sequence

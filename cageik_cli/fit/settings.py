@@ -15,6 +15,24 @@ FIT_VERSION = 4
 DEFAULT_REGULARIZATION = 0.1
 """λ where it is neither stated nor found by frames held out."""
 
+MAX_HELD_OUT_BLOCKS = 10
+"""Each clip is cut into so many blocks of consecutive frames; every second one is held out."""
+
+MAX_HELD_OUT_RATIO = 2.0
+"""Held-out errors that are more times the error of the fitted frames are warned of."""
+
+MIN_STATED_PERCENT = 1e-3
+"""Errors below this percentage of the diagonal are rounding; ratios of them say nothing."""
+
+MAX_GAINLESS_SHARE = 0.98
+"""A fit gains nothing on other motion if it leaves more of the unfitted weights' held-out error."""
+
+MAX_COPIED_SHARE = 0.5
+"""If more of the held-out frames are copies of fitted ones, their error says nothing."""
+
+MAX_ROUGHNESS = 3.0
+"""Weights that are more times as rough as the unfitted ones are warned of."""
+
 
 @dataclass(frozen=True, slots=True)
 class FitSettings:
@@ -138,25 +156,6 @@ class Comparison:
     def __post_init__(self) -> None:
         if self.frames < 1:
             raise SettingError(f"frames is {self.frames}, expected 1 or more")
-
-
-MAX_HELD_OUT_BLOCKS = 10
-"""Each clip is cut into so many blocks of consecutive frames; every second one is held out."""
-
-MAX_HELD_OUT_RATIO = 2.0
-"""Held-out errors that are more times the error of the fitted frames are warned of."""
-
-MIN_STATED_PERCENT = 1e-3
-"""Errors below this percentage of the diagonal are rounding; ratios of them say nothing."""
-
-MAX_GAINLESS_SHARE = 0.98
-"""A fit gains nothing on other motion if it leaves more of the unfitted weights' held-out error."""
-
-MAX_COPIED_SHARE = 0.5
-"""If more of the held-out frames are copies of fitted ones, their error says nothing."""
-
-MAX_ROUGHNESS = 3.0
-"""Weights that are more times as rough as the unfitted ones are warned of."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Triangle meshes and the geometry of surfaces: distances, intersections, rotations, parts.
+"""Triangle meshes and the geometry of surfaces: distances, intersections, rotations.
 
 Depends on `util` only. Start with `mesh`, whose `TriMesh` is what everything else takes.
 """

@@ -27,6 +27,12 @@ NONE = -1
 
 SUBDIVISION_SCHEMES = ("none", "catmullClark", "loop", "bilinear")
 
+LABEL_NAMES = ("materials", "groups", "objects", "smoothing")
+"""The attributes that are labels of faces."""
+
+PLAIN_COLOUR = (0.8, 0.8, 0.8, 1.0)
+"""Red, green, blue and opacity of a material of which nothing is known."""
+
 
 def _no_indices() -> Integers:
     return np.empty(0, np.int64)
@@ -437,10 +443,7 @@ class SurfaceAttributes:
         counts, starts = (
             np.repeat(a, self.corner_counts) for a in (self.corner_counts, self.starts)
         )
-        return self._reorder_corners(starts + (counts - steps - (not keeps_first)) % counts)
-
-    def _reorder_corners(self, order: Integers) -> "SurfaceAttributes":
-        """Return them with the corners in another order within their polygons."""
+        order = starts + (counts - steps - (not keeps_first)) % counts
         corners, uvs, fans = self.corners[order], self.uvs, self.normal_fans
         return replace(
             self,
@@ -448,10 +451,6 @@ class SurfaceAttributes:
             uvs=None if uvs is None else replace(uvs, indices=uvs.indices[order]),
             normal_fans=None if fans is None else number_normal_fans(corners, fans[order]),
         )
-
-
-LABEL_NAMES = ("materials", "groups", "objects", "smoothing")
-"""The attributes that are labels of faces."""
 
 
 def check_corner_counts(corner_counts: Integers) -> None:
@@ -519,10 +518,6 @@ def _check_fans(fans: Integers, corners: Integers) -> None:
     owner[fans[given]] = corners[given]
     if (owner[fans[given]] != corners[given]).any():
         raise FormatError("a normal is shared by corners of several vertices")
-
-
-PLAIN_COLOUR = (0.8, 0.8, 0.8, 1.0)
-"""Red, green, blue and opacity of a material of which nothing is known."""
 
 
 def make_part_transform(matrix: Floats) -> Floats:

@@ -83,15 +83,10 @@ def segments_meet(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
     if within.any():  # rare, and slow even for none
         found[within] = _meet_in_plane(start[within], stop[within], triangle[within])
     through = found & ~within
-    found[through] = _lines_pass_through(start[through], stop[through], triangle[through])
+    p, q, a, b, c = (points[through] for points in (start, stop, a, b, c))
+    turns = np.stack([_side_of_plane(p, q, *side) for side in ((a, b), (b, c), (c, a))])
+    found[through] = (turns.min(axis=0) >= 0) | (turns.max(axis=0) <= 0)
     return np.asarray(found, np.bool_)
-
-
-def _lines_pass_through(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
-    """Return whether lines pass through triangles; the lines are not in their planes."""
-    a, b, c = (triangle[:, k] for k in range(3))
-    turns = np.stack([_side_of_plane(start, stop, p, q) for p, q in ((a, b), (b, c), (c, a))])
-    return np.asarray((turns.min(axis=0) >= 0) | (turns.max(axis=0) <= 0), np.bool_)
 
 
 def _meet_away_from_corner(a: Floats, b: Floats) -> Booleans:
@@ -202,26 +197,21 @@ def _unit_normals(triangles: Floats) -> Floats:
 def _find_candidate_pairs(first: TriMesh, second: TriMesh) -> Integers:
     """Find pairs of faces, (p, 2): at least all that have a common point."""
     if max(len(first.faces), len(second.faces)) <= MAX_COMPARED_FACES:
-        return _compare_boxes(first, second)
+        corners = [mesh.vertices[mesh.faces] for mesh in (first, second)]
+        (low, other_low), (high, other_high) = (
+            [bound(corner, axis=1) for corner in corners] for bound in (np.min, np.max)
+        )
+        meet = np.ones((len(low), len(other_low)), bool)  # whose boxes have a common point
+        for k in range(3):
+            meet &= low[:, k, None] <= other_high[:, k]
+            meet &= other_low[:, k] <= high[:, k, None]
+        return np.argwhere(meet)
     import igl.predicates
 
     _, pairs, _ = igl.predicates.find_intersections(
         first.vertices, first.faces, second.vertices, second.faces
     )
     return np.asarray(pairs, np.int64).reshape(-1, 2)
-
-
-def _compare_boxes(first: TriMesh, second: TriMesh) -> Integers:
-    """Return the pairs of faces, (p, 2), whose boxes have a common point."""
-    corners = [mesh.vertices[mesh.faces] for mesh in (first, second)]
-    (low, other_low), (high, other_high) = (
-        [bound(corner, axis=1) for corner in corners] for bound in (np.min, np.max)
-    )
-    meet = np.ones((len(low), len(other_low)), bool)
-    for k in range(3):
-        meet &= low[:, k, None] <= other_high[:, k]
-        meet &= other_low[:, k] <= high[:, k, None]
-    return np.argwhere(meet)
 
 
 def _put_shared_first(corners: Integers, others: Integers) -> Integers:

@@ -1,6 +1,6 @@
 """Models of several meshes: joined into one mesh for the solve, and split again for outputs.
 
-Sentences on such a model say in which part a vertex is, and how many vertices of each are meant.
+Messages name the part that a vertex is in, and count the vertices of each part.
 """
 
 from collections.abc import Iterable, Sequence
@@ -25,6 +25,9 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import number_names
+
+MAX_PARTS_NAMED = 4
+"""Parts that a sentence names; the others are counted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,21 +148,22 @@ def _select_attributes(
 def _select_uvs(uvs: UvMap | None, corners: slice) -> UvMap | None:
     if uvs is None:
         return None
-    used, numbers = np.unique(uvs.indices[corners], return_inverse=True)
-    if used[-1] == NONE:
-        return None
-    is_absent = int(used[0] == NONE)
-    return UvMap(uvs.values[used[is_absent:]], numbers - is_absent)
+    used, indices = _count_used(uvs.indices[corners])
+    return UvMap(uvs.values[used], indices) if len(used) else None
 
 
 def _select_labels(labels: FaceLabels | None, polygons: slice) -> FaceLabels | None:
     if labels is None:
         return None
-    used, numbers = np.unique(labels.indices[polygons], return_inverse=True)
-    if used[-1] == NONE:
-        return None
+    used, indices = _count_used(labels.indices[polygons])
+    return FaceLabels(tuple(labels.names[k] for k in used), indices) if len(used) else None
+
+
+def _count_used(numbers: Integers) -> tuple[Integers, Integers]:
+    """Return which numbers are used, and the place of each among these; `NONE` stays."""
+    used, places = np.unique(numbers, return_inverse=True)
     is_absent = int(used[0] == NONE)
-    return FaceLabels(tuple(labels.names[k] for k in used[is_absent:]), numbers - is_absent)
+    return used[is_absent:], places - is_absent
 
 
 def _select_subdivision(whole: Subdivision, vertices: slice, number: int) -> Subdivision:
@@ -322,35 +326,28 @@ def _list_materials(attributes: SurfaceAttributes) -> list[tuple[str, tuple[floa
 
 
 def _join_subdivisions(given: Sequence[Subdivision], bounds: Integers) -> Subdivision:
-    """Join schemes, creases and sharp vertices."""
+    """Join schemes, creases and sharp vertices.
+
+    The sharpness of creases becomes that of each of their edges, if one has it so.
+    """
     schemes = tuple(each.scheme for each in given)
     is_alike = len(set(schemes)) == 1
+    is_by_crease = [len(each.crease_sharpness) == len(each.crease_lengths) for each in given]
+    sharpness = [
+        np.repeat(each.crease_sharpness, each.crease_lengths - 1)
+        if by_crease and not all(is_by_crease)
+        else each.crease_sharpness
+        for each, by_crease in zip(given, is_by_crease, strict=True)
+    ]
     return Subdivision(
         schemes[0] if is_alike else "none",
         _shift_and_join([each.crease_vertices for each in given], bounds),
         np.concatenate([each.crease_lengths for each in given]),
-        _join_sharpness(given),
+        np.concatenate(sharpness),
         _shift_and_join([each.corner_vertices for each in given], bounds),
         np.concatenate([each.corner_sharpness for each in given]),
         () if is_alike else schemes,
     )
-
-
-def _join_sharpness(given: Sequence[Subdivision]) -> Floats:
-    """Join the sharpness of creases; that of each of their edges, if one has it so."""
-    is_by_crease = [len(each.crease_sharpness) == len(each.crease_lengths) for each in given]
-    return np.concatenate(
-        [
-            np.repeat(each.crease_sharpness, each.crease_lengths - 1)
-            if by_crease and not all(is_by_crease)
-            else each.crease_sharpness
-            for each, by_crease in zip(given, is_by_crease, strict=True)
-        ]
-    )
-
-
-MAX_PARTS_NAMED = 4
-"""Parts that a sentence names; the others are counted."""
 
 
 @dataclass(frozen=True, slots=True)

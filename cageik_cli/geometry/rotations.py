@@ -27,15 +27,15 @@ MIN_ROOT_SLOPE = 0.03
 MIN_MATRIX_NORM = 1e-140
 """Matrices of a smaller norm lose digits when the norm is squared."""
 
-
-def _list_cofactor_factors() -> list[int]:
-    """List where in a flat matrix the factors of the nine cofactors are: A₀ A₁ − A₂ A₃."""
-    steps = ((1, 1), (2, 2), (1, 2), (2, 1))
-    places = [(i, j) for i in range(3) for j in range(3)]
-    return [3 * ((i + down) % 3) + (j + right) % 3 for down, right in steps for i, j in places]
-
-
-FACTOR_INDICES = np.array(_list_cofactor_factors())
+FACTOR_INDICES = np.array(
+    [
+        3 * ((i + down) % 3) + (j + right) % 3
+        for down, right in ((1, 1), (2, 2), (1, 2), (2, 1))
+        for i in range(3)
+        for j in range(3)
+    ]
+)
+"""Where in a flat matrix the factors of the nine cofactors are: A₀ A₁ − A₂ A₃."""
 
 PARTNER_INDICES = FACTOR_INDICES.reshape(2, 2, 9)[:, ::-1].ravel()
 """The index that each factor is multiplied with."""

@@ -121,7 +121,9 @@ class ClosestPoints:
         found[:, 2] = (aa[:, None] * beside - ab[:, None] * along) / size[:, None]
         found[:, 0] = -found[:, 1] - found[:, 2]
         is_off = (coordinates <= CORNER_TOL) & ~self.is_touching[:, None]
-        is_off[is_thin] = _mark_corners_across(corners[is_thin])
+        thin = corners[is_thin]
+        squares = np.square(thin[:, [2, 0, 1]] - thin[:, [1, 2, 0]]).sum(axis=2)
+        is_off[is_thin] = np.arange(3) == squares.argmax(axis=1)[:, None]  # across the longest side
         on_side = np.flatnonzero(is_off.any(axis=1))
         found[on_side] = _differentiate_on_sides(corners[on_side], ~is_off[on_side])
         return found
@@ -139,12 +141,6 @@ def _measure_faces(aa: Floats, ab: Floats, bb: Floats) -> tuple[Floats, NDArray[
     is_thin = ~(size > np.maximum(1e-3 * (aa * bb), 1e-6 * longest * longest))
     size[is_thin] = 1
     return size, is_thin
-
-
-def _mark_corners_across(corners: Floats) -> NDArray[np.bool_]:
-    """Mark the corner of each face, (k, 3, 3), that is across its longest side, (k, 3)."""
-    squares = np.square(corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]).sum(axis=2)
-    return np.asarray(np.arange(3) == squares.argmax(axis=1)[:, None])
 
 
 def _differentiate_on_sides(corners: Floats, is_on: NDArray[np.bool_]) -> Floats:

@@ -1,5 +1,5 @@
-"""Joints for programs that skin.
+"""Joints for programs that skin: influences, merged joints, and joints that turn.
 
-Depends on `fit` and `method`. Start with `turning`, the fit of weights for joints; `merging` merges
-joints and groups them by parts of the body, and `joints` turns them.
+Depends on `fit`, `method` and `geometry`. Start with `joints`, which solves for joints that turn;
+`turning` fits weights to them, and `merging` makes them fewer.
 """

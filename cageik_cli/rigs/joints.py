@@ -18,8 +18,7 @@ Then the places are solved again for the rotations that were found.
 All is solved relative to the best rigid motion of the frame, so that a rigid motion turns all
 joints alike, and in displacements, so that the rest pose gives identities exactly.
 
-How far normals that joints turn are from those of the meshes that they follow is measured. A normal
-n of a vertex with weights w is turned into the direction of Σ_j w_j n R_j.
+Of n' only the direction is a normal.
 """
 
 from dataclasses import dataclass
@@ -51,6 +50,9 @@ ROTATION_STEPS = 4
 
 MAX_ROW_ENTRIES = 1 << 22
 """Rows that are multiplied at once have at most so many entries."""
+
+ANGLES_PER_DEGREE = 20
+"""Angles of normals are counted in so many steps per degree."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,10 +201,6 @@ class JointSolver:
         matrix[: 3 * n, : 3 * n] += np.kron(pull, np.eye(3))
         matrix[3 * n :, 3 * n :] += self.solver.smoothness
         return matrix
-
-
-ANGLES_PER_DEGREE = 20
-"""Angles of normals are counted in so many steps per degree."""
 
 
 def turn_normals(normals: Floats, weights: Floats, turns: Floats) -> Floats:

@@ -65,7 +65,6 @@ def parse_json(data: bytes, expected: JsonFormat) -> Any:
         When it is not UTF-8 text or not JSON, is nested too deeply, or holds a key twice or a
         number that is not finite; the message says where.
     """
-    text = _decode(data, expected)
     repeated_keys: dict[int, tuple[Any, str]] = {}  # with the object, so that its id stays its own
 
     def build_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -76,7 +75,11 @@ def parse_json(data: bytes, expected: JsonFormat) -> Any:
         return found
 
     try:
-        document = json.loads(text, object_pairs_hook=build_object)
+        document = json.loads(data.decode("utf-8-sig"), object_pairs_hook=build_object)
+    except UnicodeDecodeError as error:
+        raise FormatError(
+            f"is not UTF-8 text at byte {error.start}; save it as UTF-8, or give {expected.name}"
+        ) from error
     except json.JSONDecodeError as error:
         raise FormatError(
             f"is not JSON at line {error.lineno}, column {error.colno}; check commas, quotes and "
@@ -106,15 +109,6 @@ def format_step(step: str | int) -> str:
         return f"[{step}]"
     text = step if step.isidentifier() else format_value(step)
     return f".{text[:MAX_VALUE_LENGTH]}"
-
-
-def _decode(data: bytes, expected: JsonFormat) -> str:
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FormatError(
-            f"is not UTF-8 text at byte {error.start}; save it as UTF-8, or give {expected.name}"
-        ) from error
 
 
 def _check_containers(

@@ -1,7 +1,4 @@
-"""Build a cage around any model: candidates from tight to loose, each judged by exact tests.
-
-A `Candidate` is a cage that was tried, with what it was made of and what speaks against it.
-"""
+"""Build a cage around any model: candidates from tight to loose, each judged by exact tests."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -56,12 +53,9 @@ MAX_LOOPED_SHELLS = 4
 
 NO_LIMBS = "the cage has no loops: no limbs were found that loops fit around"
 
-
 NO_LOOPED_CAGE = "no cage with loops passed the tests: this one has none"
 
-
 NO_QUADS = "no cage with quads passed the tests: this one is of triangles"
-
 
 MIN_GOOD_ANGLE = 5.0
 """Smaller angles of a cage that is built, degrees, are noted."""

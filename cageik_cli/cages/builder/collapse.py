@@ -6,7 +6,7 @@ differ, the two are one.
 
 import heapq
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import igl
 import numpy as np
@@ -25,12 +25,33 @@ NEEDLE_ANGLE, MAX_NEEDLE_SHARE = 5.0, 0.013
 """Which share of the faces of a thinned shell may have an angle below this, degrees: characters and
 balls have up to 0.004 of them, sheets and cones 0.011, tubes and boxes 0.016 to 0.4."""
 
-COLLAPSE_LIMITS = ((6.0, 10, 0.2), (3.0, 11, 0.0), (0.5, 14, -0.3))
-"""Angle, valence and cosine of a `Collapser`; each row is for what those before cannot do."""
-
 MAX_SLIMMED_VERTICES = 10_000
 """Vertices of a shell from which quadrics thin it. Of twice as many or more, short edges are
 collapsed first, in half the time, and the surface stays the same to 0.2 % of its volume."""
+
+
+class CollapseLimits(NamedTuple):
+    """What collapses leave.
+
+    Attributes
+    ----------
+    angle : float
+        Degrees that faces keep, unless they had less.
+    valence : int
+        Edges at a vertex, at most.
+    cosine : float
+        Between the normals of a face before and after, at least.
+    """
+
+    angle: float
+    valence: int
+    cosine: float
+
+
+COLLAPSE_LIMITS = tuple(
+    CollapseLimits(*row) for row in ((6.0, 10, 0.2), (3.0, 11, 0.0), (0.5, 14, -0.3))
+)
+"""Each is for what collapses within those before cannot do."""
 
 
 def collapse_edges(
@@ -41,40 +62,19 @@ def collapse_edges(
     The cost of a collapse is the sum over the rest pose and those of the motion, each with its own
     best place, so that vertices stay where any pose bends.
     """
-    for angle, valence, cosine in COLLAPSE_LIMITS:
+    for limits in COLLAPSE_LIMITS:
         if len(cage.vertices) > count:
-            collapser = Collapser(
-                cage, motion, evenness, angle=angle, valence=valence, cosine=cosine
-            )
-            cage = collapser.run(count)
+            cage = Collapser(cage, motion, evenness, limits).run(count)
     return cage
 
 
 class Collapser:
-    """A mesh in all poses, its quadrics, and a queue of the collapses that are possible.
-
-    Parameters
-    ----------
-    angle : float
-        Degrees that faces keep, unless they had less.
-    valence : int
-        Edges at a vertex, at most.
-    cosine : float
-        Between the normals of a face before and after, at least.
-    """
+    """A mesh in all poses, its quadrics, and a queue of the collapses that are possible."""
 
     def __init__(
-        self,
-        cage: TriMesh,
-        motion: Motion | None,
-        evenness: float,
-        *,
-        angle: float,
-        valence: int,
-        cosine: float,
+        self, cage: TriMesh, motion: Motion | None, evenness: float, limits: CollapseLimits
     ) -> None:
-        self._evenness = evenness
-        self._min_angle, self._max_valence, self._min_cosine = angle, valence, cosine
+        self._evenness, self._limits = evenness, limits
         carried = [] if motion is None else [motion.carry(cage.vertices)]
         self._places = np.concatenate([cage.vertices[None], *carried])
         self._quadrics = np.array([vertex_quadrics(TriMesh(p, cage.faces)) for p in self._places])
@@ -128,7 +128,7 @@ class Collapser:
         valence = len(self._around[a]) + len(self._around[b]) - 4
         if len(common) != 2 or min(len(self._around[c]) for c in common) <= 3:
             return False
-        return valence <= self._max_valence
+        return valence <= self._limits.valence
 
     def _keeps_shape(self, a: int, b: int, place: Floats) -> bool:
         """Return whether faces neither turn over nor become needles in the rest pose."""
@@ -141,10 +141,10 @@ class Collapser:
         normals = [cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (old, moved)]
         lengths = [np.linalg.norm(normal, axis=1) for normal in normals]
         cosine = (normals[0] * normals[1]).sum(axis=1)
-        if (cosine < self._min_cosine * lengths[0] * lengths[1]).any() or lengths[1].min() == 0:
+        if (cosine < self._limits.cosine * lengths[0] * lengths[1]).any() or lengths[1].min() == 0:
             return False
         angle = measure_angles(moved).min()
-        return bool(angle >= self._min_angle or angle >= measure_angles(old).min())
+        return bool(angle >= self._limits.angle or angle >= measure_angles(old).min())
 
     def _merge(self, a: int, b: int, places: Floats) -> None:
         self._left -= 1

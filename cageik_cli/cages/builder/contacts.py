@@ -6,7 +6,7 @@ import numpy as np
 from cageik_cli.cages.push import Contacts
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import winding_numbers
-from cageik_cli.util.arrays import Floats, Integers, Mask
+from cageik_cli.util.arrays import Floats, Mask
 
 MAX_OPPOSITE_COSINE = -0.99
 """Between the outward directions of two sheets of a cage around a thin part of a model, at most."""
@@ -50,10 +50,7 @@ class ContactSearch:
         ):
             kept[1, turned] = kept[0, turned]
             kept[0, touched] = found
-        return self._add_opposite(cage, touched, contacts)
-
-    def _add_opposite(self, cage: TriMesh, touched: Integers, contacts: Contacts) -> Contacts:
-        """Return contacts and those of the other sheets that are too near to these samples."""
+        # Those of the other sheets that are too near to these samples are contacts, too.
         corners, weights = self._corners[1, touched], self._weights[1, touched]
         direction = self._directions[1, touched]
         place = (weights[:, :, None] * cage.vertices[corners]).sum(axis=1)

@@ -1,6 +1,6 @@
 """A cage under edit: every edit is tested, and only those are taken that leave it sound.
 
-Whether faces meet but at what they share is tested exactly, for a handful of faces at a time.
+The tests are exact, and quick for the handful of faces that an edit changes.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,6 @@ from cageik_cli.util.arrays import Floats, Integers, Mask
 
 MIN_FOLD_COSINE = -0.94
 """Between the normals of two faces at a side, at least: they are 20 degrees apart, and no fin."""
-
 
 Edge = tuple[int, int]
 """Two vertices, the lower first."""
@@ -245,7 +244,10 @@ class Draft:
         """Return whether no edge that is kept is taken away."""
         if not self._kept:
             return True
-        before, after = (_list_edges(faces) for faces in (self.faces[edit.removed], edit.added))
+        before, after = (
+            {name_edge(face[k - 1], face[k]) for face in faces.tolist() for k in range(3)}
+            for faces in (self.faces[edit.removed], edit.added)
+        )
         return not (before & self._kept) - after
 
     def _place_corners(self, edit: Edit) -> Floats:
@@ -276,11 +278,6 @@ class Draft:
 def name_edge(start: int, stop: int) -> Edge:
     """Return an edge, whichever of its ends is given first."""
     return (start, stop) if start < stop else (stop, start)
-
-
-def _list_edges(faces: Integers) -> set[Edge]:
-    """Return the edges of faces."""
-    return {name_edge(face[k - 1], face[k]) for face in faces.tolist() for k in range(3)}
 
 
 def _find_sharpest_fold(vertices: Floats, faces: Integers, beside: Integers) -> float:

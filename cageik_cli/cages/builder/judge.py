@@ -102,7 +102,10 @@ def _widen_slivers(mesh: TriMesh) -> TriMesh:
     flat = np.flatnonzero(degenerate_face_mask(mesh))
     if len(flat) == 0:
         return mesh
-    ends = mesh.vertices[_find_longest_sides(mesh, flat)]
+    corners = mesh.vertices[mesh.faces[flat]]
+    sides = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
+    longest = np.linalg.norm(sides[:, :, 0] - sides[:, :, 1], axis=2).argmax(axis=1)
+    ends = sides[np.arange(len(flat)), longest]
     along = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1, keepdims=True)
     is_long = length > MIN_WIDTH
@@ -114,14 +117,6 @@ def _widen_slivers(mesh: TriMesh) -> TriMesh:
     added = len(mesh.vertices) + np.arange(len(points)).reshape(-1, 3)
     faces = np.concatenate([np.delete(mesh.faces, flat, axis=0), added])
     return TriMesh(np.concatenate([mesh.vertices, points]), faces)
-
-
-def _find_longest_sides(mesh: TriMesh, faces: Integers) -> Integers:
-    """Return the ends of the longest side of each of these faces, (k, 2)."""
-    corners = mesh.faces[faces]
-    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
-    lengths = np.linalg.norm(mesh.vertices[ends[:, :, 0]] - mesh.vertices[ends[:, :, 1]], axis=2)
-    return np.asarray(ends[np.arange(len(faces)), lengths.argmax(axis=1)])
 
 
 @dataclass(frozen=True, slots=True)

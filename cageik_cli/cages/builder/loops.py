@@ -1,28 +1,45 @@
 """Loops of a few vertices around the limbs of a cage, more where they bend: faces follow them.
 
-The limbs of a fine shell are replaced by coarse tubes of quads, and the rest is decimated around
-them. The vertices of loops are the first ones of a cage.
-
-A limb gets loops around its sections, which do not touch, and more of them where it bends.
-
-A limb is where the surface of the shell goes away from the middle, as a tube, up to a tip.
+The limbs of a fine shell are replaced by coarse tubes of quads, whose loops go around sections of
+the limb, apart from each other. The rest is decimated around them. The vertices of loops are the
+first ones of a cage.
 """
 
 from dataclasses import dataclass
 
 import igl
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import dijkstra
 
-from cageik_cli.cages.builder.collapse import COLLAPSE_LIMITS, Collapser
+from cageik_cli.cages.builder.collapse import COLLAPSE_LIMITS, CollapseLimits, Collapser
 from cageik_cli.cages.builder.draft import Edge, name_edge
+from cageik_cli.cages.builder.limbs import Limb, find_centre, find_limbs, measure_length
 from cageik_cli.cages.builder.motion import Motion
 from cageik_cli.geometry.mesh import Edges, TriMesh
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
 MAX_LOOP_SHARE = 0.55
 """The share of the vertices of a cage that loops may have."""
+
+MIN_SIDES, MAX_SIDES = 4, 6
+"""Vertices of a loop: as many as edges of the cage's mean length go around the limb, or nearest."""
+
+MAX_LOOP_DENSITY = 1.4
+"""A limb gets loops beyond those that it needs up to its share of the vertices, by its area, times
+this."""
+
+LOOP_PLACES = 24
+"""Places along a limb that a loop may have."""
+
+LOOP_TURNS = 12
+"""Turns of the loops of a limb about it that are tried."""
+
+MIN_LOOP_MISFIT, MAX_LOOP_MISFIT = 0.05, 0.25
+"""How far a limb may miss the tube between two loops, in mean edges of the cage: below the first,
+no other loop is needed; above the second, loops are added while others are apart from them."""
+
+EXPECTED_BEND = 0.15
+"""How far a limb will bend off the tube where no animation is known, over the distance from the
+nearest loop."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,60 +85,6 @@ def place_edge_loops(shell: TriMesh, count: int, motion: Motion | None) -> tuple
     return (shell, NO_LOOPS) if not chosen else _replace_limbs(shell, chosen)
 
 
-class Limb:
-    """A part of a shell up to a tip.
-
-    Parameters
-    ----------
-    members : (k,) int64
-        Vertices of the shell.
-    depth : (m,) float64
-        Of all vertices: its level sets go around the limb.
-
-    Attributes
-    ----------
-    line : CentreLine
-    beyond : (k,) int64
-        The vertices beyond the base.
-    base, tip : float
-        The heights between which its sections are closed.
-    diameter : float
-        Mean, from the girths.
-    """
-
-    def __init__(self, shell: TriMesh, members: Integers, depth: Floats) -> None:
-        self._shell = shell
-        self._faces = shell.faces[np.isin(shell.faces, members).any(axis=1)]
-        levels = np.linspace(depth[members].min(), depth[members].max(), 2 * LINE_POINTS + 1)[1::2]
-        centres = np.array([find_centre(part) for part in self._cut(depth, levels) if len(part)])
-        for _ in range(2):
-            centres[1:-1] = (centres[:-2] + 2 * centres[1:-1] + centres[2:]) / 4
-        self.line = CentreLine(centres)
-        self._heights = self.line.measure_heights(shell.vertices)
-        border = float(self._heights[np.setdiff1d(self._faces, members)].max())
-        self.tip = float(self._heights[members].max())
-        self.base = border + BASE_MARGIN * (self.tip - border)
-        self.beyond = members[self._heights[members] > self.base]
-        middle = np.linspace(self.base, self.tip, 9)[1:-2]
-        sections = [part for part in self._cut(self._heights, middle) if len(part)]
-        self.diameter = float(np.mean([measure_length(part) for part in sections]) / np.pi)
-        self._width = float(np.mean([_measure_width(part) for part in sections]))
-
-    @property
-    def is_slender(self) -> bool:
-        """Return whether it is a limb rather than a bump."""
-        least = max(MIN_LIMB_LENGTH, MIN_LIMB_SLENDERNESS * self._width)
-        return self.tip - self.base >= least
-
-    def cut(self, heights: Floats) -> list[Floats]:
-        """Return the segments of the sections at heights, (s, 2, 3) each."""
-        return self._cut(self._heights, heights)
-
-    def _cut(self, values: Floats, levels: Floats) -> list[Floats]:
-        points, ends, level = igl.isolines(self._shell.vertices, self._faces, values, levels)
-        return [points[ends[level == k]] for k in range(len(levels))]
-
-
 class LoopPlan:
     """The loops that a limb may have at `LOOP_PLACES`, and which of them it gets.
 
@@ -161,7 +124,11 @@ class LoopPlan:
         self._is_disjoint = self._compare_loops()
         if self.border is not None:
             around = shell.vertices[self.border]
-            starts = [k for k in range(LOOP_PLACES // 2) if self._is_beyond(k, around)]
+            starts = [  # the loops whose planes have the whole border below them
+                k
+                for k in range(LOOP_PLACES // 2)
+                if ((around - self._centres[k]) @ self._ways[k] < 0).all()
+            ]
             if starts and self._is_disjoint[starts[0], -1]:
                 self.chosen = [starts[0], LOOP_PLACES - 1]
                 self._measure()
@@ -185,10 +152,6 @@ class LoopPlan:
         """Add a loop where the limb misses the tube most."""
         self.chosen = sorted([*self.chosen, self._worst])
         self._measure()
-
-    def _is_beyond(self, place: int, points: Floats) -> bool:
-        """Return whether a loop is beyond points: all are below its plane."""
-        return bool(((points - self._centres[place]) @ self._ways[place] < 0).all())
 
     def _compare_loops(self) -> Mask:
         """Return whether the second of two loops is beyond the first, and that below it.
@@ -289,12 +252,9 @@ def collapse_around(
     cage: TriMesh, count: int, motion: Motion | None, evenness: float, loops: Loops
 ) -> TriMesh:
     """Collapse edges until there are `count` vertices, as `collapse_edges` does; loops stay."""
-    fixed = loops.vertex_count
-    for angle, valence, cosine in COLLAPSE_LIMITS:
+    for limits in COLLAPSE_LIMITS:
         if len(cage.vertices) > count:
-            collapser = _CollapserAround(
-                cage, motion, evenness, fixed, angle=angle, valence=valence, cosine=cosine
-            )
+            collapser = _CollapserAround(cage, motion, evenness, limits, loops.vertex_count)
             cage = collapser.run(count)
     return cage
 
@@ -307,14 +267,11 @@ class _CollapserAround(Collapser):
         cage: TriMesh,
         motion: Motion | None,
         evenness: float,
+        limits: CollapseLimits,
         fixed: int,
-        *,
-        angle: float,
-        valence: int,
-        cosine: float,
     ) -> None:
         self._fixed = fixed
-        super().__init__(cage, motion, evenness, angle=angle, valence=valence, cosine=cosine)
+        super().__init__(cage, motion, evenness, limits)
 
     def _push(self, ends: Integers) -> None:
         super()._push(ends[ends.max(axis=1) >= self._fixed])
@@ -331,28 +288,6 @@ class _CollapserAround(Collapser):
 
     def _collapse(self, a: int, b: int, places: Floats) -> None:
         super()._collapse(*((b, a) if b < self._fixed else (a, b)), places)
-
-
-MIN_SIDES, MAX_SIDES = 4, 6
-"""Vertices of a loop: as many as edges of the cage's mean length go around the limb, or nearest."""
-
-MAX_LOOP_DENSITY = 1.4
-"""A limb gets loops beyond those that it needs up to its share of the vertices, by its area, times
-this."""
-
-LOOP_PLACES = 24
-"""Places along a limb that a loop may have."""
-
-LOOP_TURNS = 12
-"""Turns of the loops of a limb about it that are tried."""
-
-MIN_LOOP_MISFIT, MAX_LOOP_MISFIT = 0.05, 0.25
-"""How far a limb may miss the tube between two loops, in mean edges of the cage: below the first,
-no other loop is needed; above the second, loops are added while others are apart from them."""
-
-EXPECTED_BEND = 0.15
-"""How far a limb will bend off the tube where no animation is known, over the distance from the
-nearest loop."""
 
 
 def _trace(sections: list[Floats], motion: Motion | None) -> Floats:
@@ -425,130 +360,3 @@ def find_border(faces: Integers) -> Integers | None:
         return None
     sides = {tuple(side) for k in range(3) for side in faces[:, [k, k - 2]].tolist()}
     return border if tuple(border[:2].tolist()) in sides else border[::-1].copy()
-
-
-MIN_LIMB_LENGTH = 0.06
-"""How far a limb goes, in diagonals, at least."""
-
-MIN_LIMB_SLENDERNESS = 1.1
-"""The length of a limb over its mean width, at least."""
-
-BASE_MARGIN = 0.05
-"""What part of a limb is left between its base and what it meets, which may be another limb."""
-
-MAX_DEPTH_SOURCES = 100
-"""Vertices from which distances over a shell are measured, at most."""
-
-DEPTH_SMOOTHINGS = 3
-"""How often depths are averaged with those beside them: distances along edges are uneven."""
-
-LINE_POINTS = 24
-"""Points of the centre line of a limb."""
-
-
-class CentreLine:
-    """A polyline that goes on straight at both ends. Heights are lengths along it from its start.
-
-    Parameters
-    ----------
-    points : (j, 3) float64
-    """
-
-    def __init__(self, points: Floats) -> None:
-        self._points, self._sides = points[:-1], np.diff(points, axis=0)
-        self._lengths = np.linalg.norm(self._sides, axis=1)
-        self._starts = np.concatenate([[0], np.cumsum(self._lengths)[:-1]])
-
-    def measure_heights(self, points: Floats) -> Floats:
-        """Return the heights of the places on the line that are nearest to points, (k,)."""
-        between = points[:, None] - self._points
-        share = (between * self._sides).sum(axis=2) / self._lengths**2
-        low, high = np.zeros(len(self._sides)), np.ones(len(self._sides))
-        low[0], high[-1] = -np.inf, np.inf
-        share = np.clip(share, low, high)
-        away = np.linalg.norm(between - share[..., None] * self._sides, axis=2)
-        heights = self._starts + share * self._lengths
-        return np.asarray(heights[np.arange(len(points)), away.argmin(axis=1)])
-
-    def place(self, heights: Floats) -> Floats:
-        """Return places on the line, (k, 3)."""
-        k = np.clip(np.searchsorted(self._starts, heights) - 1, 0, len(self._sides) - 1)
-        share = (heights - self._starts[k]) / self._lengths[k]
-        return np.asarray(self._points[k] + share[:, None] * self._sides[k])
-
-    def find_directions(self, heights: Floats, step: float) -> Floats:
-        """Return unit directions of the line, (k, 3), between places a step below and above."""
-        ways = self.place(heights + step) - self.place(heights - step)
-        return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
-
-
-def measure_length(segments: Floats) -> float:
-    """Return the total length of segments (s, 2, 3)."""
-    return float(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum())
-
-
-def find_centre(segments: Floats) -> Floats:
-    """Return the centre of the length of segments (s, 2, 3)."""
-    lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
-    return np.asarray(lengths @ segments.mean(axis=1) / max(lengths.sum(), 1e-300))
-
-
-def _measure_width(segments: Floats) -> float:
-    """Return twice the largest distance of segments (s, 2, 3) from their centre."""
-    return 2 * float(np.linalg.norm(segments - find_centre(segments), axis=2).max())
-
-
-def find_limbs(shell: TriMesh) -> list[Limb]:
-    """Find the limbs of a shell, the thinnest first.
-
-    The depth of a place is its mean distance over the surface from all of the shell (Hilaga et al.
-    2001): it is least in the middle of the shell, and equal all around a limb.
-    """
-    depth = _measure_depth(shell)
-    limbs = [Limb(shell, members, depth) for members in _find_branches(shell, depth)]
-    return sorted((limb for limb in limbs if limb.is_slender), key=lambda limb: limb.diameter)
-
-
-def _measure_depth(shell: TriMesh) -> Floats:
-    ends, count = shell.edges.ends, len(shell.vertices)
-    lengths = np.linalg.norm(shell.vertices[ends[:, 0]] - shell.vertices[ends[:, 1]], axis=1)
-    graph = sparse.csr_array((lengths, (ends[:, 0], ends[:, 1])), shape=(count, count))
-    graph = sparse.csr_array(graph + graph.T)
-    sources = np.arange(0, count, -(-count // MAX_DEPTH_SOURCES))
-    depth = dijkstra(graph, indices=sources).mean(axis=0)
-    beside = sparse.csr_array(graph > 0, dtype=np.float64)
-    degree = beside.sum(axis=1)
-    for _ in range(DEPTH_SMOOTHINGS):
-        depth = (depth + (beside @ depth) / degree) / 2
-    return np.asarray(depth)
-
-
-def _find_branches(shell: TriMesh, depth: Floats) -> list[Integers]:
-    """Return the vertices of each branch of the join tree of depths that ends in a tip.
-
-    Vertices are added from the deepest. A branch grows until it meets another, where both are
-    longer than `MIN_LIMB_LENGTH`; shorter ones are part of what they meet.
-    """
-    around: list[list[int]] = [[] for _ in depth]
-    for a, b in shell.edges.ends.tolist():
-        around[a].append(b)
-        around[b].append(a)
-    branch = np.full(len(depth), -1)  # numbered by the tip
-    members: dict[int, list[int]] = {}
-    joined: set[int] = set()
-    found: list[list[int]] = []
-    for vertex in np.argsort(-depth, kind="stable").tolist():
-        meeting = set(branch[around[vertex]].tolist()) - {-1}
-        first, *others = sorted(meeting, key=lambda tip: -depth[tip]) or [vertex]
-        long = [tip for tip in meeting if depth[tip] - depth[vertex] >= MIN_LIMB_LENGTH]
-        if len(long) > 1:
-            found += [list(members[tip]) for tip in sorted(long) if tip not in joined]
-            joined.add(first)
-        elif meeting & joined:
-            joined.add(first)
-        for tip in others:
-            branch[members[tip]] = first
-            members[first] += members.pop(tip)
-        branch[vertex] = first
-        members.setdefault(first, []).append(vertex)
-    return [np.array(branch) for branch in found]

@@ -40,7 +40,11 @@ class Motion:
 
     def __init__(self, rest: Floats, frames: Floats) -> None:
         self._rest = rest
-        aligned = _align(rest, frames)
+        # Each frame is moved rigidly onto the rest pose.
+        centre = rest.mean(axis=0)
+        centred = frames - frames.mean(axis=1, keepdims=True)
+        turns = _find_turns(np.einsum("kmx,my->kxy", centred, rest - centre))
+        aligned = np.einsum("kmx,kxy->kmy", centred, turns) + centre
 
         def measure(pose: Floats) -> Floats:
             squares = ((aligned - pose) ** 2).sum(axis=2).mean(axis=1)
@@ -74,14 +78,6 @@ class Motion:
             turn = _find_turns(np.einsum("pn,pnx,pny->pxy", weight, spread, target))
             carried[k] = middle + np.einsum("px,pxy->py", points - centre, turn)
         return carried
-
-
-def _align(rest: Floats, frames: Floats) -> Floats:
-    """Return frames (k, m, 3), each moved rigidly onto the rest pose (m, 3)."""
-    centre = rest.mean(axis=0)
-    centred = frames - frames.mean(axis=1, keepdims=True)
-    turns = _find_turns(np.einsum("kmx,my->kxy", centred, rest - centre))
-    return np.asarray(np.einsum("kmx,kxy->kmy", centred, turns) + centre)
 
 
 def _find_turns(products: Floats) -> Floats:

@@ -6,7 +6,12 @@ edge crosses the plane: it is cut along edges on it.
 
 import numpy as np
 
-from cageik_cli.cages.builder.collapse import COLLAPSE_LIMITS, Collapser, collapse_costs
+from cageik_cli.cages.builder.collapse import (
+    COLLAPSE_LIMITS,
+    CollapseLimits,
+    Collapser,
+    collapse_costs,
+)
 from cageik_cli.cages.builder.draft import Draft, Edit
 from cageik_cli.cages.builder.polish import MIN_KEPT_ANGLE, collapse_edge, move_vertex
 from cageik_cli.cages.builder.symmetry import (
@@ -22,10 +27,9 @@ from cageik_cli.util.arrays import Floats, Integers
 
 def collapse_pairs(cage: TriMesh, count: int, axis: int, evenness: float) -> TriMesh:
     """Collapse edges until there are `count` vertices, or one less, as `collapse_edges` does."""
-    for angle, valence, cosine in COLLAPSE_LIMITS:
+    for limits in COLLAPSE_LIMITS:
         if len(cage.vertices) > count:
-            half = _HalfCollapser(cage, axis, evenness, angle=angle, valence=valence, cosine=cosine)
-            cage = add_image(half.run(count), axis)
+            cage = add_image(_HalfCollapser(cage, axis, evenness, limits).run(count), axis)
     return cage
 
 
@@ -35,19 +39,10 @@ class _HalfCollapser(Collapser):
     Parameters are those of `Collapser`; vertices and edges are counted in the whole cage.
     """
 
-    def __init__(
-        self,
-        cage: TriMesh,
-        axis: int,
-        evenness: float,
-        *,
-        angle: float,
-        valence: int,
-        cosine: float,
-    ) -> None:
+    def __init__(self, cage: TriMesh, axis: int, evenness: float, limits: CollapseLimits) -> None:
         half = take_half(cage, axis)
         self._axis, self._on_plane = axis, half.vertices[:, axis] == 0
-        super().__init__(half, None, evenness, angle=angle, valence=valence, cosine=cosine)
+        super().__init__(half, None, evenness, limits)
         self._left = 2 * len(half.vertices) - int(self._on_plane.sum())
 
     def _weigh(self, ends: Integers) -> tuple[Floats, Floats]:
@@ -94,7 +89,7 @@ class _HalfCollapser(Collapser):
             return False  # an edge that crosses the plane, or lies on it twice
         if min(self._count_edges(c, self._around[c]) for c in common) <= 3:
             return False
-        return self._count_edges(a, ring) <= self._max_valence
+        return self._count_edges(a, ring) <= self._limits.valence
 
     def _count_on_plane(self, vertices: set[int]) -> int:
         return int(self._on_plane[list(vertices)].sum())
@@ -149,11 +144,15 @@ class PairedDraft(Draft):
         vertex, partner = edit.vertex, int(self._partner[edit.vertex])
         gone = np.setdiff1d(self.faces[edit.removed], edit.added)
         if partner == vertex:
-            edit = self._put_on_plane(edit)
+            position = np.where(np.arange(3) == self._axis, 0.0, edit.position)
+            edit = Edit(edit.removed, edit.added, vertex, position)
             if self.angles(edit).min() < min(MIN_KEPT_ANGLE, self.angles_before(edit).min()):
                 return False
-        elif (self._partner[gone] == gone).any() or not self._keeps_side(edit):
-            return False
+        else:
+            side = np.sign(self.vertices[vertex, self._axis])
+            leaves_side = side * edit.position[self._axis] < MIN_PLANE_DISTANCE
+            if leaves_side or (self._partner[gone] == gone).any():
+                return False
         images = self._partner[self.faces[edit.removed]]
         is_own_image = set(_find_rows(self.faces, images)) == set(edit.removed.tolist())
         if is_own_image and len(edit.removed) == 2:
@@ -172,19 +171,8 @@ class PairedDraft(Draft):
             added = self._partner[edit.added][:, ::-1]
             removed = np.array(_find_rows(self.faces, images))
             image = Edit(removed, added, partner, position)
-        return image is not None and super().take(image) and self._is_manifold()
-
-    def _keeps_side(self, edit: Edit) -> bool:
-        """Return whether a vertex stays on its side of the plane, and off it."""
-        before, after = self.vertices[edit.vertex, self._axis], edit.position[self._axis]
-        return bool(np.sign(before) * after >= MIN_PLANE_DISTANCE)
-
-    def _put_on_plane(self, edit: Edit) -> Edit:
-        position = np.where(np.arange(3) == self._axis, 0.0, edit.position)
-        return Edit(edit.removed, edit.added, edit.vertex, position)
-
-    def _is_manifold(self) -> bool:
-        """Return whether every edge has two faces, which run along it in both directions."""
+        if image is None or not super().take(image):
+            return False
         edges = TriMesh(self.vertices, self.faces).edges
         return bool((edges.face_counts == 2).all() and edges.is_balanced.all())
 

@@ -262,7 +262,8 @@ def flip_edge(draft: Draft, start: int, stop: int) -> Edit | None:
     beside = draft.faces_at_edge(start, stop)
     if len(beside) != 2:
         return None
-    across = [_opposite(draft.faces[face], start, stop) for face in beside]
+    corners = draft.faces[beside]
+    across = corners[(corners != start) & (corners != stop)].tolist()
     if across[0] == across[1] or across[1] in draft.neighbours(across[0]):
         return None
     # The first face has the edge forward or backward; its orientation is handed on.
@@ -317,8 +318,3 @@ def find_least_move(directions: Floats, lack: Floats) -> Floats:
     if not abs(residual[3]) > 1e-9:
         return np.zeros(3)
     return np.asarray(-residual[:3] / residual[3])
-
-
-def _opposite(face: Floats, start: int, stop: int) -> int:
-    """Return the corner of a face that is not on an edge of it."""
-    return int(face[(face != start) & (face != stop)][0])

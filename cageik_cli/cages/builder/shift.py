@@ -78,29 +78,27 @@ class _Shifter:
         self._gains = EditGains(cage, motion, EditGains(cage, motion).squares)
 
     def try_round(self, count: int, skipped: tuple[int, int]) -> bool:
-        """Move up to `count` vertices, without some best edits; return whether the error fell."""
+        """Move up to `count` vertices, without some best edits; return whether the error fell.
+
+        Sheets of the cage that nearly touch must not come nearer to each other, either.
+        """
         draft = make_draft(self.cage, self._demand, self._samples, self._loops)
         made = _Round(draft, self._gains).run(count, skipped, self._demand.most)
-        if made == 0 or not self._accept(draft.to_mesh()):
+        if made == 0:
             return False
-        self.moved += made
-        return True
-
-    def _accept(self, cage: TriMesh) -> bool:
-        """Take a cage in the place of the last if its error is less."""
-        if not _is_no_thinner(cage, self.cage):
+        cage = draft.to_mesh()
+        before, after = (
+            min((fault.value for fault in find_thin_parts(each)), default=np.inf)
+            for each in (self.cage, cage)
+        )
+        if after < before:
             return False
         gains = EditGains(cage, self._motion, self._gains.squares)
         if not gains.error < self._gains.error:
             return False
         self.cage, self._gains = cage, gains
+        self.moved += made
         return True
-
-
-def _is_no_thinner(after: TriMesh, before: TriMesh) -> bool:
-    """Return whether sheets of a cage that nearly touch were as near before."""
-    nearest = [min((f.value for f in find_thin_parts(c)), default=np.inf) for c in (after, before)]
-    return bool(nearest[0] >= nearest[1])
 
 
 class _Round:
@@ -122,8 +120,12 @@ class _Round:
         # A vertex moves if the collapse costs clearly less than the split gains.
         self._collapse_edges(0.9 * gains.gains[splits][:count], kept, skipped[1])
         done, free = 0, most - self._draft.count
-        for k in splits:
-            if done < free and self._split(*gains.splits[k]):
+        for start, stop in gains.splits[splits].tolist():
+            around = {start, stop, *self._around_edge(start, stop).tolist()}
+            # An edge that was collapsed has no faces any more, but its ends are touched.
+            is_free = done < free and not self._touched & around
+            if is_free and self._is_splittable(start, stop):
+                self._touched |= {*around, self._draft.split(start, stop)}
                 done += 1
         tighten(self._draft, self._draft.samples, self._touched)
         return done
@@ -148,14 +150,6 @@ class _Round:
     def _is_splittable(self, start: int, stop: int) -> bool:
         valence = self._draft.count_faces()
         return splits_well(self._draft, int(start), int(stop), valence, MIN_KEPT_ANGLE)
-
-    def _split(self, start: int, stop: int) -> bool:
-        around = self._around_edge(start, stop)
-        # An edge that was collapsed has no faces any more, but its ends are touched.
-        if self._touched & {start, stop, *around.tolist()} or not self._is_splittable(start, stop):
-            return False
-        self._touched |= {*around.tolist(), self._draft.split(int(start), int(stop))}
-        return True
 
     def _around_edge(self, start: int, stop: int) -> Integers:
         """Return the vertices of the faces at an edge."""

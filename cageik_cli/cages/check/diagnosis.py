@@ -171,7 +171,11 @@ def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None
         elif are_swapped(cage, rest):
             findings = [make_swap_finding(cage, rest)]
         elif len(cage.vertices) > len(rest.vertices):
-            findings.append(_make_likely_swap_finding(cage, rest))
+            message = (
+                f"the cage has {len(cage.vertices)} vertices and the model {len(rest.vertices)}"
+            )
+            value = float(len(cage.vertices))
+            findings.append(Finding("swapped", "note", message, "are they swapped?", value=value))
     is_of_another = misfit is not None and not misfit.is_repairable
     # To mend the other faults of such a cage would not help.
     findings.sort(
@@ -218,7 +222,14 @@ def _diagnose_rest(
     if not has_inside:
         return facts, misfit, []
     placement = locate_vertices(cage if cage.volume > 0 else cage.flip(), rest)
-    findings = [*_note_unused_vertices(rest), *find_surface_crossings(placement)]
+    unused, remedy = rest.unused_vertices, "delete them if they are left-overs"
+    findings = [
+        Finding("unreferenced-vertex", "note", note, remedy, value=float(len(unused))).at(
+            "vertices", unused, "rest"
+        )
+        for note in describe_unused_vertices(rest)
+    ]
+    findings += find_surface_crossings(placement)
     if len(placement.outside_indices):
         worst, share = placement.worst_percent, placement.outside_share
         misfit = explain_misfit(placement.cage, rest, worst, share)
@@ -228,14 +239,6 @@ def _diagnose_rest(
     else:
         findings += [*find_looseness_faults(placement.cage, rest), *find_low_clearance(placement)]
     return _add_clearance(facts, placement), misfit, findings
-
-
-def _note_unused_vertices(rest: TriMesh) -> Iterator[Finding]:
-    """Yield the finding that some vertices of the rest pose are in no face, if so."""
-    numbers, remedy = rest.unused_vertices, "delete them if they are left-overs"
-    for note in describe_unused_vertices(rest):
-        found = Finding("unreferenced-vertex", "note", note, remedy, value=float(len(numbers)))
-        yield found.at("vertices", numbers, "rest")
 
 
 def _add_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
@@ -279,9 +282,3 @@ def _find_too_many_faces(cage: TriMesh) -> Iterator[Finding]:
         message = f"the cage has {count} faces, at most {MAX_HARMONIC_FACES} fit in memory"
         remedy = "use a coarser cage"
         yield Finding("too-many-faces", "unfit", message, remedy, value=float(count))
-
-
-def _make_likely_swap_finding(cage: TriMesh, rest: TriMesh) -> Finding:
-    message = f"the cage has {len(cage.vertices)} vertices and the model {len(rest.vertices)}"
-    value = float(len(cage.vertices))
-    return Finding("swapped", "note", message, "are they swapped?", value=value)

@@ -177,7 +177,10 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Pl
     except CageError as error:
         if len(cage.vertices) <= len(rest.vertices) or isinstance(rest, PointCloud):
             if not isinstance(error, MisfitError) and _is_of_other_pose(cage, rest):
-                raise _make_pose_error(cage) from error
+                # To mend its faults would not help.
+                fault = next(f for f in find_cage_faults(cage) if f.severity == "unfit")
+                message = f"much of the model is far outside, and {fault.message}"
+                raise CageError(f"{message}; {OTHER_POSE_REMEDY}") from error
             raise
         if are_swapped(cage, rest):
             raise CageError(make_swap_finding(cage, rest).sentence) from error
@@ -198,12 +201,6 @@ def _is_of_other_pose(cage: TriMesh, rest: TriMesh) -> bool:
     if (placement := locate_vertices(cage, rest)).outside_share <= MAX_DENTED_SHARE:
         return False
     return placement.worst_percent > 1.0  # such a cage is not merely a little too small
-
-
-def _make_pose_error(cage: TriMesh) -> CageError:
-    """Make the error of a cage of another pose that has faults: to mend them would not help."""
-    fault = next(found for found in find_cage_faults(cage) if found.severity == "unfit")
-    return CageError(f"much of the model is far outside, and {fault.message}; {OTHER_POSE_REMEDY}")
 
 
 def are_swapped(cage: TriMesh, rest: TriMesh) -> bool:
@@ -292,26 +289,17 @@ def _check_vertices(cage: TriMesh, rest: TriMesh, policy: str) -> Placement:
     notes = describe_unused_vertices(rest)
     if len(placement.outside_indices):
         if policy == "refuse" or placement.is_misplaced:
-            raise _make_outside_error(placement)
+            misfit = explain_misfit(cage, rest, placement.worst_percent, placement.outside_share)
+            error = OutsideError(placement.find_outside(misfit.remedy).sentence)
+            error.placement, error.misfit = placement, misfit
+            error.is_repairable = misfit.is_repairable
+            raise error
+        moved = placement.closest.distance[placement.outside_indices]
+        rms = 100 * np.sqrt((moved**2).sum() / len(rest.used_vertices)) / rest.diagonal
         notes = (
             *notes,
             f"{placement.describe_outside('the model')}; they have the weights of the nearest "
-            f"points of the cage; that alone is an error of {_measure_projection(placement):.2g} % "
-            "of the diagonal (rms), in the rest pose too",
+            f"points of the cage; that alone is an error of {rms:.2g} % of the diagonal (rms), in "
+            "the rest pose too",
         )
     return replace(placement, notes=notes)
-
-
-def _measure_projection(placement: Placement) -> float:
-    """Return the rms over all vertices of how far they are projected, percent of the diagonal."""
-    moved, rest = placement.closest.distance[placement.outside_indices], placement.rest
-    return float(100 * np.sqrt((moved**2).sum() / len(rest.used_vertices)) / rest.diagonal)
-
-
-def _make_outside_error(placement: Placement) -> OutsideError:
-    worst, share = placement.worst_percent, placement.outside_share
-    misfit = explain_misfit(placement.cage, placement.rest, worst, share)
-    error = OutsideError(placement.find_outside(misfit.remedy).sentence)
-    error.placement, error.misfit = placement, misfit
-    error.is_repairable = misfit.is_repairable
-    return error

@@ -61,6 +61,15 @@ UP_CHANGES: dict[tuple[int, ...], str] = {
 UP_AXES_OF_TURNS = dict(zip(UP_CHANGES.values(), (("Z", "Y"), ("Y", "Z")), strict=True))
 """The up axes before and after these turns."""
 
+UNIT_SCALES = tuple(dict.fromkeys((*COMMON_SCALES, *list_unit_ratios().values())))
+"""All scales that have a name: those, and the rare ones between the others."""
+
+MAX_INFLATION = 20.0
+"""Cages that must grow by more, percent of the model's diagonal, are not this model's."""
+
+INFLATION_TOL = 0.01
+"""The inflation is found to this share of itself."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transform:
@@ -146,19 +155,16 @@ class Transform:
         if self.is_scaled:
             parts.append(f"scaled by {1 / self.scale:.3g}")
         elif self.scale != 1:
-            parts.append(_name_unit(self.scale))
+            units = find_units_of_ratio(self.scale, 1e-9)
+            if units is None:
+                parts.append(f"scaled by {1 / self.scale:.4g}")
+            else:
+                own, other = (LONG_UNIT_NAMES[name] for name in units)
+                parts.append(f"in {own} instead of {other}")
         if np.linalg.norm(self.offset) > 1e-3 * diagonal:
             x, y, z = (f"{0 - value:.3g}" for value in self.offset)
             parts.append(f"moved by ({x}, {y}, {z})")
         return ", ".join(part for part in parts if part)
-
-
-def _name_unit(scale: float) -> str:
-    units = find_units_of_ratio(scale, 1e-9)
-    if units is None:
-        return f"scaled by {1 / scale:.4g}"
-    own, other = (LONG_UNIT_NAMES[name] for name in units)
-    return f"in {own} instead of {other}"
 
 
 def _name_rotation(rotation: Floats) -> str:
@@ -431,16 +437,6 @@ def _is_of_size(transform: Transform, cage: TriMesh, model: TriMesh) -> bool:
     # Along axes in which the model is thin, the cage may be larger.
     slack = 0.1 * (most - 1) * model.diagonal
     return bool((outer >= MIN_EXTENT_RATIO * inner).all() and (outer <= most * inner + slack).all())
-
-
-UNIT_SCALES = tuple(dict.fromkeys((*COMMON_SCALES, *list_unit_ratios().values())))
-"""All scales that have a name: those, and the rare ones between the others."""
-
-MAX_INFLATION = 20.0
-"""Cages that must grow by more, percent of the model's diagonal, are not this model's."""
-
-INFLATION_TOL = 0.01
-"""The inflation is found to this share of itself."""
 
 
 def measure_inflation(cage: TriMesh, model: TriMesh) -> float | None:

@@ -9,7 +9,7 @@ import numpy as np
 from cageik_cli.cages.check.enclosure import Placement
 from cageik_cli.cages.check.faults import Finding, format_elements
 from cageik_cli.cages.check.misfit import MAX_SIZE_RATIO, find_transform
-from cageik_cli.cages.check.sections import SharedSection, find_shared_sections
+from cageik_cli.cages.check.sections import find_shared_sections
 from cageik_cli.cages.surface_points import sample_surface, take_evenly
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
@@ -128,7 +128,16 @@ def find_looseness_faults(
     to build it with more vertices.
     """
     if cage.diagonal > MAX_SIZE_RATIO * rest.diagonal:
-        yield _describe_size(cage, rest)
+        transform = find_transform(cage, rest)
+        remedy = "fit the cage to the model"
+        if transform is not None:
+            remedy = f"the cage is {transform.name}: export it as the model was"
+        ratio = float(cage.diagonal / rest.diagonal)
+        message = (
+            f"the cage is {ratio:.3g} times as large as the model, expected at most "
+            f"{MAX_SIZE_RATIO:g}"
+        )
+        yield Finding("large", "warning", message, remedy, value=ratio)
         return
     if len(rest.vertices) < MIN_MODEL_VERTICES:
         return
@@ -142,18 +151,6 @@ def find_looseness_faults(
 def is_too_loose(cage: TriMesh, rest: TriMesh) -> bool:
     """Return whether a cage is so large, or so loose, that it follows no part of its model well."""
     return next(find_looseness_faults(cage, rest, is_thorough=False), None) is not None
-
-
-def _describe_size(cage: TriMesh, rest: TriMesh) -> Finding:
-    ratio = cage.diagonal / rest.diagonal
-    transform = find_transform(cage, rest)
-    remedy = "fit the cage to the model"
-    if transform is not None:
-        remedy = f"the cage is {transform.name}: export it as the model was"
-    message = (
-        f"the cage is {ratio:.3g} times as large as the model, expected at most {MAX_SIZE_RATIO:g}"
-    )
-    return Finding("large", "warning", message, remedy, value=float(ratio))
 
 
 def _find_loose_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
@@ -195,17 +192,14 @@ def _find_shared_loops(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
     A cage between limbs that are nearer to each other would have no clearance.
     """
     for place in find_shared_sections(cage, rest):
-        if place.gap >= 0.02 * rest.diagonal and place.length >= 0.04 * rest.diagonal:
-            yield _describe_shared_section(place)
-
-
-def _describe_shared_section(place: SharedSection) -> Finding:
-    x, y, z = (float(value) for value in place.centre)
-    message = (
-        f"{place.limbs} limbs of the model are in one loop of the cage around ({x:.4g}, {y:.4g}, "
-        f"{z:.4g}), {place.size:.3g} across, for {place.length:.3g} along {'xyz'[place.axis]}, "
-        f"{place.gap:.3g} apart"
-    )
-    remedy = "let the cage go between them; with one loop they can hardly move apart"
-    limbs = float(place.limbs)
-    return Finding("shared-loop", "warning", message, remedy, value=limbs, place=(x, y, z))
+        if place.gap < 0.02 * rest.diagonal or place.length < 0.04 * rest.diagonal:
+            continue
+        x, y, z = (float(value) for value in place.centre)
+        message = (
+            f"{place.limbs} limbs of the model are in one loop of the cage around ({x:.4g}, "
+            f"{y:.4g}, {z:.4g}), {place.size:.3g} across, for {place.length:.3g} along "
+            f"{'xyz'[place.axis]}, {place.gap:.3g} apart"
+        )
+        remedy = "let the cage go between them; with one loop they can hardly move apart"
+        limbs = float(place.limbs)
+        yield Finding("shared-loop", "warning", message, remedy, value=limbs, place=(x, y, z))

@@ -77,7 +77,7 @@ class Loop:
     @property
     def size(self) -> float:
         """Return the diagonal of the box around the loop."""
-        return _measure_box(self.points)
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     @property
     def is_closed(self) -> bool:
@@ -138,11 +138,6 @@ def _list_loops(ends: Integers) -> list[Integers]:
     return np.split(order, np.flatnonzero(np.diff(loops[order])) + 1)
 
 
-def _measure_box(points: Floats) -> float:
-    """Return the diagonal of the box around points, (k, 3)."""
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
-
-
 def find_shared_sections(
     cage: TriMesh, model: TriMesh, near: Floats | None = None
 ) -> list[SharedSection]:
@@ -193,7 +188,12 @@ def _find_at(cage: Slicer, model: Slicer, position: float) -> list[SharedSection
     for group in groups:
         parts = _join_loops(group, limbs, MIN_CAGED_GAP * model.mesh.diagonal)
         if len(parts) > 1:
-            places.append(_describe(parts, model.axis))
+            gap = min(_measure_gap(*pair) for pair in combinations(parts, 2))
+            points = np.concatenate(parts)
+            low, high = points.min(axis=0), points.max(axis=0)
+            size = float(np.linalg.norm(high - low))
+            middle = (low + high) / 2
+            places.append(SharedSection(model.axis, middle, size, 0.0, len(parts), gap))
     return places
 
 
@@ -263,14 +263,6 @@ def _join_loops(loops: list[Loop], limbs: Integers, min_gap: float) -> list[Floa
 
 def _measure_gap(one: Floats, other: Floats) -> float:
     return float(measure_distances(one, other).min())
-
-
-def _describe(parts: list[Floats], axis: int) -> SharedSection:
-    """Describe the place where limbs, the points of each (k, 3), are in one loop."""
-    gap = min(_measure_gap(*pair) for pair in combinations(parts, 2))
-    points = np.concatenate(parts)
-    centre = (points.min(axis=0) + points.max(axis=0)) / 2
-    return SharedSection(axis, centre, _measure_box(points), 0.0, len(parts), gap)
 
 
 def _continue_run(place: SharedSection, before: list[list[SharedSection]]) -> list[SharedSection]:

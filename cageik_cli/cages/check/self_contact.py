@@ -81,9 +81,12 @@ def make_contact_meter(model: TriMesh) -> ContactMeter | None:
     -------
     The meter, or None for a model without area.
     """
-    weights, faces = _join_seams(model)
+    _, first, places = np.unique(model.vertices, axis=0, return_index=True, return_inverse=True)
+    faces = places.reshape(-1)[model.faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     if len(faces) == 0:
         return None
+    weights = sparse.csr_array(sparse.eye_array(len(model.vertices), format="csr")[first])
     weights, faces = _divide_edges(model, weights, faces)
     surface = TriMesh(np.asarray(weights @ model.vertices), faces)
     samples, shares = _sample_vertices(surface)
@@ -94,30 +97,18 @@ def make_contact_meter(model: TriMesh) -> ContactMeter | None:
     return ContactMeter(weights[samples], shares, joined, MAX_CONTACT_DISTANCE * model.diagonal)
 
 
-def _join_seams(model: TriMesh) -> tuple[sparse.csr_array, Integers]:
-    """Take vertices at one place as one.
+def _divide_edges(
+    model: TriMesh,
+    weights: sparse.csr_array,
+    faces: Integers,
+) -> tuple[sparse.csr_array, Integers]:
+    """Divide each face in four until edges are short, up to `MAX_DIVIDED_EDGE` diagonals.
 
     Returns
     -------
     weights : (k, m) sparse
         The vertices after that, from those of the model.
     faces : (t, 3) int64
-        Those that keep three corners.
-    """
-    _, first, places = np.unique(model.vertices, axis=0, return_index=True, return_inverse=True)
-    faces = places.reshape(-1)[model.faces]
-    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    return sparse.csr_array(sparse.eye_array(len(model.vertices), format="csr")[first]), faces
-
-
-def _divide_edges(
-    model: TriMesh,
-    weights: sparse.csr_array,
-    faces: Integers,
-) -> tuple[sparse.csr_array, Integers]:
-    """Divide each face in four until edges are short; return what `_join_seams` does.
-
-    Short is up to `MAX_DIVIDED_EDGE`, in diagonals.
     """
     while 4 * len(faces) <= MAX_DIVIDED_FACES:
         edges = Edges.from_faces(faces)
@@ -142,9 +133,7 @@ def _sample_vertices(surface: TriMesh) -> tuple[Integers, Floats]:
     -------
     (s,), their numbers, and (s,), the share of the surface that each stands for.
     """
-    corners = surface.vertices[surface.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.cumsum(np.linalg.norm(normals, axis=1))
+    areas = np.cumsum(surface.face_areas)
     if not areas[-1] > 0:
         return np.zeros(0, np.int64), np.zeros(0)
     steps = (np.arange(MAX_CONTACT_SAMPLES) + 0.5) / MAX_CONTACT_SAMPLES

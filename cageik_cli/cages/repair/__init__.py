@@ -1,4 +1,4 @@
 """The parts of a repair: tidy the faces, close holes, untangle, push outward.
 
-Depends on `cages.check` and `geometry`. Start with `repair`, which runs them.
+Depends on `check` beside it and on `geometry`. Start with `repair`, which runs them.
 """

@@ -1,9 +1,9 @@
 """Make a user's own cage fit for a model, with as little change as possible.
 
-Each step changes the cage, and says what it did.
+Each step of a repair changes the cage, and says what it did.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,6 +44,9 @@ from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import CageError
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.text import format_count
+
+MAX_INNER_WALLS = 30
+"""Patches of a cage with edges of more than two faces, above which none is tried as a wall."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,28 +204,19 @@ def judge_cage(
     holding = [placement.find_outside("move the cage outward there")] if is_outside else []
     holding += find_surface_crossings(placement)
     if not holding:
-        holding += _find_outside_samples(cage, samples)
+        outside = samples[winding_numbers(cage, samples) < 0.5]
+        if len(outside):
+            x, y, z = outside[0]
+            message = (
+                f"{len(outside)} of {len(samples)} points of the model's surface are outside the "
+                f"cage, the first at ({x:.4g}, {y:.4g}, {z:.4g})"
+            )
+            remedy, count = "move the cage outward there", float(len(outside))
+            holding.append(Finding("surface-outside", "unfit", message, remedy, value=count))
     warnings = [*find_needle_faces(cage), *find_thin_parts(cage)]
     if not is_outside:
         warnings += find_low_clearance(placement)
     return tuple(holding), tuple(warnings)
-
-
-def _find_outside_samples(cage: TriMesh, samples: Floats) -> Iterator[Finding]:
-    """Find points on faces of the model that are outside."""
-    outside = samples[winding_numbers(cage, samples) < 0.5]
-    if len(outside):
-        x, y, z = outside[0]
-        message = (
-            f"{len(outside)} of {len(samples)} points of the model's surface are outside the "
-            f"cage, the first at ({x:.4g}, {y:.4g}, {z:.4g})"
-        )
-        remedy, count = "move the cage outward there", float(len(outside))
-        yield Finding("surface-outside", "unfit", message, remedy, value=count)
-
-
-MAX_INNER_WALLS = 30
-"""Patches of a cage with edges of more than two faces, above which none is tried as a wall."""
 
 
 class Repair:

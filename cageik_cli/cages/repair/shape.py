@@ -1,6 +1,6 @@
 """The steps of a repair that move vertices: untangle, push outward, go back where that is safe.
 
-Vertices whose faces cross others are moved one after the other, as few of them as will do.
+As few vertices as will do are moved, one after the other.
 """
 
 from collections.abc import Callable
@@ -30,6 +30,15 @@ MAX_FRUITLESS_ROUNDS = 4
 
 MAX_SIDE_PARTS = 40
 """Parts that sides of faces of the model that cross the cage are divided in, at most."""
+
+MAX_RELAXATIONS = 12
+"""How often all vertices of crossing faces are relaxed together, at most."""
+
+MAX_SINGLE_MOVES = 60
+"""Vertices moved one at a time, at most."""
+
+MAX_MOVE_CANDIDATES = 24
+"""Vertices tried before each move, those of most crossing faces first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -300,16 +309,6 @@ def _weigh_corners(
     return np.where(total > 0, weights / np.where(total > 0, total, 1.0), 1 / 3)
 
 
-MAX_RELAXATIONS = 12
-"""How often all vertices of crossing faces are relaxed together, at most."""
-
-MAX_SINGLE_MOVES = 60
-"""Vertices moved one at a time, at most."""
-
-MAX_MOVE_CANDIDATES = 24
-"""Vertices tried before each move, those of most crossing faces first."""
-
-
 def find_self_intersecting_faces(cage: TriMesh) -> Integers:
     """Find the faces that cross others, and those without a plane.
 
@@ -354,8 +353,12 @@ def untangle(cage: TriMesh, effort: Effort | None = None) -> TriMesh:
     effort = effort or Effort()
     best, fewest = cage, len(find_self_intersecting_faces(cage))
     for _ in range(MAX_RELAXATIONS):
-        cage = _move_single_vertices(cage, effort)
         tangle = find_self_intersecting_faces(cage)
+        for _ in range(MAX_SINGLE_MOVES):
+            better = _find_best_move(cage, tangle, effort) if len(tangle) else None
+            if better is None:
+                break
+            cage, tangle = better, find_self_intersecting_faces(better)
         if len(tangle) < fewest:
             best, fewest = cage, len(tangle)
         if len(tangle) == 0 or effort.is_spent:
@@ -363,18 +366,6 @@ def untangle(cage: TriMesh, effort: Effort | None = None) -> TriMesh:
         chosen = np.unique(cage.faces[tangle])
         cage = TriMesh(move_to_neighbours(cage, chosen, 0.5), cage.faces)
     return best
-
-
-def _move_single_vertices(cage: TriMesh, effort: Effort) -> TriMesh:
-    tangle = find_self_intersecting_faces(cage)
-    for _ in range(MAX_SINGLE_MOVES):
-        if len(tangle) == 0:
-            break
-        better = _find_best_move(cage, tangle, effort)
-        if better is None:
-            break
-        cage, tangle = better, find_self_intersecting_faces(better)
-    return cage
 
 
 def _find_best_move(cage: TriMesh, tangle: Integers, effort: Effort) -> TriMesh | None:

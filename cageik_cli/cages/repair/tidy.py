@@ -1,9 +1,7 @@
 """Faces and vertices that are one too many or missing, and faces that are turned.
 
-Each function takes polygons and gives new ones, with vertices where they were.
-
-`PolygonMesh` is a cage whose faces may be quads: the rings of its polygons, and the triangles to
-compute with.
+A cage is polygons here, for its faces may be quads. Each function takes polygons and gives new
+ones, with vertices where they were.
 """
 
 from dataclasses import dataclass

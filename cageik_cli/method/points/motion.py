@@ -140,7 +140,10 @@ class PointMotion:
         progress: Callable[[int, int], None],
         add_gradients: AddGradients | None,
     ) -> None:
-        points = _find_places(binding)
+        # Weights of points outside the cage are those of the nearest points on it.
+        points, cage = binding.rest.vertices, binding.cage
+        is_outside = winding_numbers(cage, points) < 0.5
+        points = np.where(is_outside[:, None], closest_points(cage, points).position, points)
         field = HarmonicField.solve(binding.cage, points, binding.settings.accuracy, jobs)
         together = max(1, MAX_GRADIENT_BYTES // (24 * self._cage_count * MAX_MOVED_POINTS))
         for first in range(0, len(self.blocks), together):
@@ -154,10 +157,3 @@ class PointMotion:
                 block[0] = binding.weights[chosen].T
                 block[1:] = gradients[chosen.start - start : chosen.stop - start].T
             progress(stop, len(points))
-
-
-def _find_places(binding: Binding) -> Floats:
-    """Return the points that the weights belong to: on the cage for those outside it."""
-    points, cage = binding.rest.vertices, binding.cage
-    is_outside = winding_numbers(cage, points) < 0.5
-    return np.where(is_outside[:, None], closest_points(cage, points).position, points)

@@ -1,21 +1,18 @@
 """What turns with points that are moved: their normals, and the shapes and colours of splats.
 
-**Ellipsoids** are moved by linear maps, many at once: they get new axes and a new rotation. One
-with the rotation R and the semi-axes s is the image of the unit ball under R diag(s). A map J takes
-it to J R diag(s) = M, whose left singular vectors and singular values are the new rotation and
-axes. They come from one-sided Jacobi rotations of the columns of M (Hestenes 1958), which keep
-small axes to full relative precision, where the eigenvalues of M Mᵀ would lose them. Columns of M
-that are orthogonal stay as they are: after a rigid motion every axis keeps its place, and without
-shear nothing is exchanged between frames.
+An ellipsoid with the rotation R and the semi-axes s is the image of the unit ball under R diag(s).
+A map J takes it to J R diag(s) = M, whose left singular vectors and singular values are the new
+rotation and axes. They come from one-sided Jacobi rotations of the columns of M (Hestenes 1958),
+which keep small axes to full relative precision, where the eigenvalues of M Mᵀ would lose them.
+Columns of M that are orthogonal stay as they are: after a rigid motion every axis keeps its place,
+and without shear nothing is exchanged between frames.
 
-Arrays hold one ellipsoid per column, entry by entry.
+Colours are real spherical harmonics of bands 1 to 3. Signs and factors are those of Gaussian splats
+(Kerbl et al. 2023, 3D Gaussian splatting). A rotation R takes a function f of directions to
+f(Rᵀ d). A band of degree l stays in itself, and so the coefficients of the turned function follow
+from its values in 2l + 1 fixed directions.
 
-**Spherical harmonics**, real ones of bands 1 to 3, turn with a rotation. Signs and factors are
-those of Gaussian splats (Kerbl et al. 2023, 3D Gaussian splatting). A rotation R takes a function f
-of directions to f(Rᵀ d). A band of degree l stays in itself, and so the coefficients of the turned
-function follow from its values in 2l + 1 fixed directions.
-
-Arrays have one function per column, so that each operation runs over all of them.
+Arrays have one ellipsoid or function per column, so that each operation runs over all of them.
 """
 
 from collections import Counter
@@ -28,6 +25,12 @@ from numpy.typing import NDArray
 
 from cageik_cli.geometry.rotations import nearest_rotations_by_entry
 from cageik_cli.util.arrays import Floats, Mask
+
+MIN_AXIS = float(np.exp(-80.0))
+"""Shortest semi-axis: the logarithm of each is a number that files of splats may hold."""
+
+REST_COUNTS = {(degree + 1) ** 2 - 1: degree for degree in range(4)}
+"""The degree by the number of coefficients beyond the constant one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,10 +135,6 @@ def move_normals(normals: Floats, maps: Floats) -> Floats:
         moved /= largest
         moved /= np.sqrt((moved * moved).sum(axis=0))
     return np.where(np.isfinite(moved).all(axis=0), moved, normals)
-
-
-MIN_AXIS = float(np.exp(-80.0))
-"""Shortest semi-axis: the logarithm of each is a number that files of splats may hold."""
 
 
 def move_ellipsoids(axes: Floats, quaternions: Floats, maps: Floats) -> tuple[Floats, Floats]:
@@ -244,9 +243,6 @@ def rotations_to_quaternions(rotations: Floats) -> Floats:
     found = np.take_along_axis(outer, chosen[None, None], axis=1)[:, 0]
     return np.asarray(found / np.sqrt((found * found).sum(axis=0)))
 
-
-REST_COUNTS = {(degree + 1) ** 2 - 1: degree for degree in range(4)}
-"""The degree by the number of coefficients beyond the constant one."""
 
 _DIRECTIONS = (
     ((1, 0, 0), (0, 1, 0), (0, 0, 1)),

@@ -8,9 +8,9 @@ over l anchors with targets q, whose rows in cage space are a_j (Savoye and Fran
 means instead of sums). In displacements d = c − c_rest and t = q − A c_rest everything is linear in
 t, and nothing large cancels: d = R t and H d = (H R) t, with responses R that are computed once.
 
-**Rigidity.** The cells of the cage turn as rigidly as possible (Sorkine and Alexa 2007). A uniform
-Laplacian resists rotation, because it compares δ of the moved cage with δ of the cage at rest. Here
-every cage vertex has a cell, the edges e_ij = c_i − c_j to its neighbours; the cell gets the
+A uniform Laplacian resists rotation, because it compares δ of the moved cage with δ of the cage at
+rest. With `rigidity`, the cells of a cage turn (as rigid as possible, Sorkine and Alexa 2007).
+Every cage vertex has a cell, the edges e_ij = c_i − c_j to its neighbours; the cell gets the
 rotation that fits its motion to e' best, and δ turns with the cells (their eqs. 6 and 8, with
 uniform weights, means instead of sums):
 

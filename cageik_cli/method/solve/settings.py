@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
+AREA = "area"
+"""Says, in place of a file of vertex weights, that each vertex counts by its area."""
+
 
 @dataclass(frozen=True, slots=True)
 class SolveSettings:
@@ -46,7 +49,3 @@ class SolveSettings:
         check_settings(self)
         if self.alpha == self.beta == 0:
             raise SettingError("alpha and beta are both 0, expected at least one above 0")
-
-
-AREA = "area"
-"""Says, in place of a file of vertex weights, that each vertex counts by its area."""

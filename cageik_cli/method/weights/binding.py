@@ -16,6 +16,15 @@ from cageik_cli.util.threads import OrderedMap
 ALGORITHM_VERSIONS = {"harmonic": 10, "mean-value": 4}
 """Raise a number when weights, notes or refusals change, so that caches are not used."""
 
+FRAMES_PER_PRODUCT = 4
+"""Frames per matrix product; constant, because the last digits depend on it."""
+
+BYTES_PER_PRODUCT = 1 << 22
+"""Bytes of the weights of a product; constant, too.
+
+They stay in the cache for the next frames, as the result does until it is in its place.
+"""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weights:
@@ -209,16 +218,6 @@ def reconstruct_frames(
         assert rotations is not None
         meshes += measure_offsets(binding) @ rotations
     return meshes
-
-
-FRAMES_PER_PRODUCT = 4
-"""Frames per matrix product; constant, because the last digits depend on it."""
-
-BYTES_PER_PRODUCT = 1 << 22
-"""Bytes of the weights of a product; constant, too.
-
-They stay in the cache for the next frames, as the result does until it is in its place.
-"""
 
 
 def reconstruct(weights: Floats, cages: Floats, out: Floats | None = None, jobs: int = 1) -> Floats:

@@ -4,6 +4,11 @@ from dataclasses import dataclass
 
 from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
+COORDINATES = ("harmonic", "mean-value")
+
+OUTSIDE_POLICIES = ("refuse", "project")
+"""What may be done with vertices outside the cage."""
+
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
@@ -32,11 +37,6 @@ ACCURACIES = {
     "standard": Accuracy(0.005, 3, 1.5, 15000),
     "fine": Accuracy(0.001, 5, 4.0, 15000),
 }
-
-COORDINATES = ("harmonic", "mean-value")
-
-OUTSIDE_POLICIES = ("refuse", "project")
-"""What may be done with vertices outside the cage."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,8 @@
 import numpy as np
 
 from cageik_cli.cages.builder.judge import Demand
+from cageik_cli.cages.builder.pairing import Pairing
 from cageik_cli.cages.builder.quads import (
-    Pairing,
     find_failing,
     find_near_cuts,
     find_near_quads,

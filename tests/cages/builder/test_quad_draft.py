@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from cageik_cli.cages.builder.pairing import Pairing
 from cageik_cli.cages.builder.polish import move_vertex
-from cageik_cli.cages.builder.quads import PairedQuadDraft, Pairing, QuadDraft
+from cageik_cli.cages.builder.quads import PairedQuadDraft, QuadDraft
 from cageik_cli.cages.builder.symmetry import find_partners, reflect
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points

@@ -5,7 +5,8 @@ import pytest
 
 from cageik_cli.cages.builder import quads as quads_module
 from cageik_cli.cages.builder.judge import Demand, judge
-from cageik_cli.cages.builder.quads import make_quads, name_diagonals
+from cageik_cli.cages.builder.pairing import name_diagonals
+from cageik_cli.cages.builder.quads import make_quads
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror

@@ -38,11 +38,15 @@ from cageik_cli.util.errors import NumericalError
 MAX_EVALUATED_ENTRIES = 240_000
 """Panels times points evaluated together: products with fewer columns are slow for large cages."""
 
-
 Float32s = NDArray[np.float32]
 
-
 Densities = TypeVar("Densities", Floats, Float32s)
+
+BLOCK_SIZE = 256
+"""Unknowns that are eliminated together; the inverses of their blocks take little time."""
+
+SUBSTITUTED_COLUMNS = 64
+"""Right hand sides in which the unknowns are substituted together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,13 +224,6 @@ def split_points(mesh: BoundaryMesh, count: int) -> list[slice]:
 def count_points_per_block(mesh: BoundaryMesh) -> int:
     """Return the number of points per block; with too few, the overhead of calls dominates."""
     return int(np.clip(MAX_EVALUATED_ENTRIES // len(mesh.panels.corners), 16, 512))
-
-
-BLOCK_SIZE = 256
-"""Unknowns that are eliminated together; the inverses of their blocks take little time."""
-
-SUBSTITUTED_COLUMNS = 64
-"""Right hand sides in which the unknowns are substituted together."""
 
 
 def solve_in_place(
