@@ -1,6 +1,6 @@
 """The jobs of a batch on a Dask cluster.
 
-Of a long clip one worker writes the checkpoint, and others solve pieces of it.
+One worker writes the checkpoint of a long clip, and others solve pieces of it.
 """
 
 import asyncio

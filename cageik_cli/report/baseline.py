@@ -108,22 +108,20 @@ def _parse_metrics(record: dict[str, Any]) -> dict[str, float | None]:
     summary = _get_member(record, "summary", dict)
     with error_context("summary"):
         _check_units(summary)
-    return {metric: _parse_metric(summary, metric, name) for metric, name in SUMMARY_FIELDS.items()}
-
-
-def _parse_metric(summary: dict[str, Any], metric: str, name: str) -> float | None:
-    value = summary.get(name)
-    if metric == "volume_change" and value is None and name in summary:
-        return None
-    size = _parse_finite(value)
-    if size is not None and metric == "volume_change":
-        size = abs(size)
-    if size is None or size < 0:
-        expected = " or null" if metric == "volume_change" else ", zero or above"
-        raise FormatError(
-            f"summary.{name} is {format_value(value)}, expected a finite number{expected}"
-        )
-    return size
+    metrics: dict[str, float | None] = {}
+    for metric, name in SUMMARY_FIELDS.items():
+        value, is_change = summary.get(name), metric == "volume_change"
+        if is_change and value is None and name in summary:
+            metrics[metric] = None
+            continue
+        size = _parse_finite(value)
+        if size is None or (size < 0 and not is_change):
+            expected = " or null" if is_change else ", zero or above"
+            raise FormatError(
+                f"summary.{name} is {format_value(value)}, expected a finite number{expected}"
+            )
+        metrics[metric] = abs(size)
+    return metrics
 
 
 def _parse_finite(value: Any) -> float | None:

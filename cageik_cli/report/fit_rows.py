@@ -50,11 +50,6 @@ def measure_gap_closed(result: Result) -> float | None:
 def list_fit_notes(record: FitRecord) -> tuple[str, ...]:
     """Return warnings and notes on a fit, one sentence each."""
     report = record.report
-    return (*_list_sample_notes(report), *_list_error_notes(report))
-
-
-def _list_sample_notes(report: FitReport) -> list[str]:
-    """Return notes on the frames that were fitted and held out."""
     notes, held_out = [], report.held_out_blocks
     if report.needed_memory is not None:
         notes.append(
@@ -73,7 +68,7 @@ def _list_sample_notes(report: FitReport) -> list[str]:
             "the fit are nearly copies of fitted ones, so their error says nothing about other "
             "motion"
         )
-    return notes
+    return (*notes, *_list_error_notes(report))
 
 
 def _list_error_notes(report: FitReport) -> list[str]:
@@ -108,14 +103,19 @@ def _list_error_notes(report: FitReport) -> list[str]:
 
 def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[tuple[str, str]]:
     """Return labelled lines on a fit; `is_verbose` shows all regularizations that were tried."""
-    report = record.report
+    report, held_out = record.report, record.report.held_out_blocks
+    kept_aside = "none"
+    if held_out is not None:
+        blocks = min(MAX_HELD_OUT_BLOCKS, max((clip.frames for clip in record.clips), default=0))
+        chosen = "; the regularization was chosen on these" if report.curve else ""
+        kept_aside = f"{_format_comparison(held_out)}; every 2nd of {blocks} blocks{chosen}"
     tried = ", ".join(f"{pull:g}: {format_percent(error)} %" for pull, error in report.curve)
     curve = [("tried", f"error of frames kept aside, by regularization: {tried}")] if tried else []
     return [
         ("fit", _describe_settings(record)),
         *(curve if is_verbose else []),
         ("fitted frames", _format_comparison(report.fitted)),
-        ("kept aside", _format_held_out(record)),
+        ("kept aside", kept_aside),
         ("last third", _format_comparison(report.unseen_third) if report.unseen_third else "none"),
         (
             "fitted weights",
@@ -161,15 +161,6 @@ def _format_comparison(comparison: Comparison) -> str:
         f"largest {fitted.largest:.2f}); unfitted {format_percent(unfitted.rms)} % "
         f"({unfitted.percentile:.2f}, {unfitted.largest:.2f})"
     )
-
-
-def _format_held_out(record: FitRecord) -> str:
-    comparison = record.report.held_out_blocks
-    if comparison is None:
-        return "none"
-    blocks = min(MAX_HELD_OUT_BLOCKS, max((clip.frames for clip in record.clips), default=0))
-    chosen = "; the regularization was chosen on these" if record.report.curve else ""
-    return f"{_format_comparison(comparison)}; every 2nd of {blocks} blocks{chosen}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,14 +65,17 @@ def _make_mark(number: int, found: Finding, cage: TriMesh, rest: TriMesh | None)
         points = rest.vertices[on_rest]
     if found.place is not None:
         points = np.array([found.place])
-    colour = FAULT_COLOURS[(number - 1) % len(FAULT_COLOURS)]
+    if found.elements.startswith("face") and found.mesh != "rest":
+        cage_faces = np.unique(found.numbers[:, 1] if found.mesh == "both" else found.numbers)
+    else:
+        cage_faces = np.flatnonzero(np.isin(cage.faces, on_cage).all(axis=1))
     return FaultMark(
         number=number,
-        colour=colour,
+        colour=FAULT_COLOURS[(number - 1) % len(FAULT_COLOURS)],
         text=_describe(found),
         cage=on_cage,
         rest=on_rest,
-        cage_faces=_find_cage_faces(found, cage, on_cage),
+        cage_faces=cage_faces,
         points=points,
     )
 
@@ -90,14 +93,6 @@ def _find_vertices(
     numbers = np.unique(found.numbers)
     is_of_faces = found.elements.startswith("face")
     yield found.mesh, np.unique(mesh.faces[numbers]) if is_of_faces else numbers
-
-
-def _find_cage_faces(found: Finding, cage: TriMesh, vertices: Integers) -> Integers:
-    """Find the faces of the cage that a finding concerns, or that have only such vertices."""
-    if found.elements.startswith("face") and found.mesh != "rest":
-        numbers = found.numbers[:, 1] if found.mesh == "both" else found.numbers
-        return np.unique(numbers)
-    return np.flatnonzero(np.isin(cage.faces, vertices).all(axis=1))
 
 
 def _describe(found: Finding) -> str:

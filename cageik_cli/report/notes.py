@@ -144,20 +144,16 @@ def _note_other_size(result: Result) -> Iterator[str]:
     if 1 / MAX_SPREAD_RATIO <= ratio <= MAX_SPREAD_RATIO:
         return
     size = f"{ratio:.3g} times as large as" if ratio > 1 else f"{1 / ratio:.3g} times smaller than"
+    cause = "one is likely in another unit, or of another model"
+    units = find_units_of_ratio(ratio, SPREAD_RATIO_TOL)  # nearly: poses differ in size, too
+    if units is not None:
+        rarer, usual = sorted(units, key=PROGRAM_UNITS.index, reverse=True)
+        names = f"{LONG_UNIT_NAMES[rarer]} and {LONG_UNIT_NAMES[usual]}"
+        cause = f"one is likely in another unit ({names})"
     yield (
         f"the frames are {size} the rest pose in the median, by their spread about the centroid; "
-        f"{_guess_cause(ratio)}, and the figures compare them with the diagonal of the rest pose"
+        f"{cause}, and the figures compare them with the diagonal of the rest pose"
     )
-
-
-def _guess_cause(ratio: float) -> str:
-    """Name the units whose ratio this is nearly: poses differ in size, too."""
-    units = find_units_of_ratio(ratio, SPREAD_RATIO_TOL)
-    if units is None:
-        return "one is likely in another unit, or of another model"
-    rarer, usual = sorted(units, key=PROGRAM_UNITS.index, reverse=True)
-    names = f"{LONG_UNIT_NAMES[rarer]} and {LONG_UNIT_NAMES[usual]}"
-    return f"one is likely in another unit ({names})"
 
 
 def _note_few_vertices(result: Result) -> Iterator[str]:

@@ -189,8 +189,17 @@ def build_clip_entry(
     picture: bytes | None = None,
 ) -> ClipEntry:
     """Build the entry of a report in an overview."""
+    count, max_points = len(report.frames), 120  # of a small picture
+    spans = np.array_split(np.arange(count), min(count, max_points))
+    has_volumes = report.summary.volume_change_percent_max is not None
+    other = "volume_change" if has_volumes else "max_deviation_percent"
+    curve = Curve(
+        rms_percent=tuple(_largest_value(report.frames, span, "rms_percent") for span in spans),
+        other=tuple(_largest_value(report.frames, span, other) for span in spans),
+        worst=next(k for k, span in enumerate(spans) if report.summary.worst_frame_index in span),
+    )
     short = replace(report, frames=())
-    return ClipEntry(report.result, None, result, page, short, _build_curve(report), picture)
+    return ClipEntry(report.result, None, result, page, short, curve, picture)
 
 
 def describe_poor(clips: Iterable[ClipEntry]) -> list[str]:
@@ -203,19 +212,6 @@ def describe_poor(clips: Iterable[ClipEntry]) -> list[str]:
         f"{QUALITY_WORDS['poor']}: {join_truncated(labels)}" + (f"; better: {step}" if step else "")
         for step, labels in by_step.items()
     ]
-
-
-def _build_curve(report: Report) -> Curve:
-    count, max_points = len(report.frames), 120  # of a small picture
-    spans = np.array_split(np.arange(count), min(count, max_points))
-    other = "volume_change" if report.summary.volume_change_percent_max is not None else None
-    return Curve(
-        rms_percent=tuple(_largest_value(report.frames, span, "rms_percent") for span in spans),
-        other=tuple(
-            _largest_value(report.frames, span, other or "max_deviation_percent") for span in spans
-        ),
-        worst=next(k for k, span in enumerate(spans) if report.summary.worst_frame_index in span),
-    )
 
 
 def _largest_value(frames: Sequence[FrameRecord], span: np.ndarray, name: str) -> float | None:

@@ -73,14 +73,12 @@ def label_vertex(parts: Sequence[PartRecord] | None, vertex: int) -> str:
 
 def format_part_rows(parts: Sequence[PartRecord] | None, worst: str) -> list[tuple[str, str]]:
     """Return a line per part, the worst first, which `worst` labels; nothing for one part."""
-    order = sort_parts(parts)
-    rows = [(f"{worst} part" if not k else "part", _describe(one)) for k, one in enumerate(order)]
+    rows = []
+    for k, part in enumerate(sort_parts(parts)):
+        text = f"no data in {part.name}"
+        if part.rms_percent is not None:
+            text = f"{format_percent(part.rms_percent)} % in {part.name}"
+        rows.append((f"{worst} part" if not k else "part", text))
     if len(rows) > MAX_PART_ROWS:
         rows = [*rows[:MAX_PART_ROWS], ("parts", f"and {len(rows) - MAX_PART_ROWS} more")]
     return rows
-
-
-def _describe(part: PartRecord) -> str:
-    if part.rms_percent is None:
-        return f"no data in {part.name}"
-    return f"{format_percent(part.rms_percent)} % in {part.name}"

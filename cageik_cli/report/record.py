@@ -231,7 +231,15 @@ def _build_summary(result: Result, frames: tuple[FrameRecord, ...], radius: floa
     rms = float(np.sqrt(np.nanmean(metrics.rms**2)))
     worst, furthest = int(np.nanargmax(metrics.rms)), int(np.nanargmax(metrics.max_deviation))
     worst_rms, deviation = float(metrics.rms[worst]), float(metrics.max_deviation[furthest])
-    changed = _find_largest_change(frames)
+    changed = max(
+        (frame for frame in frames if frame.volume_change is not None),
+        key=lambda frame: abs(frame.volume_change or 0.0),
+        default=None,
+    )
+    spread = float(np.sqrt(np.nanmean(metrics.spread**2)))
+    fit, bound = result.fit, result.bound
+    held_out = fit.report.held_out_blocks if fit is not None and is_fitted_to_clip(result) else None
+    dense = len(result.rest.vertices) * len(result.cage.vertices)
     drifts = [frame.volume_drift for frame in frames if frame.volume_drift is not None]
     return ReportSummary(
         rms=rms,
@@ -249,12 +257,15 @@ def _build_summary(result: Result, frames: tuple[FrameRecord, ...], radius: floa
         volume_drift_percent_max=max(drifts, key=abs, default=None),
         radius_rms_percent=100 * rms / radius,
         e_rms=float(2000 / np.sqrt(3) * rms / diagonal),
-        kg_error=_compute_kg_error(result),
+        kg_error=100 * rms / spread if spread > 0 else None,
         frames_skipped=len(result.skipped),
         # Offsets turn with each frame: its rotation has three numbers.
         floats_per_frame=3 * (len(result.cage.vertices) + int(result.has_offsets)),
+        fixed_floats=dense if fit is None else fit.report.fixed_floats,
+        best_possible_percent=None if bound is None else bound.rms_percent,
+        gap_closed_percent=measure_gap_closed(result),
+        held_out_rms_percent=None if held_out is None else held_out.fitted.rms,
         **_summarize_by_area(result),
-        **_summarize_fit(result),
     )
 
 
@@ -267,36 +278,6 @@ def _summarize_by_area(result: Result) -> dict[str, Any]:
     shares = areas / areas.max()  # squares of lengths times areas could overflow
     rms = float(np.sqrt(np.average(result.vertex_rms[known] ** 2, weights=shares)))
     return {"area_rms": rms, "area_rms_percent": 100 * rms / result.rest.diagonal}
-
-
-def _summarize_fit(result: Result) -> dict[str, Any]:
-    """Return the fields of the summary on what is stored once, and on what is possible."""
-    fit, bound = result.fit, result.bound
-    held_out = fit.report.held_out_blocks if fit is not None and is_fitted_to_clip(result) else None
-    dense = len(result.rest.vertices) * len(result.cage.vertices)
-    return {
-        "fixed_floats": dense if fit is None else fit.report.fixed_floats,
-        "best_possible_percent": None if bound is None else bound.rms_percent,
-        "gap_closed_percent": measure_gap_closed(result),
-        "held_out_rms_percent": None if held_out is None else held_out.fitted.rms,
-    }
-
-
-def _find_largest_change(frames: tuple[FrameRecord, ...]) -> FrameRecord | None:
-    """Return the frame with the largest volume change; None if no frame has one."""
-    return max(
-        (frame for frame in frames if frame.volume_change is not None),
-        key=lambda frame: abs(frame.volume_change or 0.0),
-        default=None,
-    )
-
-
-def _compute_kg_error(result: Result) -> float | None:
-    rms, spread = (
-        float(np.sqrt(np.nanmean(values**2)))
-        for values in (result.metrics.rms, result.metrics.spread)
-    )
-    return 100 * rms / spread if spread > 0 else None
 
 
 def _build_vertex_metrics(result: Result) -> VertexMetrics:

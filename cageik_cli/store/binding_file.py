@@ -4,7 +4,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 
 from cageik_cli.cages.bind import MAX_REPRODUCTION_ERROR
@@ -122,7 +121,10 @@ def read_binding(path: Path) -> StoredBinding:
         if validate_cage(cage)[0] is not cage:
             raise FormatError("the faces of the cage point inward, expected outward; bind again")
         shape = (len(rest.vertices), len(cage.vertices))
-        quality, fit = _read_quality(file), read_fit_record(file)
+        quality, fit = read_record(file, "quality", WeightQuality), read_fit_record(file)
+        for name in ("panels", "projected"):
+            if (count := getattr(quality, name)) < 0:
+                raise FormatError(f"`quality.{name}` is {count}, expected a count; bind again")
         binding = Binding(
             rest=rest,
             cage=cage,
@@ -136,7 +138,9 @@ def read_binding(path: Path) -> StoredBinding:
         )
         low_rank = read_low_rank(file, fit, *shape)
         _check_weights(binding, quality)
-        sources, version = _read_binding_sources(file), read_version(file)
+        sources, version = read_sources(file), read_version(file)
+        if not all("name" in sources.get(key, ()) for key in ("cage", "rest")):
+            raise FormatError("attribute `sources` does not name cage and rest; bind again")
         return StoredBinding(binding, sources, version, fit=fit, low_rank=low_rank)
 
 
@@ -145,22 +149,6 @@ def read_bind_settings(path: Path) -> BindSettings:
     with open_checked(path) as file:
         check_format(file, BINDING_FORMAT, BINDING_SCHEMA, "a binding of cageik bind")
         return read_record(file, "settings", BindSettings)
-
-
-def _read_quality(file: h5py.File) -> WeightQuality:
-    quality = read_record(file, "quality", WeightQuality)
-    for name in ("panels", "projected"):
-        count = getattr(quality, name)
-        if count < 0:
-            raise FormatError(f"`quality.{name}` is {count}, expected a count; bind again")
-    return quality
-
-
-def _read_binding_sources(file: h5py.File) -> dict[str, Any]:
-    sources = read_sources(file)
-    if not all("name" in sources.get(key, ()) for key in ("cage", "rest")):
-        raise FormatError("attribute `sources` does not name cage and rest; bind again")
-    return sources
 
 
 def _check_weights(binding: Binding, stated: WeightQuality) -> None:

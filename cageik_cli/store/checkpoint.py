@@ -5,7 +5,7 @@ follow the spec and the blocks, each behind its length and its checksum. Wheneve
 the blocks before the first damaged one are valid, and a run can continue after them. The result is
 composed of the checkpoint in one pass, so it does not depend on how often the run was interrupted.
 
-A solved block has a header, then one array after another.
+A block is held as a header, then one array after another.
 """
 
 import hashlib

@@ -2,7 +2,7 @@
 
 import json
 import zlib
-from dataclasses import MISSING, Field, asdict, fields, is_dataclass
+from dataclasses import MISSING, asdict, fields, is_dataclass
 from enum import StrEnum
 from types import NoneType, UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -234,14 +234,19 @@ def parse_record(kind: Any, value: Any, name: str) -> Any:
     FormatError
         Naming the value that is not of its kind.
     """
-    if get_origin(kind) is UnionType:
-        return _parse_union(kind, value, name)
+    if get_origin(kind) is UnionType:  # of null and another kind
+        other = next(one for one in get_args(kind) if one is not NoneType)
+        return None if value is None else parse_record(other, value, name)
     if get_origin(kind) is tuple:
         return _parse_tuple(kind, value, name)
     if is_dataclass(kind):
         return _parse_dataclass(kind, value, name)
     if issubclass(kind, StrEnum):
-        return _parse_enum(kind, value, name)
+        if value not in list(kind):
+            raise FormatError(
+                f"`{name}` is {format_value(value)}, expected one of {', '.join(map(str, kind))}"
+            )
+        return kind(value)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if kind is float and is_number:
         return float(value)
@@ -263,20 +268,6 @@ def read_optional_record(file: h5py.File, name: str, kind: type[Record]) -> Reco
     return read_record(file, name, kind) if name in file.attrs else None
 
 
-def _parse_enum(kind: type[StrEnum], value: Any, name: str) -> StrEnum:
-    if value not in list(kind):
-        raise FormatError(
-            f"`{name}` is {format_value(value)}, expected one of {', '.join(map(str, kind))}"
-        )
-    return kind(value)
-
-
-def _parse_union(kind: Any, value: Any, name: str) -> Any:
-    """Parse null where it may be, else the other kind."""
-    others = [one for one in get_args(kind) if one is not NoneType]
-    return None if value is None else parse_record(others[0], value, name)
-
-
 def _parse_tuple(kind: Any, value: Any, name: str) -> tuple[Any, ...]:
     kinds = get_args(kind)
     if not isinstance(value, list):
@@ -295,7 +286,11 @@ def _parse_dataclass(kind: Any, value: Any, name: str) -> Any:
     """Parse a record: fields that an older version did not have take their defaults."""
     known = {field.name: field for field in fields(kind)}
     held = value if isinstance(value, dict) else {}
-    missing = [key for key, field in known.items() if key not in held and not _has_default(field)]
+    missing = [
+        key
+        for key, field in known.items()
+        if key not in held and field.default is MISSING and field.default_factory is MISSING
+    ]
     if missing or not isinstance(value, dict):
         raise FormatError(f"`{name}` does not hold {', '.join(missing or known)}; write it again")
     unknown = sorted(held.keys() - known.keys())
@@ -310,7 +305,3 @@ def _parse_dataclass(kind: Any, value: Any, name: str) -> Any:
         return kind(**values)
     except SettingError as error:
         raise FormatError(f"`{name}`: {error}") from error
-
-
-def _has_default(field: "Field[Any]") -> bool:
-    return field.default is not MISSING or field.default_factory is not MISSING

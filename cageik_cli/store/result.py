@@ -1,6 +1,6 @@
-"""Read result files, with every check: the result, and what its frames are rebuilt from.
+"""Result files, read with every check: the result, and what its frames are rebuilt from.
 
-One table says of each field how it is written, read and checked.
+One table, `RESULT_FIELDS`, says how each field is written to the file, read and checked.
 """
 
 import glob
@@ -453,10 +453,6 @@ def read_fields(file: h5py.File, sizes: ResultSizes) -> dict[str, Any]:
     return {name: field.read(file, sizes) for name, field in RESULT_FIELDS.items()}
 
 
-def _write_scene(file: h5py.File, _: str, scene: Scene) -> None:
-    file.attrs.update(asdict(scene))
-
-
 def _write_text(file: h5py.File, name: str, text: str | None) -> None:
     if text is not None:
         file.attrs[name] = text
@@ -487,7 +483,13 @@ def _read_regions(file: h5py.File, sizes: ResultSizes) -> tuple[Region, ...] | N
         raise _make_region_error(f"has {len(regions)} regions, expected at most {MAX_REGIONS}")
     for region in regions:
         _check_names(region, sizes)
-        _check_lengths(region)
+        lengths = (region.size, region.max_deviation)
+        if not all(0 <= length <= MAX_LENGTH for length in lengths):
+            raise _make_region_error(
+                f"has sizes or deviations that are no lengths (found {lengths})"
+            )
+        if not all(abs(place) <= MAX_LENGTH for place in region.centre):
+            raise _make_region_error("has a centre that is too far away")
     return regions
 
 
@@ -509,14 +511,6 @@ def _check_names(region: Region, sizes: ResultSizes) -> None:
         raise _make_region_error(
             f"has a region near {len(region.cage_faces)} cage faces, expected 1 to {MAX_CAGE_FACES}"
         )
-
-
-def _check_lengths(region: Region) -> None:
-    lengths = (region.size, region.max_deviation)
-    if not all(0 <= length <= MAX_LENGTH for length in lengths):
-        raise _make_region_error(f"has sizes or deviations that are no lengths (found {lengths})")
-    if not all(abs(place) <= MAX_LENGTH for place in region.centre):
-        raise _make_region_error("has a centre that is too far away")
 
 
 def _make_region_error(fault: str) -> FormatError:
@@ -552,7 +546,9 @@ def read_skipped(file: h5py.File, frames: int) -> dict[int, str]:
 
 
 RESULT_FIELDS = {
-    "scene": ResultField(lambda file, _: read_scene(file), _write_scene),
+    "scene": ResultField(
+        lambda file, _: read_scene(file), lambda file, _, scene: file.attrs.update(asdict(scene))
+    ),
     "settings": ResultField(lambda file, _: read_json_attr(file, "settings", dict)),
     "notes": ResultField(lambda file, _: read_notes(file)),
     "quality": ResultField(lambda file, _: read_record(file, "quality", SolveQuality)),

@@ -1,7 +1,4 @@
-"""The rest cage of a model, edited in a page: checked, solved and written.
-
-What the page is sent of a cage, and what it sends, is text that is checked here.
-"""
+"""The rest cage of a model, edited in a page: sent, read back, checked, solved and written."""
 
 import json
 from collections.abc import Callable, Mapping

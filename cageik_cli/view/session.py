@@ -1,7 +1,6 @@
-"""The model or the result of a page, and the edits that are applied to it.
+"""The model or the result of a page, and the edits that it begins with, sends and applies.
 
-A page may begin with edits, and sends others. What other programs do to its files while it is open
-is noticed.
+What others do meanwhile to the files that the page reads and writes is noticed.
 """
 
 import json

@@ -125,11 +125,13 @@ class _PointFinder:
         point = closest_point(self._posed_mesh, position)
         away, percent = self._measure_snap(position, point)
         if percent > self._max_snap_percent:
+            step = 10.0 ** (math.floor(math.log10(percent)) - 1)
+            enough = math.ceil(percent / step) * step  # the next larger one of two digits
             raise HandlesError(
                 f"is {away:.3g} away from the surface ({percent:.3g} % of the diagonal, at most "
                 f"{self._max_snap_percent:g} %); the closest point is at "
                 f"{self._format_place(point)}; correct the position, or allow it with "
-                f"`snap={_round_up(percent)}%`"
+                f"`snap={enough:g}%`"
             )
         return point
 
@@ -157,12 +159,6 @@ def describe_place(mesh: TriMesh, point: SurfacePoint) -> Place:
         return Place("vertex", int(point.corners[largest]))
     face = int((mesh.faces == point.corners).all(axis=1).argmax())
     return Place("face", face, point.barycentric)
-
-
-def _round_up(percent: float) -> str:
-    """Return the next larger percentage of two digits."""
-    step = 10.0 ** (math.floor(math.log10(percent)) - 1)
-    return f"{math.ceil(percent / step) * step:g}"
 
 
 def find_full_strength(frames: tuple[float, float] | None, timeline: Timeline | None) -> range:

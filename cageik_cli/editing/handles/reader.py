@@ -19,55 +19,6 @@ from cageik_cli.util.files import read_input
 from cageik_cli.util.json_files import parse_json
 
 
-def _parse_place(raw: dict[str, Any], camera: Camera | None) -> Place:
-    """Return the place on the surface that the fields of a handle give."""
-    if "vertex" in raw:
-        return Place("vertex", int(raw["vertex"]))
-    if "face" in raw:
-        return Place("face", int(raw["face"]), _to_array(raw["barycentric"]))
-    if "position" in raw:
-        return Place("position", values=_to_array(raw["position"]))
-    pixel = _to_array(raw["screen"]["source"])
-    return Place("screen.source", values=pixel, camera=_require_camera(camera))
-
-
-def _parse_motion(raw: dict[str, Any], camera: Camera | None) -> Motion:
-    """Return the motion that the fields of a handle give."""
-    if "pin" in raw:
-        return Motion("pin")
-    if "screen" not in raw:
-        kind = "target" if "target" in raw else "offset"
-        return parse_motion(kind, raw[kind])
-    with error_context("screen"):
-        kind = "target" if "target" in raw["screen"] else "offset"
-        moving = parse_motion(kind, raw["screen"][kind])
-        return replace(moving, kind=f"screen.{kind}", camera=_require_camera(camera))
-
-
-def _require_camera(camera: Camera | None) -> Camera:
-    if camera is None:
-        raise HandlesError("screen: there is no camera; add one to the file")
-    return camera
-
-
-def parse_motion(kind: str, value: Any) -> Motion:
-    """Return the motion of a target or an offset, which is a value or has keyframes."""
-    if isinstance(value, list):
-        return Motion(kind, _to_array([value]))
-    frames, values = value["frames"], value["values"]
-    with error_context(kind):
-        if len(frames) != len(values):
-            raise HandlesError(
-                f"has {len(frames)} frames and {len(values)} values; give one value per frame"
-            )
-        for before, after in pairwise(frames):
-            if after <= before:
-                raise HandlesError(
-                    f"has frame {after} after frame {before}, expected increasing frames"
-                )
-    return Motion(kind, _to_array(values), _to_array(frames))
-
-
 def read_handles(path: Path) -> Handles:
     """Read a handles file.
 
@@ -87,7 +38,13 @@ def parse_handles(path: Path, data: bytes) -> Handles:
     """Return the handles of a file that was read; messages do not name the file."""
     document = parse_json(data, HANDLES_FORMAT)
     check_schema(document)
-    constraints, camera = _parse_constraints(document), _parse_camera(document, None)
+    mirror = None
+    if "mirror" in document:
+        with error_context("mirror"):
+            plane = document["mirror"]
+            mirror = Mirror(_to_array(plane["normal"]), _to_array(plane["point"]))
+    constraints = CageConstraints(tuple(map(int, document.get("locked", ()))), mirror)
+    camera = _parse_camera(document, None)
     if "sets" not in document:
         return Handles(path, data, (_parse_set(document, camera),), constraints)
     sets = []
@@ -162,6 +119,55 @@ def _parse_handle(raw: dict[str, Any], camera: Camera | None) -> Handle:
     return Handle(name, place, motion, float(raw.get("weight", 1)), raw.get("hard", False), radius)
 
 
+def _parse_place(raw: dict[str, Any], camera: Camera | None) -> Place:
+    """Return the place on the surface that the fields of a handle give."""
+    if "vertex" in raw:
+        return Place("vertex", int(raw["vertex"]))
+    if "face" in raw:
+        return Place("face", int(raw["face"]), _to_array(raw["barycentric"]))
+    if "position" in raw:
+        return Place("position", values=_to_array(raw["position"]))
+    pixel = _to_array(raw["screen"]["source"])
+    return Place("screen.source", values=pixel, camera=_require_camera(camera))
+
+
+def _parse_motion(raw: dict[str, Any], camera: Camera | None) -> Motion:
+    """Return the motion that the fields of a handle give."""
+    if "pin" in raw:
+        return Motion("pin")
+    if "screen" not in raw:
+        kind = "target" if "target" in raw else "offset"
+        return parse_motion(kind, raw[kind])
+    with error_context("screen"):
+        kind = "target" if "target" in raw["screen"] else "offset"
+        moving = parse_motion(kind, raw["screen"][kind])
+        return replace(moving, kind=f"screen.{kind}", camera=_require_camera(camera))
+
+
+def _require_camera(camera: Camera | None) -> Camera:
+    if camera is None:
+        raise HandlesError("screen: there is no camera; add one to the file")
+    return camera
+
+
+def parse_motion(kind: str, value: Any) -> Motion:
+    """Return the motion of a target or an offset, which is a value or has keyframes."""
+    if isinstance(value, list):
+        return Motion(kind, _to_array([value]))
+    frames, values = value["frames"], value["values"]
+    with error_context(kind):
+        if len(frames) != len(values):
+            raise HandlesError(
+                f"has {len(frames)} frames and {len(values)} values; give one value per frame"
+            )
+        for before, after in pairwise(frames):
+            if after <= before:
+                raise HandlesError(
+                    f"has frame {after} after frame {before}, expected increasing frames"
+                )
+    return Motion(kind, _to_array(values), _to_array(frames))
+
+
 def _parse_camera(raw: dict[str, Any], default: Camera | None) -> Camera | None:
     if "camera" not in raw:
         return default
@@ -185,17 +191,6 @@ def _parse_camera(raw: dict[str, Any], default: Camera | None) -> Camera | None:
                 "view times projection is singular or not finite; check the numbers or the units"
             )
     return camera
-
-
-def _parse_constraints(raw: dict[str, Any]) -> CageConstraints:
-    locked = tuple(int(vertex) for vertex in raw.get("locked", ()))
-    if "mirror" not in raw:
-        return CageConstraints(locked)
-    values = raw["mirror"]
-    with error_context("mirror"):
-        return CageConstraints(
-            locked, Mirror(_to_array(values["normal"]), _to_array(values["point"]))
-        )
 
 
 def _to_array(values: list[Any]) -> Floats:

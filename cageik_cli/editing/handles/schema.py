@@ -93,7 +93,9 @@ def check_schema(document: Any, name: str = "handles") -> None:
     first = min(faults, key=lambda fault: _file_order(document, fault), default=None)
     if first is not None:
         place = describe_location(document, list(first.absolute_path))
-        fault = _describe_fault(first)
+        fault = f"is {format_value(first.instance)}, expected {first.schema['title']}"
+        if first.validator in _OBJECT_FAULTS:
+            fault = _OBJECT_FAULTS[first.validator](first)
         raise HandlesError(f"{place}: {fault}" if place else fault)
 
 
@@ -108,12 +110,6 @@ def _file_order(document: Any, fault: "ValidationError") -> tuple[int, ...]:
     elif fault.validator in _OBJECT_FAULTS:
         numbers.append(len(value) if isinstance(value, dict) else 0)
     return tuple(numbers)
-
-
-def _describe_fault(fault: "ValidationError") -> str:
-    if fault.validator in _OBJECT_FAULTS:
-        return _OBJECT_FAULTS[fault.validator](fault)
-    return f"is {format_value(fault.instance)}, expected {fault.schema['title']}"
 
 
 def _describe_unknown_field(fault: "ValidationError") -> str:

@@ -1,8 +1,8 @@
-"""A film of a result: its pictures drawn one by one, and written as they are drawn.
+"""A film of a result, the clip or a turn around the rest pose, as GIF or WebP.
 
-A film shows the clip, or a turn around the rest pose, as a GIF or a WebP. Pillow encodes single
-pictures; here they are joined. It would keep all of a GIF, and all encoded ones of a WebP, until
-the last is there.
+Pictures are drawn one by one, and written as they are drawn. Pillow encodes single pictures; here
+they are joined. It would keep all of a GIF, and all encoded ones of a WebP, until the last is
+there.
 
 References
 ----------
@@ -245,7 +245,7 @@ class FilmArtist:
         return np.concatenate([self.draw(shot) for shot in shots])
 
     def draw(self, shot: Shot) -> Pixels:
-        """Draw a shot, (h, w, 3)."""
+        """Draw a shot, (h, w, 3), with its label in the lower left corner."""
         width, height = self.plan.settings.film_size
         pixels: Pixels = np.empty((height, width, 3), np.uint8)
         tiles = [-(-side // MAX_TILE_SIDE) for side in (width, height)]
@@ -254,7 +254,14 @@ class FilmArtist:
             for left in range(0, width, side):
                 part = pixels[top : top + side, left : left + side]
                 part[:] = self._draw_tile(shot, left, top, side)[: part.shape[0], : part.shape[1]]
-        return _write_label(pixels, shot.label)
+        if not shot.label:
+            return pixels
+        image = Image.fromarray(pixels)
+        margin, size = 8, 13.0  # pixels
+        place, font = (margin, height - margin), ImageFont.load_default(size)
+        colour = FILM_COLOURS["label"]
+        ImageDraw.Draw(image).text(place, shot.label, colour, font, anchor="ls")
+        return np.asarray(image)
 
     def _draw_tile(self, shot: Shot, left: int, top: int, side: int) -> Pixels:
         """Draw a square whose upper left corner is at a pixel."""
@@ -277,19 +284,6 @@ class FilmArtist:
         mixed = background + opacity[..., None] * (colours - background)
         levels: Pixels = np.rint(255 * np.clip(mixed, 0, 1)).astype(np.uint8)
         return levels
-
-
-def _write_label(pixels: Pixels, label: str) -> Pixels:
-    """Write a text into the lower left corner."""
-    if not label:
-        return pixels
-    image = Image.fromarray(pixels)
-    margin, size = 8, 13.0  # pixels
-    place = (margin, image.height - margin)
-    font = ImageFont.load_default(size)
-    colour = FILM_COLOURS["label"]
-    ImageDraw.Draw(image).text(place, label, colour, font, anchor="ls")
-    return np.asarray(image)
 
 
 GIF_COLOURS = 127

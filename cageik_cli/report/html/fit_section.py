@@ -31,7 +31,6 @@ from cageik_cli.report.render.shading import (
     MESH_COLOURS,
     SAMPLES_PER_PIXEL,
     SIGNED_SCALE,
-    Picture,
     choose_scale_end,
     colour_pixels,
     colour_signed_pixels,
@@ -238,17 +237,15 @@ def _draw_moved(
         surface = project_surface(camera, vertices, poses.faces)
         picture = render(surface, colour_signed_pixels(surface, displaced, top))
         picture = overlay_cage(picture, camera, surface, moved.faces_around.move(cage))
-        drawn = encode_png(_overlay_move(picture, camera, ends))
+        # A thick line from where the vertex was to where it is, before all else.
+        depth = rasterize_lines(
+            camera.project(ends), np.array([[0, 1]]), 4.0 * SAMPLES_PER_PIXEL, camera.size
+        )
+        opacity = np.where(np.isfinite(depth), 1.0, 0.0)
+        drawn = encode_png(overlay(picture, parse_colour("#111418"), opacity))
         what = f"The rest pose with one cage vertex moved, {name} weights, {place}"
         views.append((place.capitalize(), make_png_url(drawn), f"{what}, coloured by displacement"))
     return views
-
-
-def _overlay_move(picture: Picture, camera: ParallelCamera, ends: Floats) -> Picture:
-    """Draw a thick line from where the vertex was to where it is, (2, 3), before all else."""
-    width, projected = 4.0 * SAMPLES_PER_PIXEL, camera.project(ends)
-    depth = rasterize_lines(projected, np.array([[0, 1]]), width, camera.size)
-    return overlay(picture, parse_colour("#111418"), np.where(np.isfinite(depth), 1.0, 0.0))
 
 
 def _describe_errors(unfitted: BaselineErrorRecord, frames: int) -> str:

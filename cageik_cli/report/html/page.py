@@ -1,7 +1,4 @@
-"""The report as a page: one HTML file without other files, for a browser or a printer.
-
-Its tables are those of the frames and of the quality of the weights.
-"""
+"""The report as a page: one HTML file without other files, for a browser or a printer."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -98,6 +95,11 @@ def render_page(
     digest = compute_record_digest(report)
     pictures = None if poses is None else draw_pictures(poses, words, pixels)
     fit = None if poses is None else draw_fit_section(report, poses, shapes, pixels)
+    badges = []
+    if report.quality is not None:
+        badges.append((QUALITY_STATES[report.quality], report.quality.capitalize()))
+    if report.gates:
+        badges.append(make_overall_verdict(report.gates))
     optional = {"regions": report.regions, "fit": fit, "player": player, "parts": report.parts}
     return REPORT_TEMPLATES.render_page(
         "page.html.j2",
@@ -108,7 +110,7 @@ def render_page(
         words=words,
         sections=[one for one in SECTIONS if one[0] not in optional or optional[one[0]]],
         fit=fit,
-        badges=_list_badges(report),
+        badges=badges,
         advice=[row for row in list_verdict_rows(report) if row[0] in ("look at", "better")],
         worst=find_worst_frame(report, "rms"),
         furthest=find_worst_frame(report, "max_deviation"),
@@ -122,7 +124,20 @@ def render_page(
         regions=_build_region_values(report, word),
         histogram=_build_histogram_values(report.vertices),
         quality=build_quality_rows(report, word),
-        **_build_provenance(report),
+        settings=[
+            (name, _format_value(value), SETTING_MEANINGS.get(name, ""))
+            for name, value in report.settings.items()
+        ],
+        sources=[
+            (
+                role.replace("_", " "),
+                [  # the name first
+                    (name, _format_value(value))
+                    for name, value in sorted(source.items(), key=lambda fact: fact[0] != "name")
+                ],
+            )
+            for role, source in sorted(report.sources.items())
+        ],
         number=format_frame_number,
         length=lambda share, digits=2: format_scene_length(report.clip, share, digits),
         columns=columns,
@@ -164,14 +179,6 @@ def _make_record_mark(digest: str, has_pictures: bool, has_player: bool) -> str:
     return digest + "".join(parts)
 
 
-def _list_badges(report: Report) -> list[tuple[str, str]]:
-    """Return looks and words of what is judged: the quality, and the limits if there are any."""
-    judged = []
-    if report.quality is not None and report.verdict is not None:
-        judged.append((QUALITY_STATES[report.quality], report.verdict.capitalize()))
-    return [*judged, make_overall_verdict(report.gates)] if report.gates else judged
-
-
 def _build_region_values(report: Report, word: Callable[[str], str]) -> dict[str, Any]:
     """Collect the rows of the table of worst regions, and what to do about them."""
     return {
@@ -191,20 +198,6 @@ def _build_region_values(report: Report, word: Callable[[str], str]) -> dict[str
         ],
         "remedies": [
             word(text) for text in list_remedies(report.regions or (), report.fit is not None)
-        ],
-    }
-
-
-def _build_provenance(report: Report) -> dict[str, Any]:
-    """List the settings with their meanings, and the facts about the source files."""
-    return {
-        "settings": [
-            (name, _format_value(value), SETTING_MEANINGS.get(name, ""))
-            for name, value in report.settings.items()
-        ],
-        "sources": [
-            (role.replace("_", " "), _list_source_facts(source))
-            for role, source in sorted(report.sources.items())
         ],
     }
 
@@ -291,12 +284,6 @@ def _build_histogram_values(vertices: VertexMetrics) -> dict[str, Any]:
     }
 
 
-def _list_source_facts(source: Any) -> list[tuple[str, str]]:
-    """List the recorded facts about a source file, its name first."""
-    facts = sorted(source.items(), key=lambda fact: fact[0] != "name")
-    return [(str(name), _format_value(value)) for name, value in facts]
-
-
 def _format_value(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -374,8 +361,22 @@ def build_quality_rows(report: Report, word: Callable[[str], str] = str) -> list
     """
     quality, settings = report.binding, report.settings
     kind = "fitted" if report.fit is not None else settings.get("coordinates")
+    rest_pose_row = (
+        "Rest pose error",
+        f"{quality.linear_precision:.1e}",
+        "Largest distance between the rest pose and the weights times the rest cage, in "
+        "diagonals. Affine motions are reproduced with the same error.",
+        "1e-10 or less (rounding)",
+    )
     return [
-        *_exactness_rows(quality)[: 1 if report.has_offsets else None],
+        (
+            "Partition of unity error",
+            f"{quality.partition_of_unity:.1e}",
+            "Largest difference between the sum of a vertex's weights and 1. Where the sum is not "
+            "1, the model does not move as far as the cage.",
+            "1e-10 or less (rounding)",
+        ),
+        *([] if report.has_offsets else [rest_pose_row]),
         _smallest_weight_row(quality, kind),
         *_accuracy_rows(quality, str(settings.get("accuracy")), word),
         (
@@ -389,26 +390,6 @@ def build_quality_rows(report: Report, word: Callable[[str], str] = str) -> list
             f"{quality.condition_number:.4g}",
             report.vocabulary.condition,
             f"far below {MAX_CONDITION:.0e}; a run above it is refused",
-        ),
-    ]
-
-
-def _exactness_rows(quality: WeightQuality) -> list[WeightRow]:
-    """Build the rows on properties that weights of any type have, up to rounding."""
-    return [
-        (
-            "Partition of unity error",
-            f"{quality.partition_of_unity:.1e}",
-            "Largest difference between the sum of a vertex's weights and 1. Where the sum is not "
-            "1, the model does not move as far as the cage.",
-            "1e-10 or less (rounding)",
-        ),
-        (
-            "Rest pose error",
-            f"{quality.linear_precision:.1e}",
-            "Largest distance between the rest pose and the weights times the rest cage, in "
-            "diagonals. Affine motions are reproduced with the same error.",
-            "1e-10 or less (rounding)",
         ),
     ]
 

@@ -51,12 +51,20 @@ def draw_pictures(poses: PoseSet, words: Vocabulary, pixels: int = 360) -> dict[
 
     def draw_pose(pose: Pose) -> dict[str, Any]:
         title, name = titles.get(pose.label, "Rest pose"), pose.name if pose.label in titles else ""
-        views = _draw_views(poses, pose, top, _fit_pose(poses, pose, size), title, words)
+        drawn = poses.drawn
+        points = np.concatenate([pose.original[drawn], pose.reconstruction[drawn], pose.cage])
+        # On the side of the worst region.
+        camera = ParallelCamera.fit(view_axes(poses.up_axis, poses.turn), points, size)
+        views = _draw_views(poses, pose, top, camera, title, words)
         return {"title": title, "name": name, "views": views}
 
     def draw_rest(side: str, turn: float) -> View:
         text = f"The rest pose {side.lower()}, coloured by the RMS of each vertex"
-        return side, make_png_url(_draw_rest(poses, turn, rms_top, size)), text
+        rest = poses.poses[0].reconstruction
+        camera = ParallelCamera.fit(view_axes(poses.up_axis, turn), rest[poses.drawn], size)
+        surface = project_surface(camera, rest, poses.faces)
+        drawn = render(surface, colour_pixels(surface, poses.vertex_rms, rms_top))
+        return side, make_png_url(encode_png(drawn)), text
 
     with ThreadPoolExecutor(count_processors()) as pool:
         drawn_poses = pool.map(draw_pose, poses.poses)
@@ -71,13 +79,6 @@ def draw_pictures(poses: PoseSet, words: Vocabulary, pixels: int = 360) -> dict[
             "ticks": format_ticks(top),
             "rms_ticks": format_ticks(rms_top),
         }
-
-
-def _fit_pose(poses: PoseSet, pose: Pose, size: int) -> ParallelCamera:
-    """Fit a camera to a pose, on the side of the worst region."""
-    drawn = poses.drawn
-    points = np.concatenate([pose.original[drawn], pose.reconstruction[drawn], pose.cage])
-    return ParallelCamera.fit(view_axes(poses.up_axis, poses.turn), points, size)
 
 
 def _draw_close_up(poses: PoseSet, top: float, size: int, words: Vocabulary) -> list[View]:
@@ -108,10 +109,3 @@ def _draw_views(
         (what.capitalize(), make_png_url(encode_png(picture)), f"{title}: the {what}{how}")
         for what, how, picture in zip(captions, coloured, drawn, strict=True)
     ]
-
-
-def _draw_rest(poses: PoseSet, turn: float, top: float, size: int) -> bytes:
-    rest = poses.poses[0].reconstruction
-    camera = ParallelCamera.fit(view_axes(poses.up_axis, turn), rest[poses.drawn], size)
-    surface = project_surface(camera, rest, poses.faces)
-    return encode_png(render(surface, colour_pixels(surface, poses.vertex_rms, top)))

@@ -56,10 +56,12 @@ class Templates:
         The page's security policy allows only the script of this digest.
         """
         script = self.read("script.js") + (player.script if player else "")
+        digest = hashlib.sha256(script.encode()).digest()
         return self._environment.get_template(template).render(
             style=self.read("style.css") + (player.style if player else ""),
             script=script,
-            script_digest=_compute_policy_digest(script),
+            # In the notation of a content security policy.
+            script_digest=f"sha256-{base64.b64encode(digest).decode()}",
             generator=f"cageik {__version__}",
             player=player,
             **values,
@@ -82,11 +84,6 @@ def make_data_url(content: bytes, kind: str) -> str:
 def make_png_url(picture: bytes) -> str:
     """Encode a PNG file as a data URL."""
     return make_data_url(picture, "png")
-
-
-def _compute_policy_digest(script: str) -> str:
-    """Compute a script's digest in the notation of a content security policy."""
-    return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
 def format_ticks(top: float, bottom: float = 0.0) -> list[str]:

@@ -50,6 +50,7 @@ def render_check_png(
     turns = (VIEW_TURN, VIEW_TURN + 180)
     per_point, width = pixels / PANEL_SIDE, PANEL_SIDE * len(turns)
     height = PANEL_SIDE + 2 * LIST_MARGIN + LIST_ROW_HEIGHT * len(rows)
+    points = np.concatenate([mesh.vertices for mesh in (cage, rest) if mesh is not None])
     stream = io.BytesIO()
     with use_fixed_style():
         # Slightly larger, because matplotlib rounds the number of pixels down.
@@ -58,20 +59,19 @@ def render_check_png(
         axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(height, 0), zorder=1)
         axes.set_axis_off()
         for number, turn in enumerate(turns):
-            camera = _fit_camera(cage, rest, turn, SAMPLES_PER_PIXEL * pixels)
+            camera = ParallelCamera.fit(view_axes("Y", turn), points, SAMPLES_PER_PIXEL * pixels)
             picture = _draw_meshes(camera, cage, rest, marks)
             levels = np.rint(255 * np.clip(downsample(picture), 0, 1)).astype(np.uint8)
             below = round(figure.bbox.height) - pixels
             figure.figimage(levels.transpose(1, 2, 0), number * pixels, below)
             _draw_numbers(axes, camera, marks, number * PANEL_SIDE)
-        _draw_list(axes, rows)
+        for row, (number_text, text, colour) in enumerate(rows):  # below, in their colours
+            middle = PANEL_SIDE + LIST_MARGIN + (row + 0.5) * LIST_ROW_HEIGHT
+            style: Any = {"size": 9.0, "va": "center_baseline"}
+            axes.text(LIST_MARGIN, middle, number_text, color=colour, weight="bold", **style)
+            axes.text(3 * LIST_MARGIN, middle, make_drawable(text, 110), gid="row", **style)
         figure.savefig(stream, format="png", metadata={"Software": None})
     return stream.getvalue()
-
-
-def _fit_camera(cage: TriMesh, rest: TriMesh | None, turn: float, size: int) -> ParallelCamera:
-    points = [cage.vertices] if rest is None else [cage.vertices, rest.vertices]
-    return ParallelCamera.fit(view_axes("Y", turn), np.concatenate(points), size)
 
 
 def _draw_meshes(
@@ -100,7 +100,8 @@ def _draw_numbers(
         _draw_dots(axes, places + np.array([left, 0]), mark.colour)
     if not marks:
         return
-    anchors = np.array([_choose_anchor(places) for places in dots])
+    away = [np.linalg.norm(places - places.mean(axis=0), axis=1) for places in dots]
+    anchors = np.array([places[far.argmin()] for places, far in zip(dots, away, strict=True)])
     widths = [measure_text_width(str(mark.number), font_size) for mark in marks]
     sizes = np.array([(width, 1.1 * font_size) for width in widths])
     boxes = place_names(anchors, sizes, anchors, PANEL_SIDE)
@@ -122,18 +123,3 @@ def _draw_dots(axes: Axes, places: Floats, colour: str) -> None:
         x, y, "o", ms=size, color=colour, mec="white", mew=0.1 * size, alpha=0.85, zorder=3,
         gid="fault",
     )  # fmt: skip
-
-
-def _choose_anchor(places: Floats) -> Floats:
-    """The place nearest to the middle of all."""
-    away = np.linalg.norm(places - places.mean(axis=0), axis=1)
-    return np.asarray(places[away.argmin()])
-
-
-def _draw_list(axes: Axes, rows: list[tuple[str, str, str]]) -> None:
-    """List the faults below the pictures, in their colours."""
-    for row, (number, text, colour) in enumerate(rows):
-        height = PANEL_SIDE + LIST_MARGIN + (row + 0.5) * LIST_ROW_HEIGHT
-        style: Any = {"size": 9.0, "va": "center_baseline"}
-        axes.text(LIST_MARGIN, height, number, color=colour, weight="bold", **style)
-        axes.text(3 * LIST_MARGIN, height, make_drawable(text, 110), gid="row", **style)

@@ -29,7 +29,7 @@ from cageik_cli.report.plots.style import (
 from cageik_cli.report.record import Report
 from cageik_cli.report.render.shading import MIN_SCALE_PERCENT
 from cageik_cli.report.vocabulary import Vocabulary
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 
 AXES_SIDES = {"left": 0.1, "bottom": 0.14, "right": 0.9, "top": 0.87}
 """Sides of the axes, as shares of the picture from its lower left corner."""
@@ -94,8 +94,17 @@ def draw_plot(report: Report) -> Figure:
     for axes, series in curves:
         _draw_series(axes, series)
         _set_y_limits(axes, series)
-        _draw_limits(axes, series)
-    _draw_clip_rms(left, error, report)
+        for height in (height for _, lines in series.limits for height in lines):
+            axes.axhline(
+                height, color=series.style["color"], linewidth=0.9, dashes=(8, 4), gid="limit"
+            )
+    left.axhline(
+        report.summary.rms_percent,
+        color=error.style["color"],
+        linewidth=0.7,
+        label=f"RMS of the clip {format_percent(report.summary.rms_percent)} %",
+        gid="clip",
+    )
     worst = _draw_worst_frame(left, error, report)
     for axes, series in curves:
         _label_axes(axes, series, report)
@@ -174,10 +183,14 @@ class Series:
 
 def _draw_series(axes: Axes, series: Series) -> None:
     drawn: Any = {"linewidth": 1.4, "markersize": 3.2}
-    marked = _marked_frames(series.values).tolist()
+    # All frames of a short clip have a marker, otherwise those between gaps.
+    is_marked = np.isfinite(series.values)
+    if len(is_marked) > MAX_MARKED_FRAMES:
+        padded = np.pad(is_marked, 1)
+        is_marked = is_marked & ~padded[:-2] & ~padded[2:]
     axes.plot(
         series.numbers, series.values, **series.style, **drawn,
-        markevery=marked, label=series.label, gid=series.metric,
+        markevery=np.flatnonzero(is_marked).tolist(), label=series.label, gid=series.metric,
     )  # fmt: skip
     before = series.unfitted
     if before is not None:
@@ -191,15 +204,6 @@ def _draw_series(axes: Axes, series: Series) -> None:
         axes.axhline(0, color=series.style["color"], linewidth=0.5, dashes=(1, 3), gid="zero")
 
 
-def _marked_frames(values: Floats) -> Integers:
-    """Return the frames with a marker: all of a short clip, otherwise those between gaps."""
-    known = np.isfinite(values)
-    if len(values) <= MAX_MARKED_FRAMES:
-        return np.flatnonzero(known)
-    padded = np.pad(known, 1)
-    return np.flatnonzero(known & ~padded[:-2] & ~padded[2:])
-
-
 def _set_y_limits(axes: Axes, series: Series) -> None:
     """Set the axes so that zero, all values and the limits are inside."""
     heights = [height for _, lines in series.limits for height in lines]
@@ -210,25 +214,6 @@ def _set_y_limits(axes: Axes, series: Series) -> None:
     size = max(highest - lowest, MIN_SCALE_PERCENT)
     # A quarter above the highest value is room for the label of the worst frame.
     axes.set_ylim(lowest - 0.08 * size if lowest < 0 else 0, lowest + 1.25 * size)
-
-
-def _draw_limits(axes: Axes, series: Series) -> None:
-    """Draw limits as dashed lines, without labels."""
-    for _, lines in series.limits:
-        for height in lines:
-            axes.axhline(
-                height, color=series.style["color"], linewidth=0.9, dashes=(8, 4), gid="limit"
-            )
-
-
-def _draw_clip_rms(axes: Axes, series: Series, report: Report) -> None:
-    axes.axhline(
-        report.summary.rms_percent,
-        color=series.style["color"],
-        linewidth=0.7,
-        label=f"RMS of the clip {format_percent(report.summary.rms_percent)} %",
-        gid="clip",
-    )
 
 
 def _draw_worst_frame(axes: Axes, series: Series, report: Report) -> Box:
@@ -279,12 +264,8 @@ def _label_axes(axes: Axes, series: Series, report: Report) -> None:
     axes.tick_params(axis="y", labelcolor=series.style["color"], color=series.style["color"])
     axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, min_n_ticks=1, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-    axes.yaxis.set_major_formatter(FuncFormatter(_format_tick))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "−")))
     axes.spines["top"].set_visible(False)
-
-
-def _format_tick(value: float, _: int | None) -> str:
-    return f"{value:g}".replace("-", "−")
 
 
 def _draw_legend(figure: Figure, curves: Sequence[tuple[Axes, Series]]) -> None:
@@ -364,6 +345,14 @@ def build_series(report: Report) -> tuple[Series, Series]:
     numbers = np.array([frame.number for frame in frames], np.float64)
     errors = _make_plottable(frame.rms_percent for frame in frames)
     limits, undrawn = _split_limits(report, ("rms", "frame_rms"), errors)
+    before = None
+    if report.unfitted is not None:
+        before = Series(
+            "unfitted",
+            numbers[list(report.unfitted.frames)],
+            _make_plottable(report.unfitted.rms_percent),
+            report.unfitted.coordinates,
+        )
     error = Series(
         metric="rms",
         numbers=numbers,
@@ -372,7 +361,7 @@ def build_series(report: Report) -> tuple[Series, Series]:
         axis_label=f"RMS {words.measure}, % of the diagonal",
         limits=limits,
         undrawn_limits=undrawn,
-        unfitted=_build_baseline_series(report, numbers),
+        unfitted=before,
     )
     metric, label, axis_label = "volume_change", "volume change", "volume change, %"
     values = _make_plottable(frame.volume_change for frame in frames)
@@ -394,15 +383,6 @@ def _make_plottable(metrics: Iterable[float | None]) -> Floats:
     max_percent = 1e150  # matplotlib cannot draw axes of larger values
     values = np.array([np.nan if value is None else value for value in metrics])
     return np.asarray(np.clip(values, -max_percent, max_percent))
-
-
-def _build_baseline_series(report: Report, numbers: Floats) -> Series | None:
-    """Build the curve of the weights before a fit."""
-    before = report.unfitted
-    if before is None:
-        return None
-    values = _make_plottable(before.rms_percent)
-    return Series("unfitted", numbers[list(before.frames)], values, before.coordinates)
 
 
 def _split_limits(

@@ -146,7 +146,7 @@ class _PanelDrawing:
             self._draw_arrows()
         else:
             self._draw_targets()
-        self._draw_anchors(self._are_covered(depth))
+        self._draw_anchors(depth)
         self._draw_names()
         self._draw_title()
 
@@ -167,12 +167,6 @@ class _PanelDrawing:
         below = round(figure.bbox.height) - pixels
         figure.figimage(levels.transpose(1, 2, 0), self.number * pixels, below)
         return surface.depth
-
-    def _are_covered(self, depth: Floats) -> Mask:
-        """Whether the anchors are behind a surface of these depths, (s, s)."""
-        seen = self.camera.project(self.panel.anchors)
-        columns, rows = np.clip(seen[:, :2], 0, self.camera.size - 1).astype(np.int64).T
-        return np.asarray(seen[:, 2] > depth[rows, columns] + DEPTH_TOL * self.camera.size)
 
     def _draw_arrows(self) -> None:
         """Draw an arrow from each handle to its target."""
@@ -218,9 +212,11 @@ class _PanelDrawing:
                     *line.T, color=colour, linewidth=1.0, dashes=(3, 1.5), zorder=4, gid="miss"
                 )
 
-    def _draw_anchors(self, covered: Mask) -> None:
-        """Mark the anchors; those behind the model are paler."""
-        pinned = self.view.pinned
+    def _draw_anchors(self, depth: Floats) -> None:
+        """Mark the anchors; those behind a surface of these depths, (s, s), are paler."""
+        pinned, seen = self.view.pinned, self.camera.project(self.panel.anchors)
+        columns, rows = np.clip(seen[:, :2], 0, self.camera.size - 1).astype(np.int64).T
+        covered = seen[:, 2] > depth[rows, columns] + DEPTH_TOL * self.camera.size
         for is_pin, colour, marker in ANCHOR_STYLES:
             for is_covered in (True, False):
                 self.axes.plot(
@@ -250,10 +246,11 @@ class _PanelDrawing:
 
     def _list_marked(self) -> Floats:
         """List points of rings and arrows, (p, 2), which names should not cover."""
-        sides = (-1, 0, 1)
+        sides, spacing = (-1, 0, 1), 4.0  # points between samples of an arrow
         corners = TARGET_SIZE / 2 * np.array([(x, y) for x in sides for y in sides])
-        segments = map(_sample_segment, self.dots, self.targets)
-        return np.concatenate([*(self.dots + corner for corner in corners), *segments])
+        counts = np.ceil(np.hypot(*(self.targets - self.dots).T) / spacing).astype(np.int64) + 1
+        arrows = map(np.linspace, self.dots, self.targets, counts)
+        return np.concatenate([*(self.dots + corner for corner in corners), *arrows])
 
     def _draw_title(self) -> None:
         """Write the caption below the panel, smaller if it does not fit."""
@@ -263,13 +260,6 @@ class _PanelDrawing:
         size = font_size * min(1.0, (PANEL_SIDE - 2 * font_size) / width)
         middle, below = self.left + PANEL_SIDE / 2, PANEL_SIDE + font_size
         self.axes.text(middle, below, title, size=size, ha="center", va="center", gid="title")
-
-
-def _sample_segment(start: Floats, end: Floats) -> Floats:
-    """Sample a segment, (k, 2), closely."""
-    spacing = 4.0  # points of the picture
-    count = int(np.ceil(np.hypot(*(end - start)) / spacing)) + 1
-    return np.linspace(start, end, count)
 
 
 def _draw_legend(figure: Figure, pinned: Mask) -> None:

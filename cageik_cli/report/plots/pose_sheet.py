@@ -33,7 +33,6 @@ from cageik_cli.report.render.model_views import (
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import (
     SAMPLES_PER_PIXEL,
-    Picture,
     downsample,
     parse_colour,
     render,
@@ -146,21 +145,18 @@ def _draw_poses(
     cameras = [ParallelCamera.fit(axes, points, size) for points in shown]
     extent = max(camera.extent for camera in cameras)
     for pose, camera in zip(poses, cameras, strict=True):
-        picture = _draw_pose(binding, pose, replace(camera, extent=extent))
+        scaled, cage = replace(camera, extent=extent), binding.cage.move(pose.cage)
+        if pose.mesh is not None:
+            surface = project_surface(scaled, pose.mesh, binding.rest.faces)
+            picture = render_with_cage(surface, scaled, cage)
+        else:  # the cage as a solid
+            surface = project_surface(scaled, cage.vertices, cage.faces)
+            solid = render(surface, parse_colour(SOLID_CAGE_COLOUR))
+            picture = overlay_cage(solid, scaled, surface, cage)
         # Without the two lowest bits of its colours the file is smaller.
-        levels = np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8) & np.uint8(0xFC)
+        levels = np.rint(255 * np.clip(downsample(picture), 0, 1)).astype(np.uint8)
+        levels &= np.uint8(0xFC)
         yield levels.transpose(1, 2, 0)
-
-
-def _draw_pose(binding: Binding, pose: SheetPose, camera: ParallelCamera) -> Picture:
-    """Draw a mesh and the lines of its cage; or the cage as a solid."""
-    cage = binding.cage.move(pose.cage)
-    if pose.mesh is not None:
-        surface = project_surface(camera, pose.mesh, binding.rest.faces)
-        return downsample(render_with_cage(surface, camera, cage))
-    surface = project_surface(camera, cage.vertices, cage.faces)
-    solid = render(surface, parse_colour(SOLID_CAGE_COLOUR))
-    return downsample(overlay_cage(solid, camera, surface, cage))
 
 
 def _write(

@@ -98,30 +98,21 @@ def place_boxes(
     list of Box or None
         None where every candidate costs infinitely much.
     """
-    boxes = list(occupied)
+    boxes, (x, y) = list(occupied), points.T
     placed: list[Box | None] = []
     for label in candidates:
-        costs = [
-            (cost + _cost_overlaps(box, boxes, overlap_cost) + _count_covered(box, points), box)
-            for cost, box in label
-        ]
-        best = min(costs, key=lambda one: one[0], default=(np.inf, None))
+        costs = []
+        for cost, one in label:
+            left, low, right, high = one
+            overlaps = sum(a < right and left < c and b < high and low < d for a, b, c, d in boxes)
+            covered = (left < x) & (x < right) & (low < y) & (y < high)
+            cost += overlap_cost * overlaps if overlaps else 0.0
+            costs.append((cost + np.count_nonzero(covered), one))
+        best = min(costs, key=lambda found: found[0], default=(np.inf, None))
         box = best[1] if best[0] < np.inf else None
         placed.append(box)
         boxes += [] if box is None else [box]
     return placed
-
-
-def _cost_overlaps(box: Box, others: Sequence[Box], overlap_cost: float) -> float:
-    left, low, right, high = box
-    count = sum(a < right and left < c and b < high and low < d for a, b, c, d in others)
-    return overlap_cost * count if count else 0.0
-
-
-def _count_covered(box: Box, points: Floats) -> int:
-    left, low, right, high = box
-    x, y = points.T
-    return int(np.count_nonzero((left < x) & (x < right) & (low < y) & (y < high)))
 
 
 def place_limit_labels(

@@ -1,4 +1,4 @@
-"""A cage as text and as JSON: built, repaired, or checked, alone or with a rest pose in it."""
+"""A cage that was built, repaired or checked, as text and as JSON."""
 
 import json
 from collections.abc import Callable

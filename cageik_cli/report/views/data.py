@@ -116,22 +116,16 @@ def _add_suite(root: Element, number: int, entry: ClipEntry) -> None:
 
 
 def _add_case(suite: Element, clip: str, check: LimitCheck, words: Vocabulary) -> None:
-    case = SubElement(
-        suite, "testcase", classname=clip, name=_format_case_name(check, words), time="0"
-    )
+    # Without the value that was found, so that names are the same in all runs.
+    name = f"{words.limits[check.metric]} at most {check.limit:.10g} {check.unit}"
+    if check.baseline is not None:
+        name = f"{words.limits[check.metric]} against the baseline"
+    case = SubElement(suite, "testcase", classname=clip, name=name, time="0")
     verdict, line = format_check_row(check, words)
     if check.passed is None:
         SubElement(case, "skipped", message=line)
     elif not check.passed:
         _add_fault(case, "failure", f"{verdict}: {line}")
-
-
-def _format_case_name(check: LimitCheck, words: Vocabulary) -> str:
-    """Name a limit without the value that was found, so that names are the same in all runs."""
-    metric = words.limits[check.metric]
-    if check.baseline is not None:
-        return f"{metric} against the baseline"
-    return f"{metric} at most {check.limit:.10g} {check.unit}"
 
 
 def _add_fault(case: Element, kind: str, sentence: str) -> None:

@@ -32,6 +32,25 @@ MAX_VOLUME_PERCENT = 10.0
 
 def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
     """Return labelled lines: cage edits, each handle, then the mesh, the cage and the system."""
+    beyond, volume, changed, system = [], [], [], []
+    if summary.beyond_moved_percent is not None:
+        percent = format_miss(summary.beyond_moved_percent)
+        beyond.append(("beyond radius", f"vertices moved by at most {percent} % of the diagonal"))
+    if summary.has_surface:
+        change = "not defined, the model is open"
+        if summary.volume_change_percent is not None:
+            most = "largest " if summary.frame else ""
+            change = f"{most}{format_change(summary.volume_change_percent)} %"
+        volume.append(("volume change", change))
+    if summary.frame:  # of an animation
+        text = "no frames"
+        if summary.changed is not None:
+            first, last = map(single_line, summary.changed)
+            text = f"{first} to {last}; all other frames are unchanged"
+        changed.append(("changed", text))
+    if summary.condition_number is not None:  # of handles, which alone are solved for
+        condition = f"condition number {summary.condition_number:.4g}"
+        system.append(("system", f"{condition} (how much it amplifies noise)"))
     return [
         *_cage_edit_rows(summary),
         *_handle_rows(summary),
@@ -46,12 +65,12 @@ def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
             f"{format_percent(summary.rms_percent)} % of the diagonal "
             f"(rms {format_length(summary.rms)})",
         ),
-        *_beyond_rows(summary),
-        *([("volume change", _format_volume(summary))] if summary.has_surface else []),
-        *_changed_rows(summary),
+        *beyond,
+        *volume,
+        *changed,
         *_acceleration_rows(summary),
         *_mesh_acceleration_rows(summary),
-        *_system_rows(summary),
+        *system,
         *(("note", advice) for advice in _advise(summary)),
     ]
 
@@ -86,14 +105,6 @@ def _cage_edit_rows(
         yield "cage edits", f"{len(edits) - max_shown} more, which move the cage less"
 
 
-def _system_rows(summary: PoseSummary) -> list[tuple[str, str]]:
-    """Return a row on the solve; none without handles, which alone are solved for."""
-    if summary.condition_number is None:
-        return []
-    condition = f"condition number {summary.condition_number:.4g}"
-    return [("system", f"{condition} (how much it amplifies noise)")]
-
-
 def _handle_rows(
     summary: PoseSummary, max_shown: int = MAX_SHOWN_HANDLES
 ) -> Iterator[tuple[str, str]]:
@@ -124,14 +135,6 @@ def _format_handle_name(anchor: AnchorSummary) -> str:
     return (
         f"{single_line(anchor.name)} ({anchor.layer})" if anchor.layer else single_line(anchor.name)
     )
-
-
-def _beyond_rows(summary: PoseSummary) -> list[tuple[str, str]]:
-    """Return a row on what is beyond the radii of handles; none if they have no radii."""
-    if summary.beyond_moved_percent is None:
-        return []
-    percent = format_miss(summary.beyond_moved_percent)
-    return [("beyond radius", f"vertices moved by at most {percent} % of the diagonal")]
 
 
 def _mesh_acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
@@ -173,14 +176,32 @@ def _advise(summary: PoseSummary) -> Iterator[str]:
         return
     is_held = all(_is_held(anchor, summary.diagonal) for anchor in summary.anchors)
     far = max(summary.anchors, key=lambda anchor: anchor.moved)
+    still = NO_MOTION_TOL * summary.diagonal
     if is_held:
         yield "no motion: all handles are already at their targets"
-    else:
-        yield from _advise_on_whole_motion(summary)
+    elif summary.moved_least > max(still, MIN_WHOLE_SHARE * summary.moved):
+        least = format_length(summary.moved_least)
+        yield f"the whole model moves, by at least {least}; pin the parts that must stay"
+    if not is_held:
         yield from _advise_on_far_vertices(summary, far)
-    yield from _advise_on_far_targets(summary, far)
-    yield from _advise_on_cage_motion(summary, far)
-    yield from _advise_on_volume(summary)
+    if far.moved > MAX_HANDLE_DISTANCE * summary.diagonal:
+        yield (
+            f"{_format_handle_name(far)} moves {far.moved / summary.diagonal:.3g} times the "
+            f"model's diagonal (expected at most {MAX_HANDLE_DISTANCE:g}); give targets in the "
+            "units and axes of the model's file"
+        )
+    if summary.cage_moved > max(MAX_CAGE_RATIO * far.moved, summary.diagonal):
+        yield (
+            f"cage vertex {summary.cage_vertex} moves {format_length(summary.cage_moved)}, more "
+            f"than {MAX_CAGE_RATIO:g} times as far as any handle: the cage cannot follow the "
+            "handles; remove some handles, raise `alpha=` (for example to 1e-3), or check the "
+            "cage with cageik check"
+        )
+    if abs(summary.volume_change_percent or 0.0) > MAX_VOLUME_PERCENT and not summary.rigidity:
+        yield (
+            f"the volume changes by more than {MAX_VOLUME_PERCENT:g} %: parts that turn are "
+            "sheared; let them rotate with `rigidity=10`"
+        )
 
 
 def _advise_on_cage_edits(summary: PoseSummary) -> Iterator[str]:
@@ -194,14 +215,6 @@ def _advise_on_cage_edits(summary: PoseSummary) -> Iterator[str]:
             )
     if not any(edit.moved for edit in summary.cage_edits):
         yield "no motion: all offsets of the cage edits are zero in the frames that they act in"
-
-
-def _advise_on_whole_motion(summary: PoseSummary) -> Iterator[str]:
-    """Advise pins if the least motion of the model is above a share of its largest."""
-    still = NO_MOTION_TOL * summary.diagonal
-    if summary.moved_least > max(still, MIN_WHOLE_SHARE * summary.moved):
-        least = format_length(summary.moved_least)
-        yield f"the whole model moves, by at least {least}; pin the parts that must stay"
 
 
 def _advise_on_far_vertices(summary: PoseSummary, far: AnchorSummary) -> Iterator[str]:
@@ -220,36 +233,6 @@ def _advise_on_far_vertices(summary: PoseSummary, far: AnchorSummary) -> Iterato
         )
 
 
-def _advise_on_far_targets(summary: PoseSummary, far: AnchorSummary) -> Iterator[str]:
-    """Say so if a handle moves so far that its target is probably in other units."""
-    if far.moved > MAX_HANDLE_DISTANCE * summary.diagonal:
-        yield (
-            f"{_format_handle_name(far)} moves {far.moved / summary.diagonal:.3g} times the "
-            f"model's diagonal (expected at most {MAX_HANDLE_DISTANCE:g}); give targets in the "
-            "units and axes of the model's file"
-        )
-
-
-def _advise_on_cage_motion(summary: PoseSummary, far: AnchorSummary) -> Iterator[str]:
-    """Say so if the cage moves far more than any handle."""
-    if summary.cage_moved > max(MAX_CAGE_RATIO * far.moved, summary.diagonal):
-        yield (
-            f"cage vertex {summary.cage_vertex} moves {format_length(summary.cage_moved)}, more "
-            f"than {MAX_CAGE_RATIO:g} times as far as any handle: the cage cannot follow the "
-            "handles; remove some handles, raise `alpha=` (for example to 1e-3), or check the "
-            "cage with cageik check"
-        )
-
-
-def _advise_on_volume(summary: PoseSummary) -> Iterator[str]:
-    """Advise rotations if the volume changes much without them."""
-    if abs(summary.volume_change_percent or 0.0) > MAX_VOLUME_PERCENT and not summary.rigidity:
-        yield (
-            f"the volume changes by more than {MAX_VOLUME_PERCENT:g} %: parts that turn are "
-            "sheared; let them rotate with `rigidity=10`"
-        )
-
-
 def format_miss(percent: float) -> str:
     """Format the distance of a handle from its target, in percent, as in all views."""
     return f"{percent:.1e}" if percent < 1e-3 else format_metric(percent)
@@ -257,20 +240,3 @@ def format_miss(percent: float) -> str:
 
 def _format_frame_suffix(frame: str) -> str:
     return f" in {single_line(frame)}" if frame else ""
-
-
-def _format_volume(summary: PoseSummary) -> str:
-    if summary.volume_change_percent is None:
-        return "not defined, the model is open"
-    change = f"{format_change(summary.volume_change_percent)} %"
-    return f"largest {change}" if summary.frame else change
-
-
-def _changed_rows(summary: PoseSummary) -> list[tuple[str, str]]:
-    """Return a row on the frames that were changed; none for a single pose."""
-    if not summary.frame:
-        return []
-    if summary.changed is None:
-        return [("changed", "no frames")]
-    first, last = map(single_line, summary.changed)
-    return [("changed", f"{first} to {last}; all other frames are unchanged")]

@@ -2,7 +2,6 @@
 
 from cageik_cli.method.weights.binding import WeightQuality
 from cageik_cli.report.figures import (
-    ReportSummary,
     describe_kept,
     describe_size,
     explain_missing_volume,
@@ -34,14 +33,20 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
         f"diagonal {clip.diagonal:.6g}"
     )
     size = describe_size(clip, summary.fixed_floats)
+    e_rms, kg_error = format_metric(summary.e_rms), _format_number(summary.kg_error)
+    published = (
+        f"to compare with papers: E_RMS {e_rms} (Kavan et al. 2010), KG error {kg_error} (Karni "
+        "and Gotsman 2004)"
+    )
     rows = [
         *([] if report.edited_from is None else [("edited from", report.edited_from)]),
         *_error_rows(report),
         *format_part_rows(report.parts, words.worst),
-        *map(_make_kept_row, describe_kept(report.kept, clip.vertices)),
+        # The first word is the label.
+        *((text.partition(" ")[::2]) for text in describe_kept(report.kept, clip.vertices)),
         *_bound_rows(report),
         ("volume change", _format_volume(report, words)),
-        *(_published_metrics_rows(summary) if words.has_published_metrics else []),
+        *([("metrics", published)] if words.has_published_metrics else []),
         ("size", f"{summary.floats_per_frame} floats per frame {size}"),
         *_quality_rows(report, words),
         *([] if report.fit is None else format_fit_rows(report.fit, is_verbose)),
@@ -55,13 +60,17 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
 
 def _error_rows(report: Report) -> list[tuple[str, str]]:
     summary, words = report.summary, report.vocabulary
+    by_area = []  # does not depend on how densely parts are cut
+    if summary.area_rms is not None and summary.area_rms_percent is not None:
+        percent = format_percent(summary.area_rms_percent)
+        by_area = [("by area", f"{percent} % (rms {format_length(summary.area_rms)})")]
     return [
         (
             words.measure,
             f"{format_percent(summary.rms_percent)} % of the diagonal "
             f"(rms {format_length(summary.rms)})",
         ),
-        *_area_rows(summary),
+        *by_area,
         (
             "by radius",
             f"{format_percent(summary.radius_rms_percent)} % of the radius of the smallest sphere "
@@ -79,19 +88,6 @@ def _error_rows(report: Report) -> list[tuple[str, str]]:
             f"of {summary.max_deviation_frame}",
         ),
     ]
-
-
-def _area_rows(summary: ReportSummary) -> list[tuple[str, str]]:
-    """Return the row on the rms that does not depend on how densely parts are cut."""
-    if summary.area_rms is None or summary.area_rms_percent is None:
-        return []
-    percent = format_percent(summary.area_rms_percent)
-    return [("by area", f"{percent} % (rms {format_length(summary.area_rms)})")]
-
-
-def _make_kept_row(text: str) -> tuple[str, str]:
-    label, _, rest = text.partition(" ")
-    return label, rest
 
 
 def _bound_rows(report: Report) -> list[tuple[str, str]]:
@@ -163,12 +159,6 @@ def _region_rows(report: Report) -> list[tuple[str, str]]:
         *((f"region {k}", describe_region(one)) for k, one in enumerate(report.regions, 1)),
         *(("to do", text) for text in list_remedies(report.regions, report.fit is not None)),
     ]
-
-
-def _published_metrics_rows(summary: ReportSummary) -> list[tuple[str, str]]:
-    e_rms, kg_error = format_metric(summary.e_rms), _format_number(summary.kg_error)
-    published = f"E_RMS {e_rms} (Kavan et al. 2010), KG error {kg_error} (Karni and Gotsman 2004)"
-    return [("metrics", f"to compare with papers: {published}")]
 
 
 def _quality_rows(report: Report, words: Vocabulary) -> list[tuple[str, str]]:

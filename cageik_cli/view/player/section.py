@@ -1,8 +1,7 @@
 """The player of a page: its data for the script as one text, its section, and a page of it alone.
 
-Large models are drawn coarser.
-
-The bar of time shows how far off each frame is, as paths of an SVG, and where the worst frame is.
+Large models are drawn coarser. The bar of time shows, as paths of an SVG, how far off each frame
+is.
 """
 
 import math
@@ -197,10 +196,11 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     chosen, faces = choose_vertices(clip.binding)
     mirror = find_mirror(clip.binding.cage.vertices, MAX_ASYMMETRY)
     skin, arrays = pack_skin(clip, chosen, faces, origin)
+    step = 2.0**-20  # of cages: a power of two, so that the last bits of numbers are zero
     arrays |= {
         "cageFaces": cage.faces.astype("<u4"),
         # By coordinate: neighbouring numbers are then alike, and pack better.
-        "cages": _scale(_round_cages((clip.cages - origin) / diagonal)).T,
+        "cages": _scale(np.rint((clip.cages - origin) / diagonal / step) * step).T,
         # Positions are relative to the origin, and turning about it moves nothing else.
         "rotations": clip.rotations.astype("<f4"),
     }
@@ -288,12 +288,6 @@ def _mark_polygons(name: str, mesh: TriMesh) -> dict[str, NDArray[Any]]:
     return {name: is_joined.astype("i1")} if is_joined.any() else {}
 
 
-def _round_cages(cages: Floats) -> Floats:
-    """Round cages, in diagonals, to what the player shows."""
-    step = 2.0**-20  # a power of two: the last bits of numbers are then zero
-    return np.rint(cages / step) * step
-
-
 def _scale(values: Floats, largest: float = 1e30) -> NDArray[np.float32]:
     """Draw what is farther away at `largest`, in diagonals: single precision ends near."""
     return np.clip(values, -largest, largest).astype("<f4")
@@ -334,16 +328,10 @@ def _add_errors(
             {"frame": frame, "label": label} for frame, (label, _) in clip.held.items()
         ]
         scales["heldStep"] = step
-        scales["deviationEnd"] = choose_scale_end(_list_deviations(clip))
+        all_errors = np.concatenate([errors for _, errors in clip.held.values()])
+        deviations = 100 * np.linalg.norm(all_errors, axis=1)
+        scales["deviationEnd"] = choose_scale_end(deviations[np.isfinite(deviations)])
     return scales
-
-
-def _list_deviations(clip: PlayerClip) -> Floats:
-    """Return the deviations of all held frames, percent of the diagonal; none of missing data."""
-    found = np.concatenate(
-        [100 * np.linalg.norm(errors, axis=1) for _, errors in clip.held.values()]
-    )
-    return np.asarray(found[np.isfinite(found)])
 
 
 def _list_parts(clip: PlayerClip) -> list[dict[str, Any]]:
