@@ -7,6 +7,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.captured.settings import CaptureSettings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.settings import list_meanings
@@ -19,16 +20,15 @@ CAGE_VERDICT_WORDS = {"fit": "fit", "usable": "usable", "unfit": "unfit"}
 
 SETTING_MEANINGS = {
     **list_meanings(
-        BindSettings, BuildSettings, CaptureSettings, ClipSettings, FitSettings, SolveSettings
+        BindSettings,
+        BuildSettings,
+        CaptureSettings,
+        ClipSettings,
+        FitSettings,
+        PosingSettings,
+        SolveSettings,
     ),
-    "allow_conflicts": "use the mean when handles at one point have different targets",
-    "hard": "meet all handles exactly",
-    "mirror": "both sides of the cage move as mirror images",
-    "pose_alpha": "weight of the cage's Laplacian in the edit",
-    "pose_beta": "weight of the handles",
     "rest_frame": "frame used as the rest pose; none if it is a file, or a frame that is not taken",
-    "rigidity": "rounds that rotate parts of the cage with the edit",
-    "snap": "how far positions of handles may be from the surface, percent of the diagonal",
     "vertex_weights": "whether vertices have weights of their own; area: by their area",
 }
 """What the settings that a result records are, by name."""

@@ -142,6 +142,8 @@ class Setting:
         """Return in words which values are allowed, where these are choices or have a least."""
         if self.choices:
             return f"one of {', '.join(self.choices)}"
+        if self.minimum is not None and self.maximum is not None:
+            return f"{self.minimum:g} to {self.maximum:g}"
         if kind is int:
             return f"{self.minimum} or more"
         return "a finite number" + (

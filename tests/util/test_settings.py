@@ -12,6 +12,7 @@ from cageik_cli.cli.options.group import OptionGroup, list_options
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.settings import (
     HelpGroup,
+    Setting,
     check_settings,
     declare_group,
     declare_setting,
@@ -92,6 +93,11 @@ def test_values_that_are_not_allowed_are_refused_in_the_words_of_the_declaration
     with pytest.raises(SettingError) as caught:
         Paint(**values)
     assert str(caught.value) == says
+
+
+def test_both_bounds_are_named():
+    assert Setting("", minimum=2, maximum=10).describe_allowed(int) == "2 to 10"
+    assert Setting("", minimum=2).describe_allowed(int) == "2 or more"
 
 
 def test_values_at_the_bounds_and_words_are_allowed():
