@@ -244,7 +244,7 @@ def test_known_weights_come_with_the_cage_that_was_built(plain, monkeypatch):
 def test_the_builder_is_imported_when_a_cage_is_built(run_process):
     program = """
 import sys, cageik_cli.run.extraction
-found = [name for name in sys.modules if name.startswith("cageik_cli.cages.building")]
+found = [name for name in sys.modules if name.startswith("cageik_cli.cages.builder")]
 assert not found, found
 """
     outcome = run_process("-c", program)
