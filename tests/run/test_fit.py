@@ -1,4 +1,4 @@
-"""Fitted weights through the workflows: the cache, the files, and what reads them."""
+"""Fitted weights through whole runs: the cache, the files, and what reads them."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -44,7 +44,7 @@ class Splats:
     quaternions : (4, m) float64
         The rotation of the axes: w, x, y, z, of length one.
     harmonics : (3, c, m) float32
-        Coefficients of the colours beyond the constant ones, see `spherical_harmonics`.
+        Coefficients of the colours beyond the constant ones, see `evaluate_band`.
     """
 
     axes: Floats

@@ -1,4 +1,4 @@
-// The handles file (posing/handles/schema.json): the page edits its JSON, and saves it as it is.
+// The handles file (editing/handles/schema.json): the page edits its JSON, and saves it as it is.
 const MAX_FILE_BYTES = 2e6, BARYCENTRIC_TOLERANCE = 1e-6;
 
 const listSets = (file) => file.sets ?? [file];

@@ -1,4 +1,4 @@
-// The packed data of the page: a header, and typed arrays by name (see report/player/packing.py).
+// The packed data of the page: a header, and typed arrays by name (see view/player/compression.py).
 const ARRAY_TYPES = { f4: Float32Array, i1: Int8Array, i2: Int16Array, u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
 
 /** @param {string} text @returns {Promise<Payload>} */
@@ -26,8 +26,8 @@ async function unpackPayload(text) {
   return { header, arrays };
 }
 
-// Undoes report/player/prediction.py in rows of `count` numbers. Arrays of 16 bits begin again where
-// sums are too large.
+// Undoes `Predictor` of view/player/compression.py in rows of `count` numbers. Arrays
+// of 16 bits begin again where sums are too large.
 function addPredictions(values, faces, count) {
   const starts = new Uint32Array(count + 2), before = new Uint32Array(2 * faces.length), lack = new Int16Array(count);
   const visit = (action) => faces.forEach((vertex, k) => {
