@@ -7,8 +7,8 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.formats import write as opening
 from cageik_cli.formats.open import load_mesh, open_sequence
+from cageik_cli.formats.write import DEFAULT_FORMAT, Output, frame_formats
 from cageik_cli.run import export as exporting
 from cageik_cli.store.result import read_result
 from tests.clips import frames_of
@@ -61,7 +61,7 @@ def test_what_to_mind_stands_below(run, result):
 def test_the_cages_come_back(run, result, out, tolerance):
     """Read in the space of the result, whose scene is in centimetres with z up."""
     assert run("export", "cages.h5", out).code == 0
-    clip = open_sequence([str(opening.Output(Path(out)).target_path)])
+    clip = open_sequence([str(Output(Path(out)).target_path)])
     np.testing.assert_allclose(frames_of(clip), verts(), rtol=0, atol=tolerance)
     with h5py.File("cages.h5") as file:
         np.testing.assert_array_equal(clip.first.faces, file["tris"][:])
@@ -259,8 +259,8 @@ def test_a_small_skeleton_is_smaller_and_says_what_that_costs(run, result):
 
 
 def test_kinds_of_frames_are_the_writers_own():
-    assert set(opening.frame_formats()) == {"obj", "ply"}
-    assert opening.DEFAULT_FORMAT in opening.frame_formats()
+    assert set(frame_formats()) == {"obj", "ply"}
+    assert DEFAULT_FORMAT in frame_formats()
 
 
 def test_extract_exports_too(run, folder):

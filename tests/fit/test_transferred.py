@@ -195,13 +195,9 @@ def test_few_influences_carry_with_their_offsets(few, computed):
 
 def test_points_turn_with_offsets(few, computed, points, monkeypatch):
     """A rigid motion of the cage moves points with normals rigidly, if offsets turn with it."""
-    from cageik_cli.method.points import motion as point_motion
-
     change = TransferredChange(few, computed.weights)
     cloud = bind_points(points)
-    monkeypatch.setattr(
-        point_motion.HarmonicField, "solve", staticmethod(lambda *_: _LinearField())
-    )
+    monkeypatch.setattr(HarmonicField, "solve", staticmethod(lambda *_: _LinearField()))
     transferred = change.add_to(cloud, change.locate(points))
     normals = directions(len(points), 5).T
     motion = PointMotion(

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats import hdf5
-from cageik_cli.formats.base import readers as runs
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import FormatError, SettingError
@@ -89,7 +88,7 @@ def test_chunks_are_read_once_and_the_file_stays_open(
         name, data = ("a", frames.transpose(1, 2, 0)) if is_dfaust else ("verts", frames)
         compression = "gzip" if chunks else None
         _replace(file, name, data=data, chunks=chunks, compression=compression)
-    monkeypatch.setattr(runs, "MAX_CHUNK_BYTES", bound)
+    monkeypatch.setattr("cageik_cli.formats.base.readers.MAX_CHUNK_BYTES", bound)
     sequence = open_sequence([str(path)])
     monkeypatch.setattr(hdf5, "open_file", lambda path: pytest.fail("opened again"))
     counting = sequence._frames._stored = Counting(sequence._frames._stored)

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.formats import write as opening
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.usd.library import USD_SUFFIXES
-from cageik_cli.formats.write import Output
+from cageik_cli.formats.write import Output, _find_writers
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import OutputError
 from tests.formats.written import bytes_under, single, write
@@ -34,7 +33,7 @@ def place(path):
 
 
 def test_no_format_is_left_out():
-    assert {Path(name).suffix for name in OUTPUTS} == set(opening._find_writers())
+    assert {Path(name).suffix for name in OUTPUTS} == set(_find_writers())
 
 
 @pytest.mark.parametrize("name", OUTPUTS)

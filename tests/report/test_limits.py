@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.report import limits as gates
 from cageik_cli.report.figures import ReportSummary, format_length, format_percent
 from cageik_cli.report.limits import (
     FILE_UNITS,
+    METRICS,
     PERCENT,
     Baseline,
     Limit,
@@ -105,7 +105,7 @@ def test_unchanged_metrics_pass(value, regression):
     figures = summary(value)
     limits = Limits((), baseline({"a": percent_metrics(figures)}, regression))
     found = check_limits("a", figures, limits)
-    assert [gate.metric for gate in found] == list(gates.METRICS)
+    assert [gate.metric for gate in found] == list(METRICS)
     assert all(gate.passed for gate in found)
     assert found[0].baseline == float(format_percent(value))
     json.dumps([asdict(gate) for gate in found], allow_nan=False)
@@ -130,7 +130,7 @@ def test_the_limit_of_a_baseline_is_rounded_down(old, regression, most):
         assert (gate.limit, gate.passed) == (float(most), passes)
 
 
-@pytest.mark.parametrize("metric", gates.METRICS)
+@pytest.mark.parametrize("metric", METRICS)
 def test_every_metric_is_compared(metric):
     old = percent_metrics(summary())
     limits = Limits((), baseline({"a": {**old, metric: old[metric] / 2}}, "10"))
@@ -160,9 +160,7 @@ def test_a_volume_that_only_one_run_has_is_not_checked():
     gate = check_limits("a", opened, now_open)[-1]
     assert (gate.metric, gate.found, gate.passed) == ("volume_change", None, None)
     now_closed = Limits((), baseline({"a": percent_metrics(opened)}, "10"))
-    assert [gate.metric for gate in check_limits("a", summary(), now_closed)] == list(
-        gates.METRICS[:3]
-    )
+    assert [gate.metric for gate in check_limits("a", summary(), now_closed)] == list(METRICS[:3])
     assert missing_in_baseline("a", summary(), now_closed) == (
         "volume change not compared with the baseline: not defined in old.json",
     )

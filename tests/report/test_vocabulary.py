@@ -9,10 +9,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cageik_cli.report import limits as gates
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.html.page import render_page
-from cageik_cli.report.limits import Limit, Limits
+from cageik_cli.report.limits import METRICS, Limit, Limits
 from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.plots.pose_sheet import describe_verdict
 from cageik_cli.report.record import build_report
@@ -33,7 +32,7 @@ from tests.report.markup import find_faults, parse_page
 OF_ERRORS = re.compile(
     r"error|deviation|reconstruct|rebuilt|worst|best|extracted|of the input|E_RMS|KG", re.IGNORECASE
 )
-LIMITS = Limits(tuple(Limit(metric, Decimal("0.0001")) for metric in gates.METRICS))
+LIMITS = Limits(tuple(Limit(metric, Decimal("0.0001")) for metric in METRICS))
 
 
 def _text(report):

@@ -10,7 +10,6 @@ import pytest
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.regions import Cause
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.run import extraction as compose
 from cageik_cli.run.edit import edit
 from cageik_cli.run.edit_settings import EditSettings
 from cageik_cli.run.extraction import Extraction, extract
@@ -82,7 +81,9 @@ def test_a_clip_that_is_met_has_no_regions(fixtures_folder, tmp_path, weights_ca
 @pytest.mark.parametrize("is_loose", [True, False, None])
 def test_what_the_bind_found_of_the_room_is_not_measured_again(plain, is_loose, monkeypatch):
     measured = []
-    monkeypatch.setattr(compose, "is_too_loose", lambda *_: measured.append(1) or True)
+    monkeypatch.setattr(
+        "cageik_cli.run.extraction.is_too_loose", lambda *_: measured.append(1) or True
+    )
     extraction = Extraction(plain)
     extraction.open()
     stored = extraction.bind()

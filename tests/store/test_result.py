@@ -13,7 +13,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.method.solve.dual_laplacian import SolveQuality
 from cageik_cli.method.solve.metrics import FrameMetrics, check_finite
-from cageik_cli.store import hdf5_fields as parts
+from cageik_cli.store import hdf5_fields
 from cageik_cli.store import result as store
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import ResultHeader, ResultSummary, read_key_frames
@@ -456,7 +456,7 @@ def test_an_interrupted_write_is_not_a_result(tmp_path):
 @pytest.mark.parametrize("rows", [1, 7, 18, 100])
 def test_weights_are_compressed_without_loss(tmp_path, monkeypatch, rows):
     """Any number of chunks, the last one full or not, by HDF5's own reading."""
-    monkeypatch.setattr(parts, "MAX_STORED_CHUNK_BYTES", rows * BINDING.weights[0].nbytes)
+    monkeypatch.setattr(hdf5_fields, "MAX_STORED_CHUNK_BYTES", rows * BINDING.weights[0].nbytes)
     with h5py.File(written(tmp_path / "cages.h5")) as file:
         weights = file["weights"]
         assert (weights.compression, weights.shuffle) == ("gzip", True)

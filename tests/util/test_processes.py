@@ -9,7 +9,6 @@ import time
 import numpy as np
 import pytest
 
-from cageik_cli.util import processes as beside
 from cageik_cli.util.processes import call_in_subprocesses
 
 
@@ -83,7 +82,7 @@ def test_processes_end_with_a_caller_that_wants_no_more(monkeypatch):
         started.append(popen(*words, **options))
         return started[-1]
 
-    monkeypatch.setattr(beside.subprocess, "Popen", start)
+    monkeypatch.setattr(subprocess, "Popen", start)
     calls = call_in_subprocesses(wait, [(0,), (60,)], 2)
     next(calls)
     calls.close()

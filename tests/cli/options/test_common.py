@@ -10,8 +10,8 @@ import h5py
 import pytest
 
 from cageik_cli.cli.options.types import SizeType
-from cageik_cli.formats import write as export_opening
 from cageik_cli.formats.find_files import find_readers
+from cageik_cli.formats.write import _find_writers
 
 TYPED = ("extract", "frames", "--cage", "cage.obj")
 
@@ -65,7 +65,7 @@ def test_help_names_every_kind_of_clip(run):
 @pytest.mark.parametrize("command", ["export", "deform"])
 def test_help_names_every_kind_of_file_that_is_written(run, command):
     said = run(command, "--help").out
-    for suffix in export_opening._find_writers():
+    for suffix in _find_writers():
         assert (".usd*" if suffix.startswith(".usd") else suffix) in said
 
 

@@ -6,7 +6,6 @@ import hashlib
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base import files as file_data
 from cageik_cli.formats.base.files import decompress
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.util.errors import FileAccessError, FormatError
@@ -78,7 +77,7 @@ def test_an_empty_packed_file_is_an_empty_mesh(tmp_path):
 
 
 def test_a_bomb_is_refused_and_what_just_fits_is_not(monkeypatch):
-    monkeypatch.setattr(file_data, "MIN_UNPACKED_LIMIT", 1000)
+    monkeypatch.setattr("cageik_cli.formats.base.files.MIN_UNPACKED_LIMIT", 1000)
     assert len(decompress(gzip.compress(b" " * 1000), ".obj.gz")) == 1000
     bomb = gzip.compress(b" " * 10**6)
     with pytest.raises(FormatError, match=f"packed in {len(bomb)}, .* {40 * len(bomb)};"):

@@ -11,8 +11,8 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
-from cageik_cli.formats import npz as numpy_files
-from cageik_cli.formats.base import files as file_data
+from cageik_cli.formats import npz
+from cageik_cli.formats.base import files
 from cageik_cli.formats.npz import NpzArchive, open_npy
 from cageik_cli.util.errors import FileAccessError, FormatError
 
@@ -75,7 +75,7 @@ def test_what_is_unpacked_has_no_name_and_does_not_stay(tmp_path, monkeypatch):
 
 def test_an_array_is_unpacked_in_blocks(tmp_path, monkeypatch):
     """2 MiB of it, in 32."""
-    monkeypatch.setattr(numpy_files, "_COPY_BYTES", 1 << 16)
+    monkeypatch.setattr(npz, "_COPY_BYTES", 1 << 16)
     values = np.random.default_rng(0).integers(0, 256, 1 << 18).astype(float)
     np.savez_compressed(tmp_path / "a.npz", verts=values)
     tracemalloc.start()
@@ -146,18 +146,18 @@ def test_a_claim_beyond_the_limit_is_refused(tmp_path):
 
 def test_a_bomb_is_refused_and_what_just_fits_is_not(tmp_path, monkeypatch):
     path = zipped(tmp_path / "a.npz", npy(np.zeros(1 << 17)))  # and a header of 128 bytes
-    monkeypatch.setattr(file_data, "MIN_UNPACKED_LIMIT", (1 << 20) + 128)
+    monkeypatch.setattr(files, "MIN_UNPACKED_LIMIT", (1 << 20) + 128)
     assert NpzArchive(path).open_array("verts").shape == (1 << 17,)
-    monkeypatch.setattr(file_data, "MIN_UNPACKED_LIMIT", (1 << 20) + 127)
+    monkeypatch.setattr(files, "MIN_UNPACKED_LIMIT", (1 << 20) + 127)
     with pytest.raises(FormatError, match="`verts`: takes at least 1048704 bytes, packed in"):
         NpzArchive(path).open_array("verts")
 
 
 def test_whole_numbers_count_as_wide_as_they_are_computed_with(tmp_path, monkeypatch):
     path = zipped(tmp_path / "a.npz", npy(np.zeros(1 << 17, np.int8)))
-    monkeypatch.setattr(file_data, "MIN_UNPACKED_LIMIT", 1 << 20)
+    monkeypatch.setattr(files, "MIN_UNPACKED_LIMIT", 1 << 20)
     assert NpzArchive(path).open_array("verts").shape == (1 << 17,)
-    monkeypatch.setattr(file_data, "MIN_UNPACKED_LIMIT", (1 << 20) - 1)
+    monkeypatch.setattr(files, "MIN_UNPACKED_LIMIT", (1 << 20) - 1)
     with pytest.raises(FormatError, match="`verts`: takes at least 1048576 bytes, packed in"):
         NpzArchive(path).open_array("verts")
 
@@ -172,11 +172,11 @@ def test_a_member_of_another_length_is_refused(tmp_path, size, says):
 
 def test_no_room_on_the_disk_is_said_before_it_is_written(tmp_path, monkeypatch):
     usage = namedtuple("usage", "free")
-    monkeypatch.setattr(numpy_files.shutil, "disk_usage", lambda folder: usage(847))
+    monkeypatch.setattr(npz.shutil, "disk_usage", lambda folder: usage(847))
     path = zipped(tmp_path / "a.npz", npy(VALUES))
     with pytest.raises(FileAccessError, match=r"848 bytes unpacked.* 847 free"):
         NpzArchive(path).open_array("verts")
-    monkeypatch.setattr(numpy_files.shutil, "disk_usage", lambda folder: usage(848))
+    monkeypatch.setattr(npz.shutil, "disk_usage", lambda folder: usage(848))
     np.testing.assert_array_equal(NpzArchive(path).open_array("verts").read(), VALUES)
 
 
@@ -185,7 +185,7 @@ def test_a_disk_that_fills_all_the_same_is_no_fault_of_the_file(tmp_path, monkey
         def write(self, data):
             raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(numpy_files.tempfile, "TemporaryFile", Full)
+    monkeypatch.setattr(npz.tempfile, "TemporaryFile", Full)
     path = zipped(tmp_path / "a.npz", npy(VALUES))
     with pytest.raises(
         FileAccessError, match=r"`verts`: cannot be unpacked into .* \(\[Errno 28\] No"

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base import readers as runs
 from cageik_cli.formats.npz import FACE_NAMES, VERTEX_NAMES, choose_layout, list_layouts
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.settings import ClipSettings, SceneHints
@@ -83,7 +82,7 @@ def test_runs_of_frames_are_the_frames(tmp_path, monkeypatch, layout, order):
     path = tmp_path / "clip.npz"
     np.savez(path, verts=np.asarray(frames.transpose(AXES[layout]), order=order), faces=FACES)
     for bound in (1, 4 * 4 * 3 * 8, 1 << 25):
-        monkeypatch.setattr(runs, "MAX_CHUNK_BYTES", bound)
+        monkeypatch.setattr("cageik_cli.formats.base.readers.MAX_CHUNK_BYTES", bound)
         sequence = open_sequence([str(path)], ClipSettings(slice(1, None, 2), layout))
         np.testing.assert_array_equal(frames_of(sequence, 3, 1), frames[1::2])
         np.testing.assert_array_equal(frames_of(sequence, 2, 4), frames[1::2])

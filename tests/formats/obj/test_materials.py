@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from cageik_cli.formats.obj import surface as materials
+from cageik_cli.formats.obj import surface
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.geometry.attributes import PLAIN_COLOUR
 from cageik_cli.util.files import read_input
@@ -143,8 +143,8 @@ def test_libraries_are_read_once_and_within_one_limit(tmp_path, monkeypatch):
         read.append((path.name, left))
         return read_input(path, left)
 
-    monkeypatch.setattr(materials, "read_input", read_counted)
-    monkeypatch.setattr(materials, "MAX_LIBRARY_BYTES", 2 * len(LIBRARY) - 1)
+    monkeypatch.setattr(surface, "read_input", read_counted)
+    monkeypatch.setattr(surface, "MAX_LIBRARY_BYTES", 2 * len(LIBRARY) - 1)
     path = write_model(tmp_path, LIBRARY, "a.mtl")
     path.write_text(path.read_text().replace("a.mtl", " ".join(["a.mtl"] * 100)))
     assert colours_of(path)[0] is not None

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.obj import text as tokens
 from cageik_cli.formats.obj.frames import ObjFrameParser
 from cageik_cli.formats.obj.text import _parse_word_by_word, blank_out, parse_obj, tokenize
 from cageik_cli.util.errors import FormatError
@@ -225,7 +224,7 @@ def test_a_file_is_the_mesh_that_its_lines_are(edits, dialect):
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_texts_of_more_than_32_bits_are_read_alike(monkeypatch, dialect):
-    monkeypatch.setattr(tokens, "MAX_SHORT_TEXT", 10)
+    monkeypatch.setattr("cageik_cli.formats.obj.text.MAX_SHORT_TEXT", 10)
     mesh = parse_obj(DIALECTS[dialect])
     np.testing.assert_array_equal(mesh.vertices, VERTICES)
     np.testing.assert_array_equal(mesh.fans, FACES)

@@ -8,8 +8,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import SceneHints
-from cageik_cli.formats.usd import library as layers
-from cageik_cli.formats.usd import reader as usd
+from cageik_cli.formats.usd import library
 from cageik_cli.util.errors import FormatError
 from tests.clips import frames_of
 from tests.formats.scenes import FRAMES, MESH, UsdScene
@@ -31,7 +30,7 @@ NESTED = {
 @pytest.mark.parametrize("kind", NESTED)
 def test_what_is_nested_too_deeply_is_refused_before_usd_crashes(tmp_path, kind):
     begin, end = NESTED[kind]
-    deep = begin * (layers.MAX_NESTING + 1) + end * (layers.MAX_NESTING + 1)
+    deep = begin * (library.MAX_NESTING + 1) + end * (library.MAX_NESTING + 1)
     path = tmp_path / "clip.usda"
     path.write_text(f"#usda 1.0\n{deep}\n")
     with pytest.raises(FormatError, match=r"clip\.usda: is nested more than 500 levels deep"):
@@ -56,9 +55,9 @@ def test_references_that_multiply_prims_are_refused(scene, monkeypatch):
     for k in range(4):
         copy = scene.stage.DefinePrim(f"/copy_{k}", "Xform")
         copy.GetReferences().AddInternalReference("/proto")
-    monkeypatch.setattr(layers, "MAX_PRIMS", 15)
+    monkeypatch.setattr(library, "MAX_PRIMS", 15)
     assert len(scene.opened().first.attributes.parts.names) == 4
-    monkeypatch.setattr(layers, "MAX_PRIMS", 14)
+    monkeypatch.setattr(library, "MAX_PRIMS", 14)
     assert scene.refused().startswith("its references make more than 14 prims")
 
 
@@ -129,7 +128,7 @@ def test_a_span_of_uneven_samples_is_bounded(scene, times):
 
 
 def test_as_many_whole_codes_as_the_bound_are_taken(scene, monkeypatch):
-    monkeypatch.setattr(usd, "MAX_TIME_CODES", 5)
+    monkeypatch.setattr("cageik_cli.formats.usd.reader.MAX_TIME_CODES", 5)
     scene.mesh(times=(1, 2, 5))
     assert len(scene.opened()) == 5
 

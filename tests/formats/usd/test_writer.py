@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 
-from cageik_cli.formats.usd import writer as usd_file
+from cageik_cli.formats.usd import writer
 from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.formats.usd.writer import choose_prim_paths
 from cageik_cli.util.errors import OutputError
@@ -42,7 +42,7 @@ def test_the_stage_says_what_the_scene_is(tmp_path):
 
 
 def test_frames_saved_as_they_come_are_all_there(tmp_path, monkeypatch):
-    monkeypatch.setattr(usd_file, "MAX_UNSAVED_BYTES", 12 * 6 * 2)
+    monkeypatch.setattr(writer, "MAX_UNSAVED_BYTES", 12 * 6 * 2)
     stage = Usd.Stage.Open(str(written(tmp_path / "clip.usdc")))
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/hero/hero")).GetPointsAttr()
     found = [np.array(points.Get(11 + k)) for k in range(7)]
@@ -79,7 +79,7 @@ def test_a_package_is_stored_on_multiples_of_64_bytes(tmp_path):
 def test_too_much_for_a_kind_is_refused_before_anything_is_written(
     tmp_path, monkeypatch, suffix, limit, holds
 ):
-    monkeypatch.setattr(usd_file, limit, holds * 12 * 6 - 1)
+    monkeypatch.setattr(writer, limit, holds * 12 * 6 - 1)
     with pytest.raises(OutputError, match=r"MiB of positions.*write \.usdc instead"):
         written(tmp_path / f"clip{suffix}", FRAMES[:holds])
     assert list(tmp_path.iterdir()) == []

@@ -8,7 +8,7 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.formats.ply_points import parse_points, place_positions, place_splats, read_splats
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import PointCloud
-from cageik_cli.method.points import motion as point_motion
+from cageik_cli.method.points.field import HarmonicField
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented
 from cageik_cli.method.weights.bem.panel_geometry import Panels
@@ -41,8 +41,8 @@ def binding(points):
 
 @pytest.fixture
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(point_motion, "MAX_MOVED_POINTS", 700)
-    monkeypatch.setattr(point_motion, "MAX_GRADIENT_BYTES", 2 * 24 * 18 * 700)
+    monkeypatch.setattr("cageik_cli.method.points.motion.MAX_MOVED_POINTS", 700)
+    monkeypatch.setattr("cageik_cli.method.points.motion.MAX_GRADIENT_BYTES", 2 * 24 * 18 * 700)
 
 
 def move(motion, points, cage):
@@ -92,7 +92,7 @@ def bend(cage):
 
 def difference_maps(binding, some, bent):
     """The derivative of the deformation, by differences of weights at points beside `some`."""
-    field = point_motion.HarmonicField.solve(CAGE, binding.rest.vertices, "preview")
+    field = HarmonicField.solve(CAGE, binding.rest.vertices, "preview")
     step = 1e-4
     columns = [
         (field.evaluate(some + s) - field.evaluate(some - s)) @ bent / (2 * step)

@@ -9,7 +9,6 @@ from PIL import Image
 
 from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.report.film import film as film_module
-from cageik_cli.report.film import film as shots_module
 from cageik_cli.report.film.film import FilmArtist, FilmPlan, write_film
 from cageik_cli.report.film.settings import (
     DEFAULT_TURN_SECONDS,
@@ -79,7 +78,7 @@ def test_fitted_offsets_are_turned(make_fitted, monkeypatch):
     binding, cages = read_binding(result), np.concatenate(list(read_cages(result, 100)))
     meshes = reconstruct_frames(binding, cages, read_rotations(result))[::2]
     for memory in (1, 1 << 30):
-        monkeypatch.setattr(shots_module, "MAX_SHOT_BYTES", memory)
+        monkeypatch.setattr(film_module, "MAX_SHOT_BYTES", memory)
         found = [shot.mesh for shot in plan(result).shots()]
         np.testing.assert_allclose(found, meshes, rtol=1e-12, atol=1e-12)
 
