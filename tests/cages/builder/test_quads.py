@@ -1,16 +1,36 @@
-"""Quads in the place of triangles."""
+"""Quads in the place of triangles: drafts under edit, and cuts by either diagonal."""
 
 import numpy as np
 import pytest
 
 from cageik_cli.cages.builder import quads as quads_module
 from cageik_cli.cages.builder.judge import Demand, judge
-from cageik_cli.cages.builder.pairing import name_diagonals
-from cageik_cli.cages.builder.quads import make_quads
+from cageik_cli.cages.builder.pairing import Pairing, name_diagonals
+from cageik_cli.cages.builder.polish import move_vertex
+from cageik_cli.cages.builder.quads import (
+    PairedQuadDraft,
+    QuadDraft,
+    find_failing,
+    find_near_cuts,
+    find_near_quads,
+    fit_cuts,
+    join_quads,
+    make_quads,
+    push_cuts,
+    turn_diagonals,
+)
+from cageik_cli.cages.builder.symmetry import find_partners, reflect
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
-from tests.shapes import ball, changed
+from cageik_cli.geometry.surface import closest_points
+from tests.shapes import ball, box, changed, finer, merged, moved
+
+FAR = np.full((1, 3), 50.0)
+
+
+def pair(cage):
+    return Pairing(cage, 0.3).choose(set(), set())
 
 
 def list_quads(cage):
@@ -122,3 +142,146 @@ def test_pairs_are_chosen_again_without_those_that_fail(monkeypatch):
     assert len(quads)
     assert asked[0][0] not in name_diagonals(quads)
     assert not any(asked[0][0] in later for later in asked[1:])
+
+
+def make_draft(cage, samples=FAR, clearance=0.01):
+    """A draft of all quads of a cage."""
+    draft = QuadDraft(cage, samples, clearance)
+    for quad in pair(cage):
+        draft.add(quad)
+    return draft
+
+
+def find_vertex(draft, place):
+    return int(np.linalg.norm(draft.vertices - place, axis=1).argmin())
+
+
+def test_a_move_is_made_only_if_both_cuts_stay_sound():
+    """The corner of a cube goes in: one cut of a side is over it then, the other one below."""
+    draft = make_draft(finer(box(), 1))
+    corner = find_vertex(draft, [1, 1, 1])
+    assert draft.take(move_vertex(draft, corner, np.array([0.9, 0.9, 0.9])))
+    assert not draft.take(move_vertex(draft, corner, np.array([-3.0, 0.1, 0.2])))
+
+
+@pytest.mark.parametrize("has_quads", [True, False])
+def test_a_sample_is_held_by_both_diagonals(has_quads):
+    """Below the middle of a square of triangles whose edge goes past it, in a corner's reach."""
+    cage = box(2.0)
+    side = Pairing(cage, 0.3).choose(set(), set())
+    lone = side[:1]
+    low = cage.vertices[lone[0]].mean(axis=0)
+    draft = QuadDraft(cage, 0.8 * low[None], 0.1)
+    if has_quads:
+        draft.add(lone[0])
+    # The corner off the own diagonal: with it go the other one's triangles, over the middle.
+    corner = int(lone[0][1])
+    inwards = cage.vertices[corner] - 0.7 * low
+    assert draft.take(move_vertex(draft, corner, inwards)) != has_quads
+
+
+def test_a_pair_is_held_only_if_its_other_halves_are_clear_and_in_shape():
+    cage = box(2.0)
+    quad = Pairing(cage, 0.3).choose(set(), set())[0]
+    middle = cage.vertices[quad].mean(axis=0)
+    faces = len(cage.faces)
+    for sample, angle, is_held in ((0.5, 5.0, True), (0.99, 5.0, False), (0.5, 50.0, False)):
+        draft = QuadDraft(cage, sample * middle[None], 0.1)
+        assert draft.hold(quad, angle) == is_held
+        assert len(draft.faces) == faces + 2 * is_held
+
+
+def test_vertices_walk_to_their_places_or_as_far_as_the_cage_is_sound():
+    cage = ball(1)
+    draft = make_draft(cage, np.zeros((1, 3)), 0.1)
+    draft.walk(0.5 * cage.vertices, 5.0)
+    np.testing.assert_allclose(draft.vertices, 0.5 * cage.vertices, rtol=0, atol=1e-12)
+    draft.walk(0.1 * cage.vertices, 5.0)
+    assert not np.allclose(draft.vertices, 0.1 * cage.vertices)
+    distance = closest_points(TriMesh(draft.vertices, draft.faces), np.zeros((1, 3))).distance
+    assert distance[0] >= 0.1
+
+
+def test_a_symmetric_cage_with_quads_stays_its_own_mirror_image():
+    cage, axis = ball(2), 0
+    partners = find_partners(cage.vertices, axis)
+    draft = PairedQuadDraft(cage, FAR, 0.01, axis)
+    for quad in Pairing(cage, 0.3, partners).choose(set(), set()):
+        draft.add(quad)
+    places = cage.vertices * (1 + 0.1 * np.random.default_rng(0).random((len(cage.vertices), 1)))
+    draft.walk(places, 5.0)
+    assert not np.array_equal(draft.vertices, cage.vertices)
+    np.testing.assert_array_equal(draft.vertices[partners], reflect(draft.vertices, axis))
+
+
+def ridge(share):
+    """A box whose one side is a ridge, its quads, and a model with a ball below the ridge.
+
+    `share` says where the ball is: the share of the way from the other diagonal to the ridge.
+    """
+    quads = pair(box())
+    lifted = box().vertices.copy()
+    lifted[quads[0][[0, 2]]] *= 1.6
+    top, low = lifted[quads[0][[0, 2]]].mean(axis=0), lifted[quads[0][[1, 3]]].mean(axis=0)
+    middle = share * top + (1 - share) * low
+    model = merged(moved(ball(2), middle, 0.02), box(0.5))
+    return *make_demand(TriMesh(lifted, box().faces), model), quads
+
+
+def test_the_quads_of_a_box_cut_by_either_diagonal_bound_the_same_volume():
+    cage, quads = box(), pair(box())
+    turned = turn_diagonals(cage, quads)
+    assert turned.is_closed
+    np.testing.assert_allclose(turned.volume, cage.volume, rtol=1e-12, atol=0)
+    own, other = ({tuple(sorted(f)) for f in mesh.faces.tolist()} for mesh in (cage, turned))
+    assert not own & other
+    joined = join_quads(cage, quads[:4])
+    np.testing.assert_array_equal(np.sort(joined.polygons.corner_counts), [3] * 4 + [4] * 4)
+    assert {tuple(sorted(face)) for face in joined.faces.tolist()} == own
+
+
+def test_a_quad_whose_other_diagonal_cuts_the_model_is_found():
+    cage, demand, quads = ridge(0.9)
+    assert find_failing(cage, quads[:1], demand, 0.0).all()
+    assert not find_failing(cage, quads[1:3], demand, 0.0).all()
+
+
+def test_a_quad_that_is_too_near_by_its_other_diagonal_alone_is_found():
+    cage, demand, quads = ridge(0.0)
+    np.testing.assert_array_equal(find_near_quads(cage, quads, demand), np.arange(len(quads)) == 0)
+
+
+def test_a_push_makes_room_for_both_diagonals():
+    cage, demand, quads = ridge(0.0)
+    assert len(find_near_cuts(cage, quads, demand))
+    pushed = push_cuts(cage, quads, demand.samples, 1.5 * demand.clearance)
+    assert len(find_near_cuts(pushed, quads, demand)) == 0
+
+
+def test_quads_whose_halves_meet_by_mixed_diagonals_are_at_fault():
+    """A corner of a side is moved through the cube and out of the other end."""
+    cage, demand = make_demand(finer(box(), 1), box(0.2))
+    quads = pair(cage)
+    assert not find_failing(cage, quads, demand, 0.0).any()
+    vertices = cage.vertices.copy()
+    vertices[quads[0][1]] *= -0.9
+    failing = find_failing(TriMesh(vertices, cage.faces), quads, demand, 0.0)
+    assert failing[0]
+
+
+def test_needles_are_at_fault():
+    cage, demand = make_demand(box(), box(0.2))
+    quads = pair(cage)
+    assert not find_failing(cage, quads, demand, 40.0).any()
+    assert find_failing(cage, quads, demand, 50.0).all()
+
+
+def test_a_fit_brings_both_cuts_to_the_clearance():
+    """A ball of twice the size shrinks to the model, but for how flat faces are."""
+    cage, demand = make_demand(changed(ball(2), vertices=2 * ball(2).vertices), ball(3))
+    quads = pair(cage)
+    fitted = fit_cuts(cage, quads, demand)
+    for cut in (fitted, turn_diagonals(fitted, quads)):
+        before = closest_points(cage, demand.samples).distance.mean()
+        after = closest_points(cut, demand.samples).distance.mean()
+        assert after < 0.15 * before
