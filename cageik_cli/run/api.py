@@ -41,6 +41,7 @@ from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 FilePath = str | PathLike[str]
+ReportProgress = Callable[[int, int], None]
 
 
 def load_mesh(path: FilePath) -> TriMesh:
@@ -121,11 +122,6 @@ def load_clip(
     loaded = None if rest is None else load_rest(Path(rest), settings.exclude)
     clip, _ = open_clip_and_rest(_list_names(frames), settings, loaded, 0)
     return clip
-
-
-def _list_names(frames: FilePath | Sequence[FilePath]) -> tuple[str, ...]:
-    paths = [frames] if isinstance(frames, str | PathLike) else frames
-    return tuple(fspath(path) for path in paths)
 
 
 def check_cage(cage: TriMesh, model: TriMesh | None = None) -> Diagnosis:
@@ -315,9 +311,6 @@ def read_cages(result: Result) -> Floats:
     (48, 80, 3)
     """
     return np.concatenate(list(result_file.read_cages(result, 64)))
-
-
-ReportProgress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -530,3 +523,8 @@ def _join_metrics(parts: Sequence[FrameMetrics]) -> FrameMetrics:
         name: np.concatenate([getattr(part, name) for part in parts]) for name in METRIC_TYPES
     }
     return FrameMetrics(**columns)
+
+
+def _list_names(frames: FilePath | Sequence[FilePath]) -> tuple[str, ...]:
+    paths = [frames] if isinstance(frames, str | PathLike) else frames
+    return tuple(fspath(path) for path in paths)

@@ -98,7 +98,7 @@ class _EditRun:
         # One thread: the last digits depend on how many.
         with progress.stage("pose"), limit_blas_threads(1):
             self._edit = LayeredEdit(self._files, self._target, settings.posing)
-        report_placement(self._edit, self._files, progress)
+        _report_placement(self._edit, self._files, progress)
         self._statistics = PoseStatistics(self._edit)
         writer = open_result_writer(
             settings.output,
@@ -270,14 +270,14 @@ def pose_model(
     with limit_blas_threads(1):
         edit = LayeredEdit(files, EditTarget.of_model(binding), posing)
         block = edit.edit_frames(np.zeros(1, np.int64), binding.cage.vertices[None])
-    report_placement(edit, files, progress)
+    _report_placement(edit, files, progress)
     statistics = PoseStatistics(edit)
     statistics.update(block)
     summary = statistics.summarize()
     return PoseResult(summary, take_snapshot(edit, block, summary))
 
 
-def report_placement(edit: LayeredEdit, files: EditFiles, progress: ProgressListener) -> None:
+def _report_placement(edit: LayeredEdit, files: EditFiles, progress: ProgressListener) -> None:
     """Note how handles were understood, and what mirrors the edit."""
     if edit.mirror is not None:
         progress.note("mirror", f"both sides move as mirror images about {edit.mirror}")

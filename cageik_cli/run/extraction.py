@@ -314,7 +314,7 @@ class Extraction:
                 self.progress.update(block.stop, len(self.sequence))
 
     def write(self, checkpoint: Checkpoint, unsmoothed: DeviationPeaks | None) -> None:
-        """Compose the result of a checkpoint that holds all frames, as of `ResultComposer`."""
+        """Compose the result of a checkpoint that holds all frames, as of `_ResultComposer`."""
         settings, solver = self.settings, self.block_solver.solver
         hints = self.common.hints
         assert self.stored is not None
@@ -322,14 +322,14 @@ class Extraction:
             quality=solver.quality,
             scene=self.scene,
             settings=self.recorded_settings,
-            notes=collect_notes(
+            notes=_collect_notes(
                 self.stored, self.rest, self.sequence, hints, checkpoint.summary, solver
             )
             + self._fit_notes,
         )
         output = settings.output
         with self.progress.stage("write"):
-            composer = ResultComposer(
+            composer = _ResultComposer(
                 checkpoint, self.stored, self.sequence, self.rest_index, unsmoothed
             )
             with open_result_writer(
@@ -378,7 +378,7 @@ class Extraction:
         )
 
 
-class ResultComposer:
+class _ResultComposer:
     """Composes the result of a complete checkpoint.
 
     Parameters
@@ -407,7 +407,7 @@ class ResultComposer:
         self._summary = summary = checkpoint.summary
         if len(summary.skipped) == len(sequence):
             raise FileAccessError(f"no frame can be read, the first: {summary.skipped[0]}")
-        self._regions = find_clip_regions(stored, summary)
+        self._regions = _find_clip_regions(stored, summary)
         if unsmoothed is not None:
             self._regions = attribute_to_smoothing(self._regions, unsmoothed, binding.rest.diagonal)
         self._key_frames = _find_key_frames(binding.rest, rest_index, summary, self._regions)
@@ -497,7 +497,7 @@ def _find_key_frames(
     return frames + [region.frame for region in regions[:1] if region.frame not in frames]
 
 
-def collect_notes(
+def _collect_notes(
     stored: StoredBinding,
     rest: LoadedMesh,
     sequence: MeshSequence,
@@ -569,7 +569,7 @@ def _list_absence_notes(summary: ClipSummary) -> tuple[str, ...]:
     )
 
 
-def find_clip_regions(stored: StoredBinding, summary: ClipSummary) -> tuple[Region, ...]:
+def _find_clip_regions(stored: StoredBinding, summary: ClipSummary) -> tuple[Region, ...]:
     """Find the worst regions of a clip; none if its largest deviation is within the usual."""
     binding, has_loose_cage = stored.binding, stored.has_loose_cage
     rms = float(np.sqrt(np.nanmean(summary.frame_rms**2)))

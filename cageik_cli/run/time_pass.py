@@ -1,8 +1,9 @@
 """The second pass of a run: cages smoothed over time and filled, and measured again.
 
-What is occluded for long is placed by the surface around it, and these frames are solved again. The
-clip is read a second time, as its vertices tell how the surface around has moved. What is
-placed is what no motion around it in time tells: see `MAX_BRIDGED_FRAMES`.
+Before it, vertices that are occluded for long are placed by the surface around them, and their
+frames are solved again. Those are the vertices whose place no motion around them in time tells (see
+`MAX_BRIDGED_FRAMES`); the clip is read again for them, as the other vertices tell how the surface
+around has moved.
 """
 
 from collections.abc import Callable, Generator, Iterator
@@ -35,8 +36,144 @@ MAX_FILLED_GAP = 48
 """Frames of a gap that is filled, at most."""
 
 
+@contextmanager
+def open_refined(
+    block_solver: BlockSolver[MeshSequence],
+    checkpoint: Checkpoint,
+    settings: ExtractSettings,
+    fps: float,
+) -> Iterator[tuple[Checkpoint, tuple[int, ...]]]:
+    """Open a checkpoint with the frames as they are written, and say which of them were filled.
+
+    Vertices that are occluded for long are placed, and the cages are smoothed and filled if that is
+    asked for; otherwise it is the one that is given.
+    """
+    summary = checkpoint.summary
+    filled: tuple[int, ...] = ()
+    is_empty = len(summary.skipped) == len(block_solver.sequence)
+    if is_empty or not isinstance(block_solver, CapturedBlockSolver):
+        yield checkpoint, filled
+        return
+    with ExitStack() as stack:
+
+        def start(find_path: Callable[[Path], Path]) -> Checkpoint:
+            path = find_path(settings.output)
+            copy = Checkpoint.open(path, checkpoint.spec, resume=False, overwrite=True)
+            stack.callback(copy.discard)
+            return copy
+
+        if summary.occlusions is not None and summary.occlusions.has_long:
+            placed = start(placed_path)
+            _place_occluded(block_solver, checkpoint, placed, settings.jobs)
+            checkpoint = placed
+        if settings.capture.needs_time_pass:
+            smoothed = start(smoothed_path)
+            filled = _run_time_pass(
+                block_solver,
+                checkpoint,
+                smoothed,
+                settings=settings.capture,
+                fps=fps,
+                jobs=settings.jobs,
+            )
+            checkpoint = smoothed
+        yield checkpoint, filled
+
+
+def _place_occluded(
+    block_solver: CapturedBlockSolver[MeshSequence],
+    checkpoint: Checkpoint,
+    output: Checkpoint,
+    jobs: int,
+) -> None:
+    """Place what is occluded for long in the frames of a checkpoint, and append them to another.
+
+    Frames are read again by `jobs` threads.
+    """
+    progress, sequence = block_solver.progress, block_solver.sequence
+    occlusions = checkpoint.summary.occlusions
+    assert occlusions is not None
+    filler = RigidFiller(block_solver.solver.binding.rest)
+    reads = sequence.blocks(choose_block_size(checkpoint.spec.vertices), jobs)
+    for solved, block in zip(checkpoint.blocks(), reads, strict=True):
+        places = [
+            frame - solved.start
+            for frame in range(solved.start, solved.stop)
+            if frame not in solved.skipped and len(occlusions.find_long(frame))
+        ]
+        if places:
+            with progress.stage("solve"):
+                cages = _solve_placed(block_solver, filler, solved, block, places)
+            with progress.stage("measure"):
+                solved = _measure_again(block_solver, solved, cages, block)
+        output.append(solved)
+
+
+def _solve_placed(
+    block_solver: CapturedBlockSolver[MeshSequence],
+    filler: RigidFiller,
+    solved: SolvedBlock,
+    block: Block,
+    places: list[int],
+) -> Floats:
+    """Return the cages of a block, in whose frames at `places` all that is hidden is placed."""
+    assert solved.kept is not None
+    solver, cages = block_solver.solver, solved.cages.copy()
+    positions, _ = block_solver.complete(block)
+    # What is missing for a shorter time, rejected, or never data tells nothing of the surface.
+    shares = solved.kept.expand_weights(positions.shape[1]) * (solver.vertex_weights > 0)
+    for place in places:
+        one, share = slice(place, place + 1), shares[place]
+        rebuilt = reconstruct_frames(solver.binding, cages[one], solved.rotations[one])[0]
+        left, is_occluded = share[:, None] * (positions[place] - rebuilt), share == 0
+        guess = filler.fill(rebuilt + filler.extend(left, is_occluded), is_occluded)
+        # What the cage misses of the surface around the piece goes on into it.
+        rebuilt = solver.solve(guess[None]).reconstructions[0].copy()
+        guess = rebuilt + filler.extend(guess - rebuilt, is_occluded)
+        cages[place] = solver.solve(guess[None]).cages[0]
+    return cages
+
+
+def _run_time_pass(
+    block_solver: CapturedBlockSolver[MeshSequence],
+    checkpoint: Checkpoint,
+    output: Checkpoint,
+    *,
+    settings: CaptureSettings,
+    fps: float,
+    jobs: int,
+) -> tuple[int, ...]:
+    """Smooth and fill the frames of a checkpoint, and append them to another.
+
+    Frames are read again, by `jobs` threads, where their figures change.
+
+    Returns
+    -------
+    tuple of int
+        The frames that were filled.
+    """
+    progress, sequence = block_solver.progress, block_solver.sequence
+    time_pass, filled = _TimePass(block_solver.solver, checkpoint, settings, fps), []
+    size = choose_block_size(checkpoint.spec.vertices)
+    frames = _cut_into_blocks(time_pass.run(), size, len(sequence))
+    with progress.stage("smooth"):
+        is_smoothed = time_pass.strengths is not None
+    with closing(_read_blocks(sequence, size, jobs, is_needed=is_smoothed)) as reads:
+        for solved in checkpoint.blocks():
+            with progress.stage("smooth"):
+                smoothed = next(frames)
+            with progress.stage("read"):
+                block = next(reads)
+            if is_smoothed:
+                with progress.stage("measure"):
+                    solved = _measure_again(block_solver, solved, smoothed.cages, block)
+            output.append(_set_filled(block_solver.solver, solved, smoothed))
+            filled += (np.flatnonzero(smoothed.is_filled) + smoothed.start).tolist()
+    return tuple(filled)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothedFrames:
+class _SmoothedFrames:
     """The cages of all frames, in order, by blocks.
 
     Attributes
@@ -53,7 +190,7 @@ class SmoothedFrames:
     is_filled: Mask
 
 
-class TimePass:
+class _TimePass:
     """Smooths and fills the cages that a checkpoint holds.
 
     Parameters
@@ -76,13 +213,13 @@ class TimePass:
         self._is_known = np.ones(self._count, bool)
         self._is_known[list(checkpoint.summary.skipped)] = False
 
-    def run(self) -> Iterator[SmoothedFrames]:
+    def run(self) -> Iterator[_SmoothedFrames]:
         """Yield the frames of all windows, without their overlaps."""
         wanted = self._is_known | self._is_fillable
         for inner, cages in self._fill() if self.strengths is None else self._smooth():
             here = slice(inner.start, inner.stop)
             cages[~wanted[here]] = np.nan
-            yield SmoothedFrames(inner.start, cages, (wanted & ~self._is_known)[here])
+            yield _SmoothedFrames(inner.start, cages, (wanted & ~self._is_known)[here])
 
     def _fill(self) -> Iterator[tuple[range, Floats]]:
         """Yield the frames of each window and their cages, with gaps filled."""
@@ -229,44 +366,6 @@ def _extend_to_ends(cages: Floats, is_known: Mask) -> Floats:
     return held
 
 
-def run_time_pass(
-    block_solver: CapturedBlockSolver[MeshSequence],
-    checkpoint: Checkpoint,
-    output: Checkpoint,
-    *,
-    settings: CaptureSettings,
-    fps: float,
-    jobs: int,
-) -> tuple[int, ...]:
-    """Smooth and fill the frames of a checkpoint, and append them to another.
-
-    Frames are read again, by `jobs` threads, where their figures change.
-
-    Returns
-    -------
-    tuple of int
-        The frames that were filled.
-    """
-    progress, sequence = block_solver.progress, block_solver.sequence
-    time_pass, filled = TimePass(block_solver.solver, checkpoint, settings, fps), []
-    size = choose_block_size(checkpoint.spec.vertices)
-    frames = _cut_into_blocks(time_pass.run(), size, len(sequence))
-    with progress.stage("smooth"):
-        is_smoothed = time_pass.strengths is not None
-    with closing(_read_blocks(sequence, size, jobs, is_needed=is_smoothed)) as reads:
-        for solved in checkpoint.blocks():
-            with progress.stage("smooth"):
-                smoothed = next(frames)
-            with progress.stage("read"):
-                block = next(reads)
-            if is_smoothed:
-                with progress.stage("measure"):
-                    solved = measure_again(block_solver, solved, smoothed.cages, block)
-            output.append(_set_filled(block_solver.solver, solved, smoothed))
-            filled += (np.flatnonzero(smoothed.is_filled) + smoothed.start).tolist()
-    return tuple(filled)
-
-
 def _read_blocks(
     sequence: MeshSequence, size: int, jobs: int, is_needed: bool
 ) -> Generator[Block | None]:
@@ -277,21 +376,21 @@ def _read_blocks(
 
 
 def _cut_into_blocks(
-    windows: Iterator[SmoothedFrames], size: int, count: int
-) -> Iterator[SmoothedFrames]:
+    windows: Iterator[_SmoothedFrames], size: int, count: int
+) -> Iterator[_SmoothedFrames]:
     """Yield the frames of windows in blocks of `size`."""
     cages, is_filled, start = np.empty((0, 0, 3)), np.empty(0, bool), 0
     for window in windows:
         cages = np.concatenate([cages, window.cages]) if len(cages) else window.cages
         is_filled = np.concatenate([is_filled, window.is_filled])
         while len(cages) >= size or (len(cages) and start + len(cages) == count):
-            yield SmoothedFrames(start, cages[:size], is_filled[:size])
+            yield _SmoothedFrames(start, cages[:size], is_filled[:size])
             start += len(cages[:size])
             cages, is_filled = cages[size:], is_filled[size:]
 
 
 def _set_filled(
-    solver: DualLaplacianSolver, solved: SolvedBlock, smoothed: SmoothedFrames
+    solver: DualLaplacianSolver, solved: SolvedBlock, smoothed: _SmoothedFrames
 ) -> SolvedBlock:
     """Return a block with the cages of the gaps that were filled."""
     if not smoothed.is_filled.any():
@@ -300,104 +399,6 @@ def _set_filled(
     cages[smoothed.is_filled] = smoothed.cages[smoothed.is_filled]
     rotations[smoothed.is_filled] = find_rotations(solver, cages[smoothed.is_filled])
     return replace(solved, cages=cages, rotations=rotations)
-
-
-@contextmanager
-def open_refined(
-    block_solver: BlockSolver[MeshSequence],
-    checkpoint: Checkpoint,
-    settings: ExtractSettings,
-    fps: float,
-) -> Iterator[tuple[Checkpoint, tuple[int, ...]]]:
-    """Open a checkpoint with the frames as they are written, and say which of them were filled.
-
-    Vertices that are occluded for long are placed, and the cages are smoothed and filled if that is
-    asked for; otherwise it is the one that is given.
-    """
-    summary = checkpoint.summary
-    filled: tuple[int, ...] = ()
-    is_empty = len(summary.skipped) == len(block_solver.sequence)
-    if is_empty or not isinstance(block_solver, CapturedBlockSolver):
-        yield checkpoint, filled
-        return
-    with ExitStack() as stack:
-
-        def start(find_path: Callable[[Path], Path]) -> Checkpoint:
-            path = find_path(settings.output)
-            copy = Checkpoint.open(path, checkpoint.spec, resume=False, overwrite=True)
-            stack.callback(copy.discard)
-            return copy
-
-        if summary.occlusions is not None and summary.occlusions.has_long:
-            placed = start(placed_path)
-            place_occluded(block_solver, checkpoint, placed, settings.jobs)
-            checkpoint = placed
-        if settings.capture.needs_time_pass:
-            smoothed = start(smoothed_path)
-            filled = run_time_pass(
-                block_solver,
-                checkpoint,
-                smoothed,
-                settings=settings.capture,
-                fps=fps,
-                jobs=settings.jobs,
-            )
-            checkpoint = smoothed
-        yield checkpoint, filled
-
-
-def place_occluded(
-    block_solver: CapturedBlockSolver[MeshSequence],
-    checkpoint: Checkpoint,
-    output: Checkpoint,
-    jobs: int,
-) -> None:
-    """Place what is occluded for long in the frames of a checkpoint, and append them to another.
-
-    Frames are read again by `jobs` threads.
-    """
-    progress, sequence = block_solver.progress, block_solver.sequence
-    occlusions = checkpoint.summary.occlusions
-    assert occlusions is not None
-    filler = RigidFiller(block_solver.solver.binding.rest)
-    reads = sequence.blocks(choose_block_size(checkpoint.spec.vertices), jobs)
-    for solved, block in zip(checkpoint.blocks(), reads, strict=True):
-        places = [
-            frame - solved.start
-            for frame in range(solved.start, solved.stop)
-            if frame not in solved.skipped and len(occlusions.find_long(frame))
-        ]
-        if places:
-            with progress.stage("solve"):
-                cages = _solve_placed(block_solver, filler, solved, block, places)
-            with progress.stage("measure"):
-                solved = measure_again(block_solver, solved, cages, block)
-        output.append(solved)
-
-
-def _solve_placed(
-    block_solver: CapturedBlockSolver[MeshSequence],
-    filler: RigidFiller,
-    solved: SolvedBlock,
-    block: Block,
-    places: list[int],
-) -> Floats:
-    """Return the cages of a block, in whose frames at `places` all that is hidden is placed."""
-    assert solved.kept is not None
-    solver, cages = block_solver.solver, solved.cages.copy()
-    positions, _ = block_solver.complete(block)
-    # What is missing for a shorter time, rejected, or never data tells nothing of the surface.
-    shares = solved.kept.expand_weights(positions.shape[1]) * (solver.vertex_weights > 0)
-    for place in places:
-        one, share = slice(place, place + 1), shares[place]
-        rebuilt = reconstruct_frames(solver.binding, cages[one], solved.rotations[one])[0]
-        left, is_occluded = share[:, None] * (positions[place] - rebuilt), share == 0
-        guess = filler.fill(rebuilt + filler.extend(left, is_occluded), is_occluded)
-        # What the cage misses of the surface around the piece goes on into it.
-        rebuilt = solver.solve(guess[None]).reconstructions[0].copy()
-        guess = rebuilt + filler.extend(guess - rebuilt, is_occluded)
-        cages[place] = solver.solve(guess[None]).cages[0]
-    return cages
 
 
 def find_rotations(solver: DualLaplacianSolver, cages: Floats) -> Floats:
@@ -412,7 +413,7 @@ def find_rotations(solver: DualLaplacianSolver, cages: Floats) -> Floats:
     return np.asarray(turns[0].T @ turns[1:])
 
 
-def measure_again(
+def _measure_again(
     block_solver: CapturedBlockSolver[MeshSequence],
     solved: SolvedBlock,
     cages: Floats,
