@@ -355,7 +355,7 @@ def _describe_errors(
             f"fit, their error is {format_percent(found.fitted.rms)} % of the diagonal, that of "
             f"computed weights {format_percent(found.unfitted.rms)}"
         )
-    left_out, own, before = measure_transferred(result, change, fitted, computed)
+    left_out, own, before = _measure_transferred(result, change, fitted, computed)
     return (
         "at its own vertices, each left out when the change is transferred to it, the error is "
         f"{format_percent(left_out)} % of the diagonal in the frames that the result keeps; of the "
@@ -363,7 +363,7 @@ def _describe_errors(
     )
 
 
-def measure_transferred(
+def _measure_transferred(
     result: Result, change: TransferredChange, fitted: Binding, computed: Floats
 ) -> tuple[float, float, float]:
     """Measure the errors of the vertices of a fitted model in the frames that its result keeps.
