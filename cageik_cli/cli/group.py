@@ -26,6 +26,12 @@ from cageik_cli.util.outputs import listen_to_leftovers
 from cageik_cli.util.text import make_printable, single_line
 
 
+def import_command(name: str) -> click.Command:
+    """Import a command by its name; no module of the group imports one before it is asked for."""
+    command: click.Command = getattr(import_module(f"cageik_cli.cli.{name}"), f"{name}_command")
+    return command
+
+
 class LazyCommands(Mapping[str, click.Command]):
     """The commands by their names; command NAME is `NAME_command` in the module `cli.NAME`.
 
@@ -41,9 +47,7 @@ class LazyCommands(Mapping[str, click.Command]):
     def __getitem__(self, name: str) -> click.Command:
         if name not in self.summaries:
             raise KeyError(name)
-        module = import_module(f"cageik_cli.cli.{name}")
-        command: click.Command = getattr(module, f"{name}_command")
-        return command
+        return import_command(name)
 
     def __contains__(self, name: object) -> bool:
         return name in self.summaries
@@ -123,11 +127,10 @@ def spell_options(text: str, command: click.Command | None = None) -> str:
 def _find_option(name: str, command: click.Command | None) -> str | None:
     """Return what is typed for a parameter: an option, or an argument in capitals."""
     from cageik_cli.cli.command import spell_param
-    from cageik_cli.cli.extract import extract_command
 
     if name == "verbose":
         return "-v"  # as everybody types it
-    for known in (command, extract_command):
+    for known in (command, import_command("extract")):
         for param in known.params if known is not None else ():
             if param.name == name or f"--{name.replace('_', '-')}" in param.opts:
                 return spell_param(param)
