@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.formats.base.choose_parts import order_parts, select_parts
+from cageik_cli.formats.base.ear_clipping import describe_folded
 from cageik_cli.formats.base.files import decompress, describe_source, file_suffix
-from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity, describe_folded
+from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.base.readers import ArrayClipFile, FrameFileReader, parse_mesh
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
 from cageik_cli.formats.base.welding import number_as_clip

@@ -29,15 +29,8 @@ from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.edit_settings import EditSettings, PoseSettings
 from cageik_cli.run.executor import choose_block_size
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.result import (
-    Result,
-    ResultHeader,
-    ResultSummary,
-    read_cages,
-    read_low_rank,
-    read_result,
-    read_rotations,
-)
+from cageik_cli.store.result import Result, read_cages, read_low_rank, read_result, read_rotations
+from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_writer import ResultWriter, open_result_writer
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context

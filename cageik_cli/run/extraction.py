@@ -64,15 +64,8 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
 from cageik_cli.store.fit_fields import BaselineErrors
-from cageik_cli.store.result import (
-    Result,
-    ResultHeader,
-    ResultSummary,
-    checkpoint_path,
-    placed_path,
-    read_result,
-    smoothed_path,
-)
+from cageik_cli.store.result import Result, checkpoint_path, placed_path, read_result, smoothed_path
+from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_writer import ResultWriter, open_result_writer
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, error_context, join_truncated

@@ -16,9 +16,8 @@ from cageik_cli.store.fit_fields import (
     write_weights,
 )
 from cageik_cli.store.hdf5_fields import create_hdf5, write_meshes
-from cageik_cli.store.result import (
-    RESULT_FORMAT,
-    RESULT_SCHEMA,
+from cageik_cli.store.result import RESULT_FORMAT, RESULT_SCHEMA
+from cageik_cli.store.result_fields import (
     ResultHeader,
     ResultSummary,
     create_columns,

@@ -7,7 +7,7 @@ import h5py
 import pytest
 
 from cageik_cli.method.solve.regions import MAX_REGIONS, Cause, Evidence, Region
-from cageik_cli.store.result import RESULT_FIELDS, ResultSizes
+from cageik_cli.store.result_fields import RESULT_FIELDS, ResultSizes
 from cageik_cli.util.errors import FormatError
 
 FIELD = RESULT_FIELDS["regions"]

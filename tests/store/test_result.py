@@ -16,7 +16,8 @@ from cageik_cli.method.solve.metrics import FrameMetrics, check_finite
 from cageik_cli.store import hdf5_fields
 from cageik_cli.store import result as store
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.result import ResultHeader, ResultSummary, read_key_frames
+from cageik_cli.store.result import read_key_frames
+from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_writer import open_result_writer
 from cageik_cli.util.errors import InputError, NumericalError
 from tests.shapes import ball, rotation

@@ -3,7 +3,7 @@ import pytest
 
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.geometry.shape import uniform_laplacian
-from cageik_cli.method.pose.poser import Cells, Neighbours
+from cageik_cli.method.pose.rigidity import Cells, Neighbours
 from tests.shapes import ball, concave, finer, rotation
 
 CAGES = {"L": finer(concave(), 1), "ball": ball(1), "coarse": concave()}
