@@ -2,7 +2,8 @@
 
 Y. Savoye and J.-S. Franco, *CageIK: Dual-Laplacian Cage-Based Inverse Kinematics*, AMDO 2010. Steps
 3, 4 and 6 have the numbers of the paper's equations. Sums are means here, so that α and β mean the
-same on every mesh. This folder imports `geometry` and `util` only.
+same on every mesh. This folder imports `geometry` and `util` only; `docs/method.md` has
+what the paper leaves open.
 
 =====================  ============================================================================
 m, n, l, k             vertices of the model and of its cage, anchors, frames
