@@ -7,7 +7,7 @@ A record of settings is a frozen dataclass whose fields are made by `declare_set
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import StrEnum
-from math import isfinite
+from math import inf
 from types import NoneType
 from typing import Any, Literal, get_args
 
@@ -128,15 +128,15 @@ class Setting:
 
     def is_allowed(self, value: Any) -> bool:
         """Return whether a value is one of the choices, or in its bounds."""
-        if value == self.word:
+        if self.word is not None and value == self.word:
             return True
         if self.choices:
             return value in self.choices
-        if not isinstance(value, int | float):
+        if (self.minimum, self.maximum, self.above) == (None, None, None):
             return True
-        least = self.minimum is None or value >= self.minimum
+        least = self.minimum is None or value >= self.minimum  # nan is not
         most = self.maximum is None or value <= self.maximum
-        return isfinite(value) and least and most and (self.above is None or value > self.above)
+        return bool(least and most and (self.above is None or value > self.above) and value != inf)
 
     def describe_allowed(self, kind: type) -> str:
         """Return in words which values are allowed, where these are choices or have a least."""
@@ -226,10 +226,10 @@ def check_settings(record: Any) -> None:
     """
     for one, setting in list_settings(record):
         value = getattr(record, one.name)
-        if value is not None and not setting.is_allowed(value):
+        is_unset = value is None and NoneType in get_args(one.type)
+        if not is_unset and not setting.is_allowed(value):
             if setting.refusal is not None:
-                is_number = isinstance(value, int | float)
-                percent = 100 * value if is_number else value
+                percent = value if isinstance(value, str) or value is None else 100 * value
                 raise SettingError(setting.refusal.format(value=value, percent=percent))
             shown = repr(value) if isinstance(value, str) else value
             name = (setting.name or one.name).replace("_", " ")
@@ -250,7 +250,9 @@ def describe_settings(record: Any) -> dict[str, Any]:
     for one, setting in list_settings(record):
         value = getattr(record, one.name)
         if setting.name is not None and (setting.is_recorded_unset or value != one.default):
-            described[setting.name] = setting.word if value is None else value
+            recorded = setting.word if value is None else value
+            # As it is read back from JSON, so that a resumed run knows its settings.
+            described[setting.name] = list(recorded) if isinstance(recorded, tuple) else recorded
     return described
 
 

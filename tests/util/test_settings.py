@@ -4,11 +4,13 @@ from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from cageik_cli.cli.command import GroupedCommand
 from cageik_cli.cli.options.group import OptionGroup, list_options
+from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.settings import (
     HelpGroup,
@@ -145,3 +147,16 @@ def test_words_that_are_not_allowed_are_wrong_usage(words, says):
 def test_a_setting_that_is_repeated_has_the_words_of_the_first():
     shade = next(one for one in fields(House) if one.name == "shade").metadata["setting"]
     assert (shade.help, shade.above, shade.needs) == ("Gloss.", 0, "lamp")
+
+
+def test_values_that_are_no_plain_numbers_are_checked_too():
+    setting = Setting("", minimum=2, maximum=10)
+    assert setting.is_allowed(np.int64(2))
+    assert not setting.is_allowed(np.int64(1))
+    assert not setting.is_allowed(10**400)
+    assert not Setting("", minimum=0).is_allowed(np.float32("nan"))
+    assert not Setting("", choices=("red",)).is_allowed(None)
+
+
+def test_tuples_are_recorded_as_files_have_them():
+    assert describe_settings(ClipSettings(exclude=("teeth",)))["exclude"] == ["teeth"]
