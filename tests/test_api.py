@@ -10,6 +10,7 @@ import cageik_cli
 from cageik_cli.formats.base.sequence import as_sequence
 from cageik_cli.method.weights import harmonic
 from cageik_cli.util.errors import ConnectivityError, SettingError
+from tests.texts import texts
 
 
 @pytest.fixture(autouse=True)
@@ -204,7 +205,7 @@ def test_frames_for_a_cage_may_be_an_array(animation):
 @pytest.mark.slow
 def test_a_loose_cage_has_a_note(animation, monkeypatch, coarse_grids):
     monkeypatch.setattr("cageik_cli.cages.builder.build.make_shell", lambda *_: None)
-    (note,) = cageik_cli.build_cage(animation.rest, vertices=20).notes
+    (note,) = texts(cageik_cli.build_cage(animation.rest, vertices=20).notes)
     assert "ellipsoid" in note
 
 

@@ -44,6 +44,7 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import checkpoint_path
 from cageik_cli.util.errors import ClusterError, FileAccessError, format_error, require_optional
 from cageik_cli.util.files import open_locked
+from cageik_cli.util.messages import Text, say
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import use_one_blas_thread
 from cageik_cli.util.version import __version__
@@ -212,8 +213,8 @@ class DaskScheduler:
             raise
         except (OSError, CancelledError) as error:
             raise ClusterError(
-                f"{self._address}: the scheduler is lost, or has dropped its tasks; see its log, "
-                "start it again, and continue with `resume=True`"
+                f"{self._address}: the scheduler is lost, or has dropped its tasks; "
+                + say("see its log, start it again, and continue with `resume=True`")
             ) from error
 
     def _wait_for_worker(self) -> None:
@@ -223,8 +224,8 @@ class DaskScheduler:
         except TimeoutError as error:
             raise ClusterError(
                 f"{self._address}: no worker for {self._worker_timeout:g} s; start some with "
-                f"`dask worker {self._address} --nthreads 1 --nworkers N`, and continue with "
-                "`resume=True`"
+                f"`dask worker {self._address} --nthreads 1 --nworkers N`, "
+                + say("and continue with `resume=True`")
             ) from error
 
     def _check_workers(self) -> None:
@@ -479,12 +480,12 @@ def check_task_wanted(client: Any) -> None:
         raise ClusterError("the batch was stopped, or another worker has taken over this clip")
 
 
-def describe_killed_worker(error: Any) -> str:
+def describe_killed_worker(error: Any) -> Text:
     """Say what to do about a task that crashes every worker."""
     return (
         f"{error.allowed_failures + 1} workers crashed on it (the last one "
-        f"{error.last_worker.address}, see its log); give workers more memory, or use a coarser "
-        "cage or a smaller `memory=`"
+        f"{error.last_worker.address}, see its log); "
+        + say("give workers more memory, or use a coarser cage or a smaller `memory=`")
     )
 
 

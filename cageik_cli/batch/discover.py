@@ -23,6 +23,7 @@ from cageik_cli.report.overview import shorten_names
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
 from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
+from cageik_cli.util.messages import say
 from cageik_cli.util.text import make_file_name
 
 MAX_RESULT_NAME = 200
@@ -133,7 +134,9 @@ def discover_clips(
     ]
     if not kept:
         raise SettingError(
-            f"{places}: `exclude_clips=` leaves out all {len(found)} clips; exclude fewer"
+            f"{places}: "
+            + say("`exclude_clips=` leaves out all ")
+            + f"{len(found)} clips; exclude fewer"
         )
     return kept
 

@@ -18,6 +18,7 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.result import Result, has_weights
 from cageik_cli.util.errors import CageikError, InputError, describe_error
+from cageik_cli.util.messages import Said, Spelling, spell, spell_keyword
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.text import to_unicode
 
@@ -43,9 +44,9 @@ class ClipJob:
         Whether a page is written beside the result.
     load_player : callable, optional
         Reads the player of the page, which else has none.
-    word : callable
-        Puts notes into the words of who reads the reports, as in `build_report`. It is sent to the
-        process that does the job, as `load_player` is.
+    spelling : callable
+        Writes the settings that messages name, as in `build_report`. It is sent to the process that
+        does the job, as `load_player` is.
     """
 
     name: str
@@ -53,7 +54,7 @@ class ClipJob:
     limits: Limits = field(default_factory=Limits)
     has_page: bool = True
     load_player: "Callable[[Result], PlayerPart | None] | None" = None
-    word: Callable[[str], str] = str
+    spelling: Spelling = spell_keyword
 
 
 class ClipState(Enum):
@@ -115,7 +116,8 @@ def _is_of_frame(error: Exception, extraction: Extraction) -> bool:
     if not isinstance(error, InputError) or not hasattr(extraction, "sequence"):
         return False
     sequence = extraction.sequence
-    return any(str(error).startswith(f"{sequence.location(k)}: ") for k in range(len(sequence)))
+    places = {sequence.location(k) for k in range(len(sequence))}
+    return bool(error.locations) and error.locations[0] in places
 
 
 def check_clip(job: ClipJob) -> Outcome | str:
@@ -170,15 +172,16 @@ def compute_weights_key(extraction: Extraction) -> str:
     return compute_key(recorded | shared, rest.vertices, rest.faces)
 
 
-def make_failed_outcome(job: ClipJob, sentence: str) -> Outcome:
-    """Make the outcome of a job that failed with this message."""
-    return Outcome(ClipEntry(job.name, fault=to_unicode(sentence)), ClipState.FAILED)
+def make_failed_outcome(job: ClipJob, fault: Said) -> Outcome:
+    """Make the outcome of a job that failed."""
+    entry = ClipEntry(job.name, fault=to_unicode(spell(fault, job.spelling)))
+    return Outcome(entry, ClipState.FAILED)
 
 
 def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
     """Make the outcome of a job that has a result; write its page unless that is up to date."""
     state = ClipState.DONE if is_new else ClipState.UNCHANGED
-    report = build_report(result, job.limits, job.name, job.word)
+    report = build_report(result, job.limits, job.name, job.spelling)
     file, picture = f"{CLIPS_FOLDER}/{result.path.name}", draw_thumbnail(result)
     if not job.has_page:
         return Outcome(build_clip_entry(report, file, picture=picture), state)
@@ -189,6 +192,6 @@ def _make_outcome(job: ClipJob, result: Result, is_new: bool) -> Outcome:
     load_player = job.load_player if has_pictures else None
     if not is_page_current(page, report, has_pictures, load_player is not None):
         player = None if load_player is None else load_player(result)
-        text = render_result_page(result, report, player, job.word)
+        text = render_result_page(result, report, player, job.spelling)
         write_text(page, text, overwrite=True)
     return Outcome(build_clip_entry(report, file, f"{CLIPS_FOLDER}/{page.name}", picture), state)

@@ -13,9 +13,9 @@ from dataclasses import replace
 from multiprocessing.context import BaseContext
 from queue import SimpleQueue
 
-from cageik_cli.batch.jobs import ClipJob, ClipState, Outcome, run_clip
-from cageik_cli.report.overview import ClipEntry
+from cageik_cli.batch.jobs import ClipJob, Outcome, make_failed_outcome, run_clip
 from cageik_cli.util.errors import ClusterError
+from cageik_cli.util.messages import say
 from cageik_cli.util.threads import use_one_blas_thread
 
 PRELOAD = "cageik_cli.batch.preload"
@@ -87,11 +87,11 @@ class _Worker:
             except BrokenProcessPool:
                 if not self._try_restart():
                     raise
-        fault = (
-            "worker process crashed twice (killed, out of memory, or a corrupt file); try fewer "
-            "`jobs=`"
+        fault = say(
+            "worker process crashed twice (killed, out of memory, or a corrupt file); "
+            "try fewer `jobs=`"
         )
-        return Outcome(ClipEntry(job.name, fault=fault), ClipState.FAILED)
+        return make_failed_outcome(job, fault)
 
     def stop(self, is_immediate: bool) -> None:
         """End the process, at once if `is_immediate`; its run can be resumed."""

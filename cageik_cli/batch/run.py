@@ -1,7 +1,7 @@
 """A batch: its jobs are run, and one report over all clips is written."""
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,8 +14,9 @@ from cageik_cli.report.views.data import format_junit, format_overview_csv, form
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.run.extraction import Extraction
 from cageik_cli.store.result import checkpoint_path, is_result
-from cageik_cli.util.errors import CageikError, OutputError, make_write_error
+from cageik_cli.util.errors import CageikError, OutputError, add_remark, make_write_error
 from cageik_cli.util.files import open_locked, remove_locked
+from cageik_cli.util.messages import Row, Spelling, say, spell_keyword
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.progress import ProgressListener
 
@@ -63,7 +64,7 @@ def run_batch(
     batch: BatchPlan,
     scheduler: Scheduler,
     progress: ProgressListener,
-    word: Callable[[str], str] = str,
+    spelling: Spelling = spell_keyword,
 ) -> Overview:
     """Run all jobs, and write the report over all clips; it lists failures, which raise no error.
 
@@ -71,8 +72,8 @@ def run_batch(
 
     Parameters
     ----------
-    word : callable
-        Puts messages of failures and notes into the words of who reads the reports.
+    spelling : callable
+        Writes the settings that messages of failures and notes name.
 
     Raises
     ------
@@ -93,7 +94,7 @@ def run_batch(
                 label = f"{labels[entry.name]:<{width}}"
                 progress.note(label, _describe_outcome(Outcome(entry, ClipState.FAILED)))
             for outcome in active_scheduler.run_jobs(
-                [replace(job, word=word) for job in batch.jobs]
+                [replace(job, spelling=spelling) for job in batch.jobs]
             ):
                 entries[outcome.entry.name] = outcome.entry
                 done.append(outcome)
@@ -101,37 +102,37 @@ def run_batch(
                 progress.note(label, _describe_outcome(outcome))
                 progress.update(len(done), len(batch.jobs))
             if any(outcome.has_bad_frame for outcome in done):
-                progress.note("note", "`on_bad_frame=skip` leaves out frames that cannot be read")
+                progress.note(
+                    "note", say("`on_bad_frame=skip` leaves out frames that cannot be read")
+                )
         if any(job.settings.cache == batch.output / WEIGHT_CACHE_FOLDER for job in batch.jobs):
             shutil.rmtree(batch.output / WEIGHT_CACHE_FOLDER, ignore_errors=True)
-        worded = {
-            name: replace(entry, fault=word(entry.fault)) if entry.fault else entry
-            for name, entry in entries.items()
-        }
-        overview = Overview([worded[name] for name in batch.order], batch.notes)
+        overview = Overview([entries[name] for name in batch.order], batch.notes)
         with progress.stage("write"):
             for name, view in REPORT_FILES.items():
                 write_text(batch.output / name, view(overview), overwrite=True)
     return overview
 
 
-def describe_batch(batch: BatchPlan) -> dict[str, list[tuple[str, str]]]:
+def describe_batch(batch: BatchPlan) -> dict[str, list[Row]]:
     """Describe, in labelled lines, what a batch would do with each clip; nothing is done.
 
     That is its frames, its cage, where its result goes and what is there; of a clip that would
     fail, the only label is `FAULT_LABEL`.
     """
-    rejected = {entry.name: [(FAULT_LABEL, str(entry.fault))] for entry in batch.rejected}
+    rejected: dict[str, list[Row]] = {
+        entry.name: [(FAULT_LABEL, str(entry.fault))] for entry in batch.rejected
+    }
     planned = {job.name: _describe_job(job) for job in batch.jobs}
     return {name: (rejected | planned)[name] for name in batch.order}
 
 
-def _describe_job(job: ClipJob) -> list[tuple[str, str]]:
+def _describe_job(job: ClipJob) -> list[Row]:
     settings, extraction = job.settings, Extraction(job.settings)
     try:
         extraction.open()
     except CageikError as error:
-        return [(FAULT_LABEL, str(error))]
+        return [(FAULT_LABEL, error.text)]
     if extraction.existing is not None:
         state = "up to date, nothing to do"
     elif settings.resume and checkpoint_path(settings.output).exists():
@@ -159,8 +160,11 @@ def check_folder_empty(folder: Path) -> None:
         raise OutputError(f"{folder}: is a file; give a folder for the results")
     if any(not path.is_dir() for path in folder.rglob("*")):
         raise OutputError(
-            f"{folder}: holds files already; continue with `resume=True`, start over with "
-            "`overwrite=True`, or choose another folder"
+            f"{folder}: holds files already; "
+            + say(
+                "continue with `resume=True`, start over with `overwrite=True`, or choose "
+                "another folder"
+            )
         )
 
 
@@ -169,8 +173,8 @@ def check_batch_folder(folder: Path) -> None:
     for name in REPORT_FILES:
         if (folder / name).exists() and not (folder / CLIPS_FOLDER).is_dir():
             raise OutputError(
-                f"{folder}: holds {name} but no batch to resume; start over with "
-                "`overwrite=True`, or choose another folder"
+                f"{folder}: holds {name} but no batch to resume; "
+                + say("start over with `overwrite=True`, or choose another folder")
             )
 
 
@@ -178,8 +182,8 @@ def check_is_result(path: Path) -> None:
     """Refuse to resume over a file that is not a result of cageik."""
     if path.exists() and not is_result(path):
         raise OutputError(
-            f"{path}: is not a result of cageik extract; move it away, or replace it with "
-            "`overwrite=True`"
+            f"{path}: is not a result of cageik extract; "
+            + say("move it away, or replace it with `overwrite=True`")
         )
 
 
@@ -202,8 +206,10 @@ def _note_done_on_error(batch: BatchPlan) -> Iterator[list[Outcome]]:
     try:
         yield done
     except BaseException as error:
-        error.add_note(
-            f"{len(done)} of {len(batch.jobs)} clips are done; continue with `resume=True`"
+        add_remark(
+            error,
+            f"{len(done)} of {len(batch.jobs)} clips are done; "
+            + say("continue with `resume=True`"),
         )
         raise
 

@@ -9,7 +9,8 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding, Weights, reproduction_error
 from cageik_cli.method.weights.settings import ACCURACIES, BindSettings
 from cageik_cli.util.errors import NumericalError
-from cageik_cli.util.progress import ignore_progress, mark_warning
+from cageik_cli.util.messages import Hint, Note, Said, say
+from cageik_cli.util.progress import ignore_progress
 
 MIN_HARMONIC_WEIGHT = -0.05
 """Harmonic weights below it give a warning; those of sound cages stay above −0.02."""
@@ -67,7 +68,7 @@ def bind(
         panels=weights.panels,
         estimated_error=weights.error,
         projected=len(placement.outside_indices),
-        notes=placement.notes + tuple(map(mark_warning, warnings)),
+        notes=placement.notes + tuple(Note(warning, "warning") for warning in warnings),
     )
     if not weights.error <= MAX_ESTIMATED_ERROR:
         raise NumericalError(
@@ -107,14 +108,14 @@ class JudgedBinding:
 
     Attributes
     ----------
-    cage_warnings : tuple of str
+    cage_warnings : tuple of Note
         What is poor about the cage if it is this model's own: not for other meshes in it.
     has_loose_cage : bool, optional
         Whether the cage has far too much room for this model; None if it has points only.
     """
 
     binding: Binding
-    cage_warnings: tuple[str, ...]
+    cage_warnings: tuple[Note, ...]
     has_loose_cage: bool | None
 
 
@@ -126,33 +127,35 @@ def judge_binding(binding: Binding) -> JudgedBinding:
     if not len(binding.rest.faces):
         return JudgedBinding(binding, (), None)
     found = find_looseness_faults(binding.cage, binding.rest, False)
-    faults = tuple(finding.sentence for finding in found)
+    faults = tuple(Note(finding.sentence, "warning") for finding in found)
     return JudgedBinding(binding, () if binding.projected else faults, bool(faults))
 
 
-def _list_weight_warnings(weights: Weights, settings: BindSettings) -> tuple[str, ...]:
+def _list_weight_warnings(weights: Weights, settings: BindSettings) -> tuple[Said, ...]:
     """Return warnings about harmonic weights, one sentence each."""
     if settings.coordinates != "harmonic":
         return ()
-    notes = []
+    notes: list[Said] = []
     tolerance = ACCURACIES[settings.accuracy].tolerance
     if not weights.error <= tolerance:
         notes.append(
-            f"estimated weight error {weights.error:.2g} exceeds the tolerance {tolerance:g} of "
-            f"`accuracy={settings.accuracy}`; use a coarser cage or leave more clearance"
+            f"estimated weight error {weights.error:.2g} exceeds the tolerance {tolerance:g} "
+            "of "
+            + Hint("accuracy", settings.accuracy)
+            + "; use a coarser cage or leave more clearance"
         )
     if not weights.surface_error <= MAX_SURFACE_ERROR:
         notes.append(
             f"weight error {weights.surface_error:.2g} just inside the cage exceeds "
-            f"{MAX_SURFACE_ERROR:g}: where no vertex is near, the cage is thin compared with its "
-            "faces, and the estimated error may be several times too small; divide faces there, "
-            "or raise `accuracy=`"
+            f"{MAX_SURFACE_ERROR:g}: where no vertex is near, the cage is thin compared with "
+            "its faces, and the estimated error may be several times too small; "
+            + say("divide faces there, or raise `accuracy=`")
         )
     lowest = float(weights.values.min(initial=0.0))
     if lowest < MIN_HARMONIC_WEIGHT:
         notes.append(
             f"smallest weight {lowest:.2g} is below {MIN_HARMONIC_WEIGHT:g} (exact harmonic "
-            "weights are never negative); the cage may be thin compared with its faces: divide "
-            "faces there, or raise `accuracy=`"
+            "weights are never negative); the cage may be thin compared with its faces: "
+            + say("divide faces there, or raise `accuracy=`")
         )
     return tuple(notes)

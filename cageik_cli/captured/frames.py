@@ -24,6 +24,7 @@ from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.method.solve.metrics import measure, measure_kept
 from cageik_cli.util.arrays import Floats, Mask, spread_evenly
 from cageik_cli.util.errors import FileAccessError, FormatError, InputError
+from cageik_cli.util.messages import say
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 
@@ -263,7 +264,7 @@ class CapturedBlockSolver(BlockSolver[Clip]):
             )
         if errors and not self.accepts_gaps:
             raise FormatError(
-                f"{errors[min(errors)]}; leave a gap by `on_bad_frame=skip`, or fill it by "
-                "`fill_gaps=True`"
+                f"{errors[min(errors)]}; "
+                + say("leave a gap by `on_bad_frame=skip`, or fill it by `fill_gaps=True`")
             )
         return replace(block, read_errors=block.read_errors | errors)

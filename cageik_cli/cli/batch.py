@@ -17,7 +17,7 @@ from click.core import ParameterSource
 from cageik_cli.cli.command import GroupedCommand, GroupedOption, option, spell_param
 from cageik_cli.cli.config import CONFIG_NAME, ClipTables, is_auxiliary_path, list_commands
 from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
-from cageik_cli.cli.group import spell_options
+from cageik_cli.cli.group import spell_message, spell_option
 from cageik_cli.cli.options import common_options, count_processors
 from cageik_cli.cli.options.group import Decorator, OptionGroup, is_on_command_line, list_options
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS
@@ -30,6 +30,7 @@ from cageik_cli.cli.output import (
 )
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import CageikError, SettingError, WrongUsageError
+from cageik_cli.util.messages import Row, say
 from cageik_cli.util.settings import HelpGroup, declare_setting
 from cageik_cli.util.text import format_count, single_line
 
@@ -106,7 +107,7 @@ class SharedOptions:
             if isinstance(param, GroupedOption) and param.name in typed:
                 for other, message in param.setting.excludes:
                     if other in typed:  # in every clip alike, so before any is searched for
-                        raise click.UsageError(message.format(**typed))
+                        raise click.UsageError(spell_message(say(message).format(**typed)))
         return SharedOptions(typed, collect(ParameterSource.DEFAULT_MAP))
 
     def find_auxiliary_files(self) -> set[Path]:
@@ -202,7 +203,7 @@ def batch_command(
         return
     chosen = _choose_scheduler(scheduler, jobs, quiet)
     with show_progress(not quiet, None, False, LineLogger) as progress:
-        overview = run_batch(batch, chosen, progress, spell_options)
+        overview = run_batch(batch, chosen, progress, spell_option)
     append_step_summary(format_markdown(overview))
     _show_overview(overview, quiet)
     if not quiet:
@@ -229,13 +230,14 @@ def _choose_scheduler(given: str | None, jobs: int, quiet: bool) -> "Scheduler":
     return ProcessScheduler(jobs)
 
 
-def _show_dry_run(clips: dict[str, list[tuple[str, str]]]) -> None:
+def _show_dry_run(clips: dict[str, list[Row]]) -> None:
     """Print what would be done; exit with 1 if a clip would fail."""
     from cageik_cli.batch.run import FAULT_LABEL
+    from cageik_cli.cli.output import spell_rows
     from cageik_cli.util.text import format_block, format_count
 
     failing = sum(rows[0][0] == FAULT_LABEL for rows in clips.values())
-    lines = [spell_options(format_block(name, rows)) for name, rows in clips.items()]
+    lines = [format_block(name, spell_rows(rows)) for name, rows in clips.items()]
     lines.append(f"{failing} of {format_count(len(clips), 'clip')} would fail")
     click.echo("\n".join(lines))
     if failing:
@@ -398,5 +400,4 @@ def _describe_fault(error: click.UsageError | CageikError) -> str:
     if isinstance(error, click.BadParameter) and error.param is not None:
         option = spell_param(error.param)
         return f"{option} of a {CONFIG_NAME} in its folder or above: {error.message.rstrip('.')}"
-    message = error.message if isinstance(error, click.UsageError) else str(error)
-    return spell_options(message)
+    return error.message if isinstance(error, click.UsageError) else spell_message(error.text)

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
-from cageik_cli.cli.group import spell_options
+from cageik_cli.cli.group import spell_option
 from cageik_cli.cli.options import common_options, jobs_option, json_option, overwrite_option
 from cageik_cli.cli.options.group import OptionGroup, list_options
 from cageik_cli.cli.options.types import SuffixedPath
@@ -74,7 +74,7 @@ def check_command(
     check_views(views, settings.inputs(), overwrite)
     result = check_cage(settings)
     if json_path is not None:
-        write_or_print(format_check_json(result, spell_options), json_path, overwrite)
+        write_or_print(format_check_json(result, spell_option), json_path, overwrite)
     if plot is not None:
         from cageik_cli.report.plots.cage_plot import render_check_png  # slow: matplotlib
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
-from cageik_cli.cli.group import spell_options
+from cageik_cli.cli.group import spell_option
 from cageik_cli.cli.options import CACHE_OPTIONS, common_options, jobs_option, timings_option
 from cageik_cli.cli.options.group import (
     PATH_TYPE,
@@ -146,7 +146,7 @@ def extract_command(
     with show_progress(not quiet, timings, settings.overwrite) as progress:
         result = extract(settings, progress)
         messages = _export(planned, progress)
-    report = build_report(result, loaded_limits, word=spell_options)
+    report = build_report(result, loaded_limits, spelling=spell_option)
     overview = Overview([build_clip_entry(report)])
     if quiet:
         echo_exceeded_limits(overview)
@@ -173,8 +173,8 @@ def _format_run(report: "Report", progress: "ProgressBar") -> str:
             ("note", f"{label} {text}") if label in noted_labels else (label, text)
             for label, text in progress.notes
         ]
-        return spell_options(format_front(report, notes, progress.seconds["total"]))
-    text = spell_options(format_text(report, is_verbose=True))
+        return format_front(report, notes, progress.seconds["total"], source="-v")
+    text = format_text(report, is_verbose=True)
     return "\n".join([text, *map(format_row, progress.make_rows())])
 
 

@@ -1,27 +1,27 @@
 """The group of all commands: imports them when they run, ends their errors, and guards terminals.
 
-The one place where errors become messages and exit codes. The folders below name parameters in
-backticks, and options are words here: `overwrite` in a message is shown as --overwrite,
-`outside=project` as --outside project.
+The one place where errors become messages and exit codes, and where a hint to a setting becomes an
+option: that of `outside=project` is shown as --outside project.
 """
 
 import codecs
 import io
 import os
-import re
 import signal
 import sys
 import threading
 import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from importlib import import_module
 from types import FrameType
 from typing import Any
 
 import click
 
-from cageik_cli.util.errors import WrongUsageError, format_error
+from cageik_cli.util.errors import CageikError, WrongUsageError, format_error
+from cageik_cli.util.messages import Hint, Said, spell, spell_keyword
 from cageik_cli.util.outputs import listen_to_leftovers
 from cageik_cli.util.text import make_printable, single_line
 
@@ -74,8 +74,7 @@ class CageikGroup(click.Group):
         except BrokenPipeError:
             raise  # nobody reads our output any more; click ends without a message
         except click.ClickException as error:
-            # Names may have lines.
-            error.message = single_line(self._word(ctx, error.message))  # type: ignore[misc]
+            error.message = single_line(error.message)  # type: ignore[misc]  # names may have lines
             raise
         except (click.exceptions.Exit, click.Abort):
             raise
@@ -84,14 +83,11 @@ class CageikGroup(click.Group):
 
             if get_verbosity() > 1:
                 click.echo(traceback.format_exc(), err=True)
-            message = self._word(ctx, format_error(error))
+            command = self.commands.get(ctx.invoked_subcommand or "")
+            message = spell_message(format_error(error), command)
             is_wrong_usage = isinstance(error, WrongUsageError)
             # The exit codes are 2 and 1.
             raise (click.UsageError if is_wrong_usage else click.ClickException)(message) from error
-
-    def _word(self, ctx: click.Context, message: str) -> str:
-        """Return a message with the options of the command that runs."""
-        return spell_options(message, self.commands.get(ctx.invoked_subcommand or ""))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands with their summaries; no command is imported."""
@@ -107,21 +103,22 @@ def _show_note(sentence: str) -> None:
         click.echo(f"note: {single_line(sentence)}", err=True)
 
 
-def spell_options(text: str, command: click.Command | None = None) -> str:
-    """Return a message with the options of a command in place of parameters.
+def spell_option(hint: Hint, command: click.Command | None = None) -> str:
+    """Write a hint as what is typed for a command; a setting that it lacks is one of extract."""
+    option = _find_option(hint.name, command)
+    shown = "" if hint.value in ("", "True") else f" {hint.value}"
+    return spell_keyword(hint) if option is None else f"{option}{shown}"
 
-    Below `cli`, a parameter is written as a keyword in backticks: `overwrite=True`, `fit_rank=`,
-    `outside=project`. One that the command does not have is taken for one of extract. Other words
-    in backticks, such as suffixes and names that stand in files, are left as they are.
-    """
 
-    def replace(match: re.Match[str]) -> str:
-        name, value = match.groups()
-        option = _find_option(name, command)
-        shown = "" if value in ("", "True") else f" {value}"
-        return match[0] if option is None else f"{option}{shown}"
+def spell_message(said: Said, command: click.Command | None = None) -> str:
+    """Return a message with the options of a command."""
+    return spell(said, partial(spell_option, command=command))
 
-    return re.sub(r"`([a-z_]+)=([^`]*)`", replace, text)
+
+def spell_error(error: CageikError, ctx: click.Context | None = None) -> str:
+    """Return an error with the options of the command that runs."""
+    ctx = ctx or click.get_current_context(silent=True)
+    return spell_message(error.text, None if ctx is None else ctx.command)
 
 
 def _find_option(name: str, command: click.Command | None) -> str | None:

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from cageik_cli.cli.command import get_verbosity
-from cageik_cli.cli.group import spell_options
+from cageik_cli.cli.group import spell_message
+from cageik_cli.util.messages import Row, Said
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_block, format_row
@@ -80,9 +81,9 @@ class ProgressBar(ProgressListener):
             self._bar.total = total
             self._bar.update(done - self._bar.n)
 
-    def note(self, topic: str, text: str) -> None:
+    def note(self, topic: str, text: Said) -> None:
         """Keep a note for the end, as a line would break the bar; a repeated note is kept once."""
-        note = topic, self._word(text)
+        note = topic, spell_message(text, self._command)
         if note not in self.notes:
             self.notes.append(note)
 
@@ -96,9 +97,6 @@ class ProgressBar(ProgressListener):
         """Return the notes and the seconds as labelled lines."""
         stages = ", ".join(f"{name} {value:.2f}" for name, value in self.seconds.items())
         return [*self.notes, ("seconds", stages)]
-
-    def _word(self, text: str) -> str:
-        return spell_options(text, self._command)
 
     def _open_bar(self, label: str, unit: str) -> None:
         from tqdm import tqdm  # slow to import, and only terminals show bars
@@ -116,14 +114,14 @@ class LineLogger(ProgressBar):
         super().__init__(is_drawn)
         self._is_shown = is_drawn
 
-    def note(self, topic: str, text: str) -> None:
+    def note(self, topic: str, text: Said) -> None:
         """Print the note."""
         if self._is_shown:
             from tqdm import tqdm
 
             # Else an interruption within `write` finds no lock to release.
             tqdm.get_lock()  # type: ignore[no-untyped-call]
-            tqdm.write(format_row((topic, self._word(text))), file=sys.stderr)
+            tqdm.write(format_row((topic, spell_message(text, self._command))), file=sys.stderr)
 
 
 @contextmanager
@@ -192,17 +190,24 @@ def echo_exceeded_limits(overview: "Overview") -> None:
 
 def format_command_output(
     headline: str,
-    rows: Iterable[tuple[str, str]],
+    rows: Iterable[Row],
     command: click.Command | None = None,
     after: int = 1,
 ) -> str:
     """Return what a command prints: with -v all of it, else few lines, with those `after` it."""
     from cageik_cli.report.views.front import format_brief
 
-    worded = [(label, spell_options(text, command)) for label, text in rows]
-    if get_verbosity():
-        return spell_options(format_block(headline, worded), command)
-    return spell_options(format_brief(headline, worded, after), command)
+    spelled = spell_rows(rows, command)
+    return (
+        format_block(headline, spelled)
+        if get_verbosity()
+        else format_brief(headline, spelled, after, source="-v")
+    )
+
+
+def spell_rows(rows: Iterable[Row], command: click.Command | None = None) -> list[tuple[str, str]]:
+    """Return labelled rows with the options of a command."""
+    return [(label, spell_message(text, command)) for label, text in rows]
 
 
 def list_next_steps(result: "Result") -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from cageik_cli.cli.command import GroupedCommand, get_verbosity, option
-from cageik_cli.cli.group import spell_options
+from cageik_cli.cli.group import spell_option
 from cageik_cli.cli.options import common_options, overwrite_option
 from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup, list_options
 from cageik_cli.cli.options.limits import LIMIT_OPTIONS, LimitOptions
@@ -151,7 +151,7 @@ def report_command(
     loaded = [read_result(path) for path in results]
     names = _choose_names(results)
     reports = [
-        build_report(result, loaded_limits, name, spell_options)
+        build_report(result, loaded_limits, name, spell_option)
         for result, name in zip(loaded, names, strict=True)
     ]
     overview = Overview([build_clip_entry(report) for report in reports])
@@ -227,7 +227,7 @@ def _format_result(report: "Report", has_all: bool) -> str:
     from cageik_cli.report.views.front import format_front
     from cageik_cli.report.views.text import format_text
 
-    return spell_options(format_text(report, is_verbose=True) if has_all else format_front(report))
+    return format_text(report, is_verbose=True) if has_all else format_front(report, source="-v")
 
 
 def _list_written(targets: ReportTargets, film_words: str) -> list[str]:
@@ -253,7 +253,7 @@ def _render_page(result: "Result", report: "Report", has_player: bool) -> str:
     from cageik_cli.view.player.section import load_player
 
     player = load_player(result) if has_player else None
-    return render_result_page(result, report, player, spell_options)
+    return render_result_page(result, report, player, spell_option)
 
 
 def _render_plot(report: "Report", path: Path | None) -> str | bytes:

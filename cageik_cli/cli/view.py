@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cageik_cli.cli.command import GroupedCommand, option
-from cageik_cli.cli.group import spell_options
+from cageik_cli.cli.group import spell_option
 from cageik_cli.cli.options import CACHE_OPTIONS, WEIGHT_NAMES, common_options, jobs_option
 from cageik_cli.cli.options.group import (
     OptionGroup,
@@ -19,6 +19,7 @@ from cageik_cli.cli.options.group import (
 from cageik_cli.cli.output import ProgressBar, show_progress
 from cageik_cli.inputs.settings import BUILD_OPTIONS
 from cageik_cli.run.edit_settings import ViewSettings
+from cageik_cli.util.messages import Hint, spell
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.settings import HelpGroup
 
@@ -122,12 +123,12 @@ class TerminalListener:
         self._opens_browser = opens_browser
         self._progress = ProgressBar(is_drawn=False)
 
-    def word(self, message: str) -> str:
-        """Return a message with the options of the command that does what the page does."""
+    def spell_hint(self, hint: Hint) -> str:
+        """Write a hint as an option of the command that does what the page does."""
         from cageik_cli.cli.check import check_command
         from cageik_cli.cli.pose import pose_command
 
-        return spell_options(message, check_command if self._settings.edits_cage else pose_command)
+        return spell_option(hint, check_command if self._settings.edits_cage else pose_command)
 
     def open(self, address: str) -> None:
         """Print the address, whatever else is printed, and open it."""
@@ -156,7 +157,8 @@ class TerminalListener:
 
         if not self._is_quiet:
             rows = [*rows, *self._progress.make_rows()]
-            click.echo(self.word(format_block(str(self._settings.output), rows)), err=True)
+            spelled = [(label, spell(text, self.spell_hint)) for label, text in rows]
+            click.echo(format_block(str(self._settings.output), spelled), err=True)
             click.echo(f"wrote {', '.join(map(str, written))}", err=True)
 
     def show_failed(self, error: str) -> None:

@@ -42,6 +42,7 @@ from cageik_cli.util.errors import (
     require_optional,
 )
 from cageik_cli.util.files import open_input
+from cageik_cli.util.messages import Said
 from cageik_cli.util.text import single_line
 
 FPS_KEY = "cageik_fps"
@@ -82,7 +83,7 @@ class Reader(SceneReader):
         self._lock = Lock()  # the library's streams are not thread-safe
 
     @contextmanager
-    def guard(self) -> Iterator[list[str]]:
+    def guard(self) -> Iterator[list[Said]]:
         """Convert errors; one thread at a time."""
         try:
             with self._lock:

@@ -26,6 +26,7 @@ from cageik_cli.formats.settings import SceneHints, parse_scene_metadata
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, join_truncated
+from cageik_cli.util.messages import Note, Said
 from cageik_cli.util.text import to_unicode
 
 MAX_TOP_ENTRIES = 10_000
@@ -165,7 +166,7 @@ class Reader(ClipFile):
             faces = read_array(file, "faces" if is_dfaust else "tris", "iu", (None, 3))
             hints, notes = parse_scene_metadata(scalar_attributes(file, SceneHints.__slots__))
             self.set_frames(request, self._frames.frame_count, hints)
-            self.notes = tuple(f"{to_unicode(path.name)}: {note}" for note in notes)
+            self.notes = tuple(Note(text, place=to_unicode(path.name)) for text in notes)
             check_zero_based(faces, self._frames.vertex_count)
             first = self._frames.read_frame(self.frame_indices[0])
             mesh = TriMesh(request.complete_first(first), faces)
@@ -182,7 +183,7 @@ class Reader(ClipFile):
         return names if len(names) > 1 else []
 
     @classmethod
-    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
+    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, Said]]:
         """List the clips in a file that holds several, if none of them is requested."""
         path = request.path
         with open_checked(path) as file:

@@ -15,6 +15,7 @@ from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.base.writers import Animation, PointCacheWriter
 from cageik_cli.formats.settings import SceneHints, find_frame_step
 from cageik_cli.util.errors import FormatError
+from cageik_cli.util.messages import Said, say
 
 
 class Reader(ArrayClipFile):
@@ -37,7 +38,7 @@ class Reader(ArrayClipFile):
         return ArrayClip(stored, None, scene, notes)
 
 
-def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
+def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[Said, ...]]:
     """Return frame rate and frame numbers, if the times (F,) are evenly spaced.
 
     They are rounded to single precision, so the simplest number is taken that rounds to them. The
@@ -56,8 +57,8 @@ def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
     even = np.linspace(seconds[0], seconds[-1], len(seconds))
     if duration <= 0 or np.abs(seconds - even).max() > duration / (len(times) - 1) / 100 + rounding:
         note = (
-            f"the times of its frames, {times[0]:g} s, {times[1]:g} s to {times[-1]:g} s, are not "
-            "evenly spaced, so the frame rate is unknown; give `fps=`"
+            f"the times of its frames, {times[0]:g} s, {times[1]:g} s to {times[-1]:g} s, "
+            "are not evenly spaced, so the frame rate is unknown; " + say("give `fps=`")
         )
         return SceneHints(), (note,)
     fps = (len(times) - 1) / duration

@@ -33,6 +33,7 @@ from cageik_cli.formats.settings import LAYOUTS, SceneHints, parse_scene_metadat
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, SettingError, error_context
 from cageik_cli.util.files import open_input
+from cageik_cli.util.messages import say
 
 VERTEX_NAMES = ("vertices", "verts", "V", "v")
 
@@ -82,7 +83,9 @@ def choose_layout(layouts: list[str], shape: tuple[int, ...], expected_vertices:
             f"{order} ({shape[order.index('f')]} frames of {counts[order]} vertices)"
             for order in best
         )
-        raise SettingError(f"positions can be read as {' or '.join(texts)}; choose with `layout=`")
+        raise SettingError(
+            f"positions can be read as {' or '.join(texts)}; " + say("choose with `layout=`")
+        )
     return best[0]
 
 

@@ -34,6 +34,7 @@ from cageik_cli.util.errors import (
     error_context,
 )
 from cageik_cli.util.files import read_input
+from cageik_cli.util.messages import Hint, Note, Said, say
 from cageik_cli.util.text import to_unicode
 
 _UNSUPPORTED_REASONS = {
@@ -67,7 +68,8 @@ def open_sequence(
     """
     reader, request = _resolve_request(arguments, settings or ClipSettings(), rest)
     sequence = reader(request)
-    sequence.notes = (*list_left_out(arguments, request.paths), *sequence.notes)
+    left_out = map(Note, list_left_out(arguments, request.paths))
+    sequence.notes = (*left_out, *sequence.notes)
     sequence.takes_missing = request.settings.missing
     return sequence
 
@@ -80,7 +82,7 @@ def list_members(path: Path) -> list[str]:
         return []
 
 
-def describe_contents(arguments: list[str], settings: ClipSettings) -> list[tuple[str, str]]:
+def describe_contents(arguments: list[str], settings: ClipSettings) -> list[tuple[str, Said]]:
     """Describe files that are not a clip by themselves, in labelled lines; empty for a clip."""
     reader, request = _resolve_request(arguments, settings, None)
     return reader.describe_contents(request)
@@ -108,7 +110,7 @@ def _resolve_request(
     if settings.layout is not None and not reader.has_layout:
         raise SettingError(
             f"{arguments[0]}: the axes of `{kinds[0]}` files have a fixed order; remove "
-            f"`layout={settings.layout}`"
+            + Hint("layout", settings.layout)
         )
     return reader, ClipRequest(tuple(paths), member, rest, settings)
 
@@ -121,7 +123,9 @@ def _check_choice(
         what = "mesh" if issubclass(reader, FrameFileReader) else "clip"
         raise SettingError(f"a `{suffix}` file holds one {what}; remove `::{member}`")
     if exclude and not reader.has_parts:
-        raise SettingError(f"a `{suffix}` file holds no parts; remove `exclude={exclude[0]}`")
+        raise SettingError(
+            f"a `{suffix}` file holds no parts; remove " + Hint("exclude", exclude[0])
+        )
 
 
 def _explain_unsupported(path: Path, holds: str = "clip") -> str:
@@ -156,7 +160,7 @@ def open_clip_and_rest(
         elif known is not None and known.parts is not None:
             attributes = adopt_parts(attributes, known)
         mesh = TriMesh(ordered.vertices, sequence.first.faces, attributes)
-        return sequence, replace(rest, mesh=mesh, notes=(*rest.notes, *notes))
+        return sequence, replace(rest, mesh=mesh, notes=(*rest.notes, *map(Note, notes)))
     return sequence, load_rest_frame(sequence, find_rest_index(sequence, rest_frame))
 
 
@@ -164,11 +168,11 @@ def find_rest_index(sequence: MeshSequence, rest_frame: RestFrame) -> int:
     """Return the index of the rest pose, which is given by index, or as text by its number."""
     timeline = sequence.timeline
     if isinstance(rest_frame, str):
-        with error_context(f"`rest_frame={rest_frame}`"):
+        with error_context(Hint("rest_frame", rest_frame)):
             return timeline.find_index(parse_frame_number(rest_frame))
     if not 0 <= rest_frame < len(sequence):
         raise SettingError(
-            f"`rest_frame={rest_frame}`: there is no such index; {timeline.describe()}"
+            Hint("rest_frame", rest_frame) + f": there is no such index; {timeline.describe()}"
         )
     return rest_frame
 
@@ -179,8 +183,9 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
     missing = np.count_nonzero(np.isnan(positions[:, 0]))
     if missing:
         raise FormatError(
-            f"{sequence.location(index)}: {missing} of {len(positions)} vertices of the rest pose "
-            "are missing; take a complete frame by `rest_frame=`, or a mesh by `rest=`"
+            f"{sequence.location(index)}: {missing} of {len(positions)} vertices of the rest "
+            "pose are missing; "
+            + say("take a complete frame by `rest_frame=`, or a mesh by `rest=`")
         )
     path = Path(sequence.location(index))
     file, _ = split_member(path)
@@ -227,7 +232,7 @@ def load_mesh(path: Path, exclude: Sequence[str] = ()) -> LoadedMesh:
         source = describe_source(file, data)
         if member is not None:
             source["name"] += f"::{to_unicode(member)}"
-        notes = (*read.notes, *describe_folded(whole), *left_out)
+        notes = tuple(map(Note, (*read.notes, *describe_folded(whole), *left_out)))
         return LoadedMesh(mesh, source, notes, path, is_welded=not reader.numbers_vertices)
 
 
@@ -241,9 +246,8 @@ def _load_first_frame(path: Path, exclude: Sequence[str]) -> LoadedMesh:
         )
     clip = reader(request)
     # A clip names its file in each note; what shows those of a mesh names it, too.
-    name = to_unicode(request.path.name)
-    notes = [note.removeprefix(f"{name}: ") for note in clip.notes]
+    notes = [Note(note.text, note.kind) for note in clip.notes]
     if len(clip) > 1:
-        notes.insert(0, f"the first of its {len(clip)} frames is taken")
+        notes.insert(0, Note(f"the first of its {len(clip)} frames is taken"))
     source = clip.describe_source()
     return LoadedMesh(clip.first, source, tuple(notes), path, scene=clip.scene)

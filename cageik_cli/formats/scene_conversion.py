@@ -17,6 +17,7 @@ from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh, make_read_only
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.messages import Note
 from cageik_cli.util.units import SAME_UNIT_TOL, describe_unit
 
 UP_TURNS = {
@@ -140,7 +141,7 @@ class SceneConversion:
         """Return a mesh from a file in the other scene, with a note."""
         if not self:
             return loaded
-        mesh, notes = self.convert_mesh(loaded.mesh), (*loaded.notes, self.note)
+        mesh, notes = self.convert_mesh(loaded.mesh), (*loaded.notes, Note(self.note))
         return replace(loaded, mesh=mesh, notes=notes, scene=self.convert_hints(loaded.scene))
 
     def convert_clip(self, clip: MeshSequence, name: str) -> MeshSequence:
@@ -163,7 +164,7 @@ class ConvertedSequence(MeshSequence):
         self.takes_missing = clip.takes_missing
         self.first = conversion.convert_mesh(clip.first)
         self.scene = conversion.convert_hints(clip.scene)
-        self.notes = (*clip.notes, f"{name}: {conversion.note}")
+        self.notes = (*clip.notes, Note(conversion.note, place=name))
 
     def location(self, index: int) -> str:
         """Return where a frame is, for messages."""

@@ -11,6 +11,7 @@ from numbers import Integral
 from typing import Any, NoReturn
 
 from cageik_cli.util.errors import SettingError, WrongUsageError
+from cageik_cli.util.messages import Hint, Said, Text, join_texts, say
 
 FRAME_NUMBER_TOL = 1e-6
 """Of the step from frame to frame: a number this near is that of the frame."""
@@ -84,27 +85,28 @@ class Timeline:
         chosen = range(self.count)[wanted]
         if not chosen:
             error = WrongUsageError if _is_empty(wanted) else SettingError
-            raise error(f"{_describe_empty(wanted)}; {self.describe()}; {self._advise(wanted)}")
+            advice = self._advise(wanted)
+            raise error(_describe_empty(wanted) + f"; {self.describe()}; " + advice)
         return chosen
 
-    def _advise(self, wanted: slice) -> str:
+    def _advise(self, wanted: slice) -> Text:
         """Say which choices may be meant by a slice without frames: those that have some here."""
         bounds = [bound for bound in (wanted.start, wanted.stop) if bound is not None]
         low, high, step = min(bounds), max(bounds), wanted.step or 1
         meant = slice(low, max(high, low + 1), wanted.step)
         advice = []
         if range(self.count)[meant]:
-            advice.append(f"`selection={format_slice(meant)}` for indices")
+            advice.append(Hint("selection", format_slice(meant)) + " for indices")
         numbered = FrameRange(low, high, None if step == 1 else step * self.step).limit_to(self)
         if len(bounds) == 2 and numbered.list_indices(self):
             what = "the frame of that number" if low == high else "numbers"
-            advice.append(f"`selection={numbered.option_text}` for {what}")
-        return f"give {', or '.join(advice)}" if advice else self.suggest_others()
+            advice.append(Hint("selection", numbered.option_text) + f" for {what}")
+        return "give " + join_texts(", or ", advice) if advice else self.suggest_others()
 
-    def suggest_others(self) -> str:
+    def suggest_others(self) -> Text:
         """Advise to choose frames that the clip has: the first ten, for an example."""
         few = FrameRange(self.start, self.numbers(min(self.count, 10) - 1))
-        return f"choose some of them, as in `selection={few.option_text}`"
+        return "choose some of them, as in " + Hint("selection", few.option_text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,21 +142,28 @@ class FrameRange:
             turned = FrameRange(self.last, self.first, self.step).limit_to(timeline)
             is_known = bool(turned.list_indices(timeline))
             advice = (
-                f"give `selection={turned.option_text}`" if is_known else timeline.suggest_others()
+                "give " + Hint("selection", turned.option_text)
+                if is_known
+                else timeline.suggest_others()
             )
-            raise WrongUsageError(f"{_describe_empty(self)}; {timeline.describe()}; {advice}")
+            raise WrongUsageError(_describe_empty(self) + f"; {timeline.describe()}; " + advice)
         inside = self.limit_to(timeline)
         if inside != self:
-            advice = f"give `selection={inside.option_text}` to take those that there are"
+            advice = (
+                "give " + Hint("selection", inside.option_text) + " to take those that there are"
+            )
             if not inside.list_indices(timeline):
                 advice = timeline.suggest_others()
             self._refuse("goes beyond the clip", timeline, advice)
         if self.first is None and self.last is not None and timeline.start <= -self.last < 0:
             typed = format_frame_number(self.last)
             raise SettingError(
-                f"`selection={self.option_text}`: may be frame -{typed}, or all up to {typed}; "
-                f"give `selection=-{typed}--{typed}` for the one, or "
-                f"`selection={timeline.number_frame(0)}-{typed}` for the other"
+                Hint("selection", self.option_text)
+                + f": may be frame -{typed}, or all up to {typed}; give "
+                + Hint("selection", f"-{typed}--{typed}")
+                + " for the one, or "
+                + Hint("selection", f"{timeline.number_frame(0)}-{typed}")
+                + " for the other"
             )
         found = self.list_indices(timeline)
         if not found:
@@ -171,8 +180,8 @@ class FrameRange:
         steps = 1.0 if self.step is None else self.step / timeline.step
         if round(steps) < 1 or abs(steps - round(steps)) > FRAME_NUMBER_TOL:
             raise SettingError(
-                f"`selection={self.option_text}`: {timeline.describe()}; give a multiple of their "
-                "step"
+                Hint("selection", self.option_text)
+                + f": {timeline.describe()}; give a multiple of their step"
             )
         return range(start, min(stop, timeline.count), round(steps))
 
@@ -185,9 +194,9 @@ class FrameRange:
             timeline.start if is_below else self.first, None if is_above else self.last, self.step
         )
 
-    def _refuse(self, why: str, timeline: Timeline, advice: str) -> NoReturn:
+    def _refuse(self, why: str, timeline: Timeline, advice: Said) -> NoReturn:
         raise SettingError(
-            f"`selection={self.option_text}`: {why}; {timeline.describe()}; {advice}"
+            Hint("selection", self.option_text) + f": {why}; {timeline.describe()}; " + advice
         )
 
 
@@ -257,17 +266,19 @@ def check_any_frame(wanted: slice | FrameRange) -> None:
     """
     if _is_empty(wanted):
         raise WrongUsageError(
-            f"{_describe_empty(wanted)}; give frames that go forwards, as in `selection=1020-1060`"
+            _describe_empty(wanted)
+            + "; "
+            + say("give frames that go forwards, as in `selection=1020-1060`")
         )
 
 
-def _describe_empty(wanted: slice | FrameRange) -> str:
+def _describe_empty(wanted: slice | FrameRange) -> Text:
     """Say why a choice has no frame."""
     if isinstance(wanted, FrameRange):
-        return f"`selection={wanted.option_text}`: ends before it begins"
+        return Hint("selection", wanted.option_text) + ": ends before it begins"
     return (
-        f"`selection={format_slice(wanted)}` selects no frame, as a slice counts from 0 and ends "
-        "before its second number"
+        Hint("selection", format_slice(wanted))
+        + " selects no frame, as a slice counts from 0 and ends before its second number"
     )
 
 

@@ -26,6 +26,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import Part, join_meshes, split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError, error_context, join_truncated
+from cageik_cli.util.messages import Hint, Said, say
 from cageik_cli.util.outputs import (
     atomic_folder,
     atomic_path,
@@ -129,8 +130,9 @@ class Output:
                 )
             if self.file_format and suffix != f".{self.file_format}":
                 raise OutputError(
-                    f"has another suffix than `file_format={self.file_format}`; remove "
-                    "`file_format=`"
+                    "has another suffix than "
+                    + Hint("file_format", self.file_format)
+                    + say("; remove `file_format=`")
                 )
             if writers[suffix].writes_folder and names is None:
                 stem = self.path.stem
@@ -287,7 +289,7 @@ def write_animation(
         unit = animation.scene.metres_per_unit
         notes += list_size_notes(animation.rest.diagonal, unit, "the file says that a unit is")
     for note in notes:
-        progress.note("note", f"{path.name}: {note}")
+        progress.note("note", f"{path.name}: " + note)
     targets = [each.target_path for each in outputs]
     files = [file for one in targets for file in (one.iterdir() if one.is_dir() else [one])]
     size = sum(file.stat().st_size for file in files)
@@ -320,16 +322,19 @@ def _open_writer(
     together.notes = tuple(dict.fromkeys(note for _, one in writers for note in one.notes))
 
 
-def _list_rounding_notes(largest: float, diagonal: float) -> list[str]:
+def _list_rounding_notes(largest: float, diagonal: float) -> list[Said]:
     """Return a note if single precision rounds coordinates up to `largest` more than is usual."""
     rounding = float(np.spacing(np.float32(largest))) / 2
     if not diagonal or rounding <= MAX_ROUNDING * diagonal:
         return []
     return [
         f"coordinates of up to {largest:.3g} are rounded by up to {rounding:.2g}, "
-        f"{100 * rounding / diagonal:.2g} % of the diagonal, as the format has single precision; "
-        "`recentre=True` of cageik export and deform moves them to the origin and writes the "
-        "offset beside"
+        f"{100 * rounding / diagonal:.2g} % of the diagonal, as the format has single "
+        "precision; "
+        + say(
+            "`recentre=True` of cageik export and deform moves them to the origin and "
+            "writes the offset beside"
+        )
     ]
 
 
@@ -391,8 +396,11 @@ def split_output(output: Output, mesh: TriMesh, name: str) -> list[Output]:
         )
     if output.recentre and output.find_writer().is_in_part_space:
         raise SettingError(
-            f"{output.path}: positions of a part are in its own space, which `recentre=True` "
-            "cannot move; leave one of them out"
+            f"{output.path}: "
+            + say(
+                "positions of a part are in its own space, which `recentre=True` cannot "
+                "move; leave one of them out"
+            )
         )
     return outputs
 

@@ -19,6 +19,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.cache import Entry, EntryCache
 from cageik_cli.store.cache_keys import find_cage
 from cageik_cli.util.errors import CageError, OutputError, error_context
+from cageik_cli.util.messages import Note, Said
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
 
@@ -45,7 +46,9 @@ def build_cached(
     progress.note("cage", entry["description"])
     cage = TriMesh(entry["vertices"], entry["faces"])
     data = encode_exact_obj(cage.vertices, cage.faces)
-    return LoadedMesh(cage, describe_source(Path(BUILT_CAGE), data), entry["notes"])
+    return LoadedMesh(
+        cage, describe_source(Path(BUILT_CAGE), data), tuple(map(Note, entry["notes"]))
+    )
 
 
 def check_cage_output(path: Path, overwrite: bool) -> None:
@@ -84,7 +87,7 @@ def format_repair_command(cage: Path, rest: Path | None) -> str:
 
 @contextmanager
 def suggest_repair(
-    cage: LoadedMesh, rest: LoadedMesh, offer: Callable[[Transform | None], str] | None = None
+    cage: LoadedMesh, rest: LoadedMesh, offer: Callable[[Transform | None], Said] | None = None
 ) -> Iterator[None]:
     """Name the cage in errors raised inside, and the command that may repair its file.
 
@@ -96,9 +99,9 @@ def suggest_repair(
             yield
         except CageError as error:
             misfit = error.misfit if isinstance(error, MisfitError) else None
-            remedy = "" if misfit is None or offer is None else offer(misfit.transform)
+            remedy: Said = "" if misfit is None or offer is None else offer(misfit.transform)
             if cage.path is not None and error.is_repairable and not remedy:
                 remedy = f"; to repair the cage: {format_repair_command(cage.path, rest.path)}"
             if not remedy:
                 raise
-            raise CageError(f"{error}{remedy}") from error
+            raise CageError(error.text + remedy) from error

@@ -20,7 +20,7 @@ from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.built_cage import build_cached, suggest_repair
 from cageik_cli.inputs.mesh_source import holds_caged_model, load_source
-from cageik_cli.inputs.model_file import LoadedModel, load_model, note_on
+from cageik_cli.inputs.model_file import LoadedModel, load_model
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.inputs.scene import UNSTATED, CommonScene, Offer
 from cageik_cli.inputs.settings import WeightSettings
@@ -33,7 +33,8 @@ from cageik_cli.store.binding_file import StoredBinding, is_binding, read_bindin
 from cageik_cli.store.result import Result, has_weights, read_key_frames, read_low_rank, read_result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
-from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.messages import Said, say
+from cageik_cli.util.progress import ProgressListener, note_all
 from cageik_cli.util.threads import limit_blas_threads
 
 
@@ -138,7 +139,7 @@ class CagedModel:
         """Unit and up axis, if they are known: of a result."""
         return UNSTATED if self.result is None else self.result.scene.space
 
-    def require_result(self, need: str) -> Result:
+    def require_result(self, need: Said) -> Result:
         """Return the result.
 
         Raises
@@ -147,7 +148,7 @@ class CagedModel:
             Stating the need, when it is a binding.
         """
         if self.result is None:
-            raise SettingError(f"{self.path}: is a binding, {need}")
+            raise SettingError(f"{self.path}: is a binding, " + need)
         return self.result
 
     def read_bind_settings(self) -> BindSettings:
@@ -207,8 +208,8 @@ class CagedModel:
         assert cage is not None
         with progress.stage("bind"), suggest_repair(cage, rest, self.offer):
             stored = bind_cached(rest, cage, weights, progress)
-        note_on(progress, self.model.name, *rest.notes)
-        note_on(progress, cage.source["name"], *stored.binding.notes)
+        note_all(progress, rest.notes, self.model.name)
+        note_all(progress, stored.binding.notes, cage.source["name"])
         if self.source is None:
             return stored
         return transfer_fit(self.source, stored, weights, progress, self.conversion)
@@ -272,8 +273,8 @@ def transfer_fit(
         progress.note(
             "note",
             f"{source.path.name}: its weights are fitted and not in it, so the fit is not "
-            "transferred to this mesh, which follows the cages less closely; extract it again with "
-            "them (`keep_weights=True`)",
+            "transferred to this mesh, which follows the cages less closely; "
+            + say("extract it again with them (`keep_weights=True`)"),
         )
         return stored
     # One thread: the last digits depend on how many.

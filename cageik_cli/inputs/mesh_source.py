@@ -21,6 +21,7 @@ from cageik_cli.util.errors import (
     error_context,
     join_truncated,
 )
+from cageik_cli.util.messages import Hint, Note, say
 from cageik_cli.util.text import to_unicode
 
 Role = Literal["rest", "cage"]
@@ -62,22 +63,23 @@ def load_source(path: Path, role: Role = "rest", exclude: Sequence[str] = ()) ->
     found = _read_meshes(file)[member or role]
     with error_context(path):
         mesh, _, notes = select_parts(found.mesh, None, exclude)
-    return replace(found, mesh=mesh, notes=tuple(notes), path=path)
+    return replace(found, mesh=mesh, notes=tuple(map(Note, notes)), path=path)
 
 
 def _check_one_file(path: Path, role: Role) -> None:
     """Refuse a pattern, and a folder in place of a cage: a clip is meant, which may be either."""
     if path.is_dir() and role == "cage":
         raise FileAccessError(
-            f"{path}: is a folder, expected the file of a cage; give the folder of a clip as "
-            "`frames=`, and the cage as `cage=`"
+            f"{path}: is a folder, expected the file of a cage; "
+            + say("give the folder of a clip as `frames=`, and the cage as `cage=`")
         )
     if glob.has_magic(str(path)) and not path.exists():
         found = sort_naturally(map(Path, glob.glob(str(path), recursive=True)))
         names = join_truncated((to_unicode(file.name) for file in found), 3) or "no file"
         raise FileAccessError(
-            f"{path}: is a pattern ({names}), expected one file; give the frames of a clip as "
-            f"`frames=`, and one file as `{role}=`"
+            f"{path}: is a pattern ({names}), expected one file; "
+            + say("give the frames of a clip as `frames=`, and one file as ")
+            + Hint(role)
         )
 
 
@@ -98,7 +100,7 @@ def load_rest(path: Path, exclude: Sequence[str] = ()) -> LoadedMesh:
     loaded = load_source(path)
     with error_context(path):
         mesh, notes = drop_parts(loaded.mesh, exclude)
-    return replace(loaded, mesh=mesh, notes=(*loaded.notes, *notes))
+    return replace(loaded, mesh=mesh, notes=(*loaded.notes, *map(Note, notes)))
 
 
 def _read_meshes(file: Path) -> dict[str, LoadedMesh]:

@@ -38,7 +38,8 @@ from cageik_cli.method.weights.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError, error_context, join_truncated
 from cageik_cli.util.files import read_input
-from cageik_cli.util.progress import ProgressListener, label_note, locate_note, mark_warning
+from cageik_cli.util.messages import Note, say
+from cageik_cli.util.progress import ProgressListener, note_all
 from cageik_cli.util.text import to_unicode
 from cageik_cli.util.threads import OrderedMap
 
@@ -83,7 +84,8 @@ class LoadedModel:
         known = POINT_SUFFIXES if self.splats is None else SPLAT_SUFFIXES
         if self.splats is not None and output.recentre:
             raise SettingError(
-                f"{self.name}: is {self.kind}, which `recentre=True` cannot move; leave it out"
+                f"{self.name}: is {self.kind}, "
+                + say("which `recentre=True` cannot move; leave it out")
             )
         if output.suffix not in known:
             raise OutputError(
@@ -105,7 +107,7 @@ class LoadedModel:
         """What messages call it."""
         return self.mesh.source["name"]
 
-    def find_oriented(self, binding: Binding, note: Callable[[str], None]) -> Oriented | None:
+    def find_oriented(self, binding: Binding, note: Callable[[Note], None]) -> Oriented | None:
         """Return what turns with its points; None if nothing does, or can.
 
         `note` takes why normals cannot.
@@ -116,10 +118,11 @@ class LoadedModel:
         coordinates = binding.settings.coordinates
         if self.splats is not None or coordinates == "harmonic":
             return Oriented(normals, self.splats)
-        note(
+        text = (
             "its normals keep their values: turning them needs gradients, which "
-            f"{coordinates} weights do not have here; use `coordinates=harmonic`"
+            f"{coordinates} weights do not have here; "
         )
+        note(Note(text + say("use `coordinates=harmonic`")))
         return None
 
     @property
@@ -136,9 +139,9 @@ class LoadedModel:
             return "vertices"
         return "points" if self.splats is None else "splats"
 
-    def note(self, progress: ProgressListener) -> Callable[[str], None]:
+    def note(self, progress: ProgressListener) -> Callable[[Note], None]:
         """Return what takes notes on the model."""
-        return partial(note_on, progress, self.name)
+        return lambda note: note_all(progress, [note], self.name)
 
     def make_rest_rows(self) -> NDArray[Any]:
         """Return rows of the points at rest, which frames are made from; of splats, whole ones."""
@@ -175,7 +178,7 @@ def load_model(path: Path, exclude: Sequence[str] = ()) -> LoadedModel:
     with error_context(path):
         splats = read_splats(points) if holds_splats(points) else None
         cloud = PointCloud.from_points(points.positions)
-        mesh = LoadedMesh(cloud, describe_source(path, data), points.notes, path)
+        mesh = LoadedMesh(cloud, describe_source(path, data), tuple(map(Note, points.notes)), path)
         return LoadedModel(mesh, points, splats)
 
 
@@ -204,20 +207,13 @@ def load_models(paths: Sequence[Path], place: Callable[[LoadedModel], LoadedMode
         names += [part.name or to_unicode(file_stem(split_member(path)[0])) for part in own]
     meshes, transforms = [part.mesh for part in parts], [part.transform for part in parts]
     loaded = [model.mesh for model in models]
-    notes = tuple(locate_note(one.source["name"], note) for one in loaded for note in one.notes)
+    notes = tuple(note.at(one.source["name"]) for one in loaded for note in one.notes)
     joined = LoadedMesh(
         join_meshes(meshes, names, transforms),
         {"name": join_truncated(one.source["name"] for one in loaded)},
         notes,
     )
     return LoadedModel(joined)
-
-
-def note_on(progress: ProgressListener, name: str, *notes: str) -> None:
-    """Note what was found in a file, or warn of it."""
-    for note in notes:
-        label, text = label_note(note)
-        progress.note(label, f"{name}: {text}")
 
 
 class PointReconstruction:
@@ -258,7 +254,7 @@ class PointReconstruction:
         self,
         rest: NDArray[Any],
         cages: "CageFrames",
-        note: Callable[[str], None],
+        note: Callable[[Note], None],
         rotations: Floats | None = None,
     ) -> Iterator[NDArray[Any]]:
         """Yield the rows (k, m) of all frames in order; they are overwritten by the next.
@@ -291,7 +287,7 @@ class PointReconstruction:
             for found in blocks:
                 self.faults += found
 
-    def note_faults(self, count: int, note: Callable[[str], None]) -> None:
+    def note_faults(self, count: int, note: Callable[[Note], None]) -> None:
         """Note how many of `count` moved points are where space has lost its shape."""
         parts, mirrored = "points", "turned inside out"
         if self._motion.moves_splats:
@@ -302,11 +298,8 @@ class PointReconstruction:
             (self.faults["flat"], "flattened to a sheet, a line or a point"),
         ):
             if number:
-                note(
-                    mark_warning(
-                        f"{number} of {count} moved {parts} are {what}: the cage folds over there"
-                    )
-                )
+                text = f"{number} of {count} moved {parts} are {what}: the cage folds over there"
+                note(Note(text, "warning"))
 
 
 def _move_block(

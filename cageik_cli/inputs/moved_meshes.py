@@ -20,6 +20,7 @@ from cageik_cli.inputs.model_file import LoadedModel, load_models
 from cageik_cli.inputs.pose_difference import MIN_CLEAR_RATIO
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.util.errors import FormatError, SettingError, error_context
+from cageik_cli.util.messages import Note, Said, say
 
 MAX_BOX_SLACK = 0.1
 """A mesh that is where a model is leaves its bounding box by at most this, in diagonals."""
@@ -56,7 +57,9 @@ class MovedMeshes:
         self.unmatched = list_unmatched(given.mesh.mesh, self.unmatched)
         with error_context(given.name):
             mesh, notes = drop_parts(given.mesh.mesh, self._exclude)
-        return LoadedModel(replace(given.mesh, mesh=mesh, notes=(*given.mesh.notes, *notes)))
+        return LoadedModel(
+            replace(given.mesh, mesh=mesh, notes=(*given.mesh.notes, *map(Note, notes)))
+        )
 
     def _place(self, given: LoadedModel) -> LoadedModel:
         given = self._leave_out(given)
@@ -65,8 +68,8 @@ class MovedMeshes:
         if given.points is None or placed is given.mesh:
             return LoadedModel(placed, given.points, given.splats)
         raise SettingError(
-            f"{given.name}: is {given.kind}, which cannot be converted; leave out `given_in=`, "
-            "and export it as the result was"
+            f"{given.name}: is {given.kind}, which cannot be converted; "
+            + say("leave out `given_in=`, and export it as the result was")
         )
 
     @contextmanager
@@ -94,12 +97,13 @@ class MovedMeshes:
         placement, misfit = error.placement, error.misfit
         if placement is None or misfit is None:
             return error
-        remedy, transform = "move it into the rest cage", misfit.transform
+        remedy: Said = "move it into the rest cage"
+        transform = misfit.transform
         if not placement.is_misplaced:
-            remedy += ", or take the nearest points of the cage with `outside=project`"
+            remedy += say(", or take the nearest points of the cage with `outside=project`")
         if transform is not None and not transform.is_scaled:
-            remedy = f"it {self._describe(transform.invert(), source, mesh.mesh.diagonal)}"
-        return OutsideError(f"{placement.describe_outside()}; {remedy}")
+            remedy = "it " + self._describe(transform.invert(), source, mesh.mesh.diagonal)
+        return OutsideError(f"{placement.describe_outside()}; " + remedy)
 
     def check_small(self, cage: TriMesh, model: TriMesh) -> None:
         """Refuse a mesh in the cage that is small because it is in a larger unit.
@@ -113,12 +117,12 @@ class MovedMeshes:
             if found is None:
                 continue
             why = self._describe(found, source, mesh.mesh.diagonal)
-            raise FormatError(why if len(self._placed) == 1 else f"{mesh.source['name']}: {why}")
+            raise FormatError(why if len(self._placed) == 1 else f"{mesh.source['name']}: " + why)
 
-    def _describe(self, transform: Transform, source: SceneHints, diagonal: float) -> str:
+    def _describe(self, transform: Transform, source: SceneHints, diagonal: float) -> Said:
         """Say how a mesh that a transform brings into the cage is wrong, and what to type."""
         name, options = transform.describe(diagonal), self._common.offer(transform, source)
-        return f"is {name}, as the cage shows; export it as the result was{options}"
+        return f"is {name}, as the cage shows; export it as the result was" + options
 
 
 def _find_unit_by_box(mesh: TriMesh, model: TriMesh) -> Transform | None:

@@ -27,6 +27,7 @@ from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import InputError, SettingError, error_context
+from cageik_cli.util.messages import Note
 from cageik_cli.util.text import to_unicode
 
 MAX_COMPARED_FRAMES = 200
@@ -90,7 +91,7 @@ def open_clip_and_choose_rest(
     if rest_frame == AUTO:
         index, reason = choose_rest_frame(sequence)
         loaded = load_rest_frame(sequence, index)
-        return sequence, replace(loaded, notes=(*loaded.notes, reason)), index
+        return sequence, replace(loaded, notes=(*loaded.notes, Note(reason))), index
     if has_cage or isinstance(rest_frame, str):
         return sequence, *_load_frame_of_full_clip(frames, settings, sequence, rest_frame)
     index = find_rest_index(sequence, rest_frame)
@@ -119,7 +120,7 @@ def _load_frame_of_full_clip(
     reason = f"frame {number} is the rest pose, though it is none of the frames that are taken"
     # Polygons are cut as in the frames that are taken.
     mesh = taken.first.move(loaded.mesh.vertices)
-    return replace(loaded, mesh=mesh, notes=(*loaded.notes, reason)), None
+    return replace(loaded, mesh=mesh, notes=(*loaded.notes, Note(reason))), None
 
 
 def choose_rest_frame(sequence: MeshSequence) -> tuple[int, str]:

@@ -21,7 +21,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.pose_difference import PoseDifference, find_pose_difference
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import FormatError, InputError
-from cageik_cli.util.progress import locate_note, mark_warning
+from cageik_cli.util.messages import Hint, Note, Said, join_texts, say
 from cageik_cli.util.units import (
     PROGRAM_UNITS,
     SAME_UNIT_TOL,
@@ -32,7 +32,7 @@ from cageik_cli.util.units import (
 UNSTATED = SceneHints()
 """What a file states of its scene that states nothing."""
 
-Offer = Callable[[Transform | None], str]
+Offer = Callable[[Transform | None], Said]
 """Returns the options in place of a transform, see `CommonScene.offer`."""
 
 
@@ -127,7 +127,7 @@ class CommonScene:
         pairs = ((rest.mesh.vertices, frame) for _, frame in read_some_frames(clip))
         difference = find_pose_difference(pairs, rest.mesh.edges.ends)
         beside = f"those of {clip.names[0]}"
-        otherwise = "" if clip.needs_rest else "leave out `rest=`, or "
+        otherwise = "" if clip.needs_rest else say("leave out `rest=`, or ")
         warning = self._judge(difference, source, beside, "the clip", otherwise)
         return replace(rest, notes=(*rest.notes, *warning))
 
@@ -160,17 +160,17 @@ class CommonScene:
         is_paired = read_expected is not None
         difference = find_pose_difference(pairs, mesh.edges.ends, is_paired=is_paired)
         warnings = self._judge(difference, clip.scene, beside, other)
-        placed.notes += tuple(locate_note(name, warning) for warning in warnings)
+        placed.notes += tuple(warning.at(name) for warning in warnings)
         return placed
 
-    def offer(self, transform: Transform | None, source: SceneHints) -> str:
+    def offer(self, transform: Transform | None, source: SceneHints) -> Said:
         """Return the options in place of a transform, to end a sentence; empty if none do."""
         if transform is None or transform.is_fitted:
             return ""
         if (transform.rotation != np.eye(3)).any() and transform.up_axes is None:
             return ""
         options = self._list_options(source, transform.scale, transform.up_axes)
-        return f", or state it by {options}" if options else ""
+        return ", or state it by " + options if options else ""
 
     def _judge(
         self,
@@ -178,29 +178,33 @@ class CommonScene:
         source: SceneHints,
         beside: str,
         other: str,
-        otherwise: str = "",
-    ) -> tuple[str, ...]:
+        otherwise: Said = "",
+    ) -> tuple[Note, ...]:
         """Refuse a difference that is certain; return a warning of one that is not."""
         if difference is None:
             return ()
         name, seen = difference.name, difference.describe(beside)
         if not name:
-            return (mark_warning(f"{seen}, which no unit explains; errors are percent of it"),)
+            seen += ", which no unit explains; errors are percent of it"
+            return (Note(seen, "warning"),)
         options = self._list_options(source, difference.factor, difference.axes)
-        remedy = f"{otherwise}export it as {other} was"
+        remedy = otherwise + f"export it as {other} was"
         if options:
             shared = " (if the cage is so, too)" * self._is_shared
-            remedy = f"{otherwise}state it by {options}{shared}, or export it as {other} was"
+            remedy = otherwise + "state it by " + options
+            remedy += f"{shared}, or export it as {other} was"
         elif self._is_shared:
-            remedy += "; `given_in=` is for files that do not state it, where there are several"
+            remedy += say(
+                "; `given_in=` is for files that do not state it, where there are several"
+            )
         if not difference.is_certain:
-            return (mark_warning(f"is likely {name}; if so, {remedy}"),)
+            return (Note(f"is likely {name}; if so, " + remedy, "warning"),)
         has_unit, has_axis = difference.factor != 1, difference.axes is not None
         if self._is_meant(source, has_unit=has_unit, has_axis=has_axis):
-            why = f"looks as if it is {name}: {seen}; it is taken as `given_in=` says"
-            return (mark_warning(why),)
+            why = f"looks as if it is {name}: {seen}; " + say("it is taken as `given_in=` says")
+            return (Note(why, "warning"),)
         meant = self._list_meant(source, has_unit=has_unit, has_axis=has_axis)
-        raise FormatError(f"is {name}: {seen}; {remedy}{meant}")
+        raise FormatError(f"is {name}: {seen}; " + remedy + meant)
 
     def _is_meant(self, source: SceneHints, *, has_unit: bool, has_axis: bool) -> bool:
         """Return whether the user says what a mesh is in that looks as if it were in another scene.
@@ -213,7 +217,7 @@ class CommonScene:
         is_axis = None not in (axis, known.up_axis) and axis == given.up_axis
         return (is_unit or not has_unit) and (is_axis or not has_axis)
 
-    def _list_meant(self, source: SceneHints, *, has_unit: bool, has_axis: bool) -> str:
+    def _list_meant(self, source: SceneHints, *, has_unit: bool, has_axis: bool) -> Said:
         """Return what says that a mesh is in the scene that it is taken to be in; "" if nothing."""
         known = self._stated
         if (has_unit and known.metres_per_unit is None) or (has_axis and known.up_axis is None):
@@ -221,9 +225,11 @@ class CommonScene:
         given, wanted = self._find_both(source)
         taken = given.over(wanted).over(Scene().space)
         typed = taken.option_text if has_axis else replace(taken, up_axis=None).option_text
-        return f"; if it is meant to be so, by `given_in={typed}`"
+        return "; if it is meant to be so, by " + Hint("given_in", typed)
 
-    def _list_options(self, source: SceneHints, factor: float, axes: tuple[str, str] | None) -> str:
+    def _list_options(
+        self, source: SceneHints, factor: float, axes: tuple[str, str] | None
+    ) -> Said:
         """Return what to type for a mesh that has to be multiplied by a factor, and turned.
 
         Parameters
@@ -234,26 +240,26 @@ class CommonScene:
         """
         given, _ = self._find_both(source)
         done = SceneConversion.between(given, self._find_both(source)[1])
-        stated, options = self._stated, []
+        stated, options = self._stated, list[Hint]()
         total = factor * done.factor
         unit, own = None, total * (stated.metres_per_unit or Scene().metres_per_unit)
         if factor != 1 and stated.metres_per_unit is None and self._can_restate:
             unit, own = _choose_units(given.metres_per_unit, total)
         if unit is not None:
-            options.append(f"`metres_per_unit={unit:.6g}`")
+            options.append(Hint("metres_per_unit", f"{unit:.6g}"))
         axis, own_axis = stated.up_axis or Scene().up_axis, given.up_axis
         if axes is not None:
             own_axis, wanted = (axis, axis) if done.turns else axes
             if wanted != axis:
                 if not self._can_restate:
                     return ""
-                options.append(f"`up_axis={wanted}`")
+                options.append(Hint("up_axis", wanted))
         needed = SceneHints(up_axis=None if axes is None else own_axis, metres_per_unit=own)
         if not options or not _is_stated(needed, given):
             if self._is_shared and not _is_stated(needed, source.over(needed)):
                 return ""  # what the file states comes first
-            options.append(f"`given_in={needed.option_text}`")
-        return " and ".join(options)
+            options.append(Hint("given_in", needed.option_text))
+        return join_texts(" and ", options)
 
 
 def _choose_units(given: float | None, total: float) -> tuple[float | None, float]:

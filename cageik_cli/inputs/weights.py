@@ -19,7 +19,8 @@ from cageik_cli.store.binding_file import StoredBinding, read_binding
 from cageik_cli.store.cache import EntryCache
 from cageik_cli.store.cache_keys import find_binding
 from cageik_cli.util.errors import CageError, SettingError, error_context
-from cageik_cli.util.progress import ProgressListener, mark_warning
+from cageik_cli.util.messages import Hint, Note, say
+from cageik_cli.util.progress import ProgressListener
 
 
 def bind_cached(
@@ -55,7 +56,7 @@ def bind_cached(
     notes = cage.notes + binding.notes
     if is_own_cage:
         refuse_other_unit(binding.cage, binding.rest)
-        notes += tuple(map(mark_warning, _list_cage_warnings(cage, judged)))
+        notes += _list_cage_warnings(cage, judged)
     binding = replace(binding, notes=notes)
     return StoredBinding(binding, sources, has_loose_cage=judged.has_loose_cage)
 
@@ -65,13 +66,13 @@ def _are_same(cage: TriMesh, rest: TriMesh) -> bool:
     return np.array_equal(cage.vertices, rest.vertices) and np.array_equal(cage.faces, rest.faces)
 
 
-def _list_cage_warnings(cage: LoadedMesh, judged: JudgedBinding) -> tuple[str, ...]:
+def _list_cage_warnings(cage: LoadedMesh, judged: JudgedBinding) -> tuple[Note, ...]:
     """Return how a cage is judged; of one that was built, what to build it with."""
     if not judged.cage_warnings or cage.source["name"] != BUILT_CAGE:
         return judged.cage_warnings
     binding = judged.binding
     faults = find_looseness_faults(binding.cage, binding.rest, is_thorough=False, is_built=True)
-    return tuple(fault.sentence for fault in faults)
+    return tuple(Note(fault.sentence, "warning") for fault in faults)
 
 
 def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None) -> StoredBinding:
@@ -108,10 +109,13 @@ def restore_baseline_weights(
 def _check_same_mesh(path: Path, what: str, expected: TriMesh, given: TriMesh) -> None:
     difference = _describe_difference(expected, given)
     if difference:
-        leave = "leave `cage=` out, " if what == "cage" else ""
+        leave = say("leave `cage=` out, ") if what == "cage" else ""
         raise SettingError(
             f"{path}: is the binding of another {what} ({difference}); give that {what} with "
-            f"`{what.split()[0]}=`, {leave}or bind this one"
+            + Hint(what.split()[0])
+            + ", "
+            + leave
+            + "or bind this one"
         )
 
 

@@ -10,6 +10,7 @@ from cageik_cli.report.limits import Baseline
 from cageik_cli.report.record import REPORT_SCHEMA
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.json_files import JsonFormat, format_value, read_json
+from cageik_cli.util.messages import Hint
 
 MAX_BASELINE_BYTES = 256 << 20
 """Largest file that is read."""
@@ -85,8 +86,11 @@ def _check_units(held: dict[str, Any]) -> None:
         if bare and SUMMARY_FIELDS[metric] not in held:
             value, option = format_value(held[bare[0]]), spellings[0]
             raise SettingError(
-                f"{bare[0]!r} is {value}, which has no unit; write {SUMMARY_FIELDS[metric]}, in "
-                f"percent, or give `{option}={value}%` or `{option}={value}units`"
+                f"{bare[0]!r} is {value}, which has no unit; write {SUMMARY_FIELDS[metric]}, "
+                "in percent, or give "
+                + Hint(option, f"{value}%")
+                + " or "
+                + Hint(option, f"{value}units")
             )
 
 

@@ -16,6 +16,7 @@ from cageik_cli.fit.settings import (
 from cageik_cli.report.figures import format_percent
 from cageik_cli.store.result import Result, read_baseline_errors
 from cageik_cli.util.errors import join_truncated
+from cageik_cli.util.messages import Hint, Row, Said, say
 from cageik_cli.util.text import format_bytes, format_count
 
 
@@ -47,14 +48,15 @@ def measure_gap_closed(result: Result) -> float | None:
     return 100 * (before - after) / gap if is_closer else None
 
 
-def list_fit_notes(record: FitRecord) -> tuple[str, ...]:
+def list_fit_notes(record: FitRecord) -> tuple[Said, ...]:
     """Return warnings and notes on a fit, one sentence each."""
     report = record.report
-    notes, held_out = [], report.held_out_blocks
+    held_out, notes = report.held_out_blocks, list[Said]()
     if report.needed_memory is not None:
         notes.append(
-            f"the memory limit allowed {format_count(report.fitted_frames, 'frame')} to be fitted; "
-            f"a fit to more of them needs `memory={format_bytes(report.needed_memory)}`"
+            f"the memory limit allowed {format_count(report.fitted_frames, 'frame')} to be "
+            "fitted; a fit to more of them needs "
+            + Hint("memory", format_bytes(report.needed_memory))
         )
     if held_out is None:
         fitted = format_count(report.fitted_frames, "frame")
@@ -71,9 +73,9 @@ def list_fit_notes(record: FitRecord) -> tuple[str, ...]:
     return (*notes, *_list_error_notes(report))
 
 
-def _list_error_notes(report: FitReport) -> list[str]:
+def _list_error_notes(report: FitReport) -> list[Said]:
     """Return notes on weights that follow the frames badly, or are rough."""
-    notes, held_out = [], report.held_out_blocks
+    held_out, notes = report.held_out_blocks, list[Said]()
     fitted, unfitted = report.fitted.fitted.rms, report.fitted.unfitted.rms
     if fitted > max(unfitted, MIN_STATED_PERCENT):
         notes.append(
@@ -95,13 +97,14 @@ def _list_error_notes(report: FitReport) -> list[str]:
         )
     if report.roughness > MAX_ROUGHNESS:
         notes.append(
-            f"the fitted weights are {report.roughness:.1f} times as rough as the unfitted ones "
-            f"(more than {MAX_ROUGHNESS:g}); raise `fit_regularization=`, or allow more influences"
+            f"the fitted weights are {report.roughness:.1f} times as rough as the unfitted "
+            f"ones (more than {MAX_ROUGHNESS:g}); "
+            + say("raise `fit_regularization=`, or allow more influences")
         )
     return notes
 
 
-def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[tuple[str, str]]:
+def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[Row]:
     """Return labelled lines on a fit; `is_verbose` shows all regularizations that were tried."""
     report, held_out = record.report, record.report.held_out_blocks
     kept_aside = "none"

@@ -17,6 +17,7 @@ from cageik_cli.report.regions import list_region_notes
 from cageik_cli.store.result import Result, read_binding, read_cages, read_key_frames
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import join_truncated
+from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.text import format_count
 from cageik_cli.util.units import LONG_UNIT_NAMES, PROGRAM_UNITS, find_units_of_ratio
 
@@ -61,10 +62,9 @@ MIN_OUTLIER_PERCENT = 1.0
 
 def list_notes(
     result: Result, name: str, summary: ReportSummary, limits: Limits
-) -> tuple[str, ...]:
+) -> tuple[Note, ...]:
     """List all notes on a result, first those that it holds; a baseline knows it by `name`."""
-    return (
-        *result.notes,
+    found: tuple[Said, ...] = (
         *([] if result.fit is None else list_fit_notes(result.fit)),
         *list_clip_notes(result),
         *list_region_notes(result, summary),
@@ -72,9 +72,10 @@ def list_notes(
         *list_outlier_notes(result),
         *missing_in_baseline(name, summary, limits),
     )
+    return (*result.notes, *map(Note, found))
 
 
-def list_clip_notes(result: Result) -> list[str]:
+def list_clip_notes(result: Result) -> list[Said]:
     """List notes on the frames as a whole and on their vertices; none for an edited result."""
     if result.edited_from is not None:
         return []
@@ -85,7 +86,7 @@ def list_clip_notes(result: Result) -> list[str]:
     ]
 
 
-def list_outlier_notes(result: Result) -> list[str]:
+def list_outlier_notes(result: Result) -> list[Said]:
     """Say which frames and vertices stand out, by how much, and which option would help."""
     if result.edited_from is not None:
         return []
@@ -107,7 +108,7 @@ def has_outliers(result: Result) -> bool:
     return has_spikes or bool(_find_isolated_outliers(result).any())
 
 
-def _note_mirrored_frames(result: Result) -> Iterator[str]:
+def _note_mirrored_frames(result: Result) -> Iterator[Said]:
     """Say which frames have less volume than `MAX_MIRRORED_SHARE` times that of the rest pose."""
     shares = _measure_volume_shares(result)
     known = np.flatnonzero(np.isfinite(shares))
@@ -134,7 +135,7 @@ def _measure_volume_shares(result: Result) -> Floats:
     return np.asarray(shares / result.cage.volume)
 
 
-def _note_other_size(result: Result) -> Iterator[str]:
+def _note_other_size(result: Result) -> Iterator[Said]:
     """Say so if the frames are of another size than the rest pose, and which units explain it."""
     points = result.rest.vertices[np.isfinite(result.vertex_rms)]
     spread = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
@@ -156,7 +157,7 @@ def _note_other_size(result: Result) -> Iterator[str]:
     )
 
 
-def _note_few_vertices(result: Result) -> Iterator[str]:
+def _note_few_vertices(result: Result) -> Iterator[Said]:
     """Say so if hardly more vertices are data than the cage has."""
     data, points = int(np.isfinite(result.vertex_rms).sum()), len(result.cage.vertices)
     if data < MIN_DATA_PER_CAGE_VERTEX * points:
@@ -168,7 +169,7 @@ def _note_few_vertices(result: Result) -> Iterator[str]:
         )
 
 
-def _note_spikes(result: Result) -> Iterator[str]:
+def _note_spikes(result: Result) -> Iterator[Said]:
     """Name frames in which single vertices are outliers."""
     found = np.flatnonzero(_find_spikes(result))
     if len(found) and _has_outlier_vertex(result):
@@ -179,8 +180,8 @@ def _note_spikes(result: Result) -> Iterator[str]:
         yield (
             f"{format_count(len(found), 'frame')} with vertices far away, up to "
             f"{format_percent(largest[worst])} % in {result.frames[worst]} (median error "
-            f"{format_percent(middle)} %): {_name_frames(result, found)}; reject them by "
-            "`robust=True`"
+            f"{format_percent(middle)} %): {_name_frames(result, found)}; "
+            + say("reject them by `robust=True`")
         )
 
 
@@ -212,7 +213,7 @@ def _has_outlier_vertex(result: Result) -> bool:
     return bool(sizes[frame, worst] > MIN_OUTLIER_RATIO * around)
 
 
-def _note_motion(result: Result) -> Iterator[str]:
+def _note_motion(result: Result) -> Iterator[Said]:
     """Name frames that jump, and frames that are copies of the one before."""
     sizes, steps = _measure_motion(result)
     known = np.ones(len(result.frames), bool)
@@ -227,15 +228,15 @@ def _note_motion(result: Result) -> Iterator[str]:
         worst = int(peaks[sizes[peaks].argmax()])
         yield (
             f"{format_count(len(peaks), 'frame')} where the motion jumps, most in "
-            f"{result.frames[worst]} ({sizes[worst] / middle:.0f} times the median acceleration): "
-            f"{_name_frames(result, peaks)}; smooth them by `smooth=auto`"
+            f"{result.frames[worst]} ({sizes[worst] / middle:.0f} times the median "
+            f"acceleration): {_name_frames(result, peaks)}; " + say("smooth them by `smooth=auto`")
         )
     held = np.flatnonzero((steps <= HELD_TOL * result.rest.diagonal) & known)
     if 0 < len(held) <= MAX_HELD_SHARE * len(steps):
         yield (
             f"{format_count(len(held), 'frame')} the same as the one before: "
-            f"{_name_frames(result, held)}; if they were lost, leave them out, and fill them by "
-            "`fill_gaps=True`"
+            f"{_name_frames(result, held)}; "
+            + say("if they were lost, leave them out, and fill them by `fill_gaps=True`")
         )
 
 
@@ -256,7 +257,7 @@ def _measure_motion(result: Result) -> tuple[Floats, Floats]:
     return sizes, steps
 
 
-def _note_isolated_outliers(result: Result) -> Iterator[str]:
+def _note_isolated_outliers(result: Result) -> Iterator[Said]:
     """Name vertices whose rms is far above that of their neighbours."""
     found = np.flatnonzero(_find_isolated_outliers(result))
     if len(found):
@@ -265,10 +266,11 @@ def _note_isolated_outliers(result: Result) -> Iterator[str]:
         worst = int(found[rms[found].argmax()])
         numbers = join_truncated(map(str, found.tolist()), 5)
         yield (
-            f"{format_count(len(found), 'vertex')} moving unlike the neighbours: {numbers}; vertex "
-            f"{name_vertex(result.rest, worst)} is off by {format_percent(percent * rms[worst])} "
-            f"%, those around it by {format_percent(percent * around[worst])} %; reject them by "
-            "`robust=True`, or give them the weight 0 by `vertex_weights=`"
+            f"{format_count(len(found), 'vertex')} moving unlike the neighbours: {numbers}; "
+            f"vertex {name_vertex(result.rest, worst)} is off by "
+            f"{format_percent(percent * rms[worst])} %, those around it by "
+            f"{format_percent(percent * around[worst])} %; "
+            + say("reject them by `robust=True`, or give them the weight 0 by `vertex_weights=`")
         )
 
 

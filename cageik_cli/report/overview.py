@@ -12,6 +12,7 @@ from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import QUALITY_WORDS, Vocabulary, choose_vocabulary
 from cageik_cli.util.errors import join_truncated
+from cageik_cli.util.messages import Note
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ class ClipEntry:
         return () if self.report is None else self.report.gates
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """The notes on the clip; none if it has failed."""
         return () if self.report is None else self.report.notes
 

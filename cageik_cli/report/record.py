@@ -1,6 +1,5 @@
 """The record of a result that all views show; views compute nothing."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,6 +32,7 @@ from cageik_cli.report.verdict import judge_quality, suggest_step
 from cageik_cli.report.vocabulary import QUALITY_WORDS, Vocabulary, choose_vocabulary
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.messages import Note, Spelling, spell, spell_keyword
 from cageik_cli.util.text import to_unicode
 
 REPORT_SCHEMA = 1
@@ -64,7 +64,7 @@ class Report:
     edited_from: str | None
     sources: dict[str, Any]
     settings: dict[str, Any]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     clip: ClipRecord
     binding: SolveQuality
     fit: FitRecord | None
@@ -106,12 +106,12 @@ def build_report(
     result: Result,
     limits: Limits | None = None,
     name: str | None = None,
-    word: Callable[[str], str] = str,
+    spelling: Spelling = spell_keyword,
 ) -> Report:
     """Compute the report of a result, which has the name of its file unless another is given.
 
-    Notes name parameters as keywords in backticks, as messages do. `word` puts them into the words
-    of the reader, which all views then show; the command line shows options.
+    All views show the settings that notes name as `spelling` writes them; the command line shows
+    options.
     """
     rest, result_name = result.rest, to_unicode(name or result.path.name)
     _, radius = smallest_enclosing_sphere(rest.vertices[rest.used_vertices])
@@ -132,7 +132,9 @@ def build_report(
         edited_from=result.edited_from,
         sources=result.sources,
         settings=result.settings,
-        notes=tuple(map(word, list_notes(result, result_name, summary, limits))),
+        notes=tuple(
+            one.spell(spelling) for one in list_notes(result, result_name, summary, limits)
+        ),
         clip=ClipRecord(
             frames=len(frames),
             vertices=len(rest.vertices),
@@ -159,7 +161,7 @@ def build_report(
         filled=tuple(result.frames[k] for k in result.filled),
         parts=parts,
         quality=None if result.edited_from else judge_quality(*errors),
-        better=None if better is None else word(better),
+        better=None if better is None else spell(better, spelling),
     )
 
 

@@ -7,11 +7,12 @@ from cageik_cli.geometry.parts import name_part
 from cageik_cli.method.solve.regions import MAX_DEVIATION, MAX_RMS_RATIO, Cause, has_bad_regions
 from cageik_cli.report.figures import ReportSummary, format_percent
 from cageik_cli.store.result import Result
+from cageik_cli.util.messages import Said, say
 
-CAUSES = {
+CAUSES: dict[Cause, tuple[str, Said]] = {
     Cause.SMOOTHING: (
         "smoothing takes quick motion away",
-        "smoothing: give a shorter period, or `smooth=auto`, which finds the strength",
+        say("smoothing: give a shorter period, or `smooth=auto`, which finds the strength"),
     ),
     Cause.LOOSE_CAGE: (
         "the cage is far too loose",
@@ -19,12 +20,14 @@ CAUSES = {
     ),
     Cause.SHARED_LOOP: (
         "limbs share one loop of the cage",
-        "limbs in one loop: give each limb its own part of the cage, by more vertices, by hand, or "
-        "with `rest_frame=auto` if limbs touch at rest",
+        say(
+            "limbs in one loop: give each limb its own part of the cage, by more vertices, "
+            "by hand, or with `rest_frame=auto` if limbs touch at rest"
+        ),
     ),
     Cause.THIN_FACES: (
         "thin faces of the cage",
-        "thin faces: move their vertices apart, or use `repair=True`",
+        say("thin faces: move their vertices apart, or use `repair=True`"),
     ),
     Cause.FAR_CAGE: (
         "the cage is far away",
@@ -164,17 +167,19 @@ def name_cause(region: RegionRecord) -> str:
     return CAUSES[Cause(region.cause)][0]
 
 
-def list_remedies(regions: tuple[RegionRecord, ...], is_fitted: bool) -> list[str]:
+def list_remedies(regions: tuple[RegionRecord, ...], is_fitted: bool) -> list[Said]:
     """List what to do about regions, once for each cause, that of the worst region first.
 
     Weights that are not fitted yet can be the remedy in the same cage.
     """
-    remedies = []
+    remedies: list[Said] = []
     for cause in dict.fromkeys(Cause(region.cause) for region in regions):
         remedies.append(CAUSES[cause][1])
         if cause == Cause.SHARED_LOOP and not is_fitted:
             remedies.append(
-                "limbs in one loop: in the same cage, weights that are fitted with `fit=True` can "
-                "part them"
+                say(
+                    "limbs in one loop: in the same cage, weights that are fitted with "
+                    "`fit=True` can part them"
+                )
             )
     return remedies

@@ -4,6 +4,7 @@ from cageik_cli.captured.settings import AUTO_SMOOTHING
 from cageik_cli.method.solve.regions import Cause
 from cageik_cli.report.notes import MIN_DATA_PER_CAGE_VERTEX, has_outliers
 from cageik_cli.store.result import Result, has_weights
+from cageik_cli.util.messages import Hint, Said, Text, say
 
 MAX_GOOD_RMS = 0.3
 """Percent of the diagonal; above this rms, a result is fair at best.
@@ -35,7 +36,7 @@ def judge_quality(rms_percent: float, max_deviation_percent: float) -> str:
     return "poor"
 
 
-def suggest_step(result: Result, rms_percent: float, max_deviation_percent: float) -> str | None:
+def suggest_step(result: Result, rms_percent: float, max_deviation_percent: float) -> Text | None:
     """Return the one step that would lower the error most and is not taken yet.
 
     None if there is none, or the error is far below what can be seen. Parameters are keywords in
@@ -45,27 +46,28 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
     if result.edited_from is not None:
         return None
     if has_outliers(result) and not result.settings.get("robust"):
-        return _repeat("`robust=True`")
+        return _repeat(say("`robust=True`"))
     if 2 * rms_percent <= MAX_GOOD_RMS and 2 * max_deviation_percent <= MAX_GOOD_DEVIATION:
         return None
     cause, is_built = _find_worst_cause(result), _has_built_cage(result)
     if cause == Cause.SMOOTHING:
         is_auto = result.settings["smooth"] == AUTO_SMOOTHING
-        return None if is_auto else _repeat(f"`smooth={AUTO_SMOOTHING}`")
+        return None if is_auto else _repeat(Hint("smooth", AUTO_SMOOTHING))
     if cause == Cause.LOOSE_CAGE and not is_built:
-        return _repeat("", f", without {_name_cage_source(result)}: a tighter cage is built")
+        return _repeat("", ", without " + _name_cage_source(result) + ": a tighter cage is built")
     if result.fit is None and _allows_fit(result):
         if "binding" in result.sources:
-            return "bind again with `fit=FRAMES`, then extract with that `binding=`"
-        return _repeat("`fit=True`")
+            return say("bind again with `fit=FRAMES`, then extract with that `binding=`")
+        return _repeat(say("`fit=True`"))
     if cause == Cause.SHARED_LOOP and is_built and isinstance(result.settings["rest_frame"], int):
-        return _repeat("`rest_frame=auto`", ", if limbs touch in the rest pose")
+        return _repeat(say("`rest_frame=auto`"), ", if limbs touch in the rest pose")
     return _suggest_vertices(result)
 
 
-def _repeat(step: str, condition: str = "") -> str:
+def _repeat(step: Said, condition: Said = "") -> Text:
     """Say how the run that made the result is repeated with a step; the result is replaced."""
-    return f"extract again with {f'{step} ' * bool(step)}`overwrite=True`{condition}"
+    steps = "extract again with " + step + " " if step else "extract again with "
+    return steps + say("`overwrite=True`") + condition
 
 
 def _allows_fit(result: Result) -> bool:
@@ -86,16 +88,16 @@ def _has_built_cage(result: Result) -> bool:
     return "cage_vertices" in result.settings
 
 
-def _name_cage_source(result: Result) -> str:
+def _name_cage_source(result: Result) -> Text:
     """Return the parameter by which the cage was given."""
-    return "`binding=`" if "binding" in result.sources else "`cage=`"
+    return say("`binding=`") if "binding" in result.sources else say("`cage=`")
 
 
-def _suggest_vertices(result: Result) -> str | None:
+def _suggest_vertices(result: Result) -> Text | None:
     """Return the advice of twice as many cage vertices, if the model has data for them."""
     data = len(result.rest.vertices) // MIN_DATA_PER_CAGE_VERTEX
     count = min(2 * len(result.cage.vertices), MAX_ADVISED_VERTICES)
     if count <= len(result.cage.vertices) or count > data:
         return None
-    place = "" if _has_built_cage(result) else f", without {_name_cage_source(result)}"
-    return _repeat(f"`vertices={count}`", place)
+    place = "" if _has_built_cage(result) else ", without " + _name_cage_source(result)
+    return _repeat(Hint("vertices", count), place)

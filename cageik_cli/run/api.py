@@ -37,6 +37,7 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.messages import Note
 from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
@@ -514,7 +515,7 @@ def _bind_built_cage(clip: MeshSequence | ArrayLike, settings: ExtractSettings) 
 
     built = build_cage(clip.first, **asdict(settings.build))
     bound = cage_binding.bind(clip.first, built.cage, jobs=settings.jobs)
-    return replace(bound, notes=built.notes + bound.notes)
+    return replace(bound, notes=(*map(Note, built.notes), *bound.notes))
 
 
 def _join_metrics(parts: Sequence[FrameMetrics]) -> FrameMetrics:

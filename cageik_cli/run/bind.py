@@ -17,7 +17,7 @@ from cageik_cli.run.settings import BindRunSettings
 from cageik_cli.store.binding_file import StoredBinding, write_binding
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.outputs import check_writable
-from cageik_cli.util.progress import ProgressListener, label_note
+from cageik_cli.util.progress import ProgressListener, note_all
 
 
 def bind_files(
@@ -31,8 +31,7 @@ def bind_files(
         rest = load_rest(settings.rest, settings.exclude)
         scene = CommonScene(rest.scene, settings.given_in, is_shared=bool(settings.clips))
         cage, offer = scene.place_cage(load_source(settings.cage, "cage"))
-        for note in rest.notes:
-            progress.note("note", f"{rest.source['name']}: {note}")
+        note_all(progress, rest.notes, rest.source["name"])
     with progress.stage("bind"), suggest_repair(cage, rest, offer):
         stored = bind_cached(rest, cage, settings.weights, progress)
     if settings.clips:
@@ -61,8 +60,7 @@ def _fit_to_files(
             clip = scene.match_clip(
                 clip, name, rest.mesh, beside="those of the rest pose", other="the rest pose"
             )
-        for note in clip.notes:
-            progress.note(*label_note(note))
+        note_all(progress, clip.notes)
         clips.append(clip)
     return fit_to_clips(
         binding,

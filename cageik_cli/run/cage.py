@@ -42,8 +42,9 @@ from cageik_cli.util.errors import (
     InputError,
     error_context,
 )
+from cageik_cli.util.messages import join_texts
 from cageik_cli.util.outputs import write_bytes
-from cageik_cli.util.progress import ProgressListener, label_note
+from cageik_cli.util.progress import ProgressListener, note_all
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 
@@ -92,7 +93,7 @@ def _check_is_clip(clip: MeshSequence, index: int) -> None:
         clip.read_positions(len(clip) - 1)
     except ConnectivityError as error:
         raise ConnectivityError(
-            f"{error}; name the one mesh that the cage is for, such as {clip.location(index)}"
+            error.text + f"; name the one mesh that the cage is for, such as {clip.location(index)}"
         ) from error
     except InputError:
         pass  # a damaged frame, which the cage does not need
@@ -114,8 +115,7 @@ def _read_animation(
         sequence = scene.match_clip(
             sequence, name, model.mesh, beside="those of the model", other="the model"
         )
-    for note in sequence.notes:
-        progress.note(*label_note(note))
+    note_all(progress, sequence.notes)
     held = [k for k in range(len(sequence)) if k not in sequence.missing]
     return make_measured_clip(
         rest, len(held), lambda k: sequence.read_frame(held[k]), settings.jobs
@@ -241,8 +241,8 @@ def repair_cage_file(
         fans = cage.mesh.fan_triangulated
         repaired = repair_cage(fans, model.mesh, settings.repair, counts, progress.update)
         if not repaired.is_fit:
-            left = "; ".join(finding.sentence for finding in repaired.faults)
-            raise CageError(f"cannot be repaired, what is left: {left}")
+            left = join_texts("; ", (finding.sentence for finding in repaired.faults))
+            raise CageError("cannot be repaired, what is left: " + left)
     with progress.stage("write"):
         text = encode_exact_obj(repaired.mesh.vertices, repaired.mesh.rings)
         write_bytes(settings.output, text, settings.overwrite)

@@ -15,7 +15,7 @@ from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.write import ExportSummary, Output, split_output, write_animation
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames, transfer_fit
-from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction, note_on
+from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction
 from cageik_cli.inputs.moved_meshes import MovedMeshes
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.inputs.scene import CommonScene
@@ -29,12 +29,13 @@ from cageik_cli.run.rig import check_rig, make_rig
 from cageik_cli.store.result import read_low_rank, read_rotations
 from cageik_cli.util.arrays import Floats, count_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
+from cageik_cli.util.messages import Hint, say
 from cageik_cli.util.outputs import check_no_overlap
-from cageik_cli.util.progress import ProgressListener, label_note
+from cageik_cli.util.progress import ProgressListener, note_all
 from cageik_cli.util.threads import limit_blas_threads
 
-NO_CAGES = "which has no cages; give them by `cages=`, or give a result"
-NO_SOLVE = "but `influences=` needs the settings of a result; give one"
+NO_CAGES = say("which has no cages; give them by `cages=`, or give a result")
+NO_SOLVE = say("but `influences=` needs the settings of a result; give one")
 
 
 def deform(settings: DeformSettings, progress: ProgressListener | None = None) -> ExportSummary:
@@ -101,8 +102,8 @@ class _Deformation:
                 return write_converted(output, to, animation, frames, progress)
             if conversion and self._binding.has_offsets:
                 raise SettingError(
-                    f"{self._model.name}: is {self._model.kind} with weights of few influences, "
-                    "which cannot be converted; leave out `to=`"
+                    f"{self._model.name}: is {self._model.kind} with weights of few "
+                    "influences, which cannot be converted; " + say("leave out `to=`")
                 )
             # Cages that are converted turn and scale what moves with the points, too.
             self._cages = self._cages.convert(conversion)
@@ -118,13 +119,14 @@ class _Deformation:
         model, unmatched = self._meshes.load(settings.mesh), self._meshes.unmatched
         if unmatched and settings.cages is None:
             raise SettingError(
-                f"{join_truncated(map(str, settings.mesh))}: `exclude={unmatched[0]}` matches no "
-                "part; give the path of a part, or a name in it"
+                f"{join_truncated(map(str, settings.mesh))}: "
+                + Hint("exclude", unmatched[0])
+                + " matches no part; give the path of a part, or a name in it"
             )
         if model.points is not None and settings.influences is not None:
             raise SettingError(
-                f"{settings.mesh[0]}: is {model.kind}, and weights of few influences are fitted to "
-                "a surface; leave out `influences=`"
+                f"{settings.mesh[0]}: is {model.kind}, and weights of few influences are "
+                "fitted to a surface; " + say("leave out `influences=`")
             )
         return model
 
@@ -149,8 +151,7 @@ class _Deformation:
         with error_context(settings.cages):
             check_vertex_order(clip.first, source.cage.mesh, source.cage_name)
             clip = self._match_cages(clip, source.cage.mesh)
-        for note in clip.notes:
-            progress.note(*label_note(note))
+        note_all(progress, clip.notes)
         if clip.missing:
             names = join_truncated((clip.names[k] for k in sorted(clip.missing)), 5)
             missing = f"{len(clip.missing)} cages are missing ({names}) and interpolated"
@@ -199,7 +200,7 @@ class _Deformation:
             binding = stored.binding
             if settings.mesh and not binding.projected:
                 self._meshes.check_small(source.cage.mesh, source.model.mesh.mesh)
-        note_on(self._progress, self._model.name, *mesh.notes, *binding.notes)
+        note_all(self._progress, (*mesh.notes, *binding.notes), self._model.name)
         if source.fit is None:
             return binding, None
         if settings.mesh:
@@ -216,8 +217,8 @@ class _Deformation:
                 return replace(binding, weights=change.add_to(binding.weights))
             raise SettingError(
                 f"{path}: its weights are fitted to a clip and not in it, so they cannot be "
-                "computed again; extract it again with them (`keep_weights=True`), or with "
-                "`fit_rank=`"
+                "computed again; "
+                + say("extract it again with them (`keep_weights=True`), or with `fit_rank=`")
             )
         self._progress.note(
             "note",
@@ -234,8 +235,8 @@ class _Deformation:
         if oriented is None:
             if conversion.turns and model.points is not None and model.points.normals is not None:
                 raise SettingError(
-                    f"{model.name}: has normals, which these weights cannot turn to another up "
-                    "axis; use `coordinates=harmonic`, or leave out `to=`"
+                    f"{model.name}: has normals, which these weights cannot turn to another "
+                    "up axis; " + say("use `coordinates=harmonic`, or leave out `to=`")
                 )
             return self._move_mesh()
         with error_context(self._place):

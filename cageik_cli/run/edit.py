@@ -34,6 +34,7 @@ from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_writer import ResultWriter, open_result_writer
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
+from cageik_cli.util.messages import Note, say
 from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.settings import DEFAULT_MEMORY, describe_settings
@@ -172,7 +173,7 @@ def _build_header(settings: EditSettings, files: EditFiles, result: Result) -> R
         quality=result.quality,
         scene=result.scene,
         settings=result.settings | describe_settings(settings.posing),
-        notes=(*result.notes, note),
+        notes=(*result.notes, Note(note)),
         edited_from=to_unicode(settings.result.name),
     )
 
@@ -200,7 +201,9 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
             load=partial(load_model, exclude=settings.exclude),
         )
         if target.cage is None:
-            raise SettingError(f"{target.path}: is a model without a cage; give one with `cage=`")
+            raise SettingError(
+                f"{target.path}: is a model without a cage; " + say("give one with `cage=`")
+            )
         target.model.check_posed_output(settings.output)
         check_no_overlap(settings.outputs(), settings.inputs())
         for path in settings.outputs():

@@ -36,6 +36,7 @@ from cageik_cli.run.rig import check_rig, make_rig, measure_input_rms
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.util.arrays import Floats, count_frames
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.messages import Hint, join_texts, say
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
@@ -72,19 +73,20 @@ def _check_rest_cage(settings: ExportSettings) -> None:
     output, scene = settings.output, settings.scene
     path = output.path
     asked = {
-        "with_model=True": settings.with_model,
-        "recentre=True": output.recentre,
-        f"file_format={output.file_format}": output.file_format,
-        "fps=": scene.fps is not None,
-        "start=": scene.start is not None,
-        "frame_step=": scene.frame_step is not None,
+        Hint("with_model", True): settings.with_model,
+        Hint("recentre", True): output.recentre,
+        Hint("file_format", output.file_format): output.file_format,
+        Hint("fps"): scene.fps is not None,
+        Hint("start"): scene.start is not None,
+        Hint("frame_step"): scene.frame_step is not None,
     }
-    names = [f"`{name}`" for name, is_asked in asked.items() if is_asked]
-    if names:
+    given = [hint for hint, is_asked in asked.items() if is_asked]
+    if given:
         raise SettingError(
             f"{path}: one `{output.suffix}` file is the cage at rest alone, which takes no "
-            f"{' or '.join(names)}; leave {'it' if len(names) == 1 else 'them'} out, or write "
-            f"the frames to {path.stem}/{path.stem}_####{output.suffix}"
+            + join_texts(" or ", given)
+            + f"; leave {'it' if len(given) == 1 else 'them'} out, or write the frames to "
+            f"{path.stem}/{path.stem}_####{output.suffix}"
         )
     check_mesh_output(path, output.overwrite)
 
@@ -209,7 +211,8 @@ def _read_skeleton(result: Result, settings: ExportSettings) -> Reconstruction:
     if is_kept and result.fit is not None and not binding.has_offsets:
         raise SettingError(
             f"{result.path}: its weights are fitted, and negative in places (down to "
-            f"{binding.weights.min():.2g}), which skin weights cannot be; give `influences=8`"
+            f"{binding.weights.min():.2g}), which skin weights cannot be; "
+            + say("give `influences=8`")
         )
     return target
 
@@ -221,22 +224,25 @@ def check_export(settings: ExportSettings) -> None:
     skeleton_suffixes = (*UsdSkeletonWriter.suffixes, *GltfSkeletonWriter.suffixes)
     if settings.skeleton and suffix not in skeleton_suffixes:
         raise SettingError(
-            f"{path}: `skeleton=True` works with USD and glTF only, expected "
-            f"{', '.join(skeleton_suffixes)}"
+            f"{path}: "
+            + say("`skeleton=True` works with USD and glTF only, expected ")
+            + f"{', '.join(skeleton_suffixes)}"
         )
     for name, value, known in (
         ("joints", settings.joints, JOINT_MOTIONS),
         ("root_motion", settings.root_motion, ROOT_MOTIONS),
     ):
         if isinstance(value, str) and value not in known:
-            raise SettingError(f"`{name}={value}`, expected {' or '.join(known)}")
+            raise SettingError(Hint(name, value) + f", expected {' or '.join(known)}")
     if settings.is_rest_cage:
         _check_rest_cage(settings)
         return
     _check_skeleton(settings)
     if settings.guide and suffix not in UsdWriter.suffixes:
         raise SettingError(
-            f"{path}: `guide=True` works with USD only, expected {', '.join(UsdWriter.suffixes)}"
+            f"{path}: "
+            + say("`guide=True` works with USD only, expected ")
+            + f"{', '.join(UsdWriter.suffixes)}"
         )
     has_parts = names_parts(path)
     if has_parts and (settings.skeleton or not settings.with_model):
@@ -257,22 +263,25 @@ def _check_skeleton(settings: ExportSettings) -> None:
     is_gltf = path.suffix.lower() in GltfSkeletonWriter.suffixes
     if is_gltf and settings.influences is not None and settings.influences > MAX_INFLUENCES:
         raise SettingError(
-            f"{path}: `influences={settings.influences}`, and programs read at most "
-            f"{MAX_INFLUENCES} joints per vertex from .glb; give 4, or {MAX_INFLUENCES}"
+            f"{path}: "
+            + Hint("influences", settings.influences)
+            + f", and programs read at most {MAX_INFLUENCES} joints per vertex from .glb; give "
+            f"4, or {MAX_INFLUENCES}"
         )
     only_gltf = {
-        "tolerance=": settings.skeleton and settings.morphs.tolerance is not None,
-        "quantize=True": settings.quantize,
+        Hint("tolerance"): settings.skeleton and settings.morphs.tolerance is not None,
+        Hint("quantize", True): settings.quantize,
     }
-    for name, is_asked in only_gltf.items():
+    for hint, is_asked in only_gltf.items():
         if is_asked and not (settings.skeleton and is_gltf):
             raise SettingError(
-                f"{path}: `{name}` of a skeleton works with glTF only, expected .glb"
+                f"{path}: " + hint + " of a skeleton works with glTF only, expected .glb"
             )
     if settings.with_model and isinstance(settings.joints, int):
         raise SettingError(
-            f"{path}: `joints={settings.joints}` are not the vertices of the cage; leave out "
-            "`with_model=True`, or `joints=`"
+            f"{path}: "
+            + Hint("joints", settings.joints)
+            + say(" are not the vertices of the cage; leave out `with_model=True`, or `joints=`")
         )
 
 
@@ -281,11 +290,15 @@ def _check_with_model(settings: ExportSettings) -> None:
     path = settings.output.path
     if not (settings.output.find_writer().keeps_parts or names_parts(path)):
         raise SettingError(
-            f"{path}: `with_model=True` works with formats of several meshes, expected .usdc, "
-            f".abc, .glb or .obj, or a file of each by {PLACEHOLDER} in the name"
+            f"{path}: "
+            + say(
+                "`with_model=True` works with formats of several meshes, expected .usdc, "
+                ".abc, .glb or .obj, or a file of each by "
+            )
+            + f"{PLACEHOLDER} in the name"
         )
     if settings.skeleton and path.suffix.lower() in GltfSkeletonWriter.suffixes:
         raise SettingError(
-            f"{path}: a skeleton in glTF is the model alone, without the cage; leave out "
-            "`with_model=True`, or write .usdc, which holds both"
+            f"{path}: a skeleton in glTF is the model alone, without the cage; "
+            + say("leave out `with_model=True`, or write .usdc, which holds both")
         )

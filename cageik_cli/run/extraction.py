@@ -69,7 +69,8 @@ from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_writer import ResultWriter, open_result_writer
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, error_context, join_truncated
-from cageik_cli.util.progress import ProgressListener, locate_note
+from cageik_cli.util.messages import Note, Said, say
+from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_count
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.util.units import list_size_notes
@@ -134,7 +135,7 @@ class Extraction:
         self.sources: dict[str, Any] = {}
         self.filled: tuple[int, ...] = ()
         self.fit: FitSettings | None = None
-        self._fit_notes: tuple[str, ...] = ()
+        self._fit_notes: tuple[Note, ...] = ()
 
     def run(self) -> Result:
         """Extract the cage of every frame, or return the result that exists already."""
@@ -460,7 +461,8 @@ class _ResultComposer:
         vertices = sequence.read_frame(frame)
         if sequence.digest(frame) != self._summary.digests[frame]:
             raise FileAccessError(
-                f"{sequence.location(frame)}: changed during the run; run again with `resume=True`"
+                f"{sequence.location(frame)}: changed during the run; "
+                + say("run again with `resume=True`")
             )
         return vertices
 
@@ -497,17 +499,18 @@ def _collect_notes(
     hints: SceneHints,
     summary: ClipSummary,
     solver: DualLaplacianSolver,
-) -> tuple[str, ...]:
+) -> tuple[Note, ...]:
     """Return what the user should know of the meshes and of what is missing in them.
 
     `hints` are what is stated of the scene.
     """
     cage = stored.sources["cage"]["name"]
-    notes = [
-        *(locate_note(cage, note) for note in stored.binding.notes),
-        *(locate_note(rest.source["name"], note) for note in rest.notes),
+    given = (
+        *(note.at(cage) for note in stored.binding.notes),
+        *(note.at(rest.source["name"]) for note in rest.notes),
         *sequence.notes,
-    ]
+    )
+    notes: list[Said] = []
     if not rest.mesh.is_closed:
         edges = rest.mesh.edges
         holes = edges.ends[~edges.is_balanced]
@@ -531,10 +534,11 @@ def _collect_notes(
             "are not known and volume figures are left out"
         )
     unit_notes = _list_unit_notes(hints.metres_per_unit, rest.mesh.diagonal)
-    return (*notes, *_list_absence_notes(summary), *unit_notes)
+    notes += [*_list_absence_notes(summary), *unit_notes]
+    return (*given, *map(Note, notes))
 
 
-def _list_unit_notes(metres_per_unit: float | None, diagonal: float) -> list[str]:
+def _list_unit_notes(metres_per_unit: float | None, diagonal: float) -> list[Said]:
     """Note a size that no character has; or that lengths are taken for metres, if nobody says so.
 
     `diagonal` is in file units.
@@ -542,7 +546,7 @@ def _list_unit_notes(metres_per_unit: float | None, diagonal: float) -> list[str
     unit = Scene().metres_per_unit if metres_per_unit is None else metres_per_unit
     notes = list_size_notes(diagonal, unit, "the result says that a unit is")
     if metres_per_unit is None and not notes:
-        return ["no file states its unit: taken as metres (`metres_per_unit=0.01` for cm)"]
+        return [say("no file states its unit: taken as metres (`metres_per_unit=0.01` for cm)")]
     return notes
 
 

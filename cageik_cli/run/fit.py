@@ -29,6 +29,7 @@ from cageik_cli.store.cache_keys import compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import BaselineErrors
 from cageik_cli.util.arrays import Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError, InputError
+from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.text import format_bytes, format_count
@@ -107,7 +108,7 @@ def fit_weights(
 
 def choose_fit(
     settings: ExtractSettings, clip: MeshSequence, weighs_frames: bool = False
-) -> tuple[FitSettings | None, tuple[str, ...]]:
+) -> tuple[FitSettings | None, tuple[Note, ...]]:
     """Choose how weights are fitted to a clip: as asked; else they are if a cage is built.
 
     A fit that was not asked for is left out where it would be refused, or follow data that says
@@ -121,39 +122,41 @@ def choose_fit(
     Returns
     -------
     FitSettings or None
-    tuple of str
+    tuple of Note
         The note on why weights are not fitted; none if they are, or nobody expects it.
     """
     if settings.fit is not None or not settings.builds_cage:
         return settings.fit or None, ()  # type: ignore[return-value]  # True is made to settings
     reason = _find_fit_obstacle(settings, clip, weighs_frames)
-    return (None, (f"weights are not fitted: {reason}",)) if reason else (FitSettings(), ())
+    return (None, (Note("weights are not fitted: " + reason),)) if reason else (FitSettings(), ())
 
 
-def _find_fit_obstacle(settings: ExtractSettings, clip: MeshSequence, weighs_frames: bool) -> str:
+def _find_fit_obstacle(settings: ExtractSettings, clip: MeshSequence, weighs_frames: bool) -> Said:
     """Say what stands against a fit that nobody asked for; nothing if it can be made."""
     frames = len(clip) - len(clip.missing)
     if weighs_frames:
-        return (
-            "the data may be noisy or missing; fit a clean clip of the same model by cageik bind "
-            "`fit=`, and extract by `binding=`"
+        return say(
+            "the data may be noisy or missing; fit a clean clip of the same model by "
+            "cageik bind `fit=`, and extract by `binding=`"
         )
     if not settings.keep_weights:
         return "the result does not hold weights, and fitted ones cannot be computed again"
     if frames < MIN_FRAMES_BY_DEFAULT:
-        return f"the clip has {format_count(frames, 'frame')}; fit them all the same by `fit=`"
+        return f"the clip has {format_count(frames, 'frame')}; " + say(
+            "fit them all the same by `fit=`"
+        )
     from cageik_cli.fit.sample import estimate_least_memory
 
     needed = estimate_least_memory(len(clip.first.vertices), settings.build.vertices, frames)
     if needed > settings.memory:
         return (
             f"that takes at least {format_bytes(needed)}, more than the limit of "
-            f"{format_bytes(settings.memory)}; raise it by `memory=`"
+            f"{format_bytes(settings.memory)}; " + say("raise it by `memory=`")
         )
     if has_outlier_vertices(clip.first, _read_probed_frames(clip)):
-        return (
-            "single vertices are outliers among their neighbours; fitted weights would follow"
-            " them; reject them by `robust=True`"
+        return say(
+            "single vertices are outliers among their neighbours; fitted weights would "
+            "follow them; reject them by `robust=True`"
         )
     return ""
 

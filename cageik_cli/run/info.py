@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +29,8 @@ from cageik_cli.store.binding_file import StoredBinding, is_binding, read_bindin
 from cageik_cli.store.checkpoint import checkpoint_progress, is_checkpoint
 from cageik_cli.store.result import Result, is_result, read_result
 from cageik_cli.util.errors import join_truncated
-from cageik_cli.util.progress import label_note, locate_note
-from cageik_cli.util.text import format_block, format_count
+from cageik_cli.util.messages import Note, Row, say
+from cageik_cli.util.text import format_count
 from cageik_cli.util.units import list_size_notes
 
 MAX_LISTED_PARTS = 20
@@ -41,29 +42,30 @@ def describe_files(
     layout: str | None = None,
     exclude: tuple[str, ...] = (),
     fps: float | None = None,
-) -> str:
-    """Describe each of the files that arguments name, or the clip whose frames they are.
+) -> list[tuple[str, list[Row]]]:
+    """Return the name and the facts of each of the files, or of the clip whose frames they are.
 
     `layout` is the order of an array's axes, `exclude` the patterns of parts that are left out, and
     `fps` the rate at which a clip is sampled, as in `ClipSettings`.
     """
     if len(arguments) > 1 and not _are_frames(arguments):
-        return "\n\n".join(describe_files([each], layout, exclude, fps) for each in arguments)
+        blocks = (describe_files([each], layout, exclude, fps) for each in arguments)
+        return list(chain.from_iterable(blocks))
     path = Path(arguments[0])
     if len(arguments) == 1 and is_checkpoint(path):
-        return format_block(str(path), _checkpoint_rows(path))
-    if path.is_file() and path.suffix.lower() in HDF5_SUFFIXES and (page := _describe_hdf5(path)):
-        return page
+        return [(str(path), _checkpoint_rows(path))]
+    if path.is_file() and path.suffix.lower() in HDF5_SUFFIXES and (rows := _describe_hdf5(path)):
+        return [(str(path), rows)]
     if len(arguments) == 1 and _is_mesh_file(path):
         model = load_model(path, exclude)
         if model.points is not None:
-            return format_block(str(path), _point_rows(model, model.points))
+            return [(str(path), _point_rows(model, model.points))]
         loaded = model.mesh
         rows = _mesh_rows(loaded.mesh) + _note_rows(loaded.mesh, loaded.scene, loaded.notes)
-        return format_block(str(path), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
+        return [(str(path), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])]
     settings = ClipSettings(layout=layout, gaps="keep", exclude=exclude, fps=fps)
     rows = describe_contents(arguments, settings) or _clip_rows(open_sequence(arguments, settings))
-    return format_block(join_truncated(arguments, 3), rows)
+    return [(join_truncated(arguments, 3), rows)]
 
 
 def _are_frames(arguments: list[str]) -> bool:
@@ -84,7 +86,7 @@ def _is_mesh_file(path: Path) -> bool:
     return file.is_file() and (is_mesh or (member is not None and holds_caged_model(file)))
 
 
-def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list[tuple[str, str]]:
+def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list[Row]:
     """Return the rows on the meshes of a binding, its settings, its quality and its fit."""
     binding, quality, fit = stored.binding, stored.binding.quality, stored.fit
     settings = asdict(binding.settings)
@@ -98,11 +100,11 @@ def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list
         *([("projected", f"{quality.projected} vertices outside")] if quality.projected else []),
         *((f"from {key}", str(source.get("name"))) for key, source in stored.sources.items()),
         *([] if fit is None else _format_fit(fit, is_verbose)),
-        *(label_note(locate_note(stored.sources["cage"]["name"], note)) for note in binding.notes),
+        *(note.at(stored.sources["cage"]["name"]).row for note in binding.notes),
     ]
 
 
-def _format_fit(record: FitRecord, is_verbose: bool) -> list[tuple[str, str]]:
+def _format_fit(record: FitRecord, is_verbose: bool) -> list[Row]:
     """Return the rows on a fit, the size and the notes."""
     solve = record.solve
     aligned = "" if solve.align else ", not aligned"
@@ -114,22 +116,25 @@ def _format_fit(record: FitRecord, is_verbose: bool) -> list[tuple[str, str]]:
     ]
 
 
-def _describe_hdf5(path: Path) -> str:
-    """Describe a result or a binding; empty for other files."""
+def _describe_hdf5(path: Path) -> list[Row]:
+    """Describe a result or a binding; no rows for other files."""
     if is_result(path):
-        return format_block(str(path), _result_rows(read_result(path)))
+        return _result_rows(read_result(path))
     if is_binding(path):
         stored = read_binding(path)
         holds = ("holds", f"a binding of cageik bind {stored.version}")
-        return format_block(str(path), [holds, *format_binding_rows(stored)])
-    return ""
+        return [holds, *format_binding_rows(stored)]
+    return []
 
 
-def _checkpoint_rows(path: Path) -> list[tuple[str, str]]:
+def _checkpoint_rows(path: Path) -> list[Row]:
     done, count = checkpoint_progress(path)
     return [
         ("holds", "the checkpoint of an interrupted or a running cageik extract"),
-        ("frames", f"{done} of {count}; rerun the command with `resume=True` to continue"),
+        (
+            "frames",
+            f"{done} of {count}; " + say("rerun the command with `resume=True` to continue"),
+        ),
     ]
 
 
@@ -142,7 +147,7 @@ def _format_polygons(mesh: TriMesh) -> str:
     return "" if mesh.attributes is None else f" of {mesh.attributes.description}"
 
 
-def _result_rows(result: Result) -> list[tuple[str, str]]:
+def _result_rows(result: Result) -> list[Row]:
     command, skipped = choose_vocabulary(result.edited_from).command, []
     if result.skipped:
         names = join_truncated((result.frames[k] for k in result.skipped), 5)
@@ -157,7 +162,7 @@ def _result_rows(result: Result) -> list[tuple[str, str]]:
         ("settings", ", ".join(f"{key} {value}" for key, value in result.settings.items())),
         *((f"from {key}", str(source.get("name"))) for key, source in result.sources.items()),
         *skipped,
-        *map(label_note, result.notes),
+        *(note.row for note in result.notes),
     ]
 
 
@@ -169,7 +174,7 @@ def _format_scene(scene: Scene) -> str:
     )
 
 
-def _clip_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
+def _clip_rows(sequence: MeshSequence) -> list[Row]:
     missing = []
     if sequence.missing:
         names = join_truncated((sequence.names[k] for k in sorted(sequence.missing)), 5)
@@ -184,16 +189,16 @@ def _clip_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
     ]
 
 
-def _note_rows(mesh: TriMesh, scene: SceneHints, notes: Iterable[str]) -> list[tuple[str, str]]:
+def _note_rows(mesh: TriMesh, scene: SceneHints, notes: Iterable[Note]) -> list[Row]:
     """Return rows of notes, and of a size that no character has in the unit of the scene."""
     unit, says = scene.metres_per_unit, "the file says that a unit is"
     if unit is None:
         unit, says = Scene().metres_per_unit, "a unit is taken for"
-    sizes = [f"{note} of cageik extract" for note in list_size_notes(mesh.diagonal, unit, says)]
-    return [("note", note) for note in (*notes, *sizes)]
+    sizes = [text + " of cageik extract" for text in list_size_notes(mesh.diagonal, unit, says)]
+    return [("note", note.located) for note in (*notes, *map(Note, sizes))]
 
 
-def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
+def _mesh_rows(mesh: TriMesh) -> list[Row]:
     volume = f"closed, volume {mesh.volume:.6g}" if mesh.is_closed else "open"
     components = format_count(int(mesh.components.max()) + 1, "component")
     return [
@@ -205,7 +210,7 @@ def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
     ]
 
 
-def _part_rows(mesh: TriMesh) -> list[tuple[str, str]]:
+def _part_rows(mesh: TriMesh) -> list[Row]:
     """Return a row of each part of a mesh, up to `MAX_LISTED_PARTS`; none if it came as one."""
     parts = mesh.polygons.parts
     if parts is None:
@@ -221,7 +226,7 @@ def _part_rows(mesh: TriMesh) -> list[tuple[str, str]]:
     return [*rows, *([("part", f"and {more} more")] if more else [])]
 
 
-def _point_rows(model: LoadedModel, points: PointFile) -> list[tuple[str, str]]:
+def _point_rows(model: LoadedModel, points: PointFile) -> list[Row]:
     rows = [("holds", model.kind), (model.unit, str(len(points.rows)))]
     if model.splats is None:
         rows.append(("properties", join_truncated(points.names, 20)))

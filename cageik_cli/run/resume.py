@@ -20,8 +20,9 @@ from cageik_cli.store.checkpoint import (
     checkpoint_progress,
 )
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
-from cageik_cli.util.errors import CheckpointError, InputError
+from cageik_cli.util.errors import CheckpointError, InputError, add_remark
 from cageik_cli.util.files import read_input
+from cageik_cli.util.messages import Hint, say
 from cageik_cli.util.outputs import check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.version import __version__
@@ -32,14 +33,14 @@ def check_output(settings: ExtractSettings) -> None:
     may_replace = settings.overwrite or settings.resume
     check_writable(settings.output, may_replace)
     other = settings.output
-    check_hdf5_suffix(other, f"write the cages to it, too, by `exports={other}`")
+    check_hdf5_suffix(other, "write the cages to it, too, by " + Hint("exports", other))
     path = checkpoint_path(settings.output)
     check_checkpoint_path(path)
     if path.exists() and not may_replace:
         done, count = checkpoint_progress(path)
         raise CheckpointError(
-            f"{path}: checkpoint found ({done} of {count} frames): continue with `resume=True` or "
-            "start over with `overwrite=True`"
+            f"{path}: checkpoint found ({done} of {count} frames): "
+            + say("continue with `resume=True` or start over with `overwrite=True`")
         )
     if settings.cage_output is not None:
         check_cage_output(settings.cage_output, may_replace)
@@ -90,8 +91,8 @@ def find_existing(
         differing = next((what for what, holds in is_same.items() if not holds), "")
         if differing and not settings.overwrite:
             raise CheckpointError(
-                f"{result.path}: is the result of {differing}; choose another name, or replace it "
-                "with `overwrite=True`"
+                f"{result.path}: is the result of {differing}; "
+                + say("choose another name, or replace it with `overwrite=True`")
             )
         if not differing and not settings.accepts_gaps:
             _check_no_gaps(result, sequence)
@@ -107,8 +108,11 @@ def _check_no_gaps(result: Result, sequence: MeshSequence) -> None:
     skipped = [why for k, why in result.skipped.items() if k not in sequence.missing]
     if skipped:
         raise CheckpointError(
-            f"{result.path}: {len(skipped)} frames are skipped in it, the first: {skipped[0]}; "
-            "repair them and use `overwrite=True`, or accept the gaps with `on_bad_frame=skip`"
+            f"{result.path}: {len(skipped)} frames are skipped in it, the first: "
+            f"{skipped[0]}; "
+            + say(
+                "repair them and use `overwrite=True`, or accept the gaps with `on_bad_frame=skip`"
+            )
         )
 
 
@@ -125,9 +129,10 @@ def open_checkpoint(settings: ExtractSettings, spec: RunSpec) -> Iterator[Checkp
     except BaseException as error:
         kept = checkpoint.count_frames()
         if kept:
-            error.add_note(
-                f"{kept} of {len(spec.frames)} frames are kept in {path}; continue with "
-                "`resume=True`, or start over with `overwrite=True`"
+            add_remark(
+                error,
+                f"{kept} of {len(spec.frames)} frames are kept in {path}; "
+                + say("continue with `resume=True`, or start over with `overwrite=True`"),
             )
             checkpoint.close()
         else:

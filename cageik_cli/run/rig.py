@@ -31,6 +31,7 @@ from cageik_cli.rigs.turning import group_joints, limit_influences
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context
+from cageik_cli.util.messages import Hint
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.text import format_bytes
@@ -244,13 +245,15 @@ def check_rig(result: Result, influences: int | None, joints: str | int) -> None
     n = len(result.cage.vertices)
     if isinstance(joints, int) and not MIN_JOINTS <= joints <= n:
         raise SettingError(
-            f"{result.path}: `joints={joints}`, but the cage has {n} vertices; give {MIN_JOINTS} "
-            f"to {n}"
+            f"{result.path}: "
+            + Hint("joints", joints)
+            + f", but the cage has {n} vertices; give {MIN_JOINTS} to {n}"
         )
     if influences is not None and influences > n:
         raise SettingError(
-            f"{result.path}: `influences={influences}`, but the cage has {n} vertices; give "
-            f"{n} or less"
+            f"{result.path}: "
+            + Hint("influences", influences)
+            + f", but the cage has {n} vertices; give {n} or less"
         )
 
 

@@ -23,6 +23,7 @@ from cageik_cli.inputs.settings import (
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.messages import say
 from cageik_cli.util.settings import (
     HelpGroup,
     declare_group,
@@ -129,18 +130,26 @@ class ExtractSettings(CommandSettings):
             return
         if self.binding is not None:
             raise SettingError(
-                f"{self.binding}: brings its weights, which `fit=` would replace; leave out one of "
-                "them, or fit the binding by cageik bind `fit=`"
+                f"{self.binding}: "
+                + say(
+                    "brings its weights, which `fit=` would replace; leave out one of them, "
+                    "or fit the binding by cageik bind `fit=`"
+                )
             )
         if self.clip.missing:
             raise SettingError(
-                "`fit=` needs frames without missing vertices; fit a clean clip of the same model "
-                "by cageik bind `fit=`, and extract by `binding=`; or leave out `missing=True`"
+                say(
+                    "`fit=` needs frames without missing vertices; fit a clean clip of the "
+                    "same model by cageik bind `fit=`, and extract by `binding=`; or leave "
+                    "out `missing=True`"
+                )
             )
         if not self.keep_weights and self.fit.rank is None:
             raise SettingError(
-                "fitted weights cannot be computed again; extract with them "
-                "(`keep_weights=True`), or store few numbers by `fit_rank=`"
+                say(
+                    "fitted weights cannot be computed again; extract with them "
+                    "(`keep_weights=True`), or store few numbers by `fit_rank=`"
+                )
             )
 
     def record(

@@ -31,6 +31,7 @@ from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result import placed_path, smoothed_path
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FileAccessError, InputError
+from cageik_cli.util.messages import say
 
 MAX_FILLED_GAP = 48
 """Frames of a gap that is filled, at most."""
@@ -451,5 +452,6 @@ def _check_unchanged(sequence: MeshSequence, solved: SolvedBlock) -> None:
     for k, digest in enumerate(solved.digests, solved.start):
         if sequence.digest_or_zeros(k) != digest:
             raise FileAccessError(
-                f"{sequence.location(k)}: changed during the run; run again with `resume=True`"
+                f"{sequence.location(k)}: changed during the run; "
+                + say("run again with `resume=True`")
             )

@@ -20,6 +20,7 @@ from cageik_cli.store.cache import CorruptEntry, Entry, EntryCache, EntryFormat,
 from cageik_cli.store.hdf5_fields import parse_record
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.messages import Note
 from cageik_cli.util.version import __version__
 
 WEIGHTS = EntryFormat(
@@ -72,15 +73,18 @@ def find_binding(
             "panels": binding.panels,
             "estimated_error": binding.estimated_error,
             "projected": binding.projected,
-            "notes": binding.notes,
-            "cage_warnings": judged.cage_warnings,
+            "notes": tuple(note.pack() for note in binding.notes),
+            "cage_warnings": tuple(note.pack() for note in judged.cage_warnings),
             "has_loose_cage": judged.has_loose_cage,
         }
 
     def from_entry(entry: Entry) -> JudgedBinding:
         _check_shape(entry["weights"], len(rest.vertices), len(cage.vertices))
         is_outward = np.array_equal(cage.faces, entry.pop("faces"))
-        warnings, is_loose = entry.pop("cage_warnings"), entry.pop("has_loose_cage")
+        warnings, entry["notes"] = (
+            tuple(map(Note.unpack, entry.pop(name))) for name in ("cage_warnings", "notes")
+        )
+        is_loose = entry.pop("has_loose_cage")
         outward = cage if is_outward else cage.flip()
         return JudgedBinding(Binding(rest, outward, settings=settings, **entry), warnings, is_loose)
 

@@ -32,6 +32,7 @@ from cageik_cli.method.solve.metrics import (
 from cageik_cli.method.solve.summary import ClipSummary
 from cageik_cli.util.errors import CheckpointError, FormatError, error_context, make_write_error
 from cageik_cli.util.files import open_input, open_locked, remove_locked, set_size
+from cageik_cli.util.messages import Hint, Said, Text, join_texts, say
 from cageik_cli.util.text import format_count
 from cageik_cli.util.version import __version__
 
@@ -69,7 +70,7 @@ class RunSpec:
     cage_vertices: int
     version: str = __version__
 
-    def describe_difference(self, other: "RunSpec") -> str:
+    def describe_difference(self, other: "RunSpec") -> Said:
         """Say what differs from the run `other` that is to be continued; nothing if it can be.
 
         Settings are named as parameters, so that a reader can type what the other run was given.
@@ -77,7 +78,7 @@ class RunSpec:
         if self.frames != other.frames:
             count = format_count(len(other.frames), "other frame")
             return f"it was of {count}, {other.frames[0]} to {other.frames[-1]}"
-        differing = [
+        differing: list[Said] = [
             _describe_setting(name, other.settings.get(name))
             for name in self.settings | other.settings
             if self.settings.get(name) != other.settings.get(name)
@@ -88,7 +89,7 @@ class RunSpec:
             if self.sources.get(name) != other.sources.get(name)
         ]
         if differing:
-            return f"it was run {', '.join(differing)}"
+            return "it was run " + join_texts(", ", differing)
         if self.version != other.version:
             return f"it was of cageik {other.version}"
         if replace(self, fit=other.fit) != other:
@@ -96,13 +97,13 @@ class RunSpec:
         return ""
 
 
-def _describe_setting(name: str, value: Any) -> str:
+def _describe_setting(name: str, value: Any) -> Text:
     """Say what a run was given for a setting."""
     if value is None or value is False:
-        return f"without `{name}=`"
+        return "without " + Hint(name)
     if isinstance(value, dict | list):
-        return f"with another `{name}=`"
-    return f"with `{name}={value}`"
+        return "with another " + Hint(name)
+    return "with " + Hint(name, value)
 
 
 class Checkpoint:
@@ -151,15 +152,17 @@ class Checkpoint:
         try:
             if not (resume or overwrite or os.fstat(file.fileno()).st_size == 0):
                 raise CheckpointError(
-                    f"{path}: another run has written it meanwhile; continue with `resume=True` or "
-                    "start over with `overwrite=True`"
+                    f"{path}: another run has written it meanwhile; "
+                    + say("continue with `resume=True` or start over with `overwrite=True`")
                 )
             held = _read_spec(path, file) if resume else None
             difference = spec.describe_difference(held) if held is not None else ""
             if difference and not overwrite:
                 raise CheckpointError(
-                    f"{path}: is of another run: {difference}; give the same files and options, "
-                    "or start over with `overwrite=True`"
+                    f"{path}: is of another run: "
+                    + difference
+                    + "; "
+                    + say("give the same files and options, or start over with `overwrite=True`")
                 )
             has_other_fit = held is not None and not difference and held.fit != spec.fit
             if held is None or difference or has_other_fit:
@@ -324,7 +327,7 @@ def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
 
 def _make_version_error(path: Path) -> CheckpointError:
     return CheckpointError(
-        f"{path}: is of another version of cageik; start over with `overwrite=True`"
+        f"{path}: is of another version of cageik; " + say("start over with `overwrite=True`")
     )
 
 

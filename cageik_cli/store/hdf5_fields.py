@@ -23,6 +23,7 @@ from cageik_cli.geometry.mirror import are_pairs, find_mirror
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context, join_truncated
 from cageik_cli.util.json_files import format_value
+from cageik_cli.util.messages import Note
 from cageik_cli.util.outputs import DeferredErrorFile
 from cageik_cli.util.text import single_line, to_unicode
 from cageik_cli.util.threads import OrderedMap, count_processors
@@ -109,14 +110,30 @@ def read_version(file: h5py.File) -> str:
     return to_unicode(str(read_attribute(file, "version", "unknown")))
 
 
-def read_notes(file: h5py.File) -> tuple[str, ...]:
-    """Read what was changed or left out, one sentence each, on one line each."""
-    return tuple(single_line(str(note)) for note in read_json_attr(file, "notes", list))
+def read_notes(file: h5py.File) -> tuple[Note, ...]:
+    """Read what was changed or left out."""
+    try:
+        return tuple(map(Note.unpack, _clean(read_json_attr(file, "notes", list))))
+    except ValueError as error:
+        raise FormatError(f"attribute `notes` holds {error}; write it again") from error
+
+
+def _clean(value: Any) -> Any:
+    """Return lists and mappings of texts that are each on one line."""
+    if isinstance(value, str):
+        return single_line(value)
+    if isinstance(value, dict):
+        return {key: _clean(one) for key, one in value.items()}
+    return [_clean(one) for one in value] if isinstance(value, list) else value
 
 
 def to_json(value: Any) -> str:
-    """Return plain values, and records of them, as the text of an attribute."""
-    return json.dumps(value, sort_keys=True, allow_nan=False, default=asdict)
+    """Return plain values, records of them, and notes as the text of an attribute."""
+    return json.dumps(value, sort_keys=True, allow_nan=False, default=_make_plain)
+
+
+def _make_plain(value: Any) -> Any:
+    return value.pack() if isinstance(value, Note) else asdict(value)
 
 
 def read_json_attr(file: h5py.File, name: str, expected_type: type) -> Any:

@@ -43,6 +43,7 @@ from cageik_cli.store.result_fields import (
 )
 from cageik_cli.util.arrays import Floats, Integers, fill_gaps
 from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError, SettingError
+from cageik_cli.util.messages import Said, say
 
 RESULT_FORMAT, RESULT_SCHEMA = "cageik.result", 1
 """What a result file says that it is; raise the number when older versions cannot read it."""
@@ -197,10 +198,10 @@ def read_result(path: Path) -> Result:
         When it is not HDF5, not a result, of another schema, not complete, or damaged.
     """
     if not path.exists():
-        raise FileAccessError(f"{path}: no such file; {_suggest_instead(path)}")
+        raise FileAccessError(f"{path}: no such file; " + _suggest_instead(path))
     if path.suffix == CHECKPOINT_SUFFIX:
         raise CheckpointError(
-            f"{path}: is a checkpoint, not a result; rerun the command with `resume=True`"
+            f"{path}: is a checkpoint, not a result; " + say("rerun the command with `resume=True`")
         )
     if path.is_dir() or (path.is_file() and not h5py.is_hdf5(path)):
         found = "a folder" if path.is_dir() else "not an HDF5 file"
@@ -237,11 +238,11 @@ def _check_result_format(file: h5py.File) -> None:
         )
 
 
-def _suggest_instead(path: Path) -> str:
+def _suggest_instead(path: Path) -> Said:
     checkpoint_file = checkpoint_path(path)
     if checkpoint_file.exists():
-        return (
-            f"there is a checkpoint, {checkpoint_file.name}; rerun the command with `resume=True`"
+        return f"there is a checkpoint, {checkpoint_file.name}; " + say(
+            "rerun the command with `resume=True`"
         )
     if glob.has_magic(str(path)):
         return "it is a pattern; name the files, or write it without quotes"
@@ -291,8 +292,8 @@ def load_binding(result: Result, user: str) -> Binding:
 def make_weights_error(path: Path, user: str) -> SettingError:
     """Make the error of a result that was written without weights; `user` is what needs them."""
     return SettingError(
-        f"{path}: has no weights, which {user} needs; extract it again with them "
-        "(`keep_weights=True`)"
+        f"{path}: has no weights, which {user} needs; "
+        + say("extract it again with them (`keep_weights=True`)")
     )
 
 

@@ -37,6 +37,7 @@ from cageik_cli.store.hdf5_fields import (
 )
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError
+from cageik_cli.util.messages import Note
 from cageik_cli.util.text import to_unicode
 
 
@@ -48,7 +49,7 @@ class ResultHeader:
     ----------
     settings : dict
         The settings of the run.
-    notes : tuple of str
+    notes : tuple of Note
         What was changed or left out, one sentence each.
     edited_from : str, optional
         The name of the result that was edited: metrics then compare the mesh before the edit, v,
@@ -57,7 +58,7 @@ class ResultHeader:
 
     scene: Scene
     settings: dict[str, Any]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     quality: SolveQuality
     edited_from: str | None = None
 

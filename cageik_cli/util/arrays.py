@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.messages import say
 
 Number = TypeVar("Number", bound=np.generic)
 Integers = NDArray[np.int64]
@@ -90,7 +91,8 @@ def allocate_floats(count: int, memory: int) -> Floats:
     except OSError as error:
         raise FileAccessError(
             f"{folder}: cannot hold {size >> 20} MiB in a temporary file "
-            f"({error.strerror or error}); set TMPDIR to another folder, or raise `memory=`"
+            f"({error.strerror or error}); "
+            + say("set TMPDIR to another folder, or raise `memory=`")
         ) from error
 
 

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import ClassVar
 
+from cageik_cli.util.messages import Said, Text, collapse_spaces, join_texts, say, spell
+
 
 class CageikError(Exception):
     """An error that the user can act on; its text is one sentence, ready to show.
@@ -14,7 +16,7 @@ class CageikError(Exception):
     ----------
     kind : str
         What is at fault, in one word. Programs tell errors apart by it, not by their text.
-    locations : tuple of str
+    locations : tuple of str or Text
         Where it happened, from the outermost place to the innermost. The text begins with them.
 
     Examples
@@ -28,14 +30,21 @@ class CageikError(Exception):
     """
 
     kind: ClassVar[str] = "error"
-    locations: tuple[str, ...] = ()
+    locations: tuple[Said, ...] = ()
 
     def add_location(self, location: object) -> None:
         """Name a place, such as a file, around those that are named already."""
-        self.locations = (str(location), *self.locations)
+        place = location if isinstance(location, Text) else str(location)
+        self.locations = (place, *self.locations)
+
+    @property
+    def text(self) -> Said:
+        """What is said, with the settings that it names apart; behind the locations."""
+        message = self.args[0] if len(self.args) == 1 else super().__str__()
+        return join_texts(": ", [*self.locations, message]) if self.locations else message
 
     def __str__(self) -> str:
-        return ": ".join([*self.locations, super().__str__()])
+        return spell(self.text)
 
 
 class InputError(CageikError):
@@ -147,15 +156,23 @@ def error_context(location: object) -> Iterator[None]:
         raise
 
 
-def format_error(error: BaseException) -> str:
+def add_remark(error: BaseException, remark: Said) -> None:
+    """Add to any error what is kept, or how to continue; `format_error` shows it."""
+    error.add_note(spell(remark))
+    vars(error).setdefault("remarks", {})[spell(remark)] = remark
+
+
+def format_error(error: BaseException) -> Said:
     """Return the text of an error and of its notes: what is kept, how to continue."""
-    return "; ".join([describe_error(error), *getattr(error, "__notes__", ())])
+    remarks, notes = getattr(error, "remarks", {}), getattr(error, "__notes__", ())
+    return join_texts("; ", [describe_error(error), *(remarks.get(note, note) for note in notes)])
 
 
-def describe_error(error: BaseException) -> str:
+def describe_error(error: BaseException) -> Said:
     """Return the text of any error, on one line."""
+    text: Said
     if isinstance(error, CageikError):
-        text = str(error)
+        text = error.text
     elif isinstance(error, KeyboardInterrupt):
         text = "interrupted"
     elif isinstance(error, OSError):
@@ -173,13 +190,13 @@ def describe_error(error: BaseException) -> str:
             "open files (ulimit -n), and the installation"
         )
     elif isinstance(error, MemoryError):
-        text = "out of memory; use a coarser cage, or a smaller `memory=`"
+        text = say("out of memory; use a coarser cage, or a smaller `memory=`")
     else:
         text = (
             f"internal error ({type(error).__name__}: {error}); "
             "please report it with the output of the same command with -vv"
         )
-    return " ".join(text.split())
+    return collapse_spaces(text)
 
 
 def _is_foreign(module: str | None) -> bool:

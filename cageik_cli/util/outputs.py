@@ -23,6 +23,7 @@ from typing import Any
 
 from cageik_cli.util.errors import OutputError, make_write_error
 from cageik_cli.util.files import Mark, exchange, mark_file, repeat_if_interrupted
+from cageik_cli.util.messages import say
 
 
 def check_writable(path: Path, overwrite: bool) -> None:
@@ -76,7 +77,8 @@ def check_folder_writable(
 
 def _make_exists_error(path: Path) -> OutputError:
     return OutputError(
-        f"{path}: exists already; choose another name, or replace it with `overwrite=True`"
+        f"{path}: exists already; "
+        + say("choose another name, or replace it with `overwrite=True`")
     )
 
 

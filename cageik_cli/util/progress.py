@@ -1,9 +1,9 @@
-"""What a run reports while it goes: its progress, and notes, some of which are warnings."""
+"""What a run reports while it goes: its progress, and notes."""
 
+from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 
-WARNING_MARK = "warning: "
-"""Begins a note that is a warning."""
+from cageik_cli.util.messages import Note, Said
 
 
 class ProgressListener:
@@ -16,7 +16,7 @@ class ProgressListener:
     def update(self, done: int, total: int) -> None:
         """Take how much of the current stage, or of the frames, is done."""
 
-    def note(self, topic: str, text: str) -> None:
+    def note(self, topic: str, text: Said) -> None:
         """Take a note on the run for the user."""
 
 
@@ -24,20 +24,7 @@ def ignore_progress(done: int, total: int) -> None:
     """Ignore how much of a computation is done."""
 
 
-def mark_warning(sentence: str) -> str:
-    """Return a note that is a warning."""
-    return WARNING_MARK + sentence
-
-
-def locate_note(name: str, note: str) -> str:
-    """Return a note with the name of the file that it is about."""
-    label, text = label_note(note)
-    located = f"{name}: {text}"
-    return located if label == "note" else mark_warning(located)
-
-
-def label_note(note: str) -> tuple[str, str]:
-    """Return the label of a note, `note` or `warning`, and its text."""
-    if note.startswith(WARNING_MARK):
-        return "warning", note.removeprefix(WARNING_MARK)
-    return "note", note
+def note_all(progress: ProgressListener, notes: Iterable[Note], place: str = "") -> None:
+    """Report notes, in a place if one is given."""
+    for note in notes:
+        progress.note(*(note.at(place) if place else note).row)

@@ -12,6 +12,7 @@ from types import NoneType
 from typing import Any, Literal, get_args
 
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.messages import say
 
 DEFAULT_MEMORY = 1 << 30
 """Bytes of weights and frames in memory, if no limit is given."""
@@ -230,7 +231,8 @@ def check_settings(record: Any) -> None:
         if not is_unset and not setting.is_allowed(value):
             if setting.refusal is not None:
                 percent = value if isinstance(value, str) or value is None else 100 * value
-                raise SettingError(setting.refusal.format(value=value, percent=percent))
+                refusal = say(setting.refusal)
+                raise SettingError(refusal.format(value=value, percent=percent))
             shown = repr(value) if isinstance(value, str) else value
             name = (setting.name or one.name).replace("_", " ")
             raise SettingError(
@@ -241,7 +243,7 @@ def check_settings(record: Any) -> None:
         for other, message in setting.excludes:
             values = {name: getattr(record, name) for name in (one.name, other)}
             if all(value != defaults[name] for name, value in values.items()):
-                raise SettingError(message.format(**values))
+                raise SettingError(say(message).format(**values))
 
 
 def describe_settings(record: Any) -> dict[str, Any]:

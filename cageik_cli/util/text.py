@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from cageik_cli.util.messages import Row, spell
+
 RESERVED_NAMES = {
     "CON",
     "PRN",
@@ -13,15 +15,15 @@ RESERVED_NAMES = {
 """Names that no file may have on Windows, whatever its suffix."""
 
 
-def format_block(headline: str, rows: Iterable[tuple[str, str]]) -> str:
+def format_block(headline: str, rows: Iterable[Row]) -> str:
     """Return a headline with labelled lines under it."""
     return "\n".join([single_line(headline), *map(format_row, rows)])
 
 
-def format_row(labelled_text: tuple[str, str]) -> str:
+def format_row(labelled_text: Row) -> str:
     """Return one labelled line."""
     label, text = labelled_text
-    return single_line(f"  {label:<14} {text}")
+    return single_line(f"  {label:<14} {spell(text)}")
 
 
 def to_unicode(name: str | Path) -> str:

@@ -2,6 +2,8 @@
 
 from math import isclose
 
+from cageik_cli.util.messages import Hint, Said, say
+
 UNIT_LENGTHS = {
     "mm": 0.001,
     "cm": 0.01,
@@ -76,7 +78,7 @@ def find_units_of_ratio(ratio: float, tolerance: float) -> tuple[str, str] | Non
     return best if misses[best] < tolerance else None
 
 
-def list_size_notes(diagonal: float, metres_per_unit: float, says: str) -> list[str]:
+def list_size_notes(diagonal: float, metres_per_unit: float, says: str) -> list[Said]:
     """Return a note if a model has a size that no character has, in its unit.
 
     Parameters
@@ -93,5 +95,8 @@ def list_size_notes(diagonal: float, metres_per_unit: float, says: str) -> list[
     for other in (UNIT_LENGTHS[name] for name in PROGRAM_UNITS):
         if 0.1 <= diagonal * other <= 10:
             unit = describe_unit(other)
-            return [f"{note}; if its numbers are {unit}, state it by `metres_per_unit={other:g}`"]
-    return [f"{note}; if a unit is another length, state it by `metres_per_unit=`"]
+            return [
+                f"{note}; if its numbers are {unit}, state it by "
+                + Hint("metres_per_unit", f"{other:g}")
+            ]
+    return [f"{note}; " + say("if a unit is another length, state it by `metres_per_unit=`")]

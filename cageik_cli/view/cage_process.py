@@ -17,15 +17,15 @@ import numpy as np
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.check.diagnosis import diagnose
-from cageik_cli.cages.check.faults import Finding, join_remedy
+from cageik_cli.cages.check.faults import Finding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import BusyError, CageikError, SlowError
+from cageik_cli.util.messages import Spelling, spell, spell_keyword
 from cageik_cli.util.text import format_count
 from cageik_cli.view.player.rest_cage import pack_weights
-from cageik_cli.view.site import Wording
 
 MAX_CHECK_SECONDS = 20.0
 """A check that takes longer is ended: one of a usual cage takes less than a second."""
@@ -59,10 +59,10 @@ class CageSubprocess:
         self._lock = threading.Lock()
         self._pool: ProcessPoolExecutor | None = None
 
-    def check(self, cage: TriMesh, word: Wording = str) -> Answer:
+    def check(self, cage: TriMesh, spelling: Spelling = spell_keyword) -> Answer:
         """Diagnose a cage as `cageik check` does: the verdict, and the findings with their places.
 
-        `word` puts parameters that remedies name into the words of the reader.
+        Settings that remedies name are written as `spelling` does.
 
         Raises
         ------
@@ -70,7 +70,8 @@ class CageSubprocess:
         """
         answer = self._run(_diagnose_cage, cage, "the check", MAX_CHECK_SECONDS)
         for found in answer["findings"]:
-            found["sentence"] = join_remedy(found.pop("message"), word(found.pop("remedy")))
+            remedy = spell(found.pop("remedy"), spelling)
+            found["sentence"] = f"{found.pop('message')}; {remedy}"
         return answer
 
     def solve(self, cage: TriMesh) -> Answer:
@@ -181,4 +182,4 @@ def _solve_weights(cage: TriMesh) -> Answer:
     try:
         return {"payload": pack_weights(bind(rest, cage, settings, jobs), origin)}
     except CageikError as error:
-        return {"error": str(error)}
+        return {"error": error.text}

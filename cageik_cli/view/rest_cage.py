@@ -16,7 +16,7 @@ from cageik_cli.geometry.mirror import find_mirror
 from cageik_cli.inputs.built_cage import BUILT_CAGE
 from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.mesh_source import holds_caged_model, load_source, name_source
-from cageik_cli.inputs.model_file import load_surface, note_on
+from cageik_cli.inputs.model_file import load_surface
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.weights.binding import Binding
@@ -24,14 +24,14 @@ from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CageikError, FormatError, SettingError, error_context
 from cageik_cli.util.json_files import JsonFormat, format_value, parse_json
+from cageik_cli.util.messages import Hint, Spelling, spell_keyword
 from cageik_cli.util.outputs import check_no_overlap, check_writable
-from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.progress import ProgressListener, note_all
 from cageik_cli.util.text import format_count
 from cageik_cli.view.cage_process import Answer, CageSubprocess
 from cageik_cli.view.player.clip import PlayerClip, make_single_pose
 from cageik_cli.view.player.rest_cage import check_drawn_weights, render_rest_cage_page
 from cageik_cli.view.session import MAX_SUBMITTED_BYTES, OwnOutputs, WatchedInput
-from cageik_cli.view.site import Wording
 
 Rows = tuple[tuple[str, str], ...]
 
@@ -67,7 +67,7 @@ class RestCageSession:
         self._clip = _make_clip(rest.mesh, cage.mesh, name)
         origin, weights = self._clip.binding.cage.vertices.mean(axis=0), settings.weights
         self.laboratory = CageSubprocess(rest.mesh, origin, weights.bind, weights.jobs)
-        self.answers: Mapping[str, Callable[[bytes, Wording], Answer]] = {
+        self.answers: Mapping[str, Callable[[bytes, Spelling], Answer]] = {
             "check": self.check,
             "weights": self.solve,
         }
@@ -88,11 +88,11 @@ class RestCageSession:
         )
         return render_rest_cage_page(self._clip, "apply" if self.can_apply else "", cage)
 
-    def check(self, data: bytes, word: Wording = str) -> Answer:
+    def check(self, data: bytes, spelling: Spelling = spell_keyword) -> Answer:
         """Diagnose a cage that was sent, with what to do in the words of the reader."""
-        return self.laboratory.check(parse_cage(data), word)
+        return self.laboratory.check(parse_cage(data), spelling)
 
-    def solve(self, data: bytes, _word: Wording = str) -> Answer:
+    def solve(self, data: bytes, _spelling: Spelling = spell_keyword) -> Answer:
         """Solve the weights of a cage that was sent."""
         cage = parse_cage(data)
         check_drawn_weights(self._rest, cage)
@@ -155,14 +155,14 @@ def open_rest_cage(settings: ViewSettings, progress: ProgressListener) -> RestCa
     check_no_overlap(settings.outputs(), settings.inputs())
     if holds_caged_model(settings.target):
         raise SettingError(
-            f"{settings.target}: is a result or a binding, whose cage has weights; give its model "
-            f"and `cage={settings.target}`"
+            f"{settings.target}: is a result or a binding, whose cage has weights; give its "
+            "model and " + Hint("cage", settings.target)
         )
     if settings.output is not None:
         check_mesh_output(settings.output, settings.overwrite)
     with progress.stage("open"):
         rest = load_surface(settings.target, settings.exclude).mesh
-        note_on(progress, rest.source["name"], *rest.notes)
+        note_all(progress, rest.notes, rest.source["name"])
     cage, name = _open_cage(settings, rest, progress)
     with error_context(name):
         return RestCageSession(settings, rest, cage, name)
@@ -180,7 +180,7 @@ def _open_cage(
         return built, BUILT_CAGE
     common = CommonScene(rest.scene, settings.given_in)
     cage = common.place(load_source(settings.cage, "cage"))
-    note_on(progress, cage.source["name"], *cage.notes)
+    note_all(progress, cage.notes, cage.source["name"])
     return cage, name_source(settings.cage)
 
 

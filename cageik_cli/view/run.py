@@ -8,11 +8,12 @@ from typing import Any, Protocol
 
 from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.errors import describe_error
+from cageik_cli.util.messages import Hint, Row, Said, Spelling, spell, spell_keyword
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.server import serve
-from cageik_cli.view.site import Edit, JobBoard, Site, Wording
+from cageik_cli.view.site import Edit, JobBoard, Site
 
-Rows = Sequence[tuple[str, str]]
+Rows = Sequence[Row]
 """Labels and texts."""
 
 
@@ -20,7 +21,7 @@ class PageSession(Protocol):
     """What a page shows, and what is done with what it sends."""
 
     settings: ViewSettings
-    answers: Mapping[str, Callable[[bytes, Wording], Any]]
+    answers: Mapping[str, Callable[[bytes, Spelling], Any]]
     written: tuple[Path, ...]
 
     @property
@@ -45,7 +46,7 @@ class BoardProgress(ProgressListener):
 
     def __init__(self, board: JobBoard, inner: ProgressListener) -> None:
         self._board, self._inner = board, inner
-        self.notes: list[tuple[str, str]] = []
+        self.notes: list[Row] = []
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -59,7 +60,7 @@ class BoardProgress(ProgressListener):
         self._board.change(done=done, total=total)
         self._inner.update(done, total)
 
-    def note(self, topic: str, text: str) -> None:
+    def note(self, topic: str, text: Said) -> None:
         """Keep a note, and pass it on."""
         self.notes.append((topic, text))
         self._inner.note(topic, text)
@@ -68,9 +69,9 @@ class BoardProgress(ProgressListener):
 class ViewListener(Protocol):
     """Hears of a page that is served; this one ignores it."""
 
-    def word(self, message: str) -> str:
-        """Return a message in the words of who reads the page."""
-        return message
+    def spell_hint(self, hint: Hint) -> str:
+        """Write a hint as who reads the page types it."""
+        return spell_keyword(hint)
 
     def open(self, address: str) -> None:
         """Take the address of the page, which is served from now on."""
@@ -113,7 +114,7 @@ def run_view(
         board=board,
         parse=session.parse if session.can_apply else None,
         answers=session.answers,
-        word=listener.word,
+        spelling=listener.spell_hint,
     )
     with closing(session), serve(site, port) as address:
         listener.open(address)
@@ -130,13 +131,13 @@ def _run_edit(session: PageSession, edit: Edit, board: JobBoard, listener: ViewL
             progress_on_board = BoardProgress(board, progress)
             result = edit(progress_on_board)
     except Exception as error:  # the page keeps its handles, whatever happens
-        message = listener.word(describe_error(error))
+        message = spell(describe_error(error), listener.spell_hint)
         board.change(state="failed", error=message)
         listener.show_failed(message)
         return
     found = session.list_rows(result)
     noted = (*found, *progress_on_board.notes)
-    rows = tuple((label, listener.word(text)) for label, text in noted)
+    rows = tuple((label, spell(text, listener.spell_hint)) for label, text in noted)
     written = tuple(str(path) for path in session.written)
     board.change(state="done", rows=rows, written=written)
     listener.show_applied(found, session.written)

@@ -45,6 +45,7 @@ from cageik_cli.util.errors import (
     SlowError,
     describe_error,
 )
+from cageik_cli.util.messages import say, spell
 from cageik_cli.view.session import MAX_SUBMITTED_BYTES
 from cageik_cli.view.site import RefusedRequestError, Site, make_busy_error
 
@@ -118,7 +119,7 @@ class RequestHandler(BaseHTTPRequestHandler):
         except (ConnectionError, TimeoutError):
             raise
         except Exception as error:
-            self.send_error(HTTPStatus.INTERNAL_SERVER_ERROR, describe_error(error))
+            self.send_error(HTTPStatus.INTERNAL_SERVER_ERROR, str(describe_error(error)))
 
     def _check_client(self) -> None:
         """Refuse requests that another host name or another page leads here."""
@@ -163,7 +164,8 @@ class RequestHandler(BaseHTTPRequestHandler):
             try:
                 edit = self.site.parse(data, rigidity)
             except CageikError as error:
-                raise RefusedRequestError(HTTPStatus.UNPROCESSABLE_ENTITY, str(error)) from error
+                text = spell(error.text, self.site.spelling)
+                raise RefusedRequestError(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
             job = self.site.board.submit(edit)
         if job is None:
             raise make_busy_error()
@@ -176,13 +178,13 @@ class RequestHandler(BaseHTTPRequestHandler):
         data = self._read_body()
         try:
             with self.site.take_turn(name):
-                answer = self.site.answers[name](data, self.site.word)
+                answer = self.site.answers[name](data, self.site.spelling)
         except BusyError as error:
             raise RefusedRequestError(HTTPStatus.CONFLICT, str(error)) from error
         except SlowError as error:
             raise RefusedRequestError(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from error
         except CageikError as error:
-            text = self.site.word(str(error))
+            text = spell(error.text, self.site.spelling)
             raise RefusedRequestError(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
         self._send_json(HTTPStatus.OK, answer)
 
@@ -308,8 +310,8 @@ def serve(site: Site, port: int) -> Iterator[str]:
         server = _Server((HOST, port), handler)
     except OSError as error:
         raise SettingError(
-            f"port {port}: cannot be used ({error.strerror or error}); choose another with "
-            "`port=`, or leave it out"
+            f"port {port}: cannot be used ({error.strerror or error}); "
+            + say("choose another with `port=`, or leave it out")
         ) from error
     # It looks every 0.05 seconds whether it should end.
     thread = threading.Thread(target=server.serve_forever, args=[0.05], daemon=True)

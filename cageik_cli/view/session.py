@@ -41,12 +41,12 @@ from cageik_cli.util.errors import (
 )
 from cageik_cli.util.files import Mark, mark_file
 from cageik_cli.util.json_files import JsonFormat, Steps, format_value, parse_json
+from cageik_cli.util.messages import Row, Spelling
 from cageik_cli.util.outputs import check_no_overlap, check_writable, replace_only, write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
 from cageik_cli.view.player.section import render_view_page
 from cageik_cli.view.show import load_clip
-from cageik_cli.view.site import Wording
 
 
 class ViewSession(ABC):
@@ -80,7 +80,7 @@ class ViewSession(ABC):
         """Whether handles can be applied: there is a file to write."""
         return self.settings.output is not None
 
-    answers: Mapping[str, Callable[[bytes, Wording], Any]] = MappingProxyType({})
+    answers: Mapping[str, Callable[[bytes, Spelling], Any]] = MappingProxyType({})
     """What else the page may ask for: nothing."""
 
     def render_page(self) -> str:
@@ -93,7 +93,7 @@ class ViewSession(ABC):
             edited_from=self.edited_from,
         )
 
-    def list_rows(self, result: PoseResult) -> list[tuple[str, str]]:
+    def list_rows(self, result: PoseResult) -> list[Row]:
         """List what came of an edit, as `cageik pose` prints it."""
         return format_pose_rows(result.summary)
 

@@ -9,10 +9,8 @@ from http import HTTPStatus
 from threading import Condition
 from typing import Any
 
+from cageik_cli.util.messages import Spelling, spell_keyword
 from cageik_cli.util.progress import ProgressListener
-
-Wording = Callable[[str], str]
-"""Puts the parameters that a sentence of ours names into the words of who reads it."""
 
 
 class RefusedRequestError(Exception):
@@ -42,17 +40,17 @@ class Site:
     parse : callable, optional
         Makes an edit of a body and a rigidity; None if handles cannot be applied.
     answers : dict of str to callable
-        What else may be sent, and the answer to a body and `word`, which is sent as JSON.
-    word : callable
-        Returns a text in the words of who reads the page.
+        What else may be sent, and the answer to a body and `spelling`, which is sent as JSON.
+    spelling : callable
+        Writes the settings that texts name, as who reads the page types them.
     """
 
     secret: str
     page: bytes
     board: "JobBoard"
     parse: Callable[[bytes, int], "Edit"] | None
-    answers: Mapping[str, Callable[[bytes, Wording], Any]] = field(default_factory=dict)
-    word: Wording = str
+    answers: Mapping[str, Callable[[bytes, Spelling], Any]] = field(default_factory=dict)
+    spelling: Spelling = spell_keyword
     _turns: dict[str, threading.Lock] = field(
         default_factory=lambda: defaultdict(threading.Lock), init=False
     )

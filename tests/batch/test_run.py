@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.batch.jobs import ClipJob, ClipState, Outcome
+from cageik_cli.batch.jobs import ClipJob, ClipState, Outcome, make_failed_outcome
 from cageik_cli.batch.run import (
     LOCK_FILE,
     REPORT_FILES,
@@ -19,6 +19,7 @@ from cageik_cli.report.overview import ClipEntry
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import InputError, OutputError
 from cageik_cli.util.files import open_locked
+from cageik_cli.util.messages import say
 from tests.listeners import Listener
 from tests.report.markup import parse_page
 
@@ -92,12 +93,15 @@ def test_what_was_left_out_is_in_the_reports(tmp_path, done):
     assert "Note: " not in parse_page((tmp_path / "p" / "index.html").read_text()).text
 
 
-def test_faults_are_put_into_the_words_of_who_reads_the_report(tmp_path):
-    overview = run_batch(
-        batch_of(tmp_path / "o", "a"), Scripted(failed("a")), Listener(), str.upper
-    )
-    assert [entry.fault for entry in overview.clips] == ["A: IS BROKEN"]
-    assert "IS BROKEN" in (tmp_path / "o" / "report.md").read_text()
+def test_faults_are_in_the_words_of_who_reads_the_report(tmp_path):
+    class Failing(Scripted):
+        def run_jobs(self, jobs):
+            return iter([make_failed_outcome(job, say("try fewer `jobs=`")) for job in jobs])
+
+    batch = batch_of(tmp_path / "o", "a")
+    overview = run_batch(batch, Failing(), Listener(), lambda hint: f"--{hint.name}")
+    assert [entry.fault for entry in overview.clips] == ["try fewer --jobs"]
+    assert "try fewer" in (tmp_path / "o" / "report.md").read_text()
 
 
 def test_the_order_in_which_clips_end_does_not_change_the_reports(tmp_path, done):

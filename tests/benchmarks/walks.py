@@ -20,6 +20,7 @@ from cageik_cli.method.weights.harmonic import harmonic_weights
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.threads import limit_blas_threads
 from tests.benchmarks.walked_cages import make_cages
+from tests.texts import texts
 
 POINTS = 64
 """Vertices of a model whose rows are compared, evenly spread over their numbers."""
@@ -153,7 +154,9 @@ def show(name: str, cage: TriMesh, model: TriMesh) -> None:
     finer = harmonic_weights(binding.cage, points, "fine").values
     true, noise = measure_error(estimate_rows(binding.cage, points), binding.weights[chosen], finer)
     stated = binding.estimated_error
-    notes = [note.split(";")[0] for note in binding.notes if "error" in note or "sheets" in note]
+    notes = [
+        note.split(";")[0] for note in texts(binding.notes) if "error" in note or "sheets" in note
+    ]
     print(
         f"| {name} | {len(cage.vertices)} | {stated:.4f} | {true:.4f} ± {noise:.4f} "
         f"| {true / stated:.2f} | {'; '.join(notes)} |",

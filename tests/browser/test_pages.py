@@ -16,6 +16,7 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.util.messages import Note
 from tests.report.clips import change, make_500_clips
 from tests.report.hostile import NAMES, with_hostile_names
 
@@ -259,7 +260,7 @@ def test_long_names_are_wrapped(opened, report, poses, kind):
         report,
         result=long,
         summary=summary,
-        notes=(long,),
+        notes=(Note(long),),
         settings={long: long},
         sources={long: {"name": long, long: long}},
         gates=tuple(replace(gate, frame=long) for gate in report.gates),

@@ -22,6 +22,7 @@ from cageik_cli.inputs import built_cage
 from cageik_cli.store.checkpoint import CHECKPOINT_MAGIC
 from cageik_cli.store.result import read_result
 from tests.cli.conftest import Here
+from tests.texts import texts
 
 BATCH = ("batch", "anim", "-o", "out", "--no-pages")
 
@@ -161,7 +162,7 @@ def test_the_rest_frame_of_each_clip_may_be_chosen(run, anim, here):
     assert run(*BATCH).code == 0
     walk = read_result(Path("out/clips/walk.h5"))
     assert walk.settings["rest_frame"] == 0
-    assert [note for note in walk.notes if "frame 1 is the rest pose" in note]
+    assert [note for note in texts(walk.notes) if "frame 1 is the rest pose" in note]
     assert run(*BATCH, "--resume").err.count("unchanged, poor: ") == 3
 
 

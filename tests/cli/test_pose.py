@@ -16,6 +16,7 @@ from cageik_cli.store.result import read_result, read_weights
 from tests.assets import parse_asset
 from tests.cli.terminal import on_a_terminal
 from tests.shapes import quad_text
+from tests.texts import texts
 
 REST = ("pose", "frames/frame_1.obj", "handles.json", "--cage", "cage.obj", "-o", "posed.obj")
 EDIT = ("pose", "cages.h5", "handles.json", "-o", "edited.h5")
@@ -126,7 +127,7 @@ def test_a_terminal_sees_a_bar_of_the_frames(handles, clip):
 def test_names_in_a_note_are_of_one_line(run, handles, clip):
     Path("handles.json").rename("a\x1b\nb.json")
     assert run("pose", "cages.h5", "a\x1b\nb.json", "-o", "edited.h5").code == 0
-    assert "edited by a\ufffd b.json: figures" in read_result(Path("edited.h5")).notes[-1]
+    assert "edited by a\ufffd b.json: figures" in texts(read_result(Path("edited.h5")).notes)[-1]
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -182,7 +183,7 @@ def test_the_result_is_a_result_like_any_other(run, handles, clip):
     assert edited.scene == clip.scene
     assert (clip.edited_from, edited.edited_from) == (None, "cages.h5")
     assert set(edited.sources) == {*clip.sources, "result", "handles"}
-    assert "edited by handles.json" in edited.notes[-1]
+    assert "edited by handles.json" in texts(edited.notes)[-1]
     assert run("report", "edited.h5", "--json", "-", "--html", "page.html").code == 0
     assert run("export", "edited.h5", "cages.pc2").code == 0
     assert run("deform", "edited.h5", "-o", "mesh.npz").code == 0
@@ -425,7 +426,7 @@ def test_cage_vertices_of_an_animation_are_moved(run, clip, cage_edits):
     assert (told["name"], told["vertices"], told["frame"]) == ("corner", 2, "frame_3.obj")
     edited = read_result(Path("edited.h5"))
     assert set(edited.sources) == {*clip.sources, "result", "cage_edits"}
-    assert "edited by edits.json: " in edited.notes[-1]
+    assert "edited by edits.json: " in texts(edited.notes)[-1]
     assert run("report", "edited.h5", "--html", "page.html").code == 0
 
 
@@ -447,7 +448,7 @@ def test_handles_and_cage_edits_are_both_sources(run, clip, cage_edits, handles)
     assert run(*EDIT, "--cage-edits", "edits.json").code == 0
     edited = read_result(Path("edited.h5"))
     assert set(edited.sources) == {*clip.sources, "result", "handles", "cage_edits"}
-    assert "edited by handles.json and edits.json: " in edited.notes[-1]
+    assert "edited by handles.json and edits.json: " in texts(edited.notes)[-1]
     words = ("pose", "edited.h5", "handles.json", "-o", "twice.h5")
     assert run(*words).code == 0
     assert set(read_result(Path("twice.h5")).sources) == {*clip.sources, "result", "handles"}

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from cageik_cli.cli.group import spell_options
+from cageik_cli.cli.group import spell_option
 from cageik_cli.report.html.page import is_page_current
 from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_result
@@ -80,7 +80,7 @@ def test_the_remedy_is_one_that_report_has(run, results):
 def test_the_page_is_that_of_the_record(run, results):
     outcome = run("report", "--html", "page.html", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
-    report = build_report(read_result(Path("cages.h5")), word=spell_options)
+    report = build_report(read_result(Path("cages.h5")), spelling=spell_option)
     assert is_page_current(Path("page.html"), report, has_pictures=True, has_player=True)
     assert Path("page.html").read_text().count("<img ") == 1 + 5 * 3 + 2
     first = Path("page.html").read_bytes()
@@ -91,7 +91,7 @@ def test_the_page_is_that_of_the_record(run, results):
 @pytest.mark.slow
 def test_a_page_can_do_without_the_player(run, results):
     assert run("report", "--html", "page.html", "--no-player", "-q").code == 0
-    report = build_report(read_result(Path("cages.h5")), word=spell_options)
+    report = build_report(read_result(Path("cages.h5")), spelling=spell_option)
     assert is_page_current(Path("page.html"), report, has_pictures=True)
     assert "player" not in Path("page.html").read_text()
 

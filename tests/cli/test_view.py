@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.cli import view
+from cageik_cli.util.messages import say, spell
 from tests.view.client import Client, make_body
 
 DOCUMENT = {
@@ -96,12 +97,12 @@ def test_what_the_page_tells_names_the_options(run, bound, monkeypatch):
     worded = []
 
     def use(session, port, listener):
-        worded.append(listener.word("it shears; let it rotate with `rigidity=10`"))
+        worded.append(spell(say("let it rotate with `rigidity=10`"), listener.spell_hint))
         raise KeyboardInterrupt
 
     monkeypatch.setattr("cageik_cli.view.run.run_view", use)
     assert run("view", "cages.h5").code == 0
-    assert worded == ["it shears; let it rotate with --rigidity 10"]
+    assert worded == ["let it rotate with --rigidity 10"]
 
 
 def test_an_edit_that_is_dropped_is_told(run, bound, monkeypatch):

@@ -1,5 +1,6 @@
 """Options in messages and notes, as they are typed, in place of parameters of the package."""
 
+import ast
 import json
 import re
 import shutil
@@ -12,10 +13,11 @@ import pytest
 import cageik_cli
 from cageik_cli.cli import main
 from cageik_cli.cli.deform import deform_command
-from cageik_cli.cli.group import spell_options
+from cageik_cli.cli.group import spell_message, spell_option
 from cageik_cli.cli.output import ProgressBar
 from cageik_cli.cli.pose import pose_command
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.messages import Hint, say
 
 
 @pytest.mark.parametrize(
@@ -36,28 +38,52 @@ from cageik_cli.util.errors import SettingError
     ],
 )
 def test_parameters_are_shown_as_options(message, shown):
-    assert spell_options(message, pose_command) == shown
+    assert spell_message(say(message), pose_command) == shown
 
 
 def test_the_options_of_the_command_come_first():
-    assert spell_options("no `source=`, no `cages=`", deform_command) == "no SOURCE, no --cages"
+    assert (
+        spell_message(say("no `source=`, no `cages=`"), deform_command) == "no SOURCE, no --cages"
+    )
 
 
 def test_every_parameter_that_a_message_names_is_an_option_of_a_command():
     package = Path(cageik_cli.__file__).parent
-    texts = [path.read_text() for path in package.rglob("*.py") if path.name != "group.py"]
-    named = {name for text in texts for name in re.findall("`[a-z_]+=", text)}
-    commands = list(main.commands.values())
-    known = {
-        name for name in named for one in commands if "`" not in spell_options(f"{name}`", one)
+    sources = [path.read_text() for path in package.rglob("*.py") if path.name != "messages.py"]
+    named = {
+        name
+        for source in sources
+        for name in re.findall(r"`([a-z_]+)=|Hint\(\s*\"([a-z_]+)\"", source)
     }
-    assert len(named) > 40
-    assert named == known
+    names = {keyword or hint for keyword, hint in named}
+    commands = list(main.commands.values())
+    known = {name for name in names for one in commands if "`" not in spell_option(Hint(name), one)}
+    assert len(names) > 40
+    assert names == known
+
+
+def test_a_text_is_made_of_words_that_stand_in_the_code():
+    """What a user named must not be taken for a hint."""
+    package = Path(cageik_cli.__file__).parent
+    said = [
+        call.args[0]
+        for path in package.rglob("*.py")
+        for call in ast.walk(ast.parse(path.read_text()))
+        if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "say"
+    ]
+    allowed = {"setting.refusal", "message", "packed.removeprefix('warning: ')"}
+    assert len(said) > 100
+    assert {ast.unparse(one) for one in said if not isinstance(one, ast.Constant)} == allowed
+
+
+def test_a_name_is_not_taken_for_a_hint(run, here):
+    shown = run("info", "`rest=`.obj").err
+    assert shown == "Error: `rest=`.obj: no such file or folder; check the path\n"
 
 
 def test_an_error_names_the_option(monkeypatch, folder, run):
     def refuse(settings, progress):
-        raise SettingError("wrong; give `outside=project`")
+        raise SettingError(say("wrong; give `outside=project`"))
 
     monkeypatch.setattr("cageik_cli.run.extraction.extract", refuse)
     done = run("extract", "frames", "--cage", "cage.obj")
@@ -67,7 +93,7 @@ def test_an_error_names_the_option(monkeypatch, folder, run):
 
 def test_a_note_names_the_option():
     progress = ProgressBar(is_drawn=False)
-    progress.note("note", "it is long; limit it by `memory=`")
+    progress.note("note", say("it is long; limit it by `memory=`"))
     assert progress.notes == [("note", "it is long; limit it by --memory")]
 
 
@@ -102,4 +128,4 @@ def test_pages_and_reports_of_a_batch_name_options(run, folder, animation, here)
 
 
 def test_more_lines_are_asked_for_by_a_letter():
-    assert spell_options("`verbose=True` shows all") == "-v shows all"
+    assert spell_message(say("`verbose=True` shows all")) == "-v shows all"

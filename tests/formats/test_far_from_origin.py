@@ -62,7 +62,7 @@ def test_single_precision_far_away_is_noted_with_the_remedy(path):
     _, notes = write(path, FAR)
     (note,) = rounding_notes(notes)
     rounding = 100 * 0.125 / changed(REST).diagonal
-    assert note.startswith(
+    assert str(note).startswith(
         f"{path}: coordinates of up to 4e+06 are rounded by up to 0.12, {rounding:.2g} % of the"
     )
     assert "`recentre=True`" in note

@@ -7,6 +7,7 @@ import pytest
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 from tests.shapes import ball, box, octahedron
+from tests.texts import texts
 
 
 @pytest.fixture
@@ -110,4 +111,4 @@ def test_frames_beside_cages_of_several_sizes_are_the_clip(place):
     place(cage_60=box(), cage_120=octahedron(), **{f"f_{k}": ball(1) for k in range(3)})
     clip = open_sequence(["."])
     assert len(clip) == 3
-    assert "cage_60.obj, cage_120.obj" in " ".join(clip.notes)
+    assert "cage_60.obj, cage_120.obj" in " ".join(texts(clip.notes))

@@ -12,6 +12,7 @@ from tests.assets import asset_text
 from tests.formats.clips import written
 from tests.store.test_attributes import BINDING, GROUP, SOURCES
 from tests.surfaces import ASSET
+from tests.texts import texts
 
 COUNT = 80
 
@@ -66,7 +67,7 @@ def test_a_damaged_surface_is_a_sentence_or_harmless(tmp_path, kind):
         except InputError as error:
             sentences.append(str(error))
             continue
-        left_out += any("left out" in note for note in sequence.notes)
+        left_out += any("left out" in note for note in texts(sequence.notes))
         mesh = sequence.first
         if mesh.attributes is not None:
             mesh.attributes.check_cut(mesh.faces)

@@ -10,6 +10,7 @@ from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import FormatError, SettingError
 from tests.clips import frames_of
 from tests.refusals import refused
+from tests.texts import texts
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 FRAMES = np.arange(3 * 4 * 3, dtype=float).reshape(3, 4, 3) ** 2
@@ -203,7 +204,7 @@ def test_hints_of_the_scene_are_taken_if_they_are_sound(path):
         file.attrs.update(fps=30.0, start=np.float32(5), up_axis="Z", metres_per_unit=-1)
     sequence = open_sequence([str(path)], ClipSettings(slice(1, None)))
     assert sequence.scene == SceneHints(30.0, 6.0, "Z")
-    assert sequence.notes == (
+    assert texts(sequence.notes) == (
         "clip.h5: ignored `metres_per_unit`: -1 metres per unit, expected a number above zero",
     )
     del sequence

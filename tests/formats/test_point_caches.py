@@ -13,6 +13,7 @@ from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import ConnectivityError, FormatError, InputError
 from tests.clips import frames_of
 from tests.formats.kinds import FACES, FRAMES, PC2_MAGIC, anime, mdd, pc2
+from tests.texts import texts
 
 HUGE = 2**31 - 1
 
@@ -36,7 +37,7 @@ def opened(tmp_path, rest):
 def test_pc2_starts_where_it_says_with_the_step_of_its_rate(opened, start, rate):
     clip = opened("clip.pc2", pc2(start=start, rate=rate))
     step = None if rate == 1 else rate
-    assert (clip.scene, clip.notes) == (SceneHints(start=start, frame_step=step), ())
+    assert (clip.scene, texts(clip.notes)) == (SceneHints(start=start, frame_step=step), ())
 
 
 def test_the_scene_is_outlined_without_a_rest_pose(tmp_path):
@@ -87,14 +88,14 @@ def test_the_step_is_found_if_the_clip_starts_between_samples(numbers, fps, foun
 def test_times_that_are_uneven_stand_or_run_back_are_noted(opened, times):
     sequence = opened("clip.mdd", mdd(times=times))
     assert sequence.scene == SceneHints()
-    (note,) = sequence.notes
+    (note,) = texts(sequence.notes)
     assert note.startswith(f"clip.mdd: the times of its frames, {times[0]} s, {times[1]} s to ")
     np.testing.assert_array_equal(frames_of(sequence), FRAMES)
 
 
 def test_a_single_time_says_nothing_of_speed(opened):
     sequence = opened("clip.mdd", mdd(FRAMES[:1]))
-    assert (sequence.scene, sequence.notes) == (SceneHints(), ())
+    assert (sequence.scene, texts(sequence.notes)) == (SceneHints(), ())
 
 
 def damage_header(make, size, *faces):

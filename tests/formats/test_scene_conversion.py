@@ -11,6 +11,7 @@ from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.units import describe_unit, find_units_of_ratio, spell_unit
 from tests.character import make_character
+from tests.texts import texts
 
 TO_FEET = SceneConversion((0.01, 0.3048), ("Z", "Y"))
 
@@ -61,7 +62,7 @@ def test_a_converted_clip_is_another_clip_to_caches():
     converted = TO_FEET.convert_clip(clip, "clip")
     assert converted.content_digest(0) != clip.content_digest(0)
     np.testing.assert_array_equal(converted.read_frame(2), TO_FEET.apply(frames[2]))
-    assert converted.notes == ("clip: converted from centimetres, z up to feet, y up",)
+    assert texts(converted.notes) == ("clip: converted from centimetres, z up to feet, y up",)
 
 
 def test_only_what_both_state_is_converted():

@@ -26,6 +26,7 @@ from tests.formats.clips import faults_of
 from tests.formats.gltf.decoded import Glb
 from tests.formats.gltf.painted import paint
 from tests.shapes import ball, box, finer
+from tests.texts import texts
 
 RANDOM = np.random.default_rng(11)
 BALL, BOX = ball(levels=1, size=1.0), box(2.0)
@@ -158,7 +159,7 @@ def save(rig, path, weights=WEIGHTS["4"], size=2, rest=REST, turns=None, **optio
     for first in range(0, len(CAGES), size):
         writer.append(CAGES[first : first + size])
     writer.complete()
-    return rig(path), writer.notes
+    return rig(path), texts(writer.notes)
 
 
 def expect(weights):
@@ -435,7 +436,11 @@ def write_long(path, tolerance=None, is_quantized=False, rest=REST):
         raise
     arms = REST.vertices[:, None] - CAGE.vertices
     alone = np.einsum("mna,fnab->fmnb", arms, turns) + cages[:, None]
-    return Glb(path), writer.notes, np.einsum("mn,fmnb->fmb", WEIGHTS["4"].to_dense(8), alone)
+    return (
+        Glb(path),
+        texts(writer.notes),
+        np.einsum("mn,fmnb->fmb", WEIGHTS["4"].to_dense(8), alone),
+    )
 
 
 def measure_apart(file, expected):

@@ -16,6 +16,7 @@ from cageik_cli.util.errors import ConnectivityError, FormatError, InputError, S
 from tests.clips import frames_of
 from tests.refusals import refused
 from tests.shapes import ball, quad_box, quad_text
+from tests.texts import texts
 
 MESH = ball(levels=1, size=np.pi)
 
@@ -57,7 +58,7 @@ def test_triangles_of_other_programs_keep_their_order_and_share_vertices(tmp_pat
     np.testing.assert_allclose(corners_of(loaded.mesh), corners_of(MESH), rtol=rtol, atol=1e-9)
     assert len(loaded.mesh.vertices) == len(MESH.vertices)
     assert loaded.mesh.is_closed
-    assert loaded.notes == ("96 corners welded into 18 vertices where they are equal",)
+    assert texts(loaded.notes) == ("96 corners welded into 18 vertices where they are equal",)
 
 
 def test_vertices_are_numbered_as_the_corners_come(tmp_path):
@@ -107,7 +108,9 @@ def test_frames_are_numbered_as_the_rest_pose(clip, animation, kind):
     np.testing.assert_array_equal(sequence.first.faces, animation.rest.faces)
     np.testing.assert_array_equal(frames_of(sequence), animation.frames.astype(np.float32))
     np.testing.assert_array_equal(rest.mesh.faces, animation.rest.faces)
-    assert "f0.stl: vertices numbered as in the rest pose, as in all frames" in sequence.notes
+    assert "f0.stl: vertices numbered as in the rest pose, as in all frames" in texts(
+        sequence.notes
+    )
 
 
 def test_quads_of_the_rest_pose_are_kept(tmp_path):

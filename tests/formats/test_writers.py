@@ -16,6 +16,7 @@ from cageik_cli.formats.write import Output, _find_writers
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import OutputError
 from tests.formats.written import bytes_under, single, write
+from tests.texts import texts
 
 OWN = ("a.npz", "a.pc2", "a.mdd", "a.glb", "a/a_####.obj", "a/a_%04d.ply")
 """Without the library of another, which has its own words for a full disk, or ends the process."""
@@ -196,5 +197,5 @@ def test_where_blender_puts_the_frames_is_said(tmp_path, animation, name, scene,
     described = Animation(animation.rest, 5, scene, "a")
     with Output(tmp_path / name).open_writer(described) as writer:
         writer.append(animation.frames)
-    assert len(writer.notes) == len(ends)
-    assert all(map(str.endswith, writer.notes, ends))
+    assert len(texts(writer.notes)) == len(ends)
+    assert all(map(str.endswith, texts(writer.notes), ends))

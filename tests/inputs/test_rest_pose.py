@@ -20,6 +20,7 @@ from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import CheckpointError
 from tests.shapes import box
 from tests.strips import fold_strip, make_strip
+from tests.texts import texts
 
 ANGLES = (0.02, 0.2, 0.5, 0.4, 0.0)
 """Legs touch in all frames but the third and the fourth."""
@@ -73,7 +74,9 @@ def test_a_result_is_that_of_the_chosen_number(clip):
     result = extract(clip)
     assert result.settings["rest_frame"] == 2
     np.testing.assert_array_equal(result.rest.vertices, fold_strip(ANGLES[2]))
-    assert [note for note in result.notes if note.startswith("strip_3.obj: frame 3 is the rest")]
+    assert [
+        note for note in texts(result.notes) if note.startswith("strip_3.obj: frame 3 is the rest")
+    ]
     same = extract(replace(clip, rest_frame=2, output=Path("same.h5")))
     assert same.settings == result.settings
     np.testing.assert_array_equal(same.rest.vertices, result.rest.vertices)
@@ -108,4 +111,4 @@ def test_a_cage_is_built_around_the_chosen_frame():
     settings = CageSettings("strip", Path("built.obj"), BuildSettings(20), rest_frame="auto")
     result = build_cage_file(settings)
     assert '"rest_frame": 3' in format_cage_json(result)
-    assert result.notes[0].startswith("strip_3.obj: frame 3 is the rest pose")
+    assert texts(result.notes)[0].startswith("strip_3.obj: frame 3 is the rest pose")

@@ -6,6 +6,7 @@ from cageik_cli.report.figures import ClipRecord, ReportSummary
 from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.overview import ClipEntry, build_clip_entry
 from cageik_cli.report.record import Report
+from cageik_cli.util.messages import Note
 
 
 def summary(rms_percent: float = 0.25, **others) -> ReportSummary:
@@ -47,7 +48,7 @@ def clip(name: str, *gates: LimitCheck, notes=(), **figures) -> ClipEntry:
     )
     report = Report(
         schema=1, tool={}, result=name, edited_from=None, sources={}, settings={},
-        notes=tuple(notes), clip=counts, binding=None, fit=None, bound=None,
+        notes=tuple(map(Note, notes)), clip=counts, binding=None, fit=None, bound=None,
         summary=summary(**figures), vertices=None, frames=(), gates=gates,
     )  # fmt: skip
     return ClipEntry(name, report=report)

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from cageik_cli.util.messages import Note
+
 NAMES = (
     "<script>window.struck = 1</script>.obj",
     "</script><script>window.struck = 1</script>",
@@ -51,7 +53,7 @@ def with_hostile_names(report):
         tool={"name": "cageik", "version": NAMES[2]},
         sources={name: {"name": name, name: [name]} for name in NAMES},
         settings={name: name for name in NAMES},
-        notes=NAMES,
+        notes=tuple(map(Note, NAMES)),
         summary=summary,
         frames=tuple(frames),
         gates=tuple(replace(gate, frame=NAMES[0]) for gate in report.gates),

@@ -12,6 +12,7 @@ from cageik_cli.report.record import build_report
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import ExtractSettings
 from tests.shapes import rotation
+from tests.texts import texts
 
 
 @pytest.fixture
@@ -85,7 +86,7 @@ def test_hardly_more_vertices_than_the_cage_has_are_noted(
 def test_the_note_is_in_the_report(make_case, animation):
     frames = np.concatenate([animation.frames[:1], -animation.frames[1:]])
     report = build_report(make_case(frames, animation.rest.faces).result)
-    assert any("mirrored" in note for note in report.notes)
+    assert any("mirrored" in note for note in texts(report.notes))
     assert TriMesh(frames[1], animation.rest.faces).volume < 0
 
 
@@ -109,7 +110,7 @@ def notes_of(walk, tmp_path, monkeypatch, weights_cache):
         result = extract(
             ExtractSettings(("clip.npz",), walk[2], output, overwrite=True, cache=weights_cache)
         )
-        assert set(list_outlier_notes(result)) <= set(build_report(result).notes)
+        assert set(list_outlier_notes(result)) <= set(texts(build_report(result).notes))
         return list_outlier_notes(result)
 
     return notes
@@ -133,7 +134,7 @@ def test_frames_that_stand_out_are_noted(
 ):
     frames = walk[0].copy()
     frames[changed] = walk[0][source] + move
-    (found,) = [text for text in notes_of(frames) if text.startswith(note)]
+    (found,) = [text for text in notes_of(frames) if str(text).startswith(note)]
     assert f"clip.npz[{named + 1}]" in found
     assert f"`{remedy}`" in found
 

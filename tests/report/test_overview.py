@@ -157,7 +157,7 @@ def test_json_is_the_whole_record(closed):
     )
     expected = {"name": "cages.h5", "fault": None, "result": "walk.h5", "page": "walk.html"}
     expected |= {name: asdict(report)[name] for name in names} | {"curve": asdict(entry.curve)}
-    assert record["clips"][0] == json.loads(json.dumps(expected))
+    assert record["clips"][0] == json.loads(json.dumps(expected, default=str))
     assert record["clips"][2] == dict.fromkeys(expected) | {
         "name": "c",
         "fault": "broken",

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.cli.group import spell_options
+from cageik_cli.cli.group import spell_option
 from cageik_cli.method.solve.regions import Cause
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.html.pictures import draw_pictures
@@ -22,6 +22,7 @@ from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY
 from tests.report.markup import find_faults, parse_page
 from tests.report.views.test_markdown import list_items
 from tests.store.bindings import record
+from tests.texts import texts
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +64,7 @@ def test_the_text_has_a_row_for_each_region(report):
     assert f"size {first.size_percent:.1f} %" in text
     assert ", ".join(map(str, first.cage_faces)) in text
     assert text.endswith(CAUSES[Cause(first.cause)][0])
-    assert CAUSES[Cause(first.cause)][1] in dict(rows)["to do"]
+    assert str(CAUSES[Cause(first.cause)][1]) in dict(rows)["to do"]
     assert all(len(line) < 160 for line in format_text(report).splitlines())
 
 
@@ -83,7 +84,7 @@ def test_every_cause_has_words(report, cause):
     region = replace(report.regions[0], cause=str(cause), cage_faces=(3,))
     told = replace(report, regions=(region,))
     assert describe_region(region).endswith(f"cage face 3: {CAUSES[cause][0]}")
-    assert CAUSES[cause][1] in format_text(told)
+    assert str(CAUSES[cause][1]) in format_text(told)
     assert CAUSES[cause][0] in parse_page(render_page(told)).by_id("regions").text
 
 
@@ -93,7 +94,7 @@ def test_a_fit_is_suggested_where_limbs_share_a_loop_and_there_is_none(report):
     fitted = replace(told, fit=record())
     for one, count in ((told, 1), (fitted, 0)):
         assert format_text(one).count("weights that are fitted with `fit=True`") == count
-    page = parse_page(render_page(told, word=spell_options)).by_id("regions").text
+    page = parse_page(render_page(told, spelling=spell_option)).by_id("regions").text
     assert page.count("weights that are fitted with --fit") == 1
     assert "--rest-frame auto" in page
     other = replace(region, cause=str(Cause.COARSE_FACES))
@@ -106,7 +107,7 @@ def test_a_result_within_the_usual_says_nothing(result, poses):
     page = render_page(report, replace(poses, region=None), pixels=8)
     assert report.regions == ()
     assert "region" not in format_text(report)
-    assert REGIONS_UNKNOWN not in report.notes
+    assert REGIONS_UNKNOWN not in texts(report.notes)
     assert 'id="regions"' not in page
     assert 'href="#regions"' not in page
     assert "Worst regions" not in format_markdown(Overview([build_clip_entry(report)]))
@@ -115,17 +116,17 @@ def test_a_result_within_the_usual_says_nothing(result, poses):
 def test_an_earlier_result_says_that_it_does_not_know(result):
     report = build_report(replace(result, regions=None))
     assert report.regions is None
-    assert report.notes == (*result.notes, REGIONS_UNKNOWN)
+    assert texts(report.notes) == (*texts(result.notes), REGIONS_UNKNOWN)
     assert "extract it again" in format_text(report)
     assert REGIONS_UNKNOWN in render_page(report)
     usual = replace(within_the_usual(result), regions=None)
-    assert REGIONS_UNKNOWN not in build_report(usual).notes
+    assert REGIONS_UNKNOWN not in texts(build_report(usual).notes)
 
 
 def test_an_edit_has_no_regions_and_does_not_miss_them(edited):
     report = build_report(edited)
     assert report.regions is None
-    assert REGIONS_UNKNOWN not in report.notes
+    assert REGIONS_UNKNOWN not in texts(report.notes)
 
 
 def test_the_page_has_a_table_and_a_close_up(report, poses):

@@ -78,7 +78,7 @@ def test_after_a_fit_more_vertices_are_advised_if_the_model_has_data_for_them(fi
         f"extract again with `vertices={2 * count}` `overwrite=True`, without `cage=`"
     )
     bound = replace(small, sources={**small.sources, "binding": {}})
-    assert suggest_step(bound, 1.0, 5.0).endswith("`overwrite=True`, without `binding=`")
+    assert str(suggest_step(bound, 1.0, 5.0)).endswith("`overwrite=True`, without `binding=`")
     built = replace(small, settings={**small.settings, "cage_vertices": count})
     assert suggest_step(built, 1.0, 5.0) == (
         f"extract again with `vertices={2 * count}` `overwrite=True`"

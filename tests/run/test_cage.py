@@ -16,6 +16,7 @@ from cageik_cli.run.cage_settings import CageSettings
 from cageik_cli.util.errors import FileAccessError, OutputError
 from tests.cages.independent import examine
 from tests.listeners import Listener
+from tests.texts import texts
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("folder", "coarse_grids")]
 FRAME, OUT = "frames/frame_1.obj", Path("built.obj")
@@ -34,7 +35,7 @@ def test_the_cage_of_the_walker_passes_a_second_opinion(fixtures_folder, tmp_pat
     assert opinion.smallest_angle >= 5
     assert opinion.largest_valence <= 10
     assert diagnose(cage, model).verdict == "fit"
-    assert result.built.notes == ()
+    assert texts(result.built.notes) == ()
 
 
 def test_the_file_is_the_cage_to_the_bit_and_passes_the_check():
@@ -114,7 +115,7 @@ def test_a_loose_cage_has_a_warning(monkeypatch):
     monkeypatch.setattr("cageik_cli.cages.builder.build.make_shell", lambda *_: None)
     result = build_cage_file(CageSettings(FRAME, OUT, SMALL))
     assert "ellipsoid" in result.built.chosen.recipe
-    (warning,) = result.built.notes
+    (warning,) = texts(result.built.notes)
     assert ("warning", warning) in list_cage_rows(result)
     assert diagnose(load_mesh(OUT).mesh, load_mesh(Path(FRAME)).mesh).is_fit
 

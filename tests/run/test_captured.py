@@ -29,6 +29,7 @@ from cageik_cli.util.errors import CheckpointError, FormatError, InputError, Set
 from cageik_cli.view.player.section import load_player
 from tests.corruptions import corrupt
 from tests.listeners import Listener
+from tests.texts import texts
 
 ROBUST = CaptureSettings(robust=True)
 MISSING = ClipSettings(missing=True)
@@ -160,7 +161,7 @@ def test_a_piece_that_is_hidden_for_long_is_noted(walker, make, first, last, is_
     text = (
         "314 vertices are occluded for more than 10 frames in a row, up to 11: the place is a guess"
     )
-    assert any(note.startswith(text) for note in result.notes) == is_noted
+    assert any(note.startswith(text) for note in texts(result.notes)) == is_noted
 
 
 def test_what_is_placed_is_all_that_is_hidden_in_a_frame(walker, make, monkeypatch):

@@ -18,6 +18,7 @@ from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import InputError, NumericalError
 from tests.listeners import Listener
 from tests.shapes import ball, box, rotation
+from tests.texts import texts
 
 TRUTH = SolveSettings(alpha=0.0)
 
@@ -201,7 +202,7 @@ def test_vertices_of_weight_zero_are_missing_data(plain, folder, animation, writ
     assert "weights.npy" in again.sources["vertex_weights"]["name"]
     assert np.isnan(again.metrics.volume).all()
     assert np.isnan(again.metrics.volume_reconstructed).all()
-    note, _ = again.notes
+    note, _ = texts(again.notes)
     assert note.startswith("2 vertices of weight 0 are missing data, so volumes")
     assert "volume change  not defined, " in format_text(build_report(again))
 
@@ -264,18 +265,18 @@ def test_an_open_model_gets_a_note_and_no_volumes(plain, animation):
     result = extract(replace(plain, frames=("open.npz",)))
     assert np.isnan(result.metrics.volume).all()
     assert np.isnan(result.metrics.volume_reconstructed).all()
-    note, unit = result.notes
+    note, unit = texts(result.notes)
     assert note.startswith("the model is open (3 boundary edges)")
     assert unit.startswith("no file states its unit")
 
 
 def test_a_result_notes_that_nobody_states_the_unit(plain):
     """Its report says so, too, as it gives errors as lengths."""
-    assert any("states its unit" in note for note in build_report(extract(plain)).notes)
+    assert any("states its unit" in note for note in texts(build_report(extract(plain)).notes))
     stated = replace(plain, scene=SceneHints(metres_per_unit=1.0), overwrite=True)
-    assert extract(stated).notes == ()
+    assert texts(extract(stated).notes) == ()
     small = replace(stated, scene=SceneHints(metres_per_unit=1e-6))
-    assert any("1e-06 m" in note for note in extract(small).notes)
+    assert any("1e-06 m" in note for note in texts(extract(small).notes))
 
 
 def test_sources_and_settings_are_recorded(plain, folder):
@@ -346,7 +347,7 @@ def test_triangulation_is_noted_for_cage_rest_and_frames(plain, folder, animatio
         rest=write("rest.obj", 1),
         cage=write("quads.obj", 2),
     )
-    assert extract(settings).notes[:-1] == (
+    assert texts(extract(settings).notes)[:-1] == (
         "quads.obj: 6 polygons cut into triangles to compute with",
         "rest.obj: 6 polygons cut into triangles to compute with",
         "frame.obj: 6 polygons cut into triangles to compute with, as in all frames",

@@ -26,6 +26,7 @@ from cageik_cli.util.errors import (
     SettingError,
 )
 from tests.listeners import Listener
+from tests.texts import texts
 
 
 def fail(*_, **__):
@@ -162,7 +163,7 @@ def test_weights_in_a_built_cage_are_fitted_unless_that_is_refused(plain):
         extract(replace(built, fit=False))
     refused = extract(replace(built, fit=False, overwrite=True))
     assert refused.fit is None
-    assert not any("not fitted" in note for note in refused.notes)
+    assert not any("not fitted" in note for note in texts(refused.notes))
     with pytest.raises(CheckpointError, match="other settings"):
         extract(built)
     assert extract(replace(plain, output=Path("given.h5"))).fit is None
@@ -174,7 +175,7 @@ def test_a_fit_that_was_not_asked_for_does_not_hide_outliers(plain, monkeypatch)
     settings = replace(plain, cage=None, build=BuildSettings(16))
     result = extract(settings)
     assert result.fit is None
-    assert any("not fitted" in note and "`robust=True`" in note for note in result.notes)
+    assert any("not fitted" in note and "`robust=True`" in note for note in texts(result.notes))
     assert extract(replace(settings, fit=True, overwrite=True)).fit is not None
 
 
@@ -194,7 +195,7 @@ def test_a_fit_that_was_not_asked_for_is_left_out_where_it_does_not_suit(plain, 
     result = extract(settings)
     assert result.fit is None
     assert "fit_regularization" not in result.settings
-    assert [note for note in result.notes if says in note and "not fitted" in note]
+    assert [note for note in texts(result.notes) if says in note and "not fitted" in note]
     assert Extraction(settings).run().path == result.path  # up to date
 
 
@@ -262,7 +263,7 @@ def test_a_cage_from_the_cache_gives_the_same_bytes(plain, cache, monkeypatch):
     listener = Listener()
     result = extract(replace(settings, overwrite=True), listener)
     assert result.path.read_bytes() == plain_bytes
-    assert any(note.startswith("built cage: ") for note in result.notes)
+    assert any(note.startswith("built cage: ") for note in texts(result.notes))
     said = [text.split()[0] for topic, text in listener.notes if topic in ("cache", "cage")]
     assert said == ["cache", "built,", "cache"]
     with pytest.raises(AssertionError, match="computed"):

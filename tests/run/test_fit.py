@@ -40,6 +40,7 @@ from cageik_cli.store.result import read_binding as read_result_binding
 from cageik_cli.util.errors import CheckpointError, InputError, SettingError
 from tests.fitted import small_binding, smooth_motion
 from tests.listeners import Listener
+from tests.texts import texts
 
 FORMS = {
     "dense": FitSettings(),
@@ -374,7 +375,7 @@ def test_a_repeated_clip_is_noted(settings, write_obj):
         write_obj(Path(f"frames/f_{k + 20:03}.obj"), FRAMES[(k + 2) % 20], BINDING.rest.faces)
     report = build_report(extract(settings))
     assert report.fit.report.is_repetitive
-    assert any("copies of fitted ones" in note for note in report.notes)
+    assert any("copies of fitted ones" in note for note in texts(report.notes))
     assert not build_report(
         extract(replace(settings, frames=("frames/f_00*.obj", "frames/f_01*.obj")))
     ).fit.report.is_repetitive
@@ -383,7 +384,7 @@ def test_a_repeated_clip_is_noted(settings, write_obj):
 def test_frames_that_were_not_held_out_are_noted(settings):
     report = build_report(extract(replace(settings, frames=("frames/f_003.obj",))))
     assert report.fit.report.held_out_blocks is None
-    assert any("no frames were kept aside" in note for note in report.notes)
+    assert any("no frames were kept aside" in note for note in texts(report.notes))
     assert "  kept aside     none" in format_text(report)
 
 

@@ -14,6 +14,7 @@ from cageik_cli.run.check import check_cage
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import CageikError
+from tests.texts import texts
 
 WALKER = Path(__file__).parents[2] / "data_fixtures" / "walker"
 PART = ClipSettings(selection=parse_frames("20-22"))
@@ -32,7 +33,7 @@ def test_first_frame_of_the_whole_clip_is_the_rest_pose(
     whole = extract(replace(settings(tmp_path / "whole.h5"), clip=end))
     assert part.settings["rest_frame"] is None
     assert whole.settings["rest_frame"] == 0
-    assert any("frame 1 is the rest pose" in note for note in part.notes)
+    assert any("frame 1 is the rest pose" in note for note in texts(part.notes))
     cages = []
     for name in ("part.h5", "whole.h5"):
         with h5py.File(tmp_path / name) as file:

@@ -21,6 +21,7 @@ from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import BindRunSettings, ExtractSettings
 from cageik_cli.util.errors import CageError
 from tests.character import NAMES, make_cage, make_character
+from tests.texts import texts
 
 TIGHT = 0.56
 """Radius of a cage that holds the body, but not the jacket and the eyes."""
@@ -75,7 +76,7 @@ def test_a_refusal_names_the_parts_outside(character_usd, cage_file, tmp_path, c
 
 
 def test_the_note_on_an_open_model_names_the_open_part(character_result):
-    (note,) = (note for note in character_result.notes if "is open" in note)
+    (note,) = (note for note in texts(character_result.notes) if "is open" in note)
     assert f"(32 boundary edges: 32 of {NAMES[1]})" in note
 
 

@@ -13,16 +13,18 @@ from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store import binding_file as store
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import InputError
+from cageik_cli.util.messages import Note
 from tests.shapes import TETRAHEDRON, ball, box
 from tests.store.bindings import barycentric_binding
 from tests.store.damages import assert_refused, attribute, replaced, value, without_attribute
+from tests.texts import texts
 
 SETTINGS = BindSettings(accuracy="fine", outside="project")
 SOURCES = {"cage": {"name": "é.obj", "sha256": "0"}, "rest": {"name": "rest.obj", "sha256": "1"}}
 
 
 BINDING = barycentric_binding(
-    settings=SETTINGS, panels=944, estimated_error=7e-4, notes=("a nöte",)
+    settings=SETTINGS, panels=944, estimated_error=7e-4, notes=(Note("a nöte"),)
 )
 STORED = StoredBinding(BINDING, SOURCES)
 
@@ -58,7 +60,7 @@ def test_the_schema(path):
     assert {name: json.loads(text) for name, text in attributes.items()} == {
         "settings": {"coordinates": "harmonic", "accuracy": "fine", "outside": "project"},
         "quality": asdict(BINDING.quality),
-        "notes": ["a nöte"],
+        "notes": [{"kind": "note", "place": "", "text": ["a nöte"]}],
         "sources": SOURCES,
     }
 
@@ -71,7 +73,7 @@ def test_what_is_written_is_read(path):
     for read, mesh in ((found.rest, BINDING.rest), (found.cage, BINDING.cage)):
         np.testing.assert_array_equal(read.vertices, mesh.vertices)
         np.testing.assert_array_equal(read.faces, mesh.faces)
-    assert (found.settings, found.notes) == (SETTINGS, ("a nöte",))
+    assert (found.settings, texts(found.notes)) == (SETTINGS, ("a nöte",))
     assert found.quality == BINDING.quality
     assert store.is_binding(path)
     assert store.read_bind_settings(path) == SETTINGS

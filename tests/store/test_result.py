@@ -20,6 +20,7 @@ from cageik_cli.store.result import read_key_frames
 from cageik_cli.store.result_fields import ResultHeader, ResultSummary
 from cageik_cli.store.result_writer import open_result_writer
 from cageik_cli.util.errors import InputError, NumericalError
+from cageik_cli.util.messages import Hint, Note, spell
 from tests.shapes import ball, rotation
 from tests.store.bindings import barycentric_binding
 from tests.store.damages import (
@@ -30,6 +31,7 @@ from tests.store.damages import (
     value,
     without_attribute,
 )
+from tests.texts import texts
 
 SCENE = Scene(30.0, 101.0, "Z", 0.01)
 FRAMES, SETTINGS, SOURCES = 5, {"alpha": 0.5, "align": True}, {"cage": {"name": "é", "sha256": ""}}
@@ -60,7 +62,7 @@ def part(rows):
     return FrameMetrics(*(getattr(FIGURES, field.name)[rows] for field in fields(FrameMetrics)))
 
 
-HEADER = ResultHeader(scene=SCENE, settings=SETTINGS, notes=("a note",), quality=QUALITY)
+HEADER = ResultHeader(scene=SCENE, settings=SETTINGS, notes=(Note("a note"),), quality=QUALITY)
 
 
 def open_writer(path, header=HEADER, **options):
@@ -134,7 +136,7 @@ def test_the_schema(path):
     assert attributes["complete"]
     assert json.loads(attributes["settings"]) == SETTINGS
     assert json.loads(attributes["sources"]) == SOURCES
-    assert json.loads(attributes["notes"]) == ["a note"]
+    assert json.loads(attributes["notes"]) == [{"kind": "note", "place": "", "text": ["a note"]}]
     assert json.loads(attributes["quality"])["condition_number"] == 123.0
     assert set(attributes) == {
         "format", "schema", "version", "fps", "start", "up_axis", "metres_per_unit", "settings",
@@ -164,7 +166,7 @@ def test_what_is_written_is_read(path):
     result = store.read_result(path)
     assert (result.path, result.version, result.scene) == (path, __version__, SCENE)
     assert (result.settings, result.sources) == (SETTINGS, SOURCES)
-    assert (result.notes, result.frames) == (("a note",), NAMES)
+    assert (texts(result.notes), result.frames) == (("a note",), NAMES)
     for read, mesh in ((result.rest, BINDING.rest), (result.cage, BINDING.cage)):
         np.testing.assert_array_equal(read.vertices, mesh.vertices)
         np.testing.assert_array_equal(read.faces, mesh.faces)
@@ -367,6 +369,9 @@ DAMAGES = [
     (attribute("settings", '{"alpha": 1' + "0" * 400 + "}"), "settings"),
     (attribute("settings", '{"\\ud800": 1}'), "settings"),
     (attribute("notes", '["\\ud800"]'), "notes"),
+    (attribute("notes", "[1]"), "no note"),
+    (attribute("notes", '[{"kind": "error", "place": "", "text": []}]'), "no note"),
+    (attribute("notes", '[{"kind": "note", "place": "", "text": [["a"]]}]'), "no note"),
     (attribute("notes", b'["\xff"]'), "notes"),
     (attribute("sources", '{"cage": {"name": "\\udcff"}}'), "sources"),
     (value("rest/verts", (2, 1), 1e308), "vertex 2"),
@@ -501,7 +506,16 @@ def test_cages_and_weights_are_read_and_must_be_finite(path, wrong):
         store.read_weights(result)
 
 
+def test_notes_are_read_as_they_were_said(path):
+    said = Note("off: " + Hint("fps", 24) + " helps", "warning", "a.glb")
+    with h5py.File(path, "r+") as file:
+        file.attrs["notes"] = json.dumps([said.pack(), "warning: old; lower `fps=`"])
+    new, old = store.read_result(path).notes
+    assert (new.pack(), old.kind) == (said.pack(), "warning")
+    assert spell(old.text, lambda hint: "--" + hint.name) == "old; lower --fps"
+
+
 def test_notes_stay_on_one_line(path):
     with h5py.File(path, "r+") as file:
         file.attrs["notes"] = json.dumps(["a\nb\x1b[31m"])
-    assert store.read_result(path).notes == ("a b\ufffd[31m",)
+    assert texts(store.read_result(path).notes) == ("a b\ufffd[31m",)

@@ -14,7 +14,7 @@ import pytest
 
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.cli.group import spell_options
+from cageik_cli.cli.group import spell_option
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.errors import BusyError, CageikError, FormatError, InputError, SlowError
@@ -83,9 +83,9 @@ def test_cages_that_are_not_fit_open_and_are_checked(folder):
     ]
     for found in diagnosis.findings:
         told = describe_finding(found, cage, rest)
-        assert f"{told['message']}; {told['remedy']}" == found.sentence
+        assert f"{told['message']}; " + told["remedy"] == found.sentence
         assert "=" not in told["message"]
-        json.dumps(told, allow_nan=False)
+        json.dumps(told, allow_nan=False, default=str)
 
 
 def test_a_finding_names_its_places_by_vertices(session):
@@ -307,7 +307,7 @@ def test_names_of_parts_are_not_taken_for_parameters(quads):
         texts += ["f {} {} {}".format(*row) for row in faces + k * len(inside)]
     Path("parts.obj").write_text("\n".join(texts))
     opened = open_rest_cage(replace(REST_CAGE, target=Path("parts.obj")), ProgressListener())
-    site = Site(SECRET, b"", JobBoard(), None, opened.answers, spell_options)
+    site = Site(SECRET, b"", JobBoard(), None, opened.answers, spell_option)
     with closing(opened), serve(site, 0) as address:
         (found,) = Client(address).ask("check", "POST", encode(read_quads())).value["findings"]
     assert found["kind"] == "outside"

@@ -30,6 +30,7 @@ from cageik_cli.geometry.parts import PartShare
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
 from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES, harmonic_weights
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.messages import spell
 from cageik_cli.util.text import format_count
 
 UNREPAIRABLE = {"point", "too-many-faces", "swapped", "no-volume"}
@@ -224,9 +225,9 @@ def _diagnose_rest(
     placement = locate_vertices(cage if cage.volume > 0 else cage.flip(), rest)
     unused, remedy = rest.unused_vertices, "delete them if they are left-overs"
     findings = [
-        Finding("unreferenced-vertex", "note", note, remedy, value=float(len(unused))).at(
-            "vertices", unused, "rest"
-        )
+        Finding(
+            "unreferenced-vertex", "note", spell(note.text), remedy, value=float(len(unused))
+        ).at("vertices", unused, "rest")
         for note in describe_unused_vertices(rest)
     ]
     findings += find_surface_crossings(placement)

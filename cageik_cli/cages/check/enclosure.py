@@ -36,6 +36,7 @@ from cageik_cli.geometry.surface import (
 )
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import CageError, join_truncated
+from cageik_cli.util.messages import Note, Said, say
 
 TOUCH_TOL = 1e-8
 """A vertex outside by at most this, in diagonals, counts as on the cage."""
@@ -77,7 +78,7 @@ class Placement:
         Whether a vertex is outside, even by rounding.
     tolerance : float
         Distance up to which a vertex is outside by rounding, file units.
-    notes : tuple of str
+    notes : tuple of Note
         What was changed so that the cage holds the model, one sentence each.
     """
 
@@ -85,7 +86,7 @@ class Placement:
     closest: ClosestPoints
     is_outside: Mask
     tolerance: float
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     @property
     def cage(self) -> TriMesh:
@@ -149,7 +150,7 @@ class Placement:
             f"numbers {join_truncated(self.outside_indices)} (from 0)"
         )
 
-    def find_outside(self, remedy: str) -> Finding:
+    def find_outside(self, remedy: Said) -> Finding:
         """Make the finding that these vertices are outside."""
         message, numbers = self.describe_outside("the rest pose"), self.outside_indices
         percent = self.worst_percent
@@ -180,12 +181,12 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Pl
                 # To mend its faults would not help.
                 fault = next(f for f in find_cage_faults(cage) if f.severity == "unfit")
                 message = f"much of the model is far outside, and {fault.message}"
-                raise CageError(f"{message}; {OTHER_POSE_REMEDY}") from error
+                raise CageError(message + "; " + OTHER_POSE_REMEDY) from error
             raise
         if are_swapped(cage, rest):
             raise CageError(make_swap_finding(cage, rest).sentence) from error
         swapped = type(error)(
-            f"{error}; the cage has {len(cage.vertices)} vertices and the model "
+            error.text + f"; the cage has {len(cage.vertices)} vertices and the model "
             f"{len(rest.vertices)}: are they swapped?"
         )
         if isinstance(swapped, OutsideError) and isinstance(error, OutsideError):
@@ -221,7 +222,7 @@ def make_swap_finding(cage: TriMesh, rest: TriMesh) -> Finding:
         f"cage and model are swapped: this mesh of {len(cage.vertices)} vertices is inside the "
         f"other, of {len(rest.vertices)}"
     )
-    remedy = "give the other as `cage=`, and this as the model"
+    remedy = say("give the other as `cage=`, and this as the model")
     return Finding("swapped", "unfit", message, remedy, value=float(len(cage.vertices)))
 
 
@@ -242,7 +243,7 @@ def refuse_other_unit(cage: TriMesh, rest: TriMesh) -> None:
         f"the cage is {transform.name}: it is {ratio:.3g} times as large as the model; export it "
         "as the model was"
     )
-    error.misfit, error.is_repairable = Misfit(str(error), transform=transform), True
+    error.misfit, error.is_repairable = Misfit(error.text, transform=transform), True
     raise error
 
 
@@ -257,7 +258,7 @@ def locate_vertices(cage: TriMesh, rest: TriMesh) -> Placement:
     )
 
 
-def describe_unused_vertices(rest: TriMesh) -> tuple[str, ...]:
+def describe_unused_vertices(rest: TriMesh) -> tuple[Note, ...]:
     """Return a note on the vertices of the model that are in no face, if there are any."""
     numbers = rest.unused_vertices
     if len(numbers) == 0:
@@ -265,8 +266,10 @@ def describe_unused_vertices(rest: TriMesh) -> tuple[str, ...]:
     is_one = len(numbers) == 1
     subject = "it gets weight 0, is" if is_one else "they get weight 0, are"
     return (
-        f"{format_elements('vertex', numbers)} of the model {'is' if is_one else 'are'} in no "
-        f"face: {subject} deformed, and left out of all figures",
+        Note(
+            f"{format_elements('vertex', numbers)} of the model {'is' if is_one else 'are'} in no "
+            f"face: {subject} deformed, and left out of all figures"
+        ),
     )
 
 
@@ -298,8 +301,10 @@ def _check_vertices(cage: TriMesh, rest: TriMesh, policy: str) -> Placement:
         rms = 100 * np.sqrt((moved**2).sum() / len(rest.used_vertices)) / rest.diagonal
         notes = (
             *notes,
-            f"{placement.describe_outside('the model')}; they have the weights of the nearest "
-            f"points of the cage; that alone is an error of {rms:.2g} % of the diagonal (rms), in "
-            "the rest pose too",
+            Note(
+                f"{placement.describe_outside('the model')}; they have the weights of the nearest "
+                f"points of the cage; that alone is an error of {rms:.2g} % of the diagonal "
+                "(rms), in the rest pose too"
+            ),
         )
     return replace(placement, notes=notes)

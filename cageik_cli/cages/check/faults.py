@@ -14,7 +14,7 @@ from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask
 from cageik_cli.util.arrays import Integers, Mask
 from cageik_cli.util.errors import CageError, join_truncated
-from cageik_cli.util.progress import mark_warning
+from cageik_cli.util.messages import Note, Said
 from cageik_cli.util.text import format_count, pluralize
 
 SEVERITIES = ("unfit", "warning", "note")
@@ -39,7 +39,7 @@ class Finding:
         One of `SEVERITIES`.
     message : str
         What was found, and where; with names that users gave, and no parameters.
-    remedy : str
+    remedy : str or Text
         What to do; it may name parameters, and no names of users.
     elements : str
         What `numbers` are: `vertices`, `edges`, `faces`, `face pairs`; empty without numbers.
@@ -57,7 +57,7 @@ class Finding:
     kind: str
     severity: str
     message: str
-    remedy: str
+    remedy: Said
     elements: str = ""
     numbers: Integers = field(default_factory=lambda: np.empty(0, np.int64))
     value: float = 0.0
@@ -69,14 +69,9 @@ class Finding:
         return replace(self, elements=elements, numbers=numbers, mesh=mesh)
 
     @property
-    def sentence(self) -> str:
+    def sentence(self) -> Said:
         """Return the message and the remedy."""
-        return join_remedy(self.message, self.remedy)
-
-
-def join_remedy(message: str, remedy: str) -> str:
-    """Return one sentence of what was found and what to do."""
-    return f"{message}; {remedy}"
+        return f"{self.message}; " + self.remedy
 
 
 _FAULTS = {
@@ -113,7 +108,7 @@ _FAULTS = {
 """The faults that have elements: what these are, what is wrong with the cage, and what to do."""
 
 
-def validate_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
+def validate_cage(cage: TriMesh) -> tuple[TriMesh, tuple[Note, ...]]:
     """Return the cage with its faces turned outward, and notes on changes.
 
     Raises
@@ -129,7 +124,7 @@ def validate_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
             error.is_repairable = True
             raise error
     if findings:
-        return cage.flip(), tuple(mark_warning(finding.message) for finding in findings)
+        return cage.flip(), tuple(Note(finding.message, "warning") for finding in findings)
     return cage, ()
 
 

@@ -15,6 +15,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.messages import Said, Text, say
 from cageik_cli.util.units import LONG_UNIT_NAMES, find_units_of_ratio, list_unit_ratios
 
 MAX_OUTSIDE_SHARE = 0.5
@@ -23,11 +24,13 @@ MAX_OUTSIDE_SHARE = 0.5
 MAX_DENTED_SHARE = 0.1
 """With a larger share of vertices far outside, a cage is of another pose."""
 
-BUILD_REMEDY = "cageik extract builds one if `cage=` is left out"
+BUILD_REMEDY = say("cageik extract builds one if `cage=` is left out")
 """What always helps where a cage is not that of the model."""
 
 OTHER_POSE_REMEDY = (
-    f"it looks like the cage of another pose, or of another model: {BUILD_REMEDY}; or give the "
+    "it looks like the cage of another pose, or of another model: "
+    + BUILD_REMEDY
+    + "; or give the "
     "cage at rest"
 )
 """What to do about a cage that is not of the rest pose."""
@@ -198,7 +201,7 @@ class Misfit:
 
     Attributes
     ----------
-    remedy : str
+    remedy : str or Text
         What is measured, and what to do.
     transform : Transform, optional
         How the cage differs, if it holds the model without that.
@@ -209,7 +212,7 @@ class Misfit:
         Whether a repair may help.
     """
 
-    remedy: str
+    remedy: Said
     transform: Transform | None = None
     inflation: float | None = None
     is_repairable: bool = True
@@ -233,31 +236,32 @@ def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> 
         left = ""
         if transform.inflation >= 0.01:
             left = f", and then too small by {round_up(transform.inflation):g} % of the diagonal"
-        remedy = f"the cage is {transform.name}{left}: export it as the model was"
-        return Misfit(remedy, transform=transform)
-    project = "take the nearest points of the cage with `outside=project`"
+        found = f"the cage is {transform.name}{left}: export it as the model was"
+        return Misfit(found, transform=transform)
+    project = say("take the nearest points of the cage with `outside=project`")
     if worst < MAX_NEAR_PERCENT:
-        return _explain_small_cage(cage, rest, f", or {project}" * (share <= MAX_OUTSIDE_SHARE))
+        otherwise = ", or " + project if share <= MAX_OUTSIDE_SHARE else ""
+        return _explain_small_cage(cage, rest, otherwise)
     is_dented = share <= MAX_DENTED_SHARE or worst < 2 * MAX_NEAR_PERCENT
     if is_dented and share <= MAX_OUTSIDE_SHARE:
-        return Misfit(f"enlarge the cage there, give the rest pose it was made for, or {project}")
+        return Misfit("enlarge the cage there, give the rest pose it was made for, or " + project)
     if share <= MAX_OUTSIDE_SHARE:
-        remedy = f"{OTHER_POSE_REMEDY}, or the frame that it was made for as `rest=`"
+        remedy = OTHER_POSE_REMEDY + say(", or the frame that it was made for as `rest=`")
         return Misfit(remedy, is_repairable=False)
     return Misfit(_describe_misplaced(cage, rest), is_repairable=False)
 
 
-def _explain_small_cage(cage: TriMesh, rest: TriMesh, otherwise: str) -> Misfit:
+def _explain_small_cage(cage: TriMesh, rest: TriMesh, otherwise: Said) -> Misfit:
     inflation = measure_inflation(cage, rest)
     if not inflation:
         return Misfit(
             "the cage is too small there, and to inflate it evenly does not help: move it outward "
-            f"there{otherwise}"
+            "there" + otherwise
         )
     percent = round_up(inflation)
     return Misfit(
         f"the cage is not inflated: inflate it by {percent:g} % of the diagonal "
-        f"({percent / 100 * rest.diagonal:.3g}) along its normals{otherwise}",
+        f"({percent / 100 * rest.diagonal:.3g}) along its normals" + otherwise,
         inflation=percent,
     )
 
@@ -270,7 +274,7 @@ def round_up(percent: float) -> float:
     return float(f"{math.ceil(percent / step - 1e-9) * step:.2g}")
 
 
-def _describe_misplaced(cage: TriMesh, rest: TriMesh) -> str:
+def _describe_misplaced(cage: TriMesh, rest: TriMesh) -> Text:
     """Say what is known of a cage when most of the model is outside, for no cause that is found."""
     ratio = cage.diagonal / rest.diagonal
     low = np.maximum(cage.vertices.min(axis=0), rest.vertices.min(axis=0))
@@ -282,8 +286,10 @@ def _describe_misplaced(cage: TriMesh, rest: TriMesh) -> str:
     else:
         what = ""
     return (
-        f"{what}no unit, axes or place makes it fit, so it looks like the cage of another model, "
-        f"or of another frame: {BUILD_REMEDY}; or give the frame that it was made for as `rest=`"
+        f"{what}no unit, axes or place makes it fit, so it looks like the cage of another "
+        "model, or of another frame: "
+        + BUILD_REMEDY
+        + say("; or give the frame that it was made for as `rest=`")
     )
 
 

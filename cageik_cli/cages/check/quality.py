@@ -22,6 +22,7 @@ from cageik_cli.geometry.shape import (
 )
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.messages import say
 
 MIN_ANGLE = 2.0
 """Cage faces with a smaller angle, degrees, are needles."""
@@ -145,7 +146,7 @@ def find_looseness_faults(
     if found or is_thorough:
         found += islice(_find_shared_loops(cage, rest), 4)
     for fault in found:
-        yield replace(fault, remedy="raise `cage_vertices=`") if is_built else fault
+        yield replace(fault, remedy=say("raise `cage_vertices=`")) if is_built else fault
 
 
 def is_too_loose(cage: TriMesh, rest: TriMesh) -> bool:

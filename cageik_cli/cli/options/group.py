@@ -13,6 +13,7 @@ import click
 from click.core import ParameterSource
 
 from cageik_cli.cli.command import GroupedOption, option, spell_param
+from cageik_cli.cli.group import spell_error
 from cageik_cli.cli.options.types import KINDS, OrWord, PercentType
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.settings import HelpGroup, Setting, find_kind
@@ -141,7 +142,7 @@ def usage_errors() -> Iterator[None]:
     try:
         yield
     except SettingError as error:
-        raise click.UsageError(str(error)) from error
+        raise click.UsageError(spell_error(error)) from error
 
 
 def list_options(

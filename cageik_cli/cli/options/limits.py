@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from cageik_cli.cli.group import spell_error
 from cageik_cli.cli.options.group import OptionGroup, list_options
 from cageik_cli.cli.options.types import LimitValue
 from cageik_cli.util.errors import SettingError
@@ -87,7 +88,7 @@ class LimitOptions:
         try:
             baseline = (load_baseline or read_baseline)(self.baseline, regression)
         except SettingError as error:
-            raise click.UsageError(str(error)) from error
+            raise click.UsageError(spell_error(error)) from error
         return Limits(limits, baseline)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from cageik_cli.cli.group import spell_error
 from cageik_cli.formats.settings import AUTO, JOINT_MOTIONS, RestFrame, SceneHints
 from cageik_cli.formats.timeline import FrameRange, parse_frame_number, parse_frames
 from cageik_cli.method.pose.settings import DEFAULT_SNAP
@@ -79,7 +80,7 @@ class SceneType(click.ParamType):  # type: ignore[type-arg]  # as above
         try:
             return SceneHints.parse(str(value)) if value else SceneHints()
         except SettingError as error:
-            return self.fail(str(error), param, ctx)
+            return self.fail(spell_error(error, ctx), param, ctx)
 
 
 class SizeType(click.ParamType):  # type: ignore[type-arg]  # as above
@@ -127,7 +128,7 @@ class FrameRangeType(click.ParamType):  # type: ignore[type-arg]  # as above
         try:
             return parse_frames(str(value))
         except SettingError as error:
-            return self.fail(str(error), param, ctx)
+            return self.fail(spell_error(error, ctx), param, ctx)
 
 
 class FrameNumberType(click.ParamType):  # type: ignore[type-arg]  # as above
@@ -144,7 +145,7 @@ class FrameNumberType(click.ParamType):  # type: ignore[type-arg]  # as above
         try:
             parse_frame_number(str(value))
         except SettingError as error:
-            self.fail(str(error), param, ctx)
+            self.fail(spell_error(error, ctx), param, ctx)
         return str(value)
 
 

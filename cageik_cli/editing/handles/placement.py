@@ -20,6 +20,7 @@ from cageik_cli.method.pose.anchors import (
 )
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, SettingError, error_context
+from cageik_cli.util.messages import Hint, say
 
 
 def place_handles(
@@ -119,8 +120,10 @@ class _PointFinder:
     def _snap_to_surface(self, position: Floats) -> SurfacePoint:
         if self._max_snap_percent is None:
             raise HandlesError(
-                "a position needs `snap=`, which takes the closest point of the surface; or give a "
-                "vertex or a face"
+                say(
+                    "a position needs `snap=`, which takes the closest point of the "
+                    "surface; or give a vertex or a face"
+                )
             )
         point = closest_point(self._posed_mesh, position)
         away, percent = self._measure_snap(position, point)
@@ -128,10 +131,10 @@ class _PointFinder:
             step = 10.0 ** (math.floor(math.log10(percent)) - 1)
             enough = math.ceil(percent / step) * step  # the next larger one of two digits
             raise HandlesError(
-                f"is {away:.3g} away from the surface ({percent:.3g} % of the diagonal, at most "
-                f"{self._max_snap_percent:g} %); the closest point is at "
+                f"is {away:.3g} away from the surface ({percent:.3g} % of the diagonal, at "
+                f"most {self._max_snap_percent:g} %); the closest point is at "
                 f"{self._format_place(point)}; correct the position, or allow it with "
-                f"`snap={enough:g}%`"
+                + Hint("snap", f"{enough:g}%")
             )
         return point
 

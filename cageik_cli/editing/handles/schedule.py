@@ -14,6 +14,7 @@ from cageik_cli.geometry.mesh import MAX_COORDINATE
 from cageik_cli.method.pose.anchors import COINCIDENT_TOL, Anchor, SurfacePoint, anchor_positions
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, error_context
+from cageik_cli.util.messages import say
 
 SAME_TARGET_TOL = 1e-9
 """Targets closer to each other than this, in diagonals, are the same."""
@@ -170,8 +171,8 @@ def merge_coincident(
         conflict = _describe_conflict(group, surface, numbers, next(paths))
         if conflict and not allow_conflicts:
             raise HandlesError(
-                f"{conflict}; remove one, or use the mean of their targets with "
-                "`allow_conflicts=True`"
+                f"{conflict}; "
+                + say("remove one, or use the mean of their targets with `allow_conflicts=True`")
             )
         hard = [one for one in group if one[0].hard] or group
         merged.append(_merge_group(group, hard if conflict else hard[:1], conflict))

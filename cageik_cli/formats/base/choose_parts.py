@@ -11,6 +11,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import Part, join_meshes, list_part_names, split_parts
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import ConnectivityError, FormatError, SettingError, join_truncated
+from cageik_cli.util.messages import Hint, Said, say
 
 
 def choose_parts(
@@ -18,7 +19,7 @@ def choose_parts(
     member: str | None,
     exclude: Sequence[str],
     hidden: Mapping[str, str] = MappingProxyType({}),
-) -> tuple[list[str], list[str]]:
+) -> tuple[list[str], list[Said]]:
     """Return the paths of the meshes that are read, and notes on those that are left out.
 
     Parameters
@@ -41,16 +42,16 @@ def choose_parts(
         raise FormatError("holds no mesh; export an animated mesh")
     top = None if member is None else _find_top(paths, member)
     chosen = [path for path in paths if top is None or _is_below(path, top)]
-    reasons: dict[str, str] = {}
+    reasons: dict[str, Said] = {}
     for pattern in exclude:
         matching = [path for path in chosen if _matches(path, pattern)]
         if not matching:
             raise SettingError(
-                f"`exclude={pattern}` matches none of its meshes: {join_truncated(chosen)}"
+                Hint("exclude", pattern) + f" matches none of its meshes: {join_truncated(chosen)}"
             )
-        reasons |= dict.fromkeys(matching, f"`exclude={pattern}`")
+        reasons |= dict.fromkeys(matching, Hint("exclude", pattern))
     if len(reasons) == len(chosen):
-        raise SettingError("`exclude=` leaves none of its meshes; give fewer patterns")
+        raise SettingError(say("`exclude=` leaves none of its meshes; give fewer patterns"))
     seen = [path for path in chosen if path not in reasons]
     shown = [path for path in seen if path not in hidden or path == top]
     unseen = {path: hidden[path] for path in seen if path not in shown}
@@ -59,12 +60,12 @@ def choose_parts(
     return seen, [*_describe("left out", reasons), *_describe("no other mesh than", unseen)]
 
 
-def _describe(what: str, reasons: Mapping[str, str]) -> list[str]:
+def _describe(what: str, reasons: Mapping[str, Said]) -> list[Said]:
     """Return a sentence for each reason, with the paths that have it."""
-    paths: dict[str, list[str]] = {}
+    paths: dict[Said, list[str]] = {}
     for path, reason in reasons.items():
         paths.setdefault(reason, []).append(path)
-    return [f"{what} {join_truncated(each)} ({reason})" for reason, each in paths.items()]
+    return [f"{what} {join_truncated(each)} (" + reason + ")" for reason, each in paths.items()]
 
 
 def _find_top(paths: Sequence[str], member: str) -> str:
@@ -107,7 +108,7 @@ def _matches(path: str, pattern: str) -> bool:
 
 def select_parts(
     mesh: TriMesh, member: str | None, exclude: Sequence[str]
-) -> tuple[TriMesh, Integers | None, list[str]]:
+) -> tuple[TriMesh, Integers | None, list[Said]]:
     """Return the parts of a mesh that are asked for, the numbers of their vertices, and notes.
 
     Nothing is asked for without a `member` and patterns; the numbers are None then.
@@ -131,7 +132,7 @@ def select_parts(
     return _join_parts(chosen), kept, notes
 
 
-def drop_parts(mesh: TriMesh, exclude: Sequence[str]) -> tuple[TriMesh, list[str]]:
+def drop_parts(mesh: TriMesh, exclude: Sequence[str]) -> tuple[TriMesh, list[Said]]:
     """Return a mesh without its parts that match a pattern, and a note; itself if none does.
 
     Unlike a clip, its rest pose may lack what the patterns leave out.
@@ -141,12 +142,12 @@ def drop_parts(mesh: TriMesh, exclude: Sequence[str]) -> tuple[TriMesh, list[str
     if len(kept) == len(parts):
         return mesh, []
     if not kept:
-        raise SettingError("`exclude=` leaves none of its meshes; give fewer patterns")
+        raise SettingError(say("`exclude=` leaves none of its meshes; give fewer patterns"))
     names = join_truncated(part.name for part in parts if part not in kept)
-    return _join_parts(kept), [f"left out {names} (`exclude=`)"]
+    return _join_parts(kept), [f"left out {names} " + say("(`exclude=`)")]
 
 
-def order_parts(mesh: TriMesh, expected: TriMesh, name: str) -> tuple[TriMesh, list[str]]:
+def order_parts(mesh: TriMesh, expected: TriMesh, name: str) -> tuple[TriMesh, list[Said]]:
     """Return a mesh with its parts in the order of another one, and a note if it was another.
 
     Parts are identified by their names, or by the last ones in their paths. Those of other names

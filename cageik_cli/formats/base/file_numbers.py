@@ -11,6 +11,7 @@ from typing import NoReturn
 from cageik_cli.formats.base.files import file_stem
 from cageik_cli.formats.settings import Gaps, SceneHints
 from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
+from cageik_cli.util.messages import say
 from cageik_cli.util.text import format_count
 
 MAX_FRAME_NUMBER = 1 << 24
@@ -89,7 +90,7 @@ class FileSeries:
         if not held:
             raise FileAccessError(
                 f"{self.paths[chosen[0]]}: {self.missing[chosen[0]]}, as all frames that are "
-                "chosen; choose others with `selection=`"
+                "chosen; " + say("choose others with `selection=`")
             )
         return chosen[held[0] : held[-1] + 1]
 
@@ -129,8 +130,11 @@ class FileSeries:
             fault = f"{paths[first + 1]}: {steps[first]} after {paths[first].name}, {expected}"
             fault += f" ({format_count(len(odd), 'such place')}); remove it"
         raise FileAccessError(
-            f"{fault}, keep gaps in time with `allow_gaps=True`, or number the frames one after "
-            "another with `close_gaps=True`"
+            f"{fault}, "
+            + say(
+                "keep gaps in time with `allow_gaps=True`, or number the frames one after "
+                "another with `close_gaps=True`"
+            )
         )
 
     def _keep_gaps(self, step: int) -> None:
@@ -139,9 +143,10 @@ class FileSeries:
         lost = (last - first) // step + 1 - len(paths)
         if lost > MAX_MISSING_FRAMES or last > MAX_FRAME_NUMBER:
             raise FileAccessError(
-                f"{paths[0]}: {lost} frames are missing in steps of {step} up to {paths[-1].name}, "
-                f"expected at most {MAX_MISSING_FRAMES} and numbers up to {MAX_FRAME_NUMBER}; "
-                "number the frames one after another with `close_gaps=True`"
+                f"{paths[0]}: {lost} frames are missing in steps of {step} up to "
+                f"{paths[-1].name}, expected at most {MAX_MISSING_FRAMES} and numbers up to "
+                f"{MAX_FRAME_NUMBER}; "
+                + say("number the frames one after another with `close_gaps=True`")
             )
         series = [paths[0]]
         for k, (a, b) in enumerate(pairwise(self._numbers)):
@@ -160,8 +165,11 @@ def _check_whole_numbers(paths: tuple[Path, ...]) -> None:
     for path, stem in zip(paths, stems, strict=True):
         if re.fullmatch(r"(?:.*[._ ])?-\d+\D*", stem):
             raise SettingError(
-                f"{path}: has a negative frame number, expected 0 or more; number the files from "
-                "0 on, or take them in the order of their names with `close_gaps=True`"
+                f"{path}: has a negative frame number, expected 0 or more; "
+                + say(
+                    "number the files from 0 on, or take them in the order of their names "
+                    "with `close_gaps=True`"
+                )
             )
     number_and_part = r"((?:.*[._ -])?\d+)\.(\d+)"
     matches = {stem: match for stem in stems if (match := re.fullmatch(number_and_part, stem))}
@@ -170,9 +178,12 @@ def _check_whole_numbers(paths: tuple[Path, ...]) -> None:
         match = matches.get(stem)
         if match and (match[1] in stems or 1 < frames[match[1]] < len(matches)):
             raise SettingError(
-                f"{path}: is a subframe of {match[1]}, or of another series; frames have whole "
-                "numbers, so leave out such files, export USD or Alembic, or take them in the "
-                "order of their names with `close_gaps=True`"
+                f"{path}: is a subframe of {match[1]}, or of another series; "
+                + say(
+                    "frames have whole numbers, so leave out such files, export USD or "
+                    "Alembic, or take them in the order of their names with "
+                    "`close_gaps=True`"
+                )
             )
 
 

@@ -25,6 +25,7 @@ from cageik_cli.geometry.attributes import (
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError, error_context
 from cageik_cli.util.files import check_input, repeat_if_interrupted
+from cageik_cli.util.messages import Said
 
 MAX_ATTRIBUTE_VALUES = 16
 """Numbers in an attribute, such as a position or a matrix."""
@@ -38,7 +39,7 @@ _SUBDIVISION_PARTS = tuple(part.name for part in fields(Subdivision) if "scheme"
 
 
 def check_hdf5_suffix(
-    path: Path, remedy: str = "cageik export writes cages in other formats"
+    path: Path, remedy: Said = "cageik export writes cages in other formats"
 ) -> None:
     """Refuse to write HDF5 to a file with the suffix of another format.
 
@@ -50,7 +51,7 @@ def check_hdf5_suffix(
     if path.suffix.lower() not in HDF5_SUFFIXES:
         raise OutputError(
             f"{path}: the output is an HDF5 file, expected a name that ends in "
-            f"{' or '.join(HDF5_SUFFIXES)}; {remedy}"
+            f"{' or '.join(HDF5_SUFFIXES)}; " + remedy
         )
 
 

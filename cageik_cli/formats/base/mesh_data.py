@@ -18,6 +18,7 @@ from cageik_cli.geometry.attributes import (
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import ConnectivityError, FormatError
+from cageik_cli.util.messages import Note, say
 from cageik_cli.util.text import format_count
 
 
@@ -126,9 +127,9 @@ def check_not_points(vertex_count: int, face_count: int) -> None:
     """Refuse points without faces."""
     if vertex_count and not face_count:
         raise FormatError(
-            f"is a point cloud: {vertex_count} points and no faces, expected a mesh; reconstruct "
-            "its surface, or export the mesh with its faces; deform (`mesh=`) and pose take points "
-            "as .ply"
+            f"is a point cloud: {vertex_count} points and no faces, expected a mesh; "
+            "reconstruct its surface, or export the mesh with its faces; "
+            + say("deform (`mesh=`) and pose take points as .ply")
         )
 
 
@@ -140,8 +141,8 @@ class LoadedMesh:
     ----------
     source : dict
         `name` and `sha256` of the file; the name alone of a frame of the clip.
-    notes : tuple of str
-        What was changed, one sentence each.
+    notes : tuple of Note
+        What was changed.
     path : Path, optional
         The mesh file; None of a mesh that is in no file, or in one of many frames.
     scene : SceneHints
@@ -152,7 +153,7 @@ class LoadedMesh:
 
     mesh: TriMesh
     source: dict[str, str]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     path: Path | None = None
     scene: SceneHints = field(default_factory=SceneHints)
     is_welded: bool = False

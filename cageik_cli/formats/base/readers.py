@@ -38,6 +38,7 @@ from cageik_cli.util.errors import (
     error_context,
 )
 from cageik_cli.util.files import open_input, read_input
+from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.text import to_unicode
 
 MAX_CHUNK_BYTES = 1 << 25
@@ -116,8 +117,8 @@ class FrameFileReader(MeshSequence):
                 self._whole, request.member, request.settings.exclude
             )
         found = (*mesh.notes, *describe_folded(self._whole))
-        notes = (f"{self.names[0]}: {note}, as in all frames" for note in found)
-        self.notes = (*series.notes, *notes, *left_out)
+        notes = (Note(f"{text}, as in all frames", place=self.names[0]) for text in found)
+        self.notes = (*map(Note, series.notes), *notes, *map(Note, left_out))
         self._parse_alike = self.make_frame_parser(data, parsed)
 
     def read_positions(self, index: int) -> Floats:
@@ -219,7 +220,7 @@ class ClipFile(MeshSequence):
         with error_context(self.path):
             if rest is None:
                 raise SettingError(
-                    "holds positions but no faces; give a mesh with the faces by `rest=`"
+                    say("holds positions but no faces; give a mesh with the faces by `rest=`")
                 )
             if vertex_count != len(rest.mesh.vertices):
                 raise ConnectivityError(
@@ -306,14 +307,14 @@ class ArrayClip:
         The rest pose's if absent.
     scene : SceneHints
         Scene settings that the file gives for all its frames.
-    notes : tuple of str
+    notes : tuple of str or Text
         What is unusual in it, one sentence each.
     """
 
     frames: ChunkedFrames
     faces: np.ndarray | None = None
     scene: SceneHints = field(default_factory=SceneHints)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Said, ...] = ()
 
 
 class ArrayClipFile(ClipFile):
@@ -325,7 +326,8 @@ class ArrayClipFile(ClipFile):
             clip = self.open_clip(request)
             self.set_frames(request, clip.frames.frame_count, clip.scene)
         self._frames = clip.frames
-        self.notes = tuple(f"{to_unicode(self.path.name)}: {note}" for note in clip.notes)
+        name = to_unicode(self.path.name)
+        self.notes = tuple(Note(text, place=name) for text in clip.notes)
         if clip.faces is None:
             self.use_rest_faces(request, clip.frames.vertex_count)
             return
@@ -343,7 +345,7 @@ class ArrayClipFile(ClipFile):
         """
 
     @classmethod
-    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
+    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, Said]]:
         """Describe a file that has no faces."""
         path = request.path
         with error_context(path):
@@ -351,7 +353,7 @@ class ArrayClipFile(ClipFile):
         if clip.faces is not None:
             return []
         return [
-            ("holds", "positions without faces, which cageik extract takes from `rest=`"),
+            ("holds", say("positions without faces, which cageik extract takes from `rest=`")),
             ("frames", str(clip.frames.frame_count)),
             ("vertices", str(clip.frames.vertex_count)),
             *([("scene", clip.scene.description)] if clip.scene.description else []),

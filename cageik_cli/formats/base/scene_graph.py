@@ -32,6 +32,7 @@ from cageik_cli.util.errors import (
     join_truncated,
 )
 from cageik_cli.util.files import mark_file
+from cageik_cli.util.messages import Note, Said
 from cageik_cli.util.trial import trials
 
 Polygons = tuple[Integers, Integers]
@@ -141,7 +142,7 @@ class SceneReader(ClipFile):
         """Refuse a file, or a missing library, before the library opens the file."""
 
     @abstractmethod
-    def guard(self) -> AbstractContextManager[list[str]]:
+    def guard(self) -> AbstractContextManager[list[Said]]:
         """Turn what the library raises inside into a LibraryError; yield warnings at the end."""
 
     @abstractmethod
@@ -213,7 +214,7 @@ class SceneReader(ClipFile):
                     raise FormatError(fault)
             with self.guard() as warnings, trials.silence():
                 notes = self._open_clip(path, request)
-        self.notes = tuple(f"{path.name}: {note}" for note in (*notes, *warnings))
+        self.notes = tuple(Note(text, place=path.name) for text in (*notes, *warnings))
 
     def read_positions(self, index: int) -> Floats:
         """Read the vertices of one frame."""
@@ -232,7 +233,7 @@ class SceneReader(ClipFile):
                     )
             return np.concatenate(points)
 
-    def _open_clip(self, path: Path, request: ClipRequest) -> list[str]:
+    def _open_clip(self, path: Path, request: ClipRequest) -> list[Said]:
         """Find the meshes and their frames; return notes on what was changed."""
         found, hidden = self.list_meshes(path)
         top = self.find_top(request.member)
@@ -253,7 +254,7 @@ class SceneReader(ClipFile):
         self.first = self._read_first(request, notes)
         return notes
 
-    def _read_first(self, request: ClipRequest, notes: list[str]) -> TriMesh:
+    def _read_first(self, request: ClipRequest, notes: list[Said]) -> TriMesh:
         """Read the meshes of the first frame as parts of one, and note what was changed."""
         time, polygons = self._times[0], 0
         meshes, transforms = [], []

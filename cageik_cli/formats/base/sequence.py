@@ -25,6 +25,7 @@ from cageik_cli.util.errors import (
     error_context,
     join_truncated,
 )
+from cageik_cli.util.messages import Note, Said, say
 from cageik_cli.util.threads import OrderedMap
 
 
@@ -100,7 +101,7 @@ class MeshSequence(ABC):
         Scene settings in the files, and the frame numbers in their names.
     missing : frozenset of int
         Frames that have no file, because gaps between the numbers of files are kept.
-    notes : tuple of str
+    notes : tuple of Note
         What was changed in the frames, one sentence each.
     takes_missing : bool
         Whether vertices that are not numbers are missing; otherwise their frames are refused.
@@ -125,7 +126,7 @@ class MeshSequence(ABC):
     first: TriMesh
     scene: SceneHints = SceneHints()
     missing: frozenset[int] = frozenset()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     takes_missing: bool = False
     needs_rest: bool = False
 
@@ -134,7 +135,7 @@ class MeshSequence(ABC):
         """Open the clip."""
 
     @classmethod
-    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
+    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, Said]]:
         """Describe files that are not a clip by themselves, in labelled lines; empty for a clip."""
         return []
 
@@ -266,7 +267,7 @@ def _validate_frame(positions: np.ndarray, takes_missing: bool) -> Floats:
     except FormatError as error:
         if np.isnan(positions).any() and not np.isinf(positions).any():
             raise FormatError(
-                f"{error}, or take them as missing with `missing=True` of cageik extract"
+                error.text + say(", or take them as missing with `missing=True` of cageik extract")
             ) from error
         raise
 

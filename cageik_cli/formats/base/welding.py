@@ -9,6 +9,7 @@ from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import ConnectivityError
+from cageik_cli.util.messages import say
 from cageik_cli.util.text import format_count
 
 ROUNDING = float(np.finfo(np.float32).eps)
@@ -97,11 +98,14 @@ class CornerMap:
         first = int(self._first_corners[vertex])
         here, there = ("({:g}, {:g}, {:g})".format(*corners[k]) for k in (first, corner))
         raise ConnectivityError(
-            f"triangles {first // 3} and {corner // 3} (counted from 0) share vertex {vertex} of "
-            f"the rest pose, but have it at {here} and {there} ({format_count(count, 'corner')} "
-            "differ so); all frames must have the triangles in one order, and the format has no "
-            "vertices, only corners: export the frames as .obj or .ply, or give the mesh whose "
-            "triangles they are by `rest=`, as .obj or .ply"
+            f"triangles {first // 3} and {corner // 3} (counted from 0) share vertex "
+            f"{vertex} of the rest pose, but have it at {here} and {there} "
+            f"({format_count(count, 'corner')} differ so); all frames must have the "
+            "triangles in one order, and the format has no vertices, only corners: "
+            + say(
+                "export the frames as .obj or .ply, or give the mesh whose triangles they "
+                "are by `rest=`, as .obj or .ply"
+            )
         )
 
 

@@ -17,6 +17,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import Part, split_parts
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError
+from cageik_cli.util.messages import Hint, Said
 from cageik_cli.util.text import number_names
 
 
@@ -124,7 +125,7 @@ class AnimationWriter(ABC):
         transform stays.
     states_unit : bool
         Whether it says how long a unit is, which programs then follow.
-    notes : tuple of str
+    notes : tuple of str or Text
         What a user must know about the output, one sentence each.
     """
 
@@ -134,7 +135,7 @@ class AnimationWriter(ABC):
     keeps_parts: bool = False
     is_in_part_space: bool = False
     states_unit: bool = False
-    notes: tuple[str, ...] = ()
+    notes: tuple[Said, ...] = ()
 
     @classmethod  # noqa: B027  # most need no other library
     def require_libraries(cls) -> None:
@@ -183,8 +184,8 @@ class FrameFileWriter(AnimationWriter):
         ):
             if number < 0 or number != int(number):
                 raise SettingError(
-                    f"the {name} is {number:.10g}, expected a whole number from 0 on, since files "
-                    f"are named by frame numbers; give one with `{parameter}=`"
+                    f"the {name} is {number:.10g}, expected a whole number from 0 on, since "
+                    "files are named by frame numbers; give one with " + Hint(parameter)
                 )
         self._folder, self._names = target.parent, names
         self._next_number, self._step = int(start), int(step)

@@ -13,6 +13,7 @@ from cageik_cli.formats.settings import GLTF_RATE_KEY, SceneHints
 from cageik_cli.formats.timeline import MAX_TIMELINE_NUMBER
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError
+from cageik_cli.util.messages import Hint, Said, say
 
 DEFAULT_SAMPLING_RATE = 24.0
 """Frames per second at which animations are sampled, as glTF states none."""
@@ -112,7 +113,7 @@ class Animation:
 
     Attributes
     ----------
-    notes : list of str
+    notes : list of str or Text
         What is not read.
     """
 
@@ -129,7 +130,7 @@ class Animation:
         self._document, self._tree, self._target_counts = document, tree, target_counts
         self._item = item
         self._samplers: dict[tuple[int, str], Sampler] = {}
-        self.notes: list[str] = []
+        self.notes: list[Said] = []
         self._read: dict[tuple[int, str, int], Sampler] = {}
         others: set[str] = set()
         channels = [] if item is None else item.list_items("channels")
@@ -196,7 +197,8 @@ class Animation:
         if count > MAX_SAMPLED_TIMES:
             raise SettingError(
                 f"its keys are from {first:g} to {last:g} s, which is {span:.0f} frames at "
-                f"{rate:g} per second, expected at most {MAX_SAMPLED_TIMES}; give a lower `fps=`"
+                f"{rate:g} per second, expected at most {MAX_SAMPLED_TIMES}; "
+                + say("give a lower `fps=`")
             )
         if fps is None:
             self._note_other_rate(np.unique(np.concatenate(keys)), rate / step)
@@ -210,8 +212,9 @@ class Animation:
         rate = 0.0 if step is None else round(1 / step, 3)
         if rate and abs(fps / rate - round(fps / rate)) > KEY_TOL:
             self.notes.append(
-                f"its keys are {rate:g} per second, and it is sampled at {fps:g}; `fps={rate:g}` "
-                "takes the keys as they are"
+                f"its keys are {rate:g} per second, and it is sampled at {fps:g}; "
+                + Hint("fps", f"{rate:g}")
+                + " takes the keys as they are"
             )
 
     def _add_channel(self, channel: Item, node: int, path: str) -> None:

@@ -19,6 +19,7 @@ from cageik_cli.geometry.parts import Part
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import OutputError, require_optional
 from cageik_cli.util.files import set_size
+from cageik_cli.util.messages import Text, say
 from cageik_cli.util.version import __version__
 
 MAX_GLB_BYTES = 2**32 - 1
@@ -223,11 +224,10 @@ def read_rounded(values: NDArray[Any]) -> Floats:
     return np.asarray(values.astype(np.float64) / size)
 
 
-def describe_excess(size: int) -> str:
+def describe_excess(size: int) -> Text:
     """Return the message of a file of `size` bytes, which is too large."""
-    return (
-        f"it would take {size / 2**30:.1f} GiB, and a .glb holds less than 4 GiB; give a "
-        "lower `count=`, or fewer frames, or write .usdc or .abc"
+    return f"it would take {size / 2**30:.1f} GiB, and a .glb holds less than 4 GiB; " + say(
+        "give a lower `count=`, or fewer frames, or write .usdc or .abc"
     )
 
 

@@ -21,6 +21,7 @@ from cageik_cli.formats.gltf.file import (
 from cageik_cli.formats.gltf.surface import Primitive, cut_surface
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import OutputError
+from cageik_cli.util.messages import say
 from cageik_cli.util.text import format_count
 from cageik_cli.util.threads import limit_blas_threads
 
@@ -231,8 +232,9 @@ class Writer(GlbWriter):
         if settings.tolerance is not None and largest > settings.tolerance:
             raise OutputError(
                 f"{text} leave a largest error of {largest:.2g} % of the diagonal, above the "
-                f"tolerance of {settings.tolerance:g} %; give a higher `tolerance=`"
-                + ("" if settings.count is None else " or a higher `count=`")
+                f"tolerance of {settings.tolerance:g} %; "
+                + say("give a higher `tolerance=`")
+                + ("" if settings.count is None else say(" or a higher `count=`"))
                 + ", or write .usdc, .abc or .pc2"
             )
         quality = f"error: rms {rms:.2g}, largest {largest:.2g} % of the diagonal"

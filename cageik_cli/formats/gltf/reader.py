@@ -19,6 +19,7 @@ from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context, join_truncated
+from cageik_cli.util.messages import Said
 from cageik_cli.util.text import number_names
 
 
@@ -29,7 +30,7 @@ class Reader(SceneReader):
 
     def __init__(self, request: ClipRequest) -> None:
         self._member, self._fps = request.member, request.settings.fps
-        self._warnings: list[str] = []
+        self._warnings: list[Said] = []
         super().__init__(request)
         self._reading += (self._fps,)
 
@@ -40,7 +41,7 @@ class Reader(SceneReader):
         return names if len(names) > 1 else []
 
     @classmethod
-    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
+    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, Said]]:
         """List the animations of a file that has several, if none of them is requested."""
         path = request.path
         with error_context(path):
@@ -54,7 +55,7 @@ class Reader(SceneReader):
         """Check nothing, as opening the document does."""
 
     @contextmanager
-    def guard(self) -> Iterator[list[str]]:
+    def guard(self) -> Iterator[list[Said]]:
         """Leave values that are not finite to the checks of frames."""
         with np.errstate(all="ignore"):
             yield self._warnings

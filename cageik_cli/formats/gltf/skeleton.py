@@ -30,6 +30,7 @@ from cageik_cli.formats.gltf.surface import cut_surface
 from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import OutputError
+from cageik_cli.util.messages import Hint, say
 from cageik_cli.util.text import format_count
 
 if TYPE_CHECKING:
@@ -102,16 +103,16 @@ class SkeletonWriter(GlbWriter):
         count = skin.weights.joints.shape[1]
         if count > MAX_INFLUENCES:
             raise OutputError(
-                f"up to {count} joints move a vertex, and programs read at most {MAX_INFLUENCES} "
-                "from .glb; give `influences=4`, or 8"
+                f"up to {count} joints move a vertex, and programs read at most "
+                f"{MAX_INFLUENCES} from .glb; " + say("give `influences=4`, or 8")
             )
         super().__init__(target, animation)
         skin = replace(skin, rest=skin.rest.move(skin.rest.vertices - np.array(animation.origin)))
         self._skin, self._tolerance, self._is_quantized = skin, tolerance, is_quantized
         if count > SET_SIZE:
             self.notes += (
-                f"three.js and other viewers read {SET_SIZE} joints per vertex, and leave out the "
-                f"weaker ones; `influences={SET_SIZE}` is fitted to that",
+                f"three.js and other viewers read {SET_SIZE} joints per vertex, and leave "
+                "out the weaker ones; " + Hint("influences", SET_SIZE) + " is fitted to that",
             )
         self._vertices: NDArray[np.float32] = to_float32(skin.rest.vertices)
         self._skeleton = Skeleton(
@@ -171,9 +172,10 @@ class SkeletonWriter(GlbWriter):
             limit = self._tolerance / 100 * self._skin.rest.diagonal
             if largest > limit:
                 raise OutputError(
-                    f"rounding to 16 bits moves vertices by up to {self._format_percent(largest)}, "
-                    f"more than `tolerance={self._tolerance:g}`; leave out `quantize=True`, or "
-                    "give a larger tolerance"
+                    "rounding to 16 bits moves vertices by up to "
+                    f"{self._format_percent(largest)}, more than "
+                    + Hint("tolerance", f"{self._tolerance:g}")
+                    + say("; leave out `quantize=True`, or give a larger tolerance")
                 )
             tracks = self._reduce_tracks(exact, written, limit)
         if tracks is not None:

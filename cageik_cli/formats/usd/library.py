@@ -9,6 +9,7 @@ from typing import Any
 
 from cageik_cli.util.errors import FormatError, error_context, require_optional
 from cageik_cli.util.files import check_input, open_input
+from cageik_cli.util.messages import Said
 from cageik_cli.util.trial import trials
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -33,14 +34,14 @@ def require_usd(purpose: str) -> None:
 
 
 @contextmanager
-def capture_diagnostics(make_error: Callable[[str], Exception]) -> Iterator[list[str]]:
+def capture_diagnostics(make_error: Callable[[str], Exception]) -> Iterator[list[Said]]:
     """Yield a list that gets the warnings of USD when the block ends.
 
     An error that USD raises in the block is converted by `make_error`.
     """
     from pxr import Tf
 
-    warnings: list[str] = []
+    warnings: list[Said] = []
     with Tf.DiagnosticTrap() as trap:
         try:
             yield warnings

@@ -40,6 +40,7 @@ from cageik_cli.geometry.attributes import (
 )
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.messages import Said
 from cageik_cli.util.text import format_count, single_line
 
 MAX_TIME_CODES = 100_000
@@ -64,7 +65,7 @@ class Reader(SceneReader):
         """Refuse what cannot be read without usd-core, which opens the layers itself."""
         require_usd(f"reading {path.suffix.lower()}")
 
-    def guard(self) -> AbstractContextManager[list[str]]:
+    def guard(self) -> AbstractContextManager[list[Said]]:
         """Convert errors, and collect warnings."""
         return capture_diagnostics(
             lambda cause: LibraryError(f"is not a sound USD file ({cause}); export it again")

@@ -17,6 +17,7 @@ from cageik_cli.method.points.oriented import Oriented, count_map_faults
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats, allocate_floats
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.messages import say
 from cageik_cli.util.progress import ignore_progress
 
 MAX_MOVED_POINTS = 4096
@@ -69,8 +70,8 @@ class PointMotion:
     ) -> None:
         if binding.settings.coordinates != "harmonic":
             raise SettingError(
-                f"splats need gradients of weights, which {binding.settings.coordinates} weights "
-                "do not have here; use `coordinates=harmonic`"
+                f"splats need gradients of weights, which {binding.settings.coordinates} "
+                "weights do not have here; " + say("use `coordinates=harmonic`")
             )
         self._oriented = oriented
         count, n = binding.weights.shape

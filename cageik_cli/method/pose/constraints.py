@@ -18,6 +18,7 @@ from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positio
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, join_truncated
+from cageik_cli.util.messages import say
 
 MAX_ASYMMETRY = 1e-3
 """Largest distance of a vertex from its partner's mirror image, in diagonals of the cage."""
@@ -60,8 +61,10 @@ def require_mirror(cage: TriMesh) -> Mirror:
     mirror = find_mirror(cage.vertices, MAX_ASYMMETRY)
     if mirror is None:
         raise HandlesError(
-            "the cage is not its own mirror image, which `mirror=True` needs; leave that out, or "
-            "build a cage that is, with `symmetric=auto`"
+            say(
+                "the cage is not its own mirror image, which `mirror=True` needs; leave "
+                "that out, or build a cage that is, with `symmetric=auto`"
+            )
         )
     return mirror
 

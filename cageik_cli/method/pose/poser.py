@@ -27,6 +27,7 @@ from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, NumericalError
+from cageik_cli.util.messages import Said, say
 from cageik_cli.util.text import format_count
 
 
@@ -239,8 +240,8 @@ def _check_independent(response: Response, anchors: tuple[Anchor, ...]) -> None:
     found, limit = (number.replace("e+", "e") for number in numbers)
     if len(names) == 1:
         what = f"anchor {names[0]} cannot be met"
-        remedy = "make it soft, or unlock cage vertices near it"
+        remedy: Said = "make it soft, or unlock cage vertices near it"
     else:
         what = f"anchors {', '.join(names[:-1])} and {names[-1]} conflict"
-        remedy = "remove one, make it soft, or raise `alpha=`"
-    raise NumericalError(f"{what} (condition number {found}, limit {limit}): {remedy}")
+        remedy = say("remove one, make it soft, or raise `alpha=`")
+    raise NumericalError(f"{what} (condition number {found}, limit {limit}): " + remedy)

@@ -26,6 +26,7 @@ from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
 from cageik_cli.method.weights.binding import Binding, WeightQuality, measure_offsets
 from cageik_cli.util.arrays import Floats, Integers, Workspace
 from cageik_cli.util.errors import NumericalError
+from cageik_cli.util.messages import Text, say
 
 MAX_CONDITION = 1e12
 """Normal matrices with a larger condition number are refused."""
@@ -234,20 +235,27 @@ class DualLaplacianSolver:
             )
         return condition
 
-    def _find_remedy(self, data: Floats) -> str:
+    def _find_remedy(self, data: Floats) -> Text:
         """Say what makes a singular system regular."""
         n = len(data)
         if not data.any():
-            return "raise `beta=` above 0: without vertices the position of the cage is undefined"
+            return say(
+                "raise `beta=` above 0: without vertices the position of the cage is undefined"
+            )
         if np.trace(self.smoothness) > np.trace(data):
-            return "lower `alpha=`, whose default is 1e-3: the Laplacian outweighs the vertices"
+            return say(
+                "lower `alpha=`, whose default is 1e-3: the Laplacian outweighs the vertices"
+            )
         if self.data_count < n:
             return (
-                f"{self.data_count} vertices that are data cannot determine {n} cage vertices: "
-                f"raise `alpha=`, whose default is 1e-3, or take a cage of at most "
-                f"{self.data_count} vertices"
+                f"{self.data_count} vertices that are data cannot determine {n} cage "
+                "vertices: "
+                + say("raise `alpha=`, whose default is 1e-3, or take a cage of at most ")
+                + f"{self.data_count} vertices"
             )
-        return "raise `alpha=`, whose default is 1e-3, or remove cage vertices far from the model"
+        return say(
+            "raise `alpha=`, whose default is 1e-3, or remove cage vertices far from the model"
+        )
 
     def weigh_data(self, weights: Floats, rows: Integers | None = None) -> Floats:
         """Return (β/m) Σ_j weights_j H_jᵀ H_j, (n, n), over all vertices, or those of `rows`.

@@ -11,6 +11,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import frames_to_columns, place_columns
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.messages import Note
 from cageik_cli.util.threads import OrderedMap
 
 ALGORITHM_VERSIONS = {"harmonic": 10, "mean-value": 4}
@@ -134,7 +135,7 @@ class Binding:
         H; each row sums to one.
     projected : int
         As in `WeightQuality`.
-    notes : tuple of str
+    notes : tuple of Note
         Changes of the cage, and warnings about the weights, one sentence each.
     has_offsets : bool
         Whether `weights @ cage.vertices` is not the rest pose, as of weights with few influences.
@@ -159,7 +160,7 @@ class Binding:
     panels: int = 0
     estimated_error: float = 0.0
     projected: int = 0
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     has_offsets: bool = False
 
     def __repr__(self) -> str:

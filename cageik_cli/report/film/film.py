@@ -43,6 +43,7 @@ from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, downsample, pars
 from cageik_cli.store.result import Result, load_binding, read_cages, read_rotations
 from cageik_cli.util.arrays import Floats, Integers, count_frames, spread_evenly
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.messages import say
 from cageik_cli.util.outputs import atomic_file
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import OrderedMap, count_processors
@@ -110,9 +111,9 @@ class FilmPlan:
         fps = result.scene.fps
         if seconds is None and len(result.frames) > MAX_FILM_SECONDS * fps:
             raise SettingError(
-                f"{result.path}: plays {len(result.frames) / fps:.0f} s, which is too long for a "
-                f"film (expected at most {MAX_FILM_SECONDS:g} s); give its first seconds with "
-                "`film_seconds=`"
+                f"{result.path}: plays {len(result.frames) / fps:.0f} s, which is too long "
+                f"for a film (expected at most {MAX_FILM_SECONDS:g} s); "
+                + say("give its first seconds with `film_seconds=`")
             )
         shown = len(result.frames)
         if seconds is not None:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.messages import Hint
 from cageik_cli.util.settings import HelpGroup, check_settings, declare_setting
 
 MIN_FILM_SIDE, MAX_FILM_SIDE = 64, 1920
@@ -76,7 +77,8 @@ class FilmSettings:
         width, height = self.film_size
         if not all(MIN_FILM_SIDE <= side <= MAX_FILM_SIDE for side in self.film_size):
             raise SettingError(
-                f"`film_size={width}x{height}`: a side is out of range (expected {MIN_FILM_SIDE} "
+                Hint("film_size", f"{width}x{height}")
+                + f": a side is out of range (expected {MIN_FILM_SIDE} "
                 f"to {MAX_FILM_SIDE} pixels); choose another size"
             )
         check_settings(self)

@@ -43,6 +43,7 @@ from cageik_cli.report.views.front import find_worst_frame, format_front, list_v
 from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary
 from cageik_cli.store.result import Result
 from cageik_cli.util.files import open_input
+from cageik_cli.util.messages import Hint, Spelling, spell, spell_keyword
 from cageik_cli.util.text import format_count
 
 SECTIONS = (
@@ -73,7 +74,7 @@ def render_page(
     shapes: FitShapes | None = None,
     *,
     player: PlayerPart | None = None,
-    word: Callable[[str], str] = str,
+    spelling: Spelling = spell_keyword,
     pixels: int = 360,
 ) -> str:
     """Render the page of a report; the same text for the same arguments.
@@ -86,8 +87,8 @@ def render_page(
         None for a result that does not hold the weights before a fit.
     player : PlayerPart, optional
         None for a page without a player.
-    word : callable
-        Puts parameters that the page names into the words of its reader, as in `build_report`.
+    spelling : callable
+        Writes the settings that the page names, as in `build_report`.
     pixels : int
         Width and height of each picture.
     """
@@ -121,9 +122,9 @@ def render_page(
         parts=sort_parts(report.parts),
         vertex_label=lambda vertex: label_vertex(report.parts, vertex),
         vertex_place=lambda vertex: place_vertex(report.parts, vertex),
-        regions=_build_region_values(report, word),
+        regions=_build_region_values(report, spelling),
         histogram=_build_histogram_values(report.vertices),
-        quality=build_quality_rows(report, word),
+        quality=build_quality_rows(report, spelling),
         settings=[
             (name, _format_value(value), SETTING_MEANINGS.get(name, ""))
             for name, value in report.settings.items()
@@ -179,7 +180,7 @@ def _make_record_mark(digest: str, has_pictures: bool, has_player: bool) -> str:
     return digest + "".join(parts)
 
 
-def _build_region_values(report: Report, word: Callable[[str], str]) -> dict[str, Any]:
+def _build_region_values(report: Report, spelling: Spelling) -> dict[str, Any]:
     """Collect the rows of the table of worst regions, and what to do about them."""
     return {
         "why": explain_regions(report.summary),
@@ -197,7 +198,8 @@ def _build_region_values(report: Report, word: Callable[[str], str]) -> dict[str
             for region in report.regions or ()
         ],
         "remedies": [
-            word(text) for text in list_remedies(report.regions or (), report.fit is not None)
+            spell(text, spelling)
+            for text in list_remedies(report.regions or (), report.fit is not None)
         ],
     }
 
@@ -206,17 +208,17 @@ def render_result_page(
     result: Result,
     report: Report,
     player: PlayerPart | None = None,
-    word: Callable[[str], str] = str,
+    spelling: Spelling = spell_keyword,
 ) -> str:
     """Render the page of a result and its report, with pictures if it has weights.
 
-    `player` and `word` are as in `render_page`.
+    `player` and `spelling` are as in `render_page`.
     """
     poses = load_poses(result)
     if poses is None:
-        return render_page(report, player=player, word=word)
+        return render_page(report, player=player, spelling=spelling)
     shapes = load_fit_shapes(result, poses)
-    return render_page(report, poses, shapes, player=player, word=word)
+    return render_page(report, poses, shapes, player=player, spelling=spelling)
 
 
 def _build_limit_row(check: LimitCheck, words: Vocabulary) -> dict[str, Any]:
@@ -354,10 +356,10 @@ def format_cells(frame: FrameRecord, columns: Sequence[Column]) -> list[str]:
     ]
 
 
-def build_quality_rows(report: Report, word: Callable[[str], str] = str) -> list[WeightRow]:
+def build_quality_rows(report: Report, spelling: Spelling = spell_keyword) -> list[WeightRow]:
     """Build the rows on a report's weights, then the one on its system.
 
-    `word` puts parameters that they name into the words of the reader.
+    Settings that they name are written as `spelling` does.
     """
     quality, settings = report.binding, report.settings
     kind = "fitted" if report.fit is not None else settings.get("coordinates")
@@ -378,7 +380,7 @@ def build_quality_rows(report: Report, word: Callable[[str], str] = str) -> list
         ),
         *([] if report.has_offsets else [rest_pose_row]),
         _smallest_weight_row(quality, kind),
-        *_accuracy_rows(quality, str(settings.get("accuracy")), word),
+        *_accuracy_rows(quality, str(settings.get("accuracy")), spelling),
         (
             "Projected vertices",
             str(quality.projected),
@@ -416,7 +418,7 @@ def _smallest_weight_row(quality: WeightQuality, kind: object) -> WeightRow:
 
 
 def _accuracy_rows(
-    quality: WeightQuality, accuracy_name: str, word: Callable[[str], str]
+    quality: WeightQuality, accuracy_name: str, spelling: Spelling
 ) -> list[WeightRow]:
     """Build the rows on the error of the weights and on the panels used to compute them."""
     if not quality.panels:
@@ -427,7 +429,7 @@ def _accuracy_rows(
             "Estimated weight error",
             f"{quality.estimated_error:.1e}",
             "Mean over the vertices of the L1 distance between a vertex's weights and exact ones.",
-            word(f"{accuracy.tolerance:g} or less (`accuracy={accuracy_name}`)")
+            f"{accuracy.tolerance:g} or less ({spelling(Hint('accuracy', accuracy_name))})"
             if accuracy
             else "",
         ),

@@ -1,7 +1,6 @@
 """A cage that was built, repaired or checked, as text and as JSON."""
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +16,7 @@ from cageik_cli.geometry.parts import get_parts, name_vertex
 from cageik_cli.report.figures import convert_to_integer
 from cageik_cli.report.marks import FaultMark, list_marks
 from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
+from cageik_cli.util.messages import Note, Row, Spelling, spell, spell_keyword
 from cageik_cli.util.settings import show_settings
 from cageik_cli.util.text import format_block, format_count, format_row
 from cageik_cli.util.version import __version__
@@ -50,7 +50,7 @@ class CageResult:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return what was changed in reading, one sentence each."""
-        return tuple(f"{self.model.source['name']}: {note}" for note in self.model.notes)
+        return tuple(str(note.at(self.model.source["name"])) for note in self.model.notes)
 
 
 def format_cage_record(record: dict[str, Any]) -> str:
@@ -59,10 +59,10 @@ def format_cage_record(record: dict[str, Any]) -> str:
     return json.dumps(head | record, indent=1, allow_nan=False) + "\n"
 
 
-def list_cage_rows(result: CageResult, is_detailed: bool = False) -> list[tuple[str, str]]:
+def list_cage_rows(result: CageResult, is_detailed: bool = False) -> list[Row]:
     """Return the facts of the cage and the warnings; the candidates, too, if asked."""
     built, verdict = result.built, result.built.chosen.verdict
-    rows = [
+    rows: list[Row] = [
         ("model", f"{result.model.source['name']}: {_count(result.model.mesh)}"),
         ("cage", f"{_count(built.cage)}, genus {verdict.genus}{_describe_symmetry(built)}"),
         ("clearance", _format_clearance(built.chosen)),
@@ -172,13 +172,13 @@ def _describe_candidate(candidate: "Candidate") -> str:
     return facts if candidate.error is None else f"{facts}, error {candidate.error:.4f} %"
 
 
-def list_repair_rows(repaired: "RepairedCage", diagonal: float) -> list[tuple[str, str]]:
+def list_repair_rows(repaired: "RepairedCage", diagonal: float) -> list[Row]:
     """Return what was done, step by step, and how far vertices moved.
 
     `diagonal` is that of the model, in file units.
     """
     count, corners = len(repaired.mesh.vertices), repaired.mesh.corner_counts
-    rows = [("cage", f"fit, {count} vertices, {len(corners)} faces")]
+    rows: list[Row] = [("cage", f"fit, {count} vertices, {len(corners)} faces")]
     if repaired.transform is not None:
         rows.append(("transform", repaired.transform.name))
     rows += [("step", step.message) for step in repaired.steps]
@@ -206,7 +206,7 @@ def format_repair_json(repaired: "RepairedCage", diagonal: float) -> str:
             "steps": [
                 asdict(step) | {"vertices": step.vertices.tolist()} for step in repaired.steps
             ],
-            "warnings": [finding.sentence for finding in repaired.warnings],
+            "warnings": [spell(finding.sentence) for finding in repaired.warnings],
         }
     )
 
@@ -236,10 +236,11 @@ class CheckResult:
         """Return the faults that have a place, numbered as in pictures."""
         return list_marks(self.diagnosis.findings, self.cage.mesh, self.rest_mesh)
 
-    def list_notes(self, word: Callable[[str], str] = str) -> list[str]:
-        """Return what was changed in reading, one sentence each, behind the name of the file."""
+    @property
+    def notes(self) -> list[Note]:
+        """Return what was changed in reading, behind the name of the file."""
         loaded = [mesh for mesh in (self.cage, self.rest) if mesh is not None]
-        return [f"{mesh.source['name']}: {word(note)}" for mesh in loaded for note in mesh.notes]
+        return [note.at(mesh.source["name"]) for mesh in loaded for note in mesh.notes]
 
 
 def format_check_text(result: CheckResult) -> str:
@@ -252,7 +253,7 @@ def format_check_headline(result: CheckResult) -> str:
     return f"{result.cage.source['name']}: {_format_verdict(result.diagnosis)}"
 
 
-def list_brief_check_rows(result: CheckResult) -> list[tuple[str, str]]:
+def list_brief_check_rows(result: CheckResult) -> list[Row]:
     """Return the worst fault and its repair, other faults, facts, and what else was found."""
     rows = list_check_rows(result)
     faults = [row for row in rows if row[0] == "unfit"]
@@ -260,14 +261,14 @@ def list_brief_check_rows(result: CheckResult) -> list[tuple[str, str]]:
     return [*faults[:1], *repair, *faults[1:], *(row for row in rows if row not in faults + repair)]
 
 
-def list_check_rows(result: CheckResult) -> list[tuple[str, str]]:
+def list_check_rows(result: CheckResult) -> list[Row]:
     """Return the facts and the findings, the worst first."""
     diagnosis = result.diagnosis
     rows = _cage_rows(diagnosis.cage)
     if result.rest is not None and diagnosis.rest is not None:
         rows += _rest_rows(result.rest, diagnosis.rest)
     rows += [(finding.severity, finding.sentence) for finding in diagnosis.findings]
-    rows += [("note", note) for note in result.list_notes()]
+    rows += [note.row for note in result.notes]
     if result.repair_command is not None:
         rows.append(("to repair", result.repair_command))
     return rows
@@ -288,10 +289,10 @@ def _format_verdict(diagnosis: Diagnosis) -> str:
     return f"{word}, {format_count(count, 'warning')}"
 
 
-def format_check_json(result: CheckResult, word: Callable[[str], str] = str) -> str:
+def format_check_json(result: CheckResult, spelling: Spelling = spell_keyword) -> str:
     """Return the whole record; a finding has all its numbers.
 
-    `word` puts parameters that remedies and notes name into the words of the reader.
+    Settings that remedies and notes name are written as `spelling` does.
     """
     diagnosis = result.diagnosis
     return format_cage_record(
@@ -299,11 +300,11 @@ def format_check_json(result: CheckResult, word: Callable[[str], str] = str) -> 
             "verdict": diagnosis.verdict,
             "cage": result.cage.source | asdict(diagnosis.cage),
             "rest": _rest_record(result),
-            "notes": result.list_notes(word),
+            "notes": [str(note.spell(spelling)) for note in result.notes],
             "repair_command": result.repair_command,
             "findings": [
                 asdict(finding)
-                | {"remedy": word(finding.remedy), "numbers": finding.numbers.tolist()}
+                | {"remedy": spell(finding.remedy, spelling), "numbers": finding.numbers.tolist()}
                 for finding in diagnosis.findings
             ],
         }
@@ -316,7 +317,7 @@ def _rest_record(result: CheckResult) -> dict[str, Any] | None:
     return result.rest.source | asdict(result.diagnosis.rest)
 
 
-def _cage_rows(facts: CageFacts) -> list[tuple[str, str]]:
+def _cage_rows(facts: CageFacts) -> list[Row]:
     surface = (
         f"{facts.vertices} vertices, {facts.faces} triangles, "
         f"{format_count(facts.components, 'component')}"
@@ -325,7 +326,7 @@ def _cage_rows(facts: CageFacts) -> list[tuple[str, str]]:
         surface += f", genus {facts.genus}"
     if facts.symmetry is not None:
         surface += f", symmetric about {facts.symmetry}"
-    rows = [
+    rows: list[Row] = [
         ("cage", surface),
         ("volume", "not defined" if facts.volume is None else f"{facts.volume:.6g}"),
     ]
@@ -335,12 +336,12 @@ def _cage_rows(facts: CageFacts) -> list[tuple[str, str]]:
     return rows
 
 
-def _rest_rows(rest: LoadedMesh, facts: RestFacts) -> list[tuple[str, str]]:
+def _rest_rows(rest: LoadedMesh, facts: RestFacts) -> list[Row]:
     counts = f"{facts.vertices} vertices, {facts.faces} triangles, diagonal {facts.diagonal:.6g}"
     parts = get_parts(rest.mesh)
     if parts is not None:
         counts += f", {len(parts.names)} parts"
-    rows = [("rest pose", f"{rest.source['name']}: {counts}")]
+    rows: list[Row] = [("rest pose", f"{rest.source['name']}: {counts}")]
     if facts.outside is None:
         rows.append(("clearance", "not defined (the cage does not enclose a volume)"))
     elif facts.outside:

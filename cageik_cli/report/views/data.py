@@ -23,7 +23,10 @@ def format_json(reports: Sequence[Report]) -> str:
     """Format the record as JSON, several records as a list; metrics not defined are null."""
     records = [asdict(report) for report in reports]
     return (
-        json.dumps(records[0] if len(records) == 1 else records, indent=1, allow_nan=False) + "\n"
+        json.dumps(
+            records[0] if len(records) == 1 else records, indent=1, allow_nan=False, default=str
+        )
+        + "\n"
     )
 
 
@@ -47,7 +50,7 @@ def format_overview_json(overview: Overview) -> str:
         "notes": overview.notes,
         "clips": [_collect_entry(entry) for entry in overview.clips],
     }
-    return json.dumps(record, indent=1, allow_nan=False) + "\n"
+    return json.dumps(record, indent=1, allow_nan=False, default=str) + "\n"
 
 
 def _collect_entry(entry: ClipEntry) -> dict[str, Any]:
@@ -110,7 +113,7 @@ def _add_suite(root: Element, number: int, entry: ClipEntry) -> None:
         _add_fault(done, "error", single_line(entry.fault))
     for check in entry.gates:
         _add_case(suite, name, check, words)
-    output = [*describe_poor([replace(entry, label=entry.name)]), *entry.notes]
+    output = [*describe_poor([replace(entry, label=entry.name)]), *map(str, entry.notes)]
     SubElement(suite, "system-out").text = "\n".join(map(single_line, output))
     SubElement(suite, "system-err")
 

@@ -18,7 +18,7 @@ from cageik_cli.report.parts import label_vertex, sort_parts
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import name_cause
 from cageik_cli.report.views.text import format_check_row
-from cageik_cli.util.progress import label_note, mark_warning
+from cageik_cli.util.messages import Hint, spell
 from cageik_cli.util.text import format_count, format_row, single_line
 
 MAX_FRONT_WIDTH = 110
@@ -39,8 +39,8 @@ NOTE_LABELS = ("note", "warning")
 UNREAD_LABELS = ("seconds", "cache", "from cage", "from rest")
 """Labels of lines that only -v prints: they say how a command went, not what came of it."""
 
-ALL_FIGURES = "`verbose=True`"
-"""What shows all figures, unless a view says otherwise."""
+ALL_FIGURES = str(Hint("verbose", True))
+"""What shows all figures, unless a front end says otherwise."""
 
 
 def format_front(
@@ -61,7 +61,8 @@ def format_front(
     source : str
         What shows all figures, as the reader calls it.
     """
-    notes = [*_list_gap_notes(report), *map(label_note, report.notes), *run_notes]
+    own = [(note.kind, spell(note.located)) for note in report.notes]
+    notes = [*_list_gap_notes(report), *own, *run_notes]
     verdict = _wrap_rows(list_verdict_rows(report), MAX_FRONT_WIDTH - 12)
     # Four more are the headline, what is written, and two on what comes next. Limits, which are
     # asked for, do not count.
@@ -80,7 +81,9 @@ def format_front_row(labelled_text: tuple[str, str]) -> str:
     return single_line(f"  {label:<9} {text}")
 
 
-def format_brief(headline: str, rows: Sequence[tuple[str, str]], after: int = 1) -> str:
+def format_brief(
+    headline: str, rows: Sequence[tuple[str, str]], after: int = 1, *, source: str = ALL_FIGURES
+) -> str:
     """Return a headline with labelled lines under it, wrapped, and no seconds.
 
     If there are too many lines, notes are counted, and shown in one or two. Facts for which there
@@ -90,6 +93,8 @@ def format_brief(headline: str, rows: Sequence[tuple[str, str]], after: int = 1)
     ----------
     after : int
         Lines that the command prints after these, such as what it wrote.
+    source : str
+        What shows all of it, as the reader calls it.
     """
     read = [row for row in rows if row[0] not in UNREAD_LABELS]
     notes = [row for row in read if row[0] in NOTE_LABELS]
@@ -100,12 +105,12 @@ def format_brief(headline: str, rows: Sequence[tuple[str, str]], after: int = 1)
     if len(_wrap_rows(read)) <= room:
         return "\n".join([*head, *map(format_row, _wrap_rows(read))])
     is_tight = len(_wrap_rows(facts)) + 2 > room
-    noted = _list_note_rows(notes, MAX_BRIEF_WIDTH, count=2 - is_tight) if notes else []
-    rows = [*_pick_facts(facts, room - len(noted)), *noted]
+    noted = _list_note_rows(notes, MAX_BRIEF_WIDTH, source, 2 - is_tight) if notes else []
+    rows = [*_pick_facts(facts, room - len(noted), source), *noted]
     return "\n".join([*head, *map(format_row, rows)])
 
 
-def _pick_facts(facts: Sequence[tuple[str, str]], room: int) -> list[tuple[str, str]]:
+def _pick_facts(facts: Sequence[tuple[str, str]], room: int, source: str) -> list[tuple[str, str]]:
     """Return the wrapped facts for which there is room, and the labels of the others."""
     if len(_wrap_rows(facts)) <= room:
         return _wrap_rows(facts)
@@ -117,7 +122,7 @@ def _pick_facts(facts: Sequence[tuple[str, str]], room: int) -> list[tuple[str, 
         else:
             others.append(fact[0])
     counts = (label if n == 1 else f"{n} {label}" for label, n in Counter(others).items())
-    text, end = ", ".join(counts), f" ({ALL_FIGURES} shows all)"
+    text, end = ", ".join(counts), f" ({source} shows all)"
     if not others:
         return shown
     return [*shown, ("more", shorten(text + end, MAX_BRIEF_WIDTH, placeholder=f", ...{end}"))]
@@ -267,7 +272,7 @@ def _list_note_rows(
     order = sorted(known, key=lambda note: note[0] != "warning")
     if not order:
         return [("notes", f"none ({source} shows all figures)")]
-    texts = [text if label == "note" else mark_warning(text) for label, text in order]
+    texts = [text if label == "note" else f"{label}: {text}" for label, text in order]
     end = f" ({source} shows all)"
     room = count * width - 30  # the count, the pointer to all notes, and ragged ends
     shown = f"{len(texts)}: {_join_notes(texts, room)}"

@@ -124,7 +124,7 @@ def _name_clip_verdict(entry: ClipEntry) -> str:
 
 def _list_notes(overview: Overview) -> list[str]:
     """List the notes on the run, then those on clips: each once, with how many clips have it."""
-    counts = Counter(note for entry in overview.worst_first for note in entry.notes)
+    counts = Counter(str(note) for entry in overview.worst_first for note in entry.notes)
     return [f"- {_escape_markdown(note)}" for note in overview.notes] + [
         f"- {_escape_markdown(note)}" + (f" ({count} clips)" if count > 1 else "")
         for note, count in counts.most_common()

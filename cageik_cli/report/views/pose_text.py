@@ -6,6 +6,7 @@ from dataclasses import asdict
 
 from cageik_cli.editing.summary import AnchorSummary, PoseSummary
 from cageik_cli.report.figures import format_change, format_length, format_metric, format_percent
+from cageik_cli.util.messages import Row, Said, say
 from cageik_cli.util.text import format_count, single_line
 
 MAX_SHOWN_HANDLES = 12
@@ -30,7 +31,7 @@ MAX_VOLUME_PERCENT = 10.0
 """Larger changes of the volume, percent, are worth rotations."""
 
 
-def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
+def format_pose_rows(summary: PoseSummary) -> list[Row]:
     """Return labelled lines: cage edits, each handle, then the mesh, the cage and the system."""
     beyond, volume, changed, system = [], [], [], []
     if summary.beyond_moved_percent is not None:
@@ -75,7 +76,7 @@ def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
     ]
 
 
-def list_brief_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
+def list_brief_pose_rows(summary: PoseSummary) -> list[Row]:
     """Return the largest cage edit, the worst handle, what says whether a pose is as intended."""
     kinds = ("cage edit", "cage edits", "handle", "handles")
     rows = [row for row in format_pose_rows(summary) if row[0] not in kinds]
@@ -169,7 +170,7 @@ def _acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
     )
 
 
-def _advise(summary: PoseSummary) -> Iterator[str]:
+def _advise(summary: PoseSummary) -> Iterator[Said]:
     """Advise when the pose is probably not the intended one."""
     if summary.cage_edits:
         yield from _advise_on_cage_edits(summary)
@@ -192,19 +193,22 @@ def _advise(summary: PoseSummary) -> Iterator[str]:
         )
     if summary.cage_moved > max(MAX_CAGE_RATIO * far.moved, summary.diagonal):
         yield (
-            f"cage vertex {summary.cage_vertex} moves {format_length(summary.cage_moved)}, more "
-            f"than {MAX_CAGE_RATIO:g} times as far as any handle: the cage cannot follow the "
-            "handles; remove some handles, raise `alpha=` (for example to 1e-3), or check the "
-            "cage with cageik check"
+            f"cage vertex {summary.cage_vertex} moves {format_length(summary.cage_moved)}, "
+            f"more than {MAX_CAGE_RATIO:g} times as far as any handle: the cage cannot "
+            "follow the handles; "
+            + say(
+                "remove some handles, raise `alpha=` (for example to 1e-3), or check the "
+                "cage with cageik check"
+            )
         )
     if abs(summary.volume_change_percent or 0.0) > MAX_VOLUME_PERCENT and not summary.rigidity:
         yield (
             f"the volume changes by more than {MAX_VOLUME_PERCENT:g} %: parts that turn are "
-            "sheared; let them rotate with `rigidity=10`"
+            "sheared; " + say("let them rotate with `rigidity=10`")
         )
 
 
-def _advise_on_cage_edits(summary: PoseSummary) -> Iterator[str]:
+def _advise_on_cage_edits(summary: PoseSummary) -> Iterator[Said]:
     """Say so if a cage edit moves nothing, or so far that it is probably in other units."""
     for edit in summary.cage_edits:
         if edit.moved > MAX_HANDLE_DISTANCE * summary.diagonal:
@@ -217,7 +221,7 @@ def _advise_on_cage_edits(summary: PoseSummary) -> Iterator[str]:
         yield "no motion: all offsets of the cage edits are zero in the frames that they act in"
 
 
-def _advise_on_far_vertices(summary: PoseSummary, far: AnchorSummary) -> Iterator[str]:
+def _advise_on_far_vertices(summary: PoseSummary, far: AnchorSummary) -> Iterator[Said]:
     """Advise a pin if a vertex moves much further than any handle."""
     still = NO_MOTION_TOL * summary.diagonal
     if summary.moved > max(still, MAX_VERTEX_RATIO * far.moved):

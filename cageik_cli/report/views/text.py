@@ -17,7 +17,7 @@ from cageik_cli.report.record import Report
 from cageik_cli.report.regions import describe_region, explain_regions, list_remedies
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.errors import join_truncated
-from cageik_cli.util.progress import label_note
+from cageik_cli.util.messages import Row
 from cageik_cli.util.text import format_block, format_count, single_line
 
 
@@ -53,12 +53,12 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
         *_skipped_rows(report),
         *_region_rows(report),
         *(format_check_row(check, words) for check in report.gates),
-        *map(label_note, report.notes),
+        *(note.row for note in report.notes),
     ]
     return format_block(headline, rows)
 
 
-def _error_rows(report: Report) -> list[tuple[str, str]]:
+def _error_rows(report: Report) -> list[Row]:
     summary, words = report.summary, report.vocabulary
     by_area = []  # does not depend on how densely parts are cut
     if summary.area_rms is not None and summary.area_rms_percent is not None:
@@ -90,7 +90,7 @@ def _error_rows(report: Report) -> list[tuple[str, str]]:
     ]
 
 
-def _bound_rows(report: Report) -> list[tuple[str, str]]:
+def _bound_rows(report: Report) -> list[Row]:
     """Say which error weights cannot be below, and how much of the way to it a fit takes."""
     bound, closed = report.bound, report.summary.gap_closed_percent
     if bound is None:
@@ -136,21 +136,21 @@ def format_check_row(check: LimitCheck, words: Vocabulary) -> tuple[str, str]:
     )
 
 
-def _skipped_rows(report: Report) -> list[tuple[str, str]]:
+def _skipped_rows(report: Report) -> list[Row]:
     """Name skipped frames, with the reason of the first; the record has all reasons."""
     frames = [frame for frame in report.frames if frame.skipped is not None]
     if not frames:
         return []
     total = format_count(len(report.frames), "frame")
     names = join_truncated((frame.name for frame in frames), 5)
-    rows = [("skipped", f"{len(frames)} of {total}: {names}; {frames[0].skipped}")]
+    rows: list[Row] = [("skipped", f"{len(frames)} of {total}: {names}; {frames[0].skipped}")]
     if report.filled:
         count = format_count(len(report.filled), "frame")
         rows.append(("filled", f"{count} from those around: {join_truncated(report.filled, 5)}"))
     return rows
 
 
-def _region_rows(report: Report) -> list[tuple[str, str]]:
+def _region_rows(report: Report) -> list[Row]:
     """Say that the largest deviation is unusual, where, and what to do."""
     if not report.regions:
         return []
@@ -161,7 +161,7 @@ def _region_rows(report: Report) -> list[tuple[str, str]]:
     ]
 
 
-def _quality_rows(report: Report, words: Vocabulary) -> list[tuple[str, str]]:
+def _quality_rows(report: Report, words: Vocabulary) -> list[Row]:
     quality = report.binding
     system = (
         f"condition number {quality.condition_number:.4g} (how much it amplifies noise), "

@@ -14,6 +14,7 @@ from cageik_cli.util.errors import FormatError
 from tests.cages.independent import examine
 from tests.cages.torture import FAST, SLOW, torus
 from tests.shapes import ball, box, changed, concave, finer, merged, moved
+from tests.texts import texts
 
 
 def assert_good(cage, model, count, clearance=0.004):
@@ -102,7 +103,7 @@ def test_the_clearance_is_the_one_that_was_asked_for(clearance):
 def test_parts_that_were_joined_are_named_with_their_place():
     model = merged(ball(3), moved(ball(3), (8, 0, 0)))
     built = build_cage(moved(model, (100, 0, 0)), BuildSettings(vertices=50))
-    (note,) = (note for note in built.notes if "apart were joined" in note)
+    (note,) = (note for note in texts(built.notes) if "apart were joined" in note)
     assert "(1), at (104, " in note
 
 
@@ -156,7 +157,7 @@ def test_a_cage_that_cannot_be_symmetric_is_not_and_says_so(monkeypatch):
     built = build_cage(make_wedge(), BuildSettings(vertices=20, symmetric="auto"))
     assert built.mirror is None
     assert built.chosen.verdict.is_valid
-    assert "symmetric about the plane z = 0" in built.notes[0]
+    assert "symmetric about the plane z = 0" in texts(built.notes)[0]
 
 
 @pytest.mark.slow
@@ -290,7 +291,7 @@ def build_quads(monkeypatch, cage_of):
 
 def test_few_quads_are_noted(monkeypatch, coarse_grids):
     built = build_quads(monkeypatch, lambda cage, *_: cage)
-    (note,) = (note for note in built.notes if "quads" in note)
+    (note,) = (note for note in texts(built.notes) if "quads" in note)
     assert note.startswith("0 % of the faces are quads, expected 70 % or more")
     assert built.chosen.recipe.endswith(", quads")
 
@@ -298,7 +299,7 @@ def test_few_quads_are_noted(monkeypatch, coarse_grids):
 def test_triangles_are_kept_if_the_quads_are_not_valid(monkeypatch, coarse_grids):
     built = build_quads(monkeypatch, lambda cage, *_: cage.flip())
     assert not built.chosen.recipe.endswith(", quads")
-    assert "this one is of triangles" in built.notes[-1]
+    assert "this one is of triangles" in texts(built.notes)[-1]
     assert built.candidates[-1].recipe.endswith(", quads")
 
 
@@ -319,7 +320,7 @@ def test_a_hole_around_a_closed_model_is_one_between_parts_also_without_a_web(
     model = moved(ball(2), (1, 0, 0), 0.2)
     built = build_cage(model, BuildSettings(vertices=len(ring.vertices)))
     assert [candidate.joined_holes for candidate in built.candidates] == [1]
-    assert any(note.endswith("touch and move together (1)") for note in built.notes)
+    assert any(note.endswith("touch and move together (1)") for note in texts(built.notes))
     opened = TriMesh(model.vertices, model.faces[1:])
     assert build_cage(opened, BuildSettings(vertices=len(ring.vertices))).chosen.joined_holes == 0
 
@@ -348,4 +349,4 @@ def test_the_hole_of_a_torus_is_not_said_to_be_where_parts_touch():
     torus = TriMesh(np.stack([row.ravel() for row in rows], axis=1), faces)
     built = build_cage(torus, BuildSettings(vertices=40))
     assert diagnose(built.cage).cage.genus == 1
-    assert not [note for note in built.notes if "touch" in note]
+    assert not [note for note in texts(built.notes) if "touch" in note]

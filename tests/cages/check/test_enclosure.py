@@ -9,6 +9,7 @@ from cageik_cli.cages.check.enclosure import TOUCH_TOL, check_enclosure
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError
 from tests.shapes import ball, box, changed, finer, octahedron, rotation
+from tests.texts import texts
 
 
 def test_vertices_outside_are_counted_and_named():
@@ -57,14 +58,14 @@ def test_vertices_outside_are_projected_on_request():
     np.testing.assert_allclose(held.points[[5, 7]], [[1, 0.25, 0], [0, 0.5, -1]], atol=1e-12)
     kept = np.delete(np.arange(len(vertices)), [5, 7])
     np.testing.assert_array_equal(held.points[kept], vertices[kept])
-    (note,) = held.notes
+    (note,) = texts(held.notes)
     assert note.startswith("2 of 18 vertices of the model are outside the cage")
     assert "numbers 5, 7 (from 0); they have the weights of the nearest points" in note
 
 
 def test_projecting_gives_no_note_when_nothing_is_outside():
     held = check_enclosure(box(), ball(1, 0.9), outside="project")
-    assert (held.notes, held.outside_indices.tolist()) == ((), [])
+    assert (texts(held.notes), held.outside_indices.tolist()) == ((), [])
 
 
 @pytest.mark.parametrize("diagonals", [1e5, 1e9])
@@ -75,7 +76,7 @@ def test_a_model_on_its_cage_is_enclosed_at_any_distance_from_the_origin(diagona
     def moved(mesh):
         return changed(mesh, vertices=(mesh.vertices + diagonals * box().diagonal) @ turn.T)
 
-    assert check_enclosure(moved(box()), moved(rest)).notes == ()
+    assert texts(check_enclosure(moved(box()), moved(rest)).notes) == ()
     stretched = changed(rest, vertices=rest.vertices * 1.001)
     with pytest.raises(CageError, match="98 of 98 vertices"):
         check_enclosure(moved(box()), moved(stretched))

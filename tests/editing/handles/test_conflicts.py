@@ -11,6 +11,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.pose.anchors import anchor_positions
 from cageik_cli.util.errors import HandlesError
 from tests.editing.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
+from tests.texts import texts
 
 CORNER = int(np.flatnonzero(MESH.faces[0] == MESH.faces[0, 1])[0])
 SHARES = np.eye(3)[CORNER].tolist()
@@ -53,7 +54,7 @@ def test_handles_that_agree_are_merged(tmp_path, handles):
     (anchor,) = found.anchors
     assert (anchor.name, anchor.weight, anchor.hard) == ("a + b", 2.0, False)
     np.testing.assert_array_equal(targets(found)[0], targets(alone)[0])
-    (note,) = found.notes
+    (note,) = texts(found.notes)
     assert "'a + b'" in note
     assert "merged" in note
 
@@ -111,7 +112,7 @@ def test_allowed_conflicts_give_the_weighted_mean(tmp_path):
     (anchor,) = found.anchors
     assert (anchor.name, anchor.weight, anchor.hard) == ("a + b", 4.0, False)
     np.testing.assert_allclose(targets(found)[0], np.tile([0.25, 0, 3], (FRAMES, 1, 1)), rtol=1e-15)
-    (note,) = found.notes
+    (note,) = texts(found.notes)
     assert note.startswith("handles 'a' and 'b' conflict")
     assert note.endswith("weighted mean of 'a + b'")
 
@@ -125,7 +126,7 @@ def test_hard_handles_win(tmp_path):
     found = drag(read_set(tmp_path, *handles), allow_conflicts=True)
     assert found.anchors[0].hard
     np.testing.assert_allclose(targets(found)[0][0, 0], [0.25, 0, 3], rtol=1e-15)
-    assert found.notes[0].endswith("weighted mean of 'b + c'")
+    assert texts(found.notes)[0].endswith("weighted mean of 'b + c'")
     soft = drag(read_set(tmp_path, *handles[:2]), allow_conflicts=True)
     np.testing.assert_array_equal(targets(soft)[0][0, 0], [1, 0, 0])
 

@@ -23,6 +23,7 @@ from tests.editing.handles.files import (
 )
 from tests.method.pose.test_camera import stand
 from tests.refusals import refused
+from tests.texts import texts
 
 PIN = {"name": "foot", "vertex": 0, "pin": True}
 KNEE = {"name": "knee", "face": 4, "barycentric": [0.2, 0.3, 0.5], "pin": True}
@@ -44,7 +45,7 @@ def test_vertices_and_faces_are_where_they_are(tmp_path):
     np.testing.assert_array_equal(hand, MESH.vertices[7])
     corners = MESH.vertices[MESH.faces[4]]
     np.testing.assert_allclose(knee, np.array([0.2, 0.3, 0.5]) @ corners, rtol=1e-15)
-    assert found.notes == ()
+    assert texts(found.notes) == ()
 
 
 def test_all_handles_are_hard_on_request(tmp_path):
@@ -57,7 +58,7 @@ def test_a_position_snaps_to_the_pose_of_the_pick_frame(tmp_path):
     found = drag(read_set(tmp_path, NEAR | {"position": [*there]}, pick_frame=5), snap=15)
     place = found.anchors[0].point.position(MESH.vertices + step(5))
     np.testing.assert_allclose(place, np.array([0.2, 0.3, 1.0]) + step(5), rtol=0, atol=1e-12)
-    (note,) = found.notes
+    (note,) = texts(found.notes)
     place = describe_place(MESH, found.anchors[0].point)
     shares = ", ".join(f"{share:.4g}" for share in place.values)
     assert note == (
@@ -68,7 +69,7 @@ def test_a_position_snaps_to_the_pose_of_the_pick_frame(tmp_path):
 
 def test_a_position_snaps_to_a_vertex_if_that_is_nearest(tmp_path):
     found = drag(read_set(tmp_path, NEAR | {"position": [1.1, 1.1, 1.1]}), snap=6)
-    (note,) = found.notes
+    (note,) = texts(found.notes)
     vertex = np.flatnonzero((MESH.vertices == 1).all(axis=1))[0]
     assert f"position snapped to vertex {vertex}, 0.173 away (5 % of the diagonal)" in note
 

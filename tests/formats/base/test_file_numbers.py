@@ -10,6 +10,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import FileAccessError, InputError, MissingFrameError, SettingError
 from tests.clips import frames_of
+from tests.texts import texts
 
 
 def number(names, gaps="refuse"):
@@ -40,7 +41,7 @@ def name_all(series):
 def test_the_number_that_changes_is_that_of_the_frame(names, start, step, gaps):
     series = number(names, gaps)
     assert series.scene == SceneHints(start=start, frame_step=step)
-    assert (name_all(series), series.missing, series.notes) == (names, {}, ())
+    assert (name_all(series), series.missing, texts(series.notes)) == (names, {}, ())
 
 
 @pytest.mark.parametrize("gaps", ["refuse", "keep", "close"])
@@ -58,7 +59,7 @@ def test_the_number_that_changes_is_that_of_the_frame(names, start, step, gaps):
 )
 def test_other_names_have_no_frame_numbers(names, gaps):
     series = number(names, gaps)
-    assert (series.scene, series.missing, series.notes) == (SceneHints(), {}, ())
+    assert (series.scene, series.missing, texts(series.notes)) == (SceneHints(), {}, ())
 
 
 @pytest.mark.parametrize(
@@ -104,7 +105,7 @@ def test_kept_gaps_are_frames_without_files(names, step, series, missing):
     assert list(found.missing) == missing
     assert found.scene.frame_step == step
     assert found.scene.start == float(names.split()[0].strip("f._"))
-    assert found.notes == ()
+    assert texts(found.notes) == ()
 
 
 def test_a_missing_frame_names_those_around_it():
@@ -119,7 +120,7 @@ def test_closed_gaps_are_noted():
     assert name_all(found) == "f.1001 f.1003 f.1007 f.1009"
     assert found.scene == SceneHints(start=1001, frame_step=2)
     assert found.missing == {}
-    (note,) = found.notes
+    (note,) = texts(found.notes)
     assert "closed at f.1007.obj; frames are numbered from 1001 in steps of 2" in note
 
 
@@ -208,6 +209,6 @@ def test_a_closed_clip_has_all_its_files(gappy, animation):
     clip = open_gappy("close")
     assert (frames_of(clip) == animation.frames).all()
     assert (clip.missing, clip.scene) == (frozenset(), SceneHints(start=1001, frame_step=2))
-    assert "closed at" in clip.notes[0]
+    assert "closed at" in texts(clip.notes)[0]
     with pytest.raises(InputError, match=r"f\.1005\.obj: missing"):
         open_gappy("refuse")

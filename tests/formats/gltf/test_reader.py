@@ -12,6 +12,7 @@ from tests.formats.gltf.built import Built
 from tests.formats.gltf.evaluated import Evaluated
 from tests.formats.gltf.rigs import INTERPOLATIONS, RIGS, make_ribbon, morphed, moved, skinned
 from tests.refusals import refused
+from tests.texts import texts
 
 FPS = 12.5
 CUBE = np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)])
@@ -160,7 +161,7 @@ def test_frames_between_even_keys_are_noted(tmp_path, fps, keys, is_noted):
     file.animate("", (0, "translation", times, np.zeros((9, 3)), "LINEAR"))
     clip = opened(file, tmp_path / "even.glb", fps=fps)
     note = "its keys are 30 per second, and it is sampled at 24; `fps=30` takes the keys"
-    assert any(note in text for text in clip.notes) == is_noted
+    assert any(note in text for text in texts(clip.notes)) == is_noted
 
 
 def test_a_time_that_is_there_twice_is_a_jump(tmp_path):
@@ -172,7 +173,7 @@ def test_a_time_that_is_there_twice_is_a_jump(tmp_path):
     file.animate("", (0, "translation", [0, 1, 1, 2], moves, "LINEAR"))
     clip = opened(file, tmp_path / "jump.glb", fps=2)
     assert [frame[1, 0] for frame in clip] == [0, 0.5, 5, 5.5, 6]
-    assert any("same time" in note for note in clip.notes)
+    assert any("same time" in note for note in texts(clip.notes))
 
 
 def test_without_an_animation_there_is_one_frame(tmp_path):
@@ -197,8 +198,8 @@ def test_parts_are_paths_of_nodes_with_their_transforms(tmp_path):
     for part, node in zip(split_parts(clip.first), (2, 3), strict=True):
         world = np.array(expected.world(node, 0, clip.scene.start / 24))
         np.testing.assert_allclose(part.transform, world.T, rtol=0, atol=1e-12)
-    assert "moved by an animated transform" in " ".join(clip.notes)
-    assert "1 primitive without faces left out" in " ".join(clip.notes)
+    assert "moved by an animated transform" in " ".join(texts(clip.notes))
+    assert "1 primitive without faces left out" in " ".join(texts(clip.notes))
     skin = opened(skinned("LINEAR")[0], tmp_path / "skin.glb").first.attributes.parts
     assert skin.names == ("/one", "/two")
     np.testing.assert_array_equal(skin.transforms, np.tile(np.eye(4), (2, 1, 1)))
@@ -216,7 +217,7 @@ def test_instances_of_a_skin_are_noted(tmp_path):
     file, nodes = skinned("LINEAR")
     file.json["nodes"][nodes[0]]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {}}}
     clip = opened(file, tmp_path / "rig.glb")
-    assert "rig.glb: /one: its instances are not read, as joints place it" in clip.notes
+    assert "rig.glb: /one: its instances are not read, as joints place it" in texts(clip.notes)
     assert len(split_parts(clip.first)) == 2
 
 
@@ -291,7 +292,7 @@ def test_nodes_outside_the_scene_and_invisible_ones_are_left_out(tmp_path):
     file.json |= {"scene": 0, "scenes": [{"nodes": [0, 3]}]}
     clip = opened(file, tmp_path / "some.glb")
     assert clip.first.attributes.parts.names == ("/shown",)
-    assert clip.notes == (
+    assert texts(clip.notes) == (
         "some.glb: left out /shown/unseen, /elsewhere (not in the scene, or invisible)",
         "some.glb: left out /points (points or lines)",
     )
@@ -329,8 +330,8 @@ def test_split_vertices_are_welded_and_the_surface_is_kept_per_corner(tmp_path):
     clip = opened(make_box(), tmp_path / "box.glb")
     mesh, look = clip.first, clip.first.attributes
     assert (len(mesh.vertices), mesh.is_closed, round(mesh.volume, 9)) == (8, True, 1)
-    assert "24 vertices, split where" in " ".join(clip.notes)
-    assert "left out TANGENT, _HEAT" in " ".join(clip.notes)
+    assert "24 vertices, split where" in " ".join(texts(clip.notes))
+    assert "left out TANGENT, _HEAT" in " ".join(texts(clip.notes))
     assert look.materials.names == ("red", "red_2")
     assert look.materials.indices.tolist() == [0] * 8 + [1] * 2 + [-1] * 2
     assert look.material_colours.tolist() == [[1, 0, 0, 0.5], [1, 1, 1, 1]]
@@ -346,7 +347,7 @@ def test_colours_that_differ_at_a_vertex_and_layers_that_are_damaged_are_noted(t
     attributes = file.json["meshes"][0]["primitives"][0]["attributes"]
     attributes |= {"COLOR_0": file.array(colours), "TEXCOORD_0": file.array(coordinates)}
     clip = opened(file, tmp_path / "box.glb")
-    notes = " ".join(clip.notes)
+    notes = " ".join(texts(clip.notes))
     assert "several colours at 8 vertices" in notes
     assert "its texture coordinates left out" in notes
     np.testing.assert_allclose(clip.first.attributes.colours[0], colours[0], rtol=1e-6)
@@ -389,7 +390,7 @@ def test_triangles_without_area_and_vertices_of_none_are_left_out(tmp_path):
     file.add("nodes", {"mesh": 0})
     clip = opened(file, tmp_path / "flat.glb")
     assert (len(clip.first.vertices), len(clip.first.faces)) == (3, 1)
-    notes = " ".join(clip.notes)
+    notes = " ".join(texts(clip.notes))
     assert "1 vertex of no triangle left out" in notes
     assert "1 triangle with a corner twice left out" in notes
 
@@ -406,6 +407,6 @@ def test_weights_are_divided_by_their_sum_and_lost_vertices_follow_their_first_j
     file.add("nodes", {"mesh": 0, "skin": 0})
     clip = opened(file, tmp_path / "weights.glb")
     np.testing.assert_allclose(clip.first.vertices - np.eye(3), [[2, 0, 0], [3, 0, 0], [2, 0, 0]])
-    notes = " ".join(clip.notes)
+    notes = " ".join(texts(clip.notes))
     assert "the weights of 1 vertex sum to 0; the first joint" in notes
     assert "the weights of 1 vertex sum to 0.5 to 1, and are divided" in notes

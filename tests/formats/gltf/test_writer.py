@@ -15,6 +15,7 @@ from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.util.errors import OutputError
 from tests.formats.gltf.decoded import Glb
 from tests.formats.written import write
+from tests.texts import texts
 
 RANDOM = np.random.default_rng(5)
 
@@ -39,7 +40,7 @@ def save(path, mesh, frames, size=7, **morphs):
     with Output(path, overwrite=True).open_writer(animation) as writer:
         for start in range(0, len(frames), size):
             writer.append(frames[start : start + size])
-    (note,) = [note for note in writer.notes if "morph target" in note]
+    (note,) = [note for note in texts(writer.notes) if "morph target" in note]
     return Glb(path), note
 
 
@@ -262,8 +263,8 @@ def test_the_first_frame_is_at_zero_seconds_and_its_number_is_kept(
     described = Animation(animation.rest, 5, Scene(start=start), "a")
     with Output(tmp_path / "a.glb").open_writer(described) as writer:
         writer.append(animation.frames)
-    notes = [note for note in writer.notes if f"frame {start} is at 0 s" in note]
-    assert len(notes) == count == len(writer.notes) - 1
+    notes = [note for note in texts(writer.notes) if f"frame {start} is at 0 s" in note]
+    assert len(notes) == count == len(texts(writer.notes)) - 1
     assert Glb(tmp_path / "a.glb").frames()[0][0] == 0
     assert open_sequence([str(tmp_path / "a.glb")]).scene.start == start
 

@@ -14,6 +14,7 @@ from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import FormatError, InputError, SettingError
 from tests.clips import frames_of
 from tests.refusals import refused
+from tests.texts import texts
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
 AXES = {"fvx": (0, 1, 2), "vxf": (1, 2, 0), "fxv": (0, 2, 1)}
@@ -112,7 +113,7 @@ def test_hints_that_cannot_be_are_noted_and_others_passed_by(opened):
         verts=FRAMES, faces=FACES, fps=0, up_axis="up", start=[1, 2], metres_per_unit="m"
     )
     assert sequence.scene == SceneHints()
-    assert sequence.notes == (
+    assert texts(sequence.notes) == (
         "clip.npz: ignored `fps`: 0 frames per second, expected a number above zero",
         "clip.npz: ignored `up_axis`: the up axis is up, expected Y or Z",
     )

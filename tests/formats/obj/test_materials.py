@@ -10,6 +10,7 @@ from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.geometry.attributes import PLAIN_COLOUR
 from cageik_cli.util.files import read_input
 from tests.assets import asset_text
+from tests.texts import texts
 
 LIBRARY = """# three of the tube
 newmtl skin
@@ -39,7 +40,7 @@ def write_model(folder, library=LIBRARY, named="body.mtl"):
 def colours_of(path):
     loaded = load_mesh(path)
     found = loaded.mesh.attributes.material_colours
-    return None if found is None else found.tolist(), loaded.notes
+    return None if found is None else found.tolist(), texts(loaded.notes)
 
 
 @pytest.mark.parametrize("named", ["body.mtl", "looks/of body.mtl"])

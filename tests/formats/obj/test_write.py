@@ -13,6 +13,7 @@ from cageik_cli.geometry.normals import compute_fan_normals
 from tests.assets import asset_text, parse_asset
 from tests.shapes import quad_text
 from tests.surfaces import change, read_obj
+from tests.texts import texts
 
 
 def rewrite(mesh, positions):
@@ -104,14 +105,14 @@ def test_what_is_damaged_is_left_out_and_said_so(tmp_path, lines, what):
     (tmp_path / "a.obj").write_text(BARE + lines)
     loaded = load_mesh(tmp_path / "a.obj")
     assert loaded.mesh.attributes is None
-    assert len(loaded.notes) == 1
-    assert f"{what} " in loaded.notes[0]
-    assert "left out (" in loaded.notes[0]
+    assert len(texts(loaded.notes)) == 1
+    assert f"{what} " in texts(loaded.notes)[0]
+    assert "left out (" in texts(loaded.notes)[0]
 
 
 def test_colours_that_are_no_numbers_are_left_out(tmp_path):
     (tmp_path / "a.obj").write_text(V.replace("{}", " 0 0 red") + "f 1 2 3\n")
-    assert "colours are left out" in load_mesh(tmp_path / "a.obj").notes[0]
+    assert "colours are left out" in texts(load_mesh(tmp_path / "a.obj").notes)[0]
 
 
 def test_names_that_obj_would_misread_are_changed(tmp_path):

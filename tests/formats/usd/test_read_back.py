@@ -9,6 +9,7 @@ from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.geometry.parts import list_part_names
 from tests.character import NAMES
 from tests.clips import frames_of
+from tests.texts import texts
 
 SINGLE = 2e-6
 """Of the diagonal: sums of joints in single precision."""
@@ -64,13 +65,13 @@ def test_what_commands_write_is_read_back(extracted, run, command, same, member)
 def test_a_guide_is_left_out(extracted, run):
     command = "export cages.h5 rig.usdc --skeleton --influences 4 --with-model --guide"
     clip = compare(run, command, "--influences 4")
-    assert "rig.usdc: left out /cage/cage (purpose guide)" in clip.notes
+    assert "rig.usdc: left out /cage/cage (purpose guide)" in texts(clip.notes)
 
 
 def test_a_character_is_read_back_in_its_parts(hero, run):
     compare(run, "deform cages.h5 -o rig.usdc", "", names=NAMES)
     skeleton = "export cages.h5 rig.usdc --skeleton --influences 4"
     clip = compare(run, skeleton, "--influences 4", names=NAMES)
-    assert "rig.usdc: posed by the skeleton /hero/skeleton" in clip.notes
+    assert "rig.usdc: posed by the skeleton /hero/skeleton" in texts(clip.notes)
     compare(run, f"{skeleton} --with-model --guide", "--influences 4", names=NAMES)
     compare(run, "export cages.h5 rig.usdc --with-model --guide", "", names=NAMES)

@@ -12,6 +12,7 @@ from cageik_cli.formats.usd import library
 from cageik_cli.util.errors import FormatError
 from tests.clips import frames_of
 from tests.formats.scenes import FRAMES, MESH, UsdScene
+from tests.texts import texts
 
 
 @pytest.fixture
@@ -111,7 +112,7 @@ def test_uneven_samples_are_taken_at_whole_time_codes(scene):
     scene.mesh(times=(0.5, 1, 4, 5.5))
     scene.stage.SetTimeCodesPerSecond(30)
     sequence = scene.opened()
-    (note,) = sequence.notes
+    (note,) = texts(sequence.notes)
     assert note.startswith(
         "clip.usda: its 4 time samples are not evenly spaced; frames are at the whole"
     )
@@ -145,7 +146,7 @@ def test_faces_turn_outward_whatever_turns_them(scene, is_left, is_mirrored):
         mesh.AddScaleOp().Set((-1, 1, 1))
     sequence = scene.opened()
     np.testing.assert_allclose(sequence.first.volume, MESH.volume, rtol=1e-6)
-    assert ("clip.usda: left-handed faces turned" in sequence.notes) == is_left
+    assert ("clip.usda: left-handed faces turned" in texts(sequence.notes)) == is_left
 
 
 def test_a_mesh_in_an_instance_is_found(scene):
@@ -208,7 +209,7 @@ def test_what_usd_warns_of_is_noted_and_not_printed(scene, tmp_path, capfd):
     scene.close()
     path = tmp_path / "shot.usda"
     path.write_text("#usda 1.0\n(\n    subLayers = [@clip.usda@, @gone.usda@]\n)\n")
-    assert open_sequence([str(path)]).notes == (
+    assert texts(open_sequence([str(path)]).notes) == (
         "shot.usda: USD warns: Could not load sublayer gone.usda of layer shot.usda; skipping.",
     )
     assert capfd.readouterr().err == ""

@@ -10,6 +10,7 @@ from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.usd.writer import Writer
 from tests.clips import frames_of
 from tests.formats.scenes import FRAMES, UsdScene, translation
+from tests.texts import texts
 
 
 @pytest.fixture
@@ -25,7 +26,7 @@ def scene(tmp_path):
 def read(scene, member=""):
     sequence = scene.opened(member)
     names = sequence.first.attributes.parts.names
-    return names, [note.removeprefix("clip.usda: ") for note in sequence.notes]
+    return names, [note.removeprefix("clip.usda: ") for note in texts(sequence.notes)]
 
 
 @pytest.mark.parametrize("purpose", ["guide", "proxy"])

@@ -11,6 +11,7 @@ from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 from tests.formats.usd import rigs
 from tests.formats.usd.rigs import MESH, MOVES, POINTS, TIMES, WEIGHTS, Rig
+from tests.texts import texts
 
 TOL = 1e-6 * MESH.diagonal
 
@@ -40,7 +41,7 @@ def test_joints_move_points_as_the_formula_says(tmp_path, name):
     sequence, frames = read(rig)
     expected = np.array([rigs.expect_linear(k) for k in range(len(TIMES))])
     np.testing.assert_allclose(frames, expected, rtol=0, atol=TOL)
-    assert sequence.notes == (f"{name}: posed by the skeleton /hero/rig",)
+    assert texts(sequence.notes) == (f"{name}: posed by the skeleton /hero/rig",)
     assert (sequence.scene.fps, sequence.scene.start) == (24, 1)
     (part,) = sequence.first.attributes.parts.transforms
     np.testing.assert_allclose(part[3, :3], rigs.transform(np.array([7.0, 0, 0]), rigs.ROOT))
@@ -125,7 +126,7 @@ def test_blend_shapes_come_before_joints(rig, names):
         if "smile" not in names:
             shaped[list(rigs.SMILE_POINTS)] -= rigs.SHAPE_WEIGHTS[k, 0] * rigs.SMILE
         np.testing.assert_allclose(frame, rigs.expect_linear(k, shaped), rtol=0, atol=2 * TOL)
-    assert "rig.usda: shaped by its blend shapes" in sequence.notes
+    assert "rig.usda: shaped by its blend shapes" in texts(sequence.notes)
 
 
 def test_a_blend_shape_may_move_nothing(rig):
@@ -155,12 +156,12 @@ def test_frames_are_where_joints_weights_points_or_transforms_are_sampled(rig):
     rig.animate(times=(1, 3, 5, 7))
     sequence, _ = read(rig)
     assert (len(sequence), sequence.scene.frame_step) == (4, 2)
-    assert "its rig has samples 2 time codes apart" in " ".join(sequence.notes)
+    assert "its rig has samples 2 time codes apart" in " ".join(texts(sequence.notes))
     rig.shape()  # at 1, 2, 3, 4
     rig.skeleton.GetPrim().GetAttribute("xformOp:translate").Set((0, 0.5, 0), 6)
     sequence, frames = read(rig)
     assert len(sequence) == 7
-    assert "apart" not in " ".join(sequence.notes)
+    assert "apart" not in " ".join(texts(sequence.notes))
     np.testing.assert_allclose(frames[2], rigs.expect_linear(1, rigs.expect_shaped(2)), atol=2e-6)
 
 
@@ -185,7 +186,7 @@ def test_a_rig_below_no_root_is_none(rig):
     placed = rigs.transform(POINTS + np.array([7.0, 0, 0]), rigs.ROOT)
     sequence, frames = read(rig)
     np.testing.assert_allclose(frames, [placed], atol=1e-6)
-    assert any("bound to a rig, but below no SkelRoot" in note for note in sequence.notes)
+    assert any("bound to a rig, but below no SkelRoot" in note for note in texts(sequence.notes))
 
 
 def test_nothing_is_written_to_the_file(rig):

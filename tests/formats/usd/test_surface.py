@@ -13,6 +13,7 @@ from tests.assets import asset_text, parse_asset
 from tests.formats.clips import faults_of, written
 from tests.shapes import box
 from tests.surfaces import ASSET, CREASES, change
+from tests.texts import texts
 
 TEXT = parse_asset(asset_text())
 
@@ -201,7 +202,7 @@ LEFT_OUT = {
 @pytest.mark.parametrize(("edit", "says"), LEFT_OUT.values(), ids=LEFT_OUT)
 def test_what_is_damaged_is_left_out_and_said_so(tmp_path, edit, says):
     sequence = make_stage(tmp_path / "a.usda", edit)
-    assert any(says in note for note in sequence.notes)
+    assert any(says in note for note in texts(sequence.notes))
     assert sequence.first.attributes.uvs is None
     np.testing.assert_array_equal(sequence.first.vertices, box().vertices)
 

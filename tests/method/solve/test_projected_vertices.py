@@ -9,6 +9,7 @@ from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
 from tests.shapes import ball, box, changed, finer, rotation
+from tests.texts import texts
 
 CAGE = finer(box(0.8), 1)
 PROJECT = BindSettings(outside="project")
@@ -26,7 +27,7 @@ def test_some_vertices_are_projected_and_the_note_tells_the_error_of_it(binding)
     assert 0.02 < binding.projected / 66 < 0.3
     away = binding.weights @ binding.cage.vertices - binding.rest.vertices
     expected = 100 * np.sqrt((away**2).sum(axis=1).mean()) / binding.rest.diagonal
-    (note,) = [one for one in binding.notes if "outside the cage" in one]
+    (note,) = [one for one in texts(binding.notes) if "outside the cage" in one]
     assert f"that alone is an error of {expected:.2g} % of the diagonal (rms)" in note
 
 

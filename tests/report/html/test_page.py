@@ -39,6 +39,7 @@ from cageik_cli.report.render.shading import COLOUR_SCALE
 from cageik_cli.report.views.data import format_json
 from cageik_cli.report.views.front import format_front
 from cageik_cli.report.views.text import format_text
+from cageik_cli.util.messages import Note
 from tests.report.hostile import NAMES, with_hostile_names
 from tests.report.markup import find_faults, parse_page
 
@@ -109,7 +110,7 @@ def test_an_exact_result_has_no_advice(report):
 
 def test_the_text_for_a_message_is_that_of_the_command_line(page, report):
     (text,) = parse_page(page).all("pre")
-    front = format_front(report).replace("`verbose=True`", "the page")
+    front = format_front(report, source="the page")
     assert text.text.split() == front.split()
     assert "the page shows" in text.text
 
@@ -362,7 +363,7 @@ def test_a_page_is_current_only_for_its_report(tmp_path, page, report):
     assert not is_page_current(path, report, True)
     path.write_text(page)
     assert is_page_current(path, report, True)
-    assert not is_page_current(path, replace(report, notes=("another",)), True)
+    assert not is_page_current(path, replace(report, notes=(Note("another"),)), True)
     assert not is_page_current(
         path, replace(report, gates=check_limits("", report.summary, Limits())), True
     )

@@ -49,7 +49,7 @@ def test_json_holds_the_whole_record(report):
     assert len(record["frames"]) == 5
     assert all(set(frame) >= FRAME for frame in record["frames"])
     expected = asdict(report)
-    assert record == json.loads(json.dumps(expected))
+    assert record == json.loads(json.dumps(expected, default=str))
     assert record["summary"]["rms"] == report.summary.rms
 
 

@@ -8,7 +8,7 @@ from cageik_cli.report.figures import KeptSummary
 from cageik_cli.report.parts import PartRecord
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.front import MAX_FRONT_WIDTH, format_brief, format_front
-from cageik_cli.util.progress import mark_warning
+from cageik_cli.util.messages import Note
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_of_the_data_only_what_was_left_out_is_told(report, missing, rejected, w
         replace(frame, rms_kept_percent=0.2, max_deviation_kept_percent=1.0)
         for frame in report.frames
     )
-    told = replace(report, kept=kept, frames=frames, notes=("a word " * 30,))
+    told = replace(report, kept=kept, frames=frames, notes=(Note("a word " * 30),))
     text = format_front(told)
     assert find_row(text, "data") == words if words else "data" not in text
     assert len(text.splitlines()) <= 6  # and three on what was written, and what comes next
@@ -110,13 +110,14 @@ def test_an_edit_is_not_judged(edited):
 
 def test_notes_are_counted_and_cut_and_warnings_come_first(report):
     def show(*notes, told=()):
-        text = format_front(replace(report, notes=notes), told)
+        given = tuple(one if isinstance(one, Note) else Note(one) for one in notes)
+        text = format_front(replace(report, notes=given), told)
         assert max(map(len, text.splitlines())) <= MAX_FRONT_WIDTH
         return [line[12:] for line in text.splitlines()[4:]]
 
     long, middle = "a part " * 60, "one half " * 12
     assert show(
-        "short", mark_warning("one is off"), told=[("cage", "built"), ("note", "short")]
+        "short", Note("one is off", "warning"), told=[("cage", "built"), ("note", "short")]
     ) == ["2: warning: one is off; short (`verbose=True` shows all)"]
     fitting = "a note that just fits in one line of the front " * 2 + "3"
     assert show(fitting) == [f"1: {fitting}"]

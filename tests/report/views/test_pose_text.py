@@ -86,7 +86,7 @@ CALM = {"name": "calm", "acceleration": 0.5, "acceleration_before": 0.5}
 )
 def test_a_row_says_what_happened(summary, label, told):
     (text,) = list_rows(summary, label)
-    assert text.startswith(told)
+    assert str(text).startswith(told)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_a_row_says_what_happened(summary, label, told):
 def test_what_was_probably_not_meant_gets_advice(summary, advice):
     notes = list_rows(summary, "note")
     assert len(notes) == (advice is not None)
-    assert all(note.startswith(advice) for note in notes)
+    assert all(str(note).startswith(advice) for note in notes)
 
 
 def test_handles_that_do_not_move_get_advice_on_the_cage_too():

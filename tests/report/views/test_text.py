@@ -8,6 +8,7 @@ import pytest
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_text
+from cageik_cli.util.messages import Note
 from tests.shapes import rotation
 
 
@@ -45,9 +46,11 @@ def test_an_open_model_is_noted_once(opened):
 
 
 def test_missing_settings_are_unknown(report):
-    text = format_text(replace(report, settings={}, notes=("first", "second")))
+    text = format_text(
+        replace(report, settings={}, notes=(Note("first"), Note("second", "warning")))
+    )
     assert ", alpha unknown, beta unknown" in text
-    assert text.splitlines()[-2:] == ["  note           first", "  note           second"]
+    assert text.splitlines()[-2:] == ["  note           first", "  warning        second"]
 
 
 def test_the_error_by_radius_is_in_all_views_and_does_not_follow_the_axes(make_case, animation):

@@ -34,6 +34,7 @@ from cageik_cli.method.weights.bem.panel_geometry import (
 from cageik_cli.method.weights.bem.potentials import Potentials, compute_potentials
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import NumericalError
+from cageik_cli.util.messages import say
 
 MAX_EVALUATED_ENTRIES = 240_000
 """Panels times points evaluated together: products with fewer columns are slow for large cages."""
@@ -90,8 +91,10 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
         solve_in_place(matrix, rhs, pool)
     except np.linalg.LinAlgError as error:
         raise NumericalError(
-            "the equations of harmonic weights have no solution for this cage; check it with "
-            "cageik check `cage=`"
+            say(
+                "the equations of harmonic weights have no solution for this cage; check it "
+                "with cageik check `cage=`"
+            )
         ) from error
     del matrix
     densities = np.zeros((mesh.unknowns, rhs.shape[1]), order="F")
