@@ -3,14 +3,8 @@
 A process can be ended: a check that takes too long is, and a new one is started with the next.
 """
 
-import multiprocessing
-import os
-import signal
 import threading
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -23,6 +17,7 @@ from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import BusyError, CageikError, SlowError
+from cageik_cli.util.processes import Subprocess, SubprocessError
 from cageik_cli.util.text import format_count
 from cageik_cli.view.player.rest_cage import pack_weights
 from cageik_cli.view.site import Wording
@@ -57,7 +52,7 @@ class CageSubprocess:
     ) -> None:
         self._kept = rest, origin, bind_settings, jobs
         self._lock = threading.Lock()
-        self._pool: ProcessPoolExecutor | None = None
+        self._process: Subprocess | None = None
 
     def check(self, cage: TriMesh, word: Wording = str) -> Answer:
         """Diagnose a cage as `cageik check` does: the verdict, and the findings with their places.
@@ -89,11 +84,9 @@ class CageSubprocess:
 
     def close(self) -> None:
         """End the process."""
-        pool, self._pool = self._pool, None
-        if pool is not None:
-            for process in list(pool._processes.values()):
-                process.kill()
-            pool.shutdown(wait=False, cancel_futures=True)
+        process, self._process = self._process, None
+        if process is not None:
+            process.end()
 
     def _run(
         self, work: Callable[[TriMesh], Answer], cage: TriMesh, what: str, seconds: float
@@ -101,15 +94,17 @@ class CageSubprocess:
         if not self._lock.acquire(blocking=False):
             raise BusyError("another cage is being checked or solved; try again when it is done")
         try:
-            self._pool = self._pool or self._start()
-            return self._pool.submit(work, cage).result(seconds)
+            if self._process is None:
+                self._process = Subprocess()
+                self._process.call(_keep, *self._kept)
+            return self._process.call(work, cage, seconds=seconds)
         except TimeoutError as error:
             self.close()
             raise SlowError(
                 f"{what} took more than {seconds:g} seconds and was ended; use a coarser cage or "
                 "a coarser model"
             ) from error
-        except BrokenProcessPool as error:
+        except SubprocessError as error:
             self.close()
             raise SlowError(
                 f"{what} ended the process that computed it; there may be too little memory: use "
@@ -118,30 +113,14 @@ class CageSubprocess:
         finally:
             self._lock.release()
 
-    def _start(self) -> ProcessPoolExecutor:
-        # Nothing is shared with the threads of the server.
-        context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(1, context, _initialize_process, self._kept)
-
 
 _kept: tuple[TriMesh, Floats, BindSettings, int]
-"""Of the subprocess of the server: what it was started with."""
+"""Of the subprocess of the server: what all its calls need."""
 
 
-def _initialize_process(*kept: Any) -> None:
-    """Keep what all calls need, and end with the server, which Ctrl-C ends."""
+def _keep(*kept: Any) -> None:
     global _kept
     _kept = kept
-    with suppress(ValueError):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
-
-
-def _exit_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _diagnose_cage(cage: TriMesh) -> Answer:

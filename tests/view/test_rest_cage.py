@@ -316,32 +316,26 @@ def test_names_of_parts_are_not_taken_for_parameters(quads):
 
 
 class Slow:
-    """A pool whose work never ends."""
+    """A process whose work never ends."""
 
-    _processes: dict[int, object] = {}  # noqa: RUF012
+    is_ended = False
 
-    def __init__(self):
-        self.is_shut = False
-
-    def submit(self, work, cage):
-        return self
-
-    def result(self, seconds):
+    def call(self, work, cage, seconds):
         time.sleep(seconds)
         raise TimeoutError
 
-    def shutdown(self, **_):
-        self.is_shut = True
+    def end(self):
+        self.is_ended = True
 
 
 def test_a_check_that_takes_too_long_is_ended(session, client, monkeypatch):
     monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 0.05)
-    pool = session.laboratory._pool = Slow()
+    process = session.laboratory._process = Slow()
     data = encode(read_quads())
     with pytest.raises(SlowError, match=r"more than 0\.05 seconds and was ended"):
         session.check(data)
-    assert pool.is_shut
-    session.laboratory._pool = Slow()
+    assert process.is_ended
+    session.laboratory._process = Slow()
     assert client.ask("check", "POST", data).status == 503
     monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 20.0)
     assert session.check(data)["verdict"] == "fit"
@@ -357,7 +351,7 @@ def test_a_check_that_really_takes_long_is_ended(session, monkeypatch):
 
 def test_of_checks_at_the_same_time_one_is_made(session, client, monkeypatch):
     monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 1.0)
-    session.laboratory._pool = Slow()
+    session.laboratory._process = Slow()
     data, answers = encode(read_quads()), []
 
     def ask():
