@@ -1,6 +1,5 @@
 """Films of a result: which frames they show, from where, what is drawn, and how it is stored."""
 
-import io
 import shutil
 from dataclasses import replace
 
@@ -14,9 +13,6 @@ from cageik_cli.report.film.film import (
     GIF_COLOURS,
     FilmArtist,
     FilmPlan,
-    GifImage,
-    WebpImage,
-    find_rectangle,
     write_film,
 )
 from cageik_cli.report.film.settings import (
@@ -212,77 +208,44 @@ def test_a_film_that_fails_leaves_what_was_there(closed, tmp_path, monkeypatch):
     assert path.read_text() == "old"
 
 
-SIZE = (37, 21)
-KINDS = [GifImage, WebpImage]
-
-
-def make_pictures(count=5):
-    """A square that moves over a plain ground, and stays in the last two."""
-    pictures = []
-    for number in [*range(count - 1), count - 2]:
-        pixels = np.full((SIZE[1], SIZE[0], 3), 255, np.uint8)
-        pixels[4:16, 3 + 4 * number : 15 + 4 * number] = (200, 40, 16 * number)
-        pictures.append(pixels)
-    return pictures
-
-
-def write(kind, pictures, durations):
-    file = io.BytesIO()
-    image = kind(file, *SIZE, np.concatenate(pictures))
-    for pixels, duration in zip(pictures, durations, strict=True):
-        image.add(pixels, duration)
-    image.end()
-    return file.getvalue()
-
-
-def read(data):
-    """All pictures, and how long each is shown, in milliseconds."""
-    pictures, durations = [], []
-    with Image.open(io.BytesIO(data)) as image:
-        assert image.info.get("loop") == 0
+@pytest.mark.parametrize("name", ["film.webp", "film.gif"])
+def test_a_film_plays_for_ever_at_the_times_of_its_plan(make_fitted, tmp_path, name):
+    """24 pictures per second are 4 or 5 hundredths in a GIF."""
+    result = with_rate(make_fitted(), 24)
+    made = write_film(result, tmp_path / name, SMALL, False, ProgressListener())
+    with Image.open(tmp_path / name) as image:
+        assert image.info["loop"] == 0
+        shown = []
         for number in range(image.n_frames):
             image.seek(number)
-            pictures.append(np.asarray(image.convert("RGB")))
-            durations.append(image.info["duration"])
-    return pictures, durations
+            image.load()  # a WebP says it then
+            shown.append(image.info["duration"])
+    parts = 100 if name.endswith("gif") else 1000
+    assert shown == (np.diff(made.list_times(parts)) * (1000 // parts)).tolist()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_pictures_are_read_back(kind):
-    pictures, durations = make_pictures(), [4, 5, 4, 7, 30]
-    data = write(kind, pictures, durations)
-    found, shown = read(data)
-    assert shown == [1000 // kind.PARTS_PER_SECOND * duration for duration in durations]
-    assert len(found) == len(pictures)
-    for one, other in zip(found, pictures, strict=True):
-        assert one.shape == other.shape
-        assert np.abs(one.astype(int) - other).mean() < 6
-    assert np.abs(found[0].astype(int) - pictures[2]).mean() > 12
-    assert write(kind, pictures, durations) == data
+def test_a_film_of_one_picture_is_an_image(closed, tmp_path):
+    settings = replace(SMALL, film_seconds=0.1)
+    result = with_rate(closed.result, 10)
+    for name in ("film.webp", "film.gif"):
+        assert write_film(result, tmp_path / name, settings, False, ProgressListener()).count == 1
+        with Image.open(tmp_path / name) as image:
+            assert (getattr(image, "n_frames", 1), image.size) == (1, (96, 64))
 
 
-def test_few_colours_are_exact_in_a_gif():
-    pictures = make_pictures()
-    found, _ = read(write(GifImage, pictures, [4] * 5))
-    np.testing.assert_array_equal(found, pictures)
+def test_a_gif_has_the_same_colours_in_all_pictures(closed, tmp_path):
+    write_film(closed.result, tmp_path / "film.gif", SMALL, False, ProgressListener())
+    found = set()
+    with Image.open(tmp_path / "film.gif") as image:
+        for number in range(image.n_frames):
+            image.seek(number)
+            found |= {colour for _, colour in image.convert("RGB").getcolors()}
+    assert 20 < len(found) <= GIF_COLOURS
 
 
-def test_many_colours_become_as_many_as_a_gif_has():
-    ramp = np.linspace(0, 255, SIZE[0] * SIZE[1]).reshape(SIZE[::-1])
-    pixels = np.stack([ramp, ramp[::-1], ramp.T.reshape(ramp.shape)], axis=2).astype(np.uint8)
-    found, _ = read(write(GifImage, [pixels, pixels[::-1]], [4, 4]))
-    assert len(np.unique(found[0].reshape(-1, 3), axis=0)) <= GIF_COLOURS
-    assert np.abs(found[0].astype(int) - pixels).mean() < 20
-    assert np.abs(found[1].astype(int) - pixels[::-1]).mean() < 20
-
-
-def test_a_webp_says_how_long_it_is():
-    data = write(WebpImage, make_pictures(), [40] * 5)
-    assert int.from_bytes(data[4:8], "little") == len(data) - 8
-
-
-def test_the_rectangle_holds_all_that_is_new():
-    is_new = np.zeros((5, 7), bool)
-    assert find_rectangle(is_new) == (slice(0, 1), slice(0, 1))
-    is_new[2, 6] = is_new[4, 3] = True
-    assert find_rectangle(is_new) == (slice(2, 5), slice(3, 7))
+def test_a_gif_that_takes_too_much_memory_is_refused(closed, tmp_path, monkeypatch):
+    monkeypatch.setattr(film_module, "MAX_GIF_PIXELS", 5 * 96 * 64 - 1)
+    with pytest.raises(SettingError, match="5 pictures of 96x64 pixels are too many for a GIF"):
+        write_film(closed.result, tmp_path / "film.gif", SMALL, False, ProgressListener())
+    assert list(tmp_path.iterdir()) == []
+    write_film(closed.result, tmp_path / "film.webp", SMALL, False, ProgressListener())
