@@ -68,8 +68,6 @@ def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
         *beyond,
         *volume,
         *changed,
-        *_acceleration_rows(summary),
-        *_mesh_acceleration_rows(summary),
         *system,
         *(("note", advice) for advice in _advise(summary)),
     ]
@@ -134,38 +132,6 @@ def _format_handle_name(anchor: AnchorSummary) -> str:
     """Return a handle's name, with that of its set if there are several."""
     return (
         f"{single_line(anchor.name)} ({anchor.layer})" if anchor.layer else single_line(anchor.name)
-    )
-
-
-def _mesh_acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
-    """Name the vertex whose acceleration the edit raises most: parts may jump between handles."""
-    after, before = summary.acceleration, summary.acceleration_before
-    if after is None or before is None or after - before <= NO_MOTION_TOL * summary.diagonal:
-        return
-    yield (
-        "of the mesh",
-        f"vertex {summary.acceleration_vertex}: up to {format_metric(after)} per frame² "
-        f"({format_metric(before)} before the edit)",
-    )
-
-
-def _acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
-    """Name the handle whose acceleration the edit raises most, with the one before."""
-    known = [
-        (anchor.acceleration, anchor.acceleration_before, _format_handle_name(anchor))
-        for anchor in summary.anchors
-        if anchor.acceleration is not None and anchor.acceleration_before is not None
-    ]
-    if not known:
-        return
-    after, before, name = max(known, key=lambda found: found[0] - found[1])
-    if after - before <= NO_MOTION_TOL * summary.diagonal:
-        yield "acceleration", "no handle accelerates more than before the edit"
-        return
-    yield (
-        "acceleration",
-        f"{name}: up to {format_metric(after)} per frame² "
-        f"({format_metric(before)} before the edit)",
     )
 
 
