@@ -51,12 +51,11 @@ def make_edit(tmp_path):
     return make
 
 
-def summarize(edit, cages, size, frames=None):
+def summarize(edit, cages, size):
     """By blocks of a size."""
-    frames = np.arange(COUNT) if frames is None else frames
     statistics = PoseStatistics(edit)
-    for start in range(0, len(frames), size):
-        chosen = frames[start : start + size]
+    for start in range(0, COUNT, size):
+        chosen = np.arange(COUNT)[start : start + size]
         statistics.update(edit.edit_frames(chosen, cages[chosen]))
     return statistics.summarize()
 
