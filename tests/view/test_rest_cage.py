@@ -19,12 +19,15 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.errors import BusyError, CageikError, FormatError, InputError, SlowError
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.view import cage_process, rest_cage
-from cageik_cli.view.cage_process import describe_finding
-from cageik_cli.view.rest_cage import encode_cage, list_polygons, open_rest_cage, parse_cage
-from cageik_cli.view.server import serve
-from cageik_cli.view.session import MAX_SUBMITTED_BYTES
-from cageik_cli.view.site import JobBoard, Site
+from cageik_cli.view import rest_cage
+from cageik_cli.view.rest_cage import (
+    describe_finding,
+    encode_cage,
+    list_polygons,
+    open_rest_cage,
+    parse_cage,
+)
+from cageik_cli.view.server import MAX_SUBMITTED_BYTES, JobBoard, Site, serve
 from tests.view.client import Client
 
 SECRET = "s" * 32
@@ -329,7 +332,7 @@ class Slow:
 
 
 def test_a_check_that_takes_too_long_is_ended(session, client, monkeypatch):
-    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 0.05)
+    monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 0.05)
     process = session.laboratory._process = Slow()
     data = encode(read_quads())
     with pytest.raises(SlowError, match=r"more than 0\.05 seconds and was ended"):
@@ -337,20 +340,20 @@ def test_a_check_that_takes_too_long_is_ended(session, client, monkeypatch):
     assert process.is_ended
     session.laboratory._process = Slow()
     assert client.ask("check", "POST", data).status == 503
-    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 20.0)
+    monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 20.0)
     assert session.check(data)["verdict"] == "fit"
 
 
 def test_a_check_that_really_takes_long_is_ended(session, monkeypatch):
-    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 0.001)
+    monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 0.001)
     with pytest.raises(SlowError):
         session.check(encode(read_quads()))
-    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 20.0)
+    monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 20.0)
     assert session.check(encode(read_quads()))["verdict"] == "fit"
 
 
 def test_of_checks_at_the_same_time_one_is_made(session, client, monkeypatch):
-    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 1.0)
+    monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 1.0)
     session.laboratory._process = Slow()
     data, answers = encode(read_quads()), []
 
