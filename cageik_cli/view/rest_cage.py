@@ -45,7 +45,7 @@ from cageik_cli.util.processes import Subprocess, SubprocessError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_count
 from cageik_cli.view.player.clip import PlayerClip, make_single_pose
-from cageik_cli.view.player.rest_cage import (
+from cageik_cli.view.player.section import (
     check_drawn_weights,
     pack_weights,
     render_rest_cage_page,

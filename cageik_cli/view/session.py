@@ -42,10 +42,14 @@ from cageik_cli.util.files import Mark, mark_file
 from cageik_cli.util.json_files import JsonFormat, Steps, format_value, parse_json
 from cageik_cli.util.outputs import check_no_overlap, check_writable, replace_only, write_bytes
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.view.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
+from cageik_cli.view.player.clip import (
+    UNNAMED_CAGE,
+    PlayerClip,
+    make_single_pose,
+    require_player_clip,
+)
 from cageik_cli.view.player.section import render_view_page
 from cageik_cli.view.server import MAX_SUBMITTED_BYTES, Edit, Rows, Wording
-from cageik_cli.view.show import load_clip
 
 
 class PageSession(ABC):
@@ -312,7 +316,7 @@ class _ResultSession(ViewSession):
     """The animation of a result; edits are results."""
 
     def __init__(self, settings: ViewSettings, result: Result, watched: WatchedInput) -> None:
-        super().__init__(settings, load_clip(result), result.edited_from)
+        super().__init__(settings, require_player_clip(result, "a page"), result.edited_from)
         self._watched = watched
 
     def _solve(

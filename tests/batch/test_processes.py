@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.batch import processes as local
+from cageik_cli.batch import run as local
 from cageik_cli.batch.jobs import ClipJob, ClipState, run_clip
-from cageik_cli.batch.processes import ProcessScheduler
+from cageik_cli.batch.run import ProcessScheduler
 from cageik_cli.report.limits import Limits
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import ClusterError

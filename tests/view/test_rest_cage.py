@@ -376,6 +376,6 @@ def test_one_cage_waits_for_none(session, monkeypatch):
 
 
 def test_too_many_weights_for_the_page_are_refused(session, monkeypatch):
-    monkeypatch.setattr("cageik_cli.view.player.rest_cage.MAX_WEIGHTS", 50)
+    monkeypatch.setattr("cageik_cli.view.player.section.MAX_WEIGHTS", 50)
     with pytest.raises(FormatError, match="too many for the page, at most 5"):
         session.solve(encode(read_quads()))
