@@ -107,15 +107,11 @@ def run_clip(
         return replace(outcome, replaced=extraction.replaced)
     except Exception as error:
         outcome = make_failed_outcome(job, describe_error(error))
-        return replace(outcome, has_bad_frame=_is_of_frame(error, extraction))
-
-
-def _is_of_frame(error: Exception, extraction: Extraction) -> bool:
-    """Return whether an error of an opened clip is of one of its frames, which it names first."""
-    if not isinstance(error, InputError) or not hasattr(extraction, "sequence"):
-        return False
-    sequence = extraction.sequence
-    return any(str(error).startswith(f"{sequence.location(k)}: ") for k in range(len(sequence)))
+        if not isinstance(error, InputError) or not hasattr(extraction, "sequence"):
+            return outcome
+        sequence = extraction.sequence  # an error of a frame names it first
+        frames = (f"{sequence.location(k)}: " for k in range(len(sequence)))
+        return replace(outcome, has_bad_frame=str(error).startswith(tuple(frames)))
 
 
 def check_clip(job: ClipJob) -> Outcome | str:

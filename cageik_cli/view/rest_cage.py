@@ -263,7 +263,10 @@ def parse_cage(data: bytes) -> TriMesh:
             )
     polygons = _check_rows(document["polygons"], "polygons", MAX_EDITED_CORNERS // 3)
     for k, polygon in enumerate(polygons):
-        if len(polygon) < 3 or not all(_is_index(corner, len(vertices)) for corner in polygon):
+        if len(polygon) < 3 or not all(
+            isinstance(corner, int) and not isinstance(corner, bool) and 0 <= corner < len(vertices)
+            for corner in polygon
+        ):
             raise FormatError(
                 f"polygons[{k}]: expected three or more vertices from 0 to {len(vertices) - 1}; "
                 "send the cage again"
@@ -291,10 +294,6 @@ def _check_rows(value: Any, name: str, most: int) -> list[list[Any]]:
 def _is_coordinate(value: Any) -> bool:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return is_number and abs(value) <= MAX_COORDINATE
-
-
-def _is_index(value: Any, count: int) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < count
 
 
 def has_polygons_of(cage: TriMesh, other: TriMesh) -> bool:

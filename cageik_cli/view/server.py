@@ -229,7 +229,13 @@ class RequestHandler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with the page or the status."""
-        self._answer({"": self._send_page, "status": self._send_status})
+        site = self.site
+        self._answer(
+            {
+                "": lambda _: self._send(HTTPStatus.OK, "text/html; charset=utf-8", site.page),
+                "status": lambda _: self._send_json(HTTPStatus.OK, asdict(site.board.status)),
+            }
+        )
 
     def do_POST(self) -> None:
         """Take an edit, or what else the page sends."""
@@ -281,12 +287,6 @@ class RequestHandler(BaseHTTPRequestHandler):
                 HTTPStatus.FORBIDDEN, "the address is not the one that cageik view printed"
             )
         return rest[0], query
-
-    def _send_page(self, _: str) -> None:
-        self._send(HTTPStatus.OK, "text/html; charset=utf-8", self.site.page)
-
-    def _send_status(self, _: str) -> None:
-        self._send_json(HTTPStatus.OK, asdict(self.site.board.status))
 
     def _apply(self, query: str) -> None:
         if self.site.parse is None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.editing.cage_edits import CageEditLayer, CageEdits, EditFiles, parse_cage_edits
-from cageik_cli.editing.handles.model import Handle, Handles, PosedSurface
+from cageik_cli.editing.handles.model import Handles, PosedSurface
 from cageik_cli.editing.handles.placement import place_handles
 from cageik_cli.editing.handles.reader import parse_handles
 from cageik_cli.editing.handles.schema import MAX_HANDLES_BYTES, describe_location
@@ -422,20 +422,16 @@ def read_first_edit(handles: Path | None, cage_edits: Path | None) -> EditFiles:
     for handle_set in files.handles.sets if files.handles else ():
         with error_context(handles or ""):
             for handle in handle_set.handles:
-                _check_shown(handle)
+                is_on_screen = handle.motion.camera is not None
+                if is_on_screen or handle.place.kind in ("position", "screen.source"):
+                    raise HandlesError(
+                        f"handle {handle.name!r}: has a position or a screen, which the page does "
+                        "not show; pose it with cageik pose, or give a vertex or a face, and an "
+                        "offset or a target"
+                    )
+                if handle.radius is not None:
+                    raise HandlesError(
+                        f"handle {handle.name!r}: has a radius, which the page does not show; pose "
+                        "it with cageik pose, or remove the radius"
+                    )
     return files
-
-
-def _check_shown(handle: Handle) -> None:
-    """Refuse what the page has no means to show."""
-    is_on_screen = handle.motion.camera is not None
-    if is_on_screen or handle.place.kind in ("position", "screen.source"):
-        raise HandlesError(
-            f"handle {handle.name!r}: has a position or a screen, which the page does not show; "
-            "pose it with cageik pose, or give a vertex or a face, and an offset or a target"
-        )
-    if handle.radius is not None:
-        raise HandlesError(
-            f"handle {handle.name!r}: has a radius, which the page does not show; pose it with "
-            "cageik pose, or remove the radius"
-        )

@@ -35,7 +35,6 @@ from cageik_cli.report.render.shading import (
     overlay,
     parse_colour,
 )
-from cageik_cli.util.arrays import Floats
 
 LIST_MARGIN, LIST_ROW_HEIGHT = 12.0, 15.0
 """Free space around the list of faults below the pictures, and the height of its rows."""
@@ -96,8 +95,14 @@ def _draw_numbers(
     """Dot the places of each fault, and put its number beside the middle one of them."""
     scale, font_size = PANEL_SIDE / camera.size, 11.0
     dots = [camera.project(mark.points)[:, :2] * scale for mark in marks]
+    max_drawn = 4000  # more dots cover each other
     for mark, places in zip(marks, dots, strict=True):
-        _draw_dots(axes, places + np.array([left, 0]), mark.colour)
+        size = 3.2 if len(places) <= 500 else 1.3
+        x, y = places[:: -(-len(places) // max_drawn)].T
+        axes.plot(
+            left + x, y, "o", ms=size, color=mark.colour, mec="white", mew=0.1 * size, alpha=0.85,
+            zorder=3, gid="fault",
+        )  # fmt: skip
     if not marks:
         return
     away = [np.linalg.norm(places - places.mean(axis=0), axis=1) for places in dots]
@@ -112,14 +117,3 @@ def _draw_numbers(
                 weight="bold", color=mark.colour, va="center_baseline", zorder=6, gid="number",
                 path_effects=[withStroke(linewidth=3, foreground="white")],
             )  # fmt: skip
-
-
-def _draw_dots(axes: Axes, places: Floats, colour: str) -> None:
-    """Dot places, (k, 2), small ones if they are many; of very many, evenly chosen ones."""
-    max_drawn = 4000  # more dots cover each other
-    size = 3.2 if len(places) <= 500 else 1.3
-    x, y = places[:: -(-len(places) // max_drawn)].T
-    axes.plot(
-        x, y, "o", ms=size, color=colour, mec="white", mew=0.1 * size, alpha=0.85, zorder=3,
-        gid="fault",
-    )  # fmt: skip

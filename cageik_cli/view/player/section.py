@@ -42,7 +42,6 @@ from cageik_cli.view.player.clip import (
 from cageik_cli.view.player.compression import (
     SMALL_MAX_LEVEL,
     Predictor,
-    RoundedWeights,
     decimate,
     find_smooth_motions,
     pack_arrays,
@@ -317,8 +316,13 @@ def pack_skin(
         "rests": np.ascontiguousarray(rounded.rests.T),
         "cage": _scale(cage),
     }
-    header = _add_base((clip.base[chosen] - origin) / diagonal, rounded, cage, arrays)
-    return {"levels": rounded.levels, "restStep": rounded.rest_step, **header}, arrays
+    # What the weights of the page lack to the base mesh: little, unless they have offsets.
+    lack = (clip.base[chosen] - origin) / diagonal - rounded.restore() @ cage
+    min_step = 1e-7  # diagonals, as single precision has
+    step = max(float(np.abs(lack).max()) / MAX_INT16, min_step)
+    arrays["lack"] = np.ascontiguousarray(np.rint(lack / step).T).astype("<i2")
+    steps = {"levels": rounded.levels, "restStep": rounded.rest_step, "lackStep": step}
+    return steps, arrays
 
 
 def choose_vertices(rest: TriMesh, cage: TriMesh | None = None) -> tuple[Integers, Integers]:
@@ -360,17 +364,6 @@ def _mark_polygons(name: str, mesh: TriMesh) -> dict[str, NDArray[Any]]:
 def _scale(values: Floats, largest: float = 1e30) -> NDArray[np.float32]:
     """Draw what is farther away at `largest`, in diagonals: single precision ends near."""
     return np.clip(values, -largest, largest).astype("<f4")
-
-
-def _add_base(
-    base: Floats, rounded: RoundedWeights, cage: Floats, arrays: dict[str, NDArray[Any]]
-) -> dict[str, Any]:
-    """Add what the weights of the page lack to the base mesh: little, unless they have offsets."""
-    min_step = 1e-7  # diagonals, as single precision has
-    lack = base - rounded.restore() @ cage
-    step = max(float(np.abs(lack).max()) / MAX_INT16, min_step)
-    arrays["lack"] = np.ascontiguousarray(np.rint(lack / step).T).astype("<i2")
-    return {"lackStep": step}
 
 
 def _add_errors(
