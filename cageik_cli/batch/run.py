@@ -95,26 +95,30 @@ def run_batch(
     entries = {entry.name: entry for entry in batch.rejected}
     labels = dict(zip(batch.order, shorten_names(batch.order), strict=True))
     width = min(max(map(len, labels.values()), default=0), 60)  # of the column with the names
+    done: list[Outcome] = []
     with _folder_lock(batch.output):
         make_folder(batch.output / CLIPS_FOLDER)
-        with (
-            progress.stage("batch"),
-            _note_done_on_error(batch) as done,
-            scheduler as active_scheduler,
-        ):
-            for entry in batch.rejected:
-                label = f"{labels[entry.name]:<{width}}"
-                progress.note(label, _describe_outcome(Outcome(entry, ClipState.FAILED)))
-            for outcome in active_scheduler.run_jobs(
-                [replace(job, word=word) for job in batch.jobs]
-            ):
-                entries[outcome.entry.name] = outcome.entry
-                done.append(outcome)
-                label = f"{labels[outcome.entry.name]:<{width}}"
-                progress.note(label, _describe_outcome(outcome))
-                progress.update(len(done), len(batch.jobs))
-            if any(outcome.has_bad_frame for outcome in done):
-                progress.note("note", "`on_bad_frame=skip` leaves out frames that cannot be read")
+        try:
+            with progress.stage("batch"), scheduler as active_scheduler:
+                for entry in batch.rejected:
+                    label = f"{labels[entry.name]:<{width}}"
+                    progress.note(label, _describe_outcome(Outcome(entry, ClipState.FAILED)))
+                jobs = [replace(job, word=word) for job in batch.jobs]
+                for outcome in active_scheduler.run_jobs(jobs):
+                    entries[outcome.entry.name] = outcome.entry
+                    done.append(outcome)
+                    label = f"{labels[outcome.entry.name]:<{width}}"
+                    progress.note(label, _describe_outcome(outcome))
+                    progress.update(len(done), len(batch.jobs))
+                if any(outcome.has_bad_frame for outcome in done):
+                    progress.note(
+                        "note", "`on_bad_frame=skip` leaves out frames that cannot be read"
+                    )
+        except BaseException as error:
+            error.add_note(
+                f"{len(done)} of {len(batch.jobs)} clips are done; continue with `resume=True`"
+            )
+            raise
         if any(job.settings.cache == batch.output / WEIGHT_CACHE_FOLDER for job in batch.jobs):
             shutil.rmtree(batch.output / WEIGHT_CACHE_FOLDER, ignore_errors=True)
         worded = {
@@ -206,19 +210,6 @@ def _describe_outcome(outcome: Outcome) -> str:
     over = ", over a limit" if entry.exceeds_limit else ""
     again = f"; replaces the result of {outcome.replaced}" if outcome.replaced else ""
     return f"{known}{entry.report.quality}: {percent} % of the size on average{over}{again}"
-
-
-@contextmanager
-def _note_done_on_error(batch: BatchPlan) -> Iterator[list[Outcome]]:
-    """Collect outcomes; an error is noted with how many there are."""
-    done: list[Outcome] = []
-    try:
-        yield done
-    except BaseException as error:
-        error.add_note(
-            f"{len(done)} of {len(batch.jobs)} clips are done; continue with `resume=True`"
-        )
-        raise
 
 
 @contextmanager

@@ -41,6 +41,9 @@ from cageik_cli.util.threads import OrderedMap, count_processors
 FILM_COLOURS = {"background": "#ffffff", "label": "#59626d"}
 """Of what is neither the model nor its cage."""
 
+MAX_SHOT_BYTES = 64 << 20
+"""Bytes of the meshes of a film that are in memory at a time."""
+
 MAX_TILE_SIDE = 640
 """Pixels of a square that is drawn at once: larger pictures take no more memory."""
 
@@ -55,6 +58,9 @@ MAX_GIF_PIXELS = 1 << 30
 
 WEBP_QUALITY = 75
 """Of the pictures of a WebP, up to 100: the thin lines of a cage stay clean."""
+
+Pixels = NDArray[np.uint8]
+"""(h, w, 3): red, green and blue."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,8 +85,8 @@ class Shot:
     label: str
 
 
-class FilmPlan:
-    """The pictures of a film, which can be drawn several times.
+class Film:
+    """The pictures of a film, which are drawn at one scale, and can be drawn several times.
 
     Parameters
     ----------
@@ -119,6 +125,26 @@ class FilmPlan:
             shown = min(shown, max(1, round(seconds * fps)))
         self._step = max(1, math.ceil(fps / MAX_FILM_RATE - 1e-9))
         self.rate, self.count = fps / self._step, -(-shown // self._step)
+
+    def fit(self) -> None:
+        """Find the largest scale at which all that any shot shows is in the picture.
+
+        That is the step from the centre of a shot to the middle of its picture, along the axes of
+        the camera, and the size of a pixel, in units of the model.
+        """
+        margin, label_height = 0.03, 20  # share of the picture; pixels
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        drawn: Integers = np.unique(self.binding.rest.faces)
+        for shot in self.shots():
+            for points in (shot.mesh[drawn], shot.cage):
+                seen = (points - shot.centre) @ shot.axes.T
+                low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
+        width, height = self.settings.film_size
+        room = (1 - 2 * margin) * np.array([width, height - label_height])
+        self._unit = float(((high - low)[:2] / room).max()) or 1.0
+        # The label is below the model.
+        lift = np.array([0, -0.5 * label_height * self._unit, 0])
+        self._offset = 0.5 * (low + high) + lift
 
     @property
     def seconds(self) -> float:
@@ -162,118 +188,16 @@ class FilmPlan:
             yield from zip(reconstruct_frames(self.binding, cages, turns), cages, strict=True)
             start += len(block)
 
-
-def write_film(
-    result: Result,
-    path: Path,
-    settings: FilmSettings,
-    overwrite: bool,
-    progress: ProgressListener,
-) -> FilmPlan:
-    """Write a film as GIF or WebP, as the name says; the same bytes for the same arguments.
-
-    Raises
-    ------
-    SettingError
-        When the result has no weights, or its clip is too long.
-    OutputError
-        When the file cannot be written.
-    """
-    binding = load_binding(result, "a film")
-    plan = FilmPlan(result, binding, settings)
-    is_gif = path.suffix.lower() == ".gif"
-    width, height = settings.film_size
-    if is_gif and plan.count * width * height > MAX_GIF_PIXELS:
-        raise SettingError(
-            f"{path}: {plan.count} pictures of {width}x{height} pixels are too many for a GIF; "
-            "choose a smaller `film_size=` or `film_seconds=`, or write .webp"
-        )
-    with progress.stage("film"):
-        artist = FilmArtist.fit(plan)
-        palette = artist.choose_colours() if is_gif else None
-        # GIF has times in hundredths of a second.
-        unit = 10 if is_gif else 1
-        times = unit * np.array(plan.list_times(1000 // unit))
-        jobs = count_processors()
-
-        def draw_all(drawn: Iterable[Pixels]) -> Iterator[Image.Image]:
-            for number, pixels in enumerate(drawn):
-                image = Image.fromarray(pixels)
-                if palette is not None:
-                    image = image.quantize(palette=palette, dither=Image.Dither.NONE)
-                progress.update(number + 1, plan.count)
-                yield image
-
-        with (
-            atomic_file(path, overwrite) as file,
-            OrderedMap(artist.draw, plan.shots(), jobs, jobs + 1) as drawn,
-        ):
-            pictures = draw_all(drawn)
-            first = next(pictures)
-            first.save(
-                file,
-                "GIF" if is_gif else "WEBP",
-                save_all=True,
-                append_images=[LaterPictures(first, pictures, plan.count - 1)],
-                duration=np.diff(times).tolist(),
-                loop=0,
-                optimize=True,
-                quality=WEBP_QUALITY,
-                method=4,
-            )
-    return plan
-
-
-Pixels = NDArray[np.uint8]
-"""(h, w, 3): red, green and blue."""
-
-MAX_SHOT_BYTES = 64 << 20
-"""Bytes of the meshes of a film that are in memory at a time."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FilmArtist:
-    """Draws the shots of a plan at one scale.
-
-    Attributes
-    ----------
-    offset : (3,) float64
-        From the centre of a shot to the middle of its picture, along the axes of the camera.
-    unit : float
-        Size of a pixel, in units of the model.
-    """
-
-    plan: FilmPlan
-    offset: Floats
-    unit: float
-
-    @classmethod
-    def fit(cls, plan: FilmPlan) -> "FilmArtist":
-        """Find the largest scale at which all that any shot shows is in the picture."""
-        margin, label_height = 0.03, 20  # share of the picture; pixels
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        drawn: Integers = np.unique(plan.binding.rest.faces)
-        for shot in plan.shots():
-            for points in (shot.mesh[drawn], shot.cage):
-                seen = (points - shot.centre) @ shot.axes.T
-                low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
-        width, height = plan.settings.film_size
-        room = (1 - 2 * margin) * np.array([width, height - label_height])
-        unit = float(((high - low)[:2] / room).max()) or 1.0
-        # The label is below the model.
-        lift = np.array([0, -0.5 * label_height * unit, 0])
-        return cls(plan, 0.5 * (low + high) + lift, unit)
-
     def choose_colours(self) -> Image.Image:
         """Choose colours for all shots by some of them; return an image that has their palette."""
-        chosen = set(spread_evenly(self.plan.count, COLOUR_SAMPLES).tolist())
-        shots = (shot for number, shot in enumerate(self.plan.shots()) if number in chosen)
+        chosen = set(spread_evenly(self.count, COLOUR_SAMPLES).tolist())
+        shots = (shot for number, shot in enumerate(self.shots()) if number in chosen)
         samples = Image.fromarray(np.concatenate([self.draw(shot) for shot in shots]))
         return samples.quantize(GIF_COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
 
     def draw(self, shot: Shot) -> Pixels:
-        """Draw a shot, (h, w, 3), with its label in the lower left corner."""
-        width, height = self.plan.settings.film_size
+        """Draw a shot at the scale of `fit`, (h, w, 3), with its label in the lower left corner."""
+        width, height = self.settings.film_size
         pixels: Pixels = np.empty((height, width, 3), np.uint8)
         tiles = [-(-side // MAX_TILE_SIDE) for side in (width, height)]
         side = max(-(-width // tiles[0]), -(-height // tiles[1]))
@@ -292,16 +216,16 @@ class FilmArtist:
 
     def _draw_tile(self, shot: Shot, left: int, top: int, side: int) -> Pixels:
         """Draw a square whose upper left corner is at a pixel."""
-        width, height = self.plan.settings.film_size
+        width, height = self.settings.film_size
         right, down = left + 0.5 * (side - width), top + 0.5 * (side - height)
-        place = self.offset + self.unit * np.array([right, -down, 0])
+        place = self._offset + self._unit * np.array([right, -down, 0])
         camera = ParallelCamera(
             shot.axes,
             shot.centre + place @ shot.axes,
-            0.5 * self.unit * side,
+            0.5 * self._unit * side,
             SAMPLES_PER_PIXEL * side,
         )
-        binding = self.plan.binding
+        binding = self.binding
         surface = project_surface(camera, shot.mesh, binding.rest.faces)
         red, green, blue, opacity = downsample(
             render_with_cage(surface, camera, binding.cage.move(shot.cage))
@@ -331,3 +255,64 @@ class LaterPictures:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._shown, name)
+
+
+def write_film(
+    result: Result,
+    path: Path,
+    settings: FilmSettings,
+    overwrite: bool,
+    progress: ProgressListener,
+) -> Film:
+    """Write a film as GIF or WebP, as the name says; the same bytes for the same arguments.
+
+    Raises
+    ------
+    SettingError
+        When the result has no weights, or its clip is too long.
+    OutputError
+        When the file cannot be written.
+    """
+    binding = load_binding(result, "a film")
+    film = Film(result, binding, settings)
+    is_gif = path.suffix.lower() == ".gif"
+    width, height = settings.film_size
+    if is_gif and film.count * width * height > MAX_GIF_PIXELS:
+        raise SettingError(
+            f"{path}: {film.count} pictures of {width}x{height} pixels are too many for a GIF; "
+            "choose a smaller `film_size=` or `film_seconds=`, or write .webp"
+        )
+    with progress.stage("film"):
+        film.fit()
+        palette = film.choose_colours() if is_gif else None
+        # GIF has times in hundredths of a second.
+        unit = 10 if is_gif else 1
+        times = unit * np.array(film.list_times(1000 // unit))
+        jobs = count_processors()
+
+        def draw_all(drawn: Iterable[Pixels]) -> Iterator[Image.Image]:
+            for number, pixels in enumerate(drawn):
+                image = Image.fromarray(pixels)
+                if palette is not None:
+                    image = image.quantize(palette=palette, dither=Image.Dither.NONE)
+                progress.update(number + 1, film.count)
+                yield image
+
+        with (
+            atomic_file(path, overwrite) as file,
+            OrderedMap(film.draw, film.shots(), jobs, jobs + 1) as drawn,
+        ):
+            pictures = draw_all(drawn)
+            first = next(pictures)
+            first.save(
+                file,
+                "GIF" if is_gif else "WEBP",
+                save_all=True,
+                append_images=[LaterPictures(first, pictures, film.count - 1)],
+                duration=np.diff(times).tolist(),
+                loop=0,
+                optimize=True,
+                quality=WEBP_QUALITY,
+                method=4,
+            )
+    return film

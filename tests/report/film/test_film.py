@@ -11,8 +11,7 @@ from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.report.film import film as film_module
 from cageik_cli.report.film.film import (
     GIF_COLOURS,
-    FilmArtist,
-    FilmPlan,
+    Film,
     write_film,
 )
 from cageik_cli.report.film.settings import (
@@ -32,7 +31,7 @@ SMALL = FilmSettings(film_size=(96, 64))
 
 
 def plan(result, **settings):
-    return FilmPlan(result, read_binding(result), replace(SMALL, **settings))
+    return Film(result, read_binding(result), replace(SMALL, **settings))
 
 
 def with_rate(result, fps):
@@ -128,10 +127,10 @@ def test_a_turn_goes_once_around(closed):
 
 def list_drawn_boxes(result, **settings):
     """Where each picture differs from its ground: left, top, right, bottom."""
-    made = plan(result, **settings)
-    artist, boxes = FilmArtist.fit(made), []
+    made, boxes = plan(result, **settings), []
+    made.fit()
     for shot in made.shots():
-        drawn = (artist.draw(replace(shot, label="")) < 250).any(axis=2)
+        drawn = (made.draw(replace(shot, label="")) < 250).any(axis=2)
         rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
         boxes.append((columns[0], rows[0], columns[-1] + 1, rows[-1] + 1))
     return np.array(boxes)
@@ -168,11 +167,11 @@ def test_a_camera_that_follows_shows_a_walk_larger(closed, tmp_path):
 def test_tiles_join_without_a_seam(closed, monkeypatch):
     made = plan(closed.result, film_size=(90, 70))
     shot = next(made.shots())
-    artist = FilmArtist.fit(made)
-    whole = artist.draw(shot)
+    made.fit()
+    whole = made.draw(shot)
     for side in (30, 37):
         monkeypatch.setattr(film_module, "MAX_TILE_SIDE", side)
-        differs = np.abs(artist.draw(shot).astype(int) - whole).max(axis=2) > 60
+        differs = np.abs(made.draw(shot).astype(int) - whole).max(axis=2) > 60
         assert differs.mean() < 0.01  # lines near a surface are before it or behind
 
 
@@ -190,7 +189,7 @@ def test_a_film_is_read_back_by_pillow(closed, tmp_path, name):
         assert (image.n_frames, image.size) == (made.count, (96, 64))
         image.seek(made.count - 1)
         last = np.asarray(image.convert("RGB")).astype(int)
-    wanted = FilmArtist.fit(made).draw(list(made.shots())[-1])
+    wanted = made.draw(list(made.shots())[-1])
     assert np.abs(last - wanted).mean() < 8
     write_film(closed.result, tmp_path / f"again{name[4:]}", SMALL, False, ProgressListener())
     assert (tmp_path / f"again{name[4:]}").read_bytes() == (tmp_path / name).read_bytes()
@@ -201,7 +200,7 @@ def test_a_film_that_fails_leaves_what_was_there(closed, tmp_path, monkeypatch):
     path.write_text("old")
     with pytest.raises(OutputError, match="another run has written it"):
         write_film(closed.result, path, SMALL, False, ProgressListener())
-    monkeypatch.setattr(FilmArtist, "draw", None)
+    monkeypatch.setattr(Film, "draw", None)
     with pytest.raises(TypeError):
         write_film(closed.result, path, SMALL, True, ProgressListener())
     assert [file.name for file in tmp_path.iterdir()] == ["film.gif"]
