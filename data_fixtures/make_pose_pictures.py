@@ -29,7 +29,7 @@ from cageik_cli.method.pose.anchors import (
 )
 from cageik_cli.method.pose.poser import Poser
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.report.plots.pose_plot import Panel, draw_pose
+from cageik_cli.report.plots.model_plot import Panel, draw_pose
 from cageik_cli.report.plots.style import use_fixed_style
 
 HERE = Path(__file__).resolve().parent

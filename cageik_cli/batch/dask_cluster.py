@@ -12,7 +12,7 @@ import sys
 import time
 import warnings
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -106,19 +106,16 @@ class DaskScheduler:
     def run_jobs(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
         """Yield the outcome of each job, as they end."""
         by_key: dict[str, list[ClipJob]] = {}
-        for job, checked in self._iterate_results(self._submit_checks(jobs)):
+        # A worker uses one thread, as other workers run other clips.
+        alone = [replace(job, settings=replace(job.settings, jobs=1)) for job in jobs]
+        checks = ((job, self._client.submit(check_clip, job, pure=False)) for job in alone)
+        for job, checked in self._iterate_results(checks):
             if isinstance(checked, Outcome):
                 yield checked
             else:
                 by_key.setdefault(checked, []).append(job)
         for _, outcome in self._iterate_results(self._submit_clips(by_key)):
             yield outcome
-
-    def _submit_checks(self, jobs: Iterable[ClipJob]) -> Iterator[tuple[ClipJob, Any]]:
-        for job in jobs:
-            # A worker uses one thread, as other workers run other clips.
-            alone = replace(job, settings=replace(job.settings, jobs=1))
-            yield alone, self._client.submit(check_clip, alone, pure=False)
 
     def _submit_clips(self, by_key: dict[str, list[ClipJob]]) -> Iterator[tuple[ClipJob, Any]]:
         """Submit the tasks of jobs, those with the same weights after each other."""

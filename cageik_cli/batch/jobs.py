@@ -108,16 +108,11 @@ def run_clip(
         return replace(outcome, replaced=extraction.replaced)
     except Exception as error:
         outcome = make_failed_outcome(job, describe_error(error))
-        return replace(outcome, has_bad_frame=_is_of_frame(error, extraction))
-
-
-def _is_of_frame(error: Exception, extraction: Extraction) -> bool:
-    """Return whether an error of an opened clip is of one of its frames, which it names first."""
-    if not isinstance(error, InputError) or not hasattr(extraction, "sequence"):
-        return False
-    sequence = extraction.sequence
-    places = {sequence.location(k) for k in range(len(sequence))}
-    return bool(error.locations) and error.locations[0] in places
+        if not isinstance(error, InputError) or not hasattr(extraction, "sequence"):
+            return outcome
+        sequence = extraction.sequence  # an error of a frame names it first
+        frames = {sequence.location(k) for k in range(len(sequence))}
+        return replace(outcome, has_bad_frame=not frames.isdisjoint(error.locations[:1]))
 
 
 def check_clip(job: ClipJob) -> Outcome | str:
@@ -173,7 +168,7 @@ def compute_weights_key(extraction: Extraction) -> str:
 
 
 def make_failed_outcome(job: ClipJob, fault: Said) -> Outcome:
-    """Make the outcome of a job that failed."""
+    """Make the outcome of a job that failed with this message."""
     entry = ClipEntry(job.name, fault=to_unicode(spell(fault, job.spelling)))
     return Outcome(entry, ClipState.FAILED)
 

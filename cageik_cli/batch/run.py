@@ -1,12 +1,20 @@
-"""A batch: its jobs are run, and one report over all clips is written."""
+"""A batch: its jobs are run, in processes of this machine or by another scheduler, and reported."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cageik_cli.batch.jobs import CLIPS_FOLDER, ClipJob, ClipState, Outcome, Scheduler
+from cageik_cli.batch.jobs import (
+    CLIPS_FOLDER,
+    ClipJob,
+    ClipState,
+    Outcome,
+    Scheduler,
+    make_failed_outcome,
+    run_clip,
+)
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.html.index import render_index
 from cageik_cli.report.overview import ClipEntry, Overview, shorten_names
@@ -14,10 +22,17 @@ from cageik_cli.report.views.data import format_junit, format_overview_csv, form
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.run.extraction import Extraction
 from cageik_cli.store.result import checkpoint_path, is_result
-from cageik_cli.util.errors import CageikError, OutputError, add_remark, make_write_error
+from cageik_cli.util.errors import (
+    CageikError,
+    ClusterError,
+    OutputError,
+    add_remark,
+    make_write_error,
+)
 from cageik_cli.util.files import open_locked, remove_locked
 from cageik_cli.util.messages import Row, Spelling, say, spell_keyword
 from cageik_cli.util.outputs import make_folder, write_text
+from cageik_cli.util.processes import Subprocess, SubprocessError, wait_for_any
 from cageik_cli.util.progress import ProgressListener
 
 REPORT_FILES = {
@@ -35,6 +50,10 @@ WEIGHT_CACHE_FOLDER = ".cageik-weights"
 FAULT_LABEL = "would fail"
 
 LOCK_FILE = ".cageik-batch.lock"
+
+PRELOAD = "cageik_cli.batch.preload"
+PRELOAD_PAGE = f"{PRELOAD}_page"
+"""Modules for the process from which others are forked; importing them never fails."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,28 +102,32 @@ def run_batch(
     entries = {entry.name: entry for entry in batch.rejected}
     labels = dict(zip(batch.order, shorten_names(batch.order), strict=True))
     width = min(max(map(len, labels.values()), default=0), 60)  # of the column with the names
+    done: list[Outcome] = []
     with _folder_lock(batch.output):
         make_folder(batch.output / CLIPS_FOLDER)
-        with (
-            progress.stage("batch"),
-            _note_done_on_error(batch) as done,
-            scheduler as active_scheduler,
-        ):
-            for entry in batch.rejected:
-                label = f"{labels[entry.name]:<{width}}"
-                progress.note(label, _describe_outcome(Outcome(entry, ClipState.FAILED)))
-            for outcome in active_scheduler.run_jobs(
-                [replace(job, spelling=spelling) for job in batch.jobs]
-            ):
-                entries[outcome.entry.name] = outcome.entry
-                done.append(outcome)
-                label = f"{labels[outcome.entry.name]:<{width}}"
-                progress.note(label, _describe_outcome(outcome))
-                progress.update(len(done), len(batch.jobs))
-            if any(outcome.has_bad_frame for outcome in done):
-                progress.note(
-                    "note", say("`on_bad_frame=skip` leaves out frames that cannot be read")
-                )
+        try:
+            with progress.stage("batch"), scheduler as active_scheduler:
+                for entry in batch.rejected:
+                    label = f"{labels[entry.name]:<{width}}"
+                    progress.note(label, _describe_outcome(Outcome(entry, ClipState.FAILED)))
+                jobs = [replace(job, spelling=spelling) for job in batch.jobs]
+                for outcome in active_scheduler.run_jobs(jobs):
+                    entries[outcome.entry.name] = outcome.entry
+                    done.append(outcome)
+                    label = f"{labels[outcome.entry.name]:<{width}}"
+                    progress.note(label, _describe_outcome(outcome))
+                    progress.update(len(done), len(batch.jobs))
+                if any(outcome.has_bad_frame for outcome in done):
+                    progress.note(
+                        "note", say("`on_bad_frame=skip` leaves out frames that cannot be read")
+                    )
+        except BaseException as error:
+            add_remark(
+                error,
+                f"{len(done)} of {len(batch.jobs)} clips are done; "
+                + say("continue with `resume=True`"),
+            )
+            raise
         if any(job.settings.cache == batch.output / WEIGHT_CACHE_FOLDER for job in batch.jobs):
             shutil.rmtree(batch.output / WEIGHT_CACHE_FOLDER, ignore_errors=True)
         overview = Overview([entries[name] for name in batch.order], batch.notes)
@@ -200,21 +223,6 @@ def _describe_outcome(outcome: Outcome) -> str:
 
 
 @contextmanager
-def _note_done_on_error(batch: BatchPlan) -> Iterator[list[Outcome]]:
-    """Collect outcomes; an error is noted with how many there are."""
-    done: list[Outcome] = []
-    try:
-        yield done
-    except BaseException as error:
-        add_remark(
-            error,
-            f"{len(done)} of {len(batch.jobs)} clips are done; "
-            + say("continue with `resume=True`"),
-        )
-        raise
-
-
-@contextmanager
 def _folder_lock(folder: Path) -> Iterator[None]:
     """Create a folder, and be the only batch that writes to it."""
     make_folder(folder)
@@ -229,3 +237,74 @@ def _folder_lock(folder: Path) -> Iterator[None]:
         yield
     finally:
         remove_locked(path, lock)
+
+
+class ProcessScheduler:
+    """Run jobs in processes of this machine, one clip at a time in each.
+
+    A process that crashes costs its clip one attempt; other clips are not affected. On an error,
+    all processes are ended at once: their runs can be resumed.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of processes.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self._processes: list[Subprocess] = []
+
+    def __enter__(self) -> "ProcessScheduler":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for process in self._processes:
+            process.end()
+
+    def run_jobs(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
+        """Yield the outcome of each job, as they end; one whose process crashes is begun twice."""
+        count = max(1, min(self._jobs, len(jobs)))
+        share = max(1, self._jobs // count)
+        preload = [PRELOAD, *([PRELOAD_PAGE] if any(job.has_page for job in jobs) else [])]
+        waiting = [replace(job, settings=replace(job.settings, jobs=share)) for job in jobs[::-1]]
+        running: dict[Subprocess, ClipJob] = {}
+        crashed: set[str] = set()
+
+        def begin_next(process: Subprocess) -> None:
+            if waiting:
+                running[process] = waiting.pop()
+                process.begin(run_clip, running[process])
+
+        for _ in range(min(count, len(jobs))):
+            begin_next(self._start(preload))
+        while running:
+            process = wait_for_any(running)
+            job, outcome = running.pop(process), None
+            try:
+                outcome = process.finish()
+            except SubprocessError:
+                process = self._start(preload)
+                if job.name in crashed:
+                    fault = say(
+                        "worker process crashed twice (killed, out of memory, or a "
+                        "corrupt file); try fewer `jobs=`"
+                    )
+                    outcome = make_failed_outcome(job, fault)
+                else:
+                    crashed.add(job.name)
+                    waiting.append(job)
+            begin_next(process)
+            if outcome is not None:
+                yield outcome
+
+    def _start(self, preload: Sequence[str]) -> Subprocess:
+        """Start a process, which ends with the batch at the latest."""
+        try:
+            self._processes.append(Subprocess(preload=preload))
+        except OSError as error:
+            raise ClusterError(
+                "no process can be started on this machine; check the memory that is free and "
+                "the limits of processes and of open files (ulimit -a)"
+            ) from error
+        return self._processes[-1]

@@ -225,7 +225,7 @@ def _choose_scheduler(given: str | None, jobs: int, quiet: bool) -> "Scheduler":
             source = "" if given else ", of DASK_SCHEDULER_ADDRESS"
             click.echo(f"note: jobs go to the scheduler {single_line(address)}{source}", err=True)
         return DaskScheduler(address)
-    from cageik_cli.batch.processes import ProcessScheduler
+    from cageik_cli.batch.run import ProcessScheduler
 
     return ProcessScheduler(jobs)
 

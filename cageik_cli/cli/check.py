@@ -76,7 +76,7 @@ def check_command(
     if json_path is not None:
         write_or_print(format_check_json(result, spell_option), json_path, overwrite)
     if plot is not None:
-        from cageik_cli.report.plots.cage_plot import render_check_png  # slow: matplotlib
+        from cageik_cli.report.plots.model_plot import render_check_png  # slow: matplotlib
 
         picture = render_check_png(result.cage.mesh, result.rest_mesh, result.marks)
         write_or_print(picture, plot, overwrite)

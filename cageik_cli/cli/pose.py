@@ -144,7 +144,7 @@ def pose_command(
             result = pose(settings, progress)
         if plot is not None:
             with progress.stage("plot"):
-                from cageik_cli.report.plots.pose_plot import render_pose_png  # slow: matplotlib
+                from cageik_cli.report.plots.model_plot import render_pose_png  # slow: matplotlib
 
                 chosen_axis = up_axis or result.snapshot.up_axis
                 picture = render_pose_png(replace(result.snapshot, up_axis=chosen_axis))

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cageik_cli.store.result import Result
 
 
-SINGLE_VIEWS = ("html", "plot", "player", "picture", "film")
+SINGLE_VIEWS = ("html", "plot", "player", "film")
 """The views that show one result."""
 
 
@@ -46,7 +46,6 @@ class ReportTargets:
     junit: Path | None
     markdown: Path | None
     player: Path | None
-    picture: Path | None
     film: Path | None
     no_player: bool
 
@@ -102,11 +101,6 @@ class ReportTargets:
         "--player",
         type=SuffixedPath(".html"),
         help="Write a small page of one result that plays and poses it (.html).",
-    ),
-    option(
-        "--picture",
-        type=SuffixedPath(".png"),
-        help="Draw the cage of one result, and four of its poses in it (.png).",
     ),
     option(
         "--film",
@@ -184,7 +178,6 @@ def _write_views(
         "html": partial(_render_page, result, reports[0], not targets.no_player),
         "plot": partial(_render_plot, reports[0], targets.plot),
         "player": partial(_render_player, result),
-        "picture": partial(_render_picture, result, reports[0]),
         "json": partial(format_json, reports),
         "csv": partial(format_csv, reports),
         "junit": partial(format_junit, overview),
@@ -267,9 +260,3 @@ def _render_player(result: "Result") -> str:
     from cageik_cli.view.player.section import render_player_page
 
     return render_player_page(result)
-
-
-def _render_picture(result: "Result", report: "Report") -> bytes:
-    from cageik_cli.report.plots.pose_sheet import render_sheet_png
-
-    return render_sheet_png(result, report)

@@ -24,7 +24,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.settings import HelpGroup
 
 if TYPE_CHECKING:
-    from cageik_cli.view.run import Rows
+    from cageik_cli.view.server import Rows
 
 
 def make_view_settings(**values: Any) -> ViewSettings:
@@ -94,7 +94,8 @@ def view_command(settings: ViewSettings, port: int, no_browser: bool, quiet: boo
     cageik view rest.obj --cage cage.obj --edit-cage -o mended.obj
     """  # noqa: D301
     from cageik_cli.util.text import format_block
-    from cageik_cli.view.run import PageSession, run_view
+    from cageik_cli.view.run import run_view
+    from cageik_cli.view.session import PageSession, open_session
 
     with show_progress(not quiet, None, settings.overwrite) as progress:
         session: PageSession
@@ -103,8 +104,6 @@ def view_command(settings: ViewSettings, port: int, no_browser: bool, quiet: boo
 
             session = open_rest_cage(settings, progress)
         else:
-            from cageik_cli.view.session import open_session
-
             session = open_session(settings, progress)
     if not quiet:
         click.echo(format_block(str(settings.target), progress.make_rows()), err=True)

@@ -1,10 +1,9 @@
 """What an edit has done: the summary of its frames, and one frame for pictures.
 
-Statistics of anchors, motion, volume and smoothness are gathered block by block.
+Statistics of anchors, motion and volume are gathered block by block.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +32,6 @@ class AnchorSummary:
         Largest distance from its target after all layers, file units and percent of the diagonal.
     frame : str
         The frame of the largest residual; "" for a single pose.
-    acceleration, acceleration_before : float, optional
-        Largest second difference of its position, |p(k+1) − 2 p(k) + p(k−1)|, over three
-        consecutive frames one of which is changed, after and before the edit; None if there are
-        none.
     """
 
     name: str
@@ -48,8 +43,6 @@ class AnchorSummary:
     residual: float
     residual_percent: float
     frame: str
-    acceleration: float | None
-    acceleration_before: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,10 +100,6 @@ class PoseSummary:
     beyond_moved, beyond_moved_percent : float, optional
         Largest distance that a vertex beyond the radii of all layers moved, file units and percent
         of the diagonal; None if there is no such vertex, or a layer has no radii.
-    acceleration_vertex : int, optional
-        The vertex of the mesh whose acceleration the edit raises most; None if it raises none.
-    acceleration, acceleration_before : float, optional
-        Its largest second difference, as of an anchor.
     has_surface : bool
         Whether the model has faces; points have none.
     cage_edits : tuple of CageEditSummary
@@ -133,9 +122,6 @@ class PoseSummary:
     changed: tuple[str, str] | None
     beyond_moved: float | None = None
     beyond_moved_percent: float | None = None
-    acceleration_vertex: int | None = None
-    acceleration: float | None = None
-    acceleration_before: float | None = None
     has_surface: bool = True
     cage_edits: tuple[CageEditSummary, ...] = ()
 
@@ -242,9 +228,6 @@ class PoseStatistics:
         self._changed: list[int] = []
         # By cage edit: how far, which vertex, in which frame.
         self._cage_edits = [(0.0, int(layer.vertices[0]), 0) for layer in edit.cage_layers]
-        # Of positions before and after the edit.
-        self._anchor_trackers = _AccelerationTracker(), _AccelerationTracker()
-        self._mesh_trackers = _AccelerationTracker(), _AccelerationTracker()
 
     def update(self, block: EditedFrames) -> None:
         """Add the next frames, if there are any."""
@@ -259,12 +242,6 @@ class PoseStatistics:
         self._residual_frame[is_worse] = block.frames[worst[is_worse]]
         self._residual = np.maximum(self._residual, largest)
         is_changed = (block.cages_after != block.cages_before).any(axis=(1, 2))
-        for trackers, before, after in (
-            (self._anchor_trackers, block.anchors_before, block.anchors_after),
-            (self._mesh_trackers, block.meshes_before, block.meshes_after),
-        ):
-            trackers[0].update(block.frames, before, is_changed)
-            trackers[1].update(block.frames, after, is_changed)
         self._update_meshes(block)
         self._update_cage_edits(block.frames)
         if is_changed.any():
@@ -326,7 +303,6 @@ class PoseStatistics:
             changed=(name(self._changed[0]), name(self._changed[-1])) if self._changed else None,
             beyond_moved=beyond,
             beyond_moved_percent=None if beyond is None else 100 * beyond / self._rest.diagonal,
-            **self._summarize_acceleration(),
             has_surface=len(self._rest.faces) > 0,
             cage_edits=tuple(
                 CageEditSummary(layer.name, len(layer.vertices), moved, vertex, name(frame))
@@ -334,22 +310,7 @@ class PoseStatistics:
             ),
         )
 
-    def _summarize_acceleration(self) -> dict[str, Any]:
-        """Return the fields on the vertex whose acceleration the edit raises most."""
-        before, after = (tracker.max_acceleration for tracker in self._mesh_trackers)
-        if before is None or after is None:
-            return {}
-        vertex = int((after - before).argmax())
-        if after[vertex] <= before[vertex]:
-            return {}
-        return {
-            "acceleration_vertex": vertex,
-            "acceleration": float(after[vertex]),
-            "acceleration_before": float(before[vertex]),
-        }
-
     def _summarize_anchor(self, k: int) -> AnchorSummary:
-        before, after = (tracker.max_acceleration for tracker in self._anchor_trackers)
         place = describe_place(self._rest, self._anchors[k].point)
         is_vertex = place.kind == "vertex"
         return AnchorSummary(
@@ -362,38 +323,4 @@ class PoseStatistics:
             residual=float(self._residual[k]),
             residual_percent=float(100 * self._residual[k] / self._rest.diagonal),
             frame=self._edit.target.name_frame(int(self._residual_frame[k])),
-            acceleration=None if after is None else float(after[k]),
-            acceleration_before=None if before is None else float(before[k]),
         )
-
-
-class _AccelerationTracker:
-    """The largest second differences of l positions over consecutive frames.
-
-    Only triples of frames count of which one is changed: what a clip does elsewhere is its own.
-
-    Attributes
-    ----------
-    max_acceleration : (l,) float64, optional
-    """
-
-    def __init__(self) -> None:
-        self.max_acceleration: Floats | None = None
-        self._frames = np.empty(0, np.int64)
-        self._is_changed = np.empty(0, bool)
-        self._positions: Floats | None = None
-
-    def update(self, frames: Integers, positions: Floats, is_changed: NDArray[np.bool_]) -> None:
-        """Add positions, (k, l, 3), of frames (k,), and whether each frame is changed, (k,)."""
-        if self._positions is not None:
-            frames = np.concatenate([self._frames, frames])
-            positions = np.concatenate([self._positions, positions])
-            is_changed = np.concatenate([self._is_changed, is_changed])
-        is_run = frames[2:] - frames[:-2] == 2
-        is_run &= is_changed[2:] | is_changed[1:-1] | is_changed[:-2]
-        if is_run.any():
-            largest = np.linalg.norm(np.diff(positions, 2, axis=0)[is_run], axis=2).max(axis=0)
-            before = largest if self.max_acceleration is None else self.max_acceleration
-            self.max_acceleration = np.maximum(before, largest)
-        self._frames, self._positions = frames[-2:], positions[-2:]
-        self._is_changed = is_changed[-2:]

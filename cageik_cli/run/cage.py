@@ -1,6 +1,7 @@
 """A cage around a model: built or repaired from file to file, or built around a mesh in memory."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +60,12 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
         clip = _read_animation(settings, model, scene, progress)
     with progress.stage("cage"), error_context(model.source["name"]):
         built = cage_builder.build_cage(
-            model.mesh, settings.build, clip, progress.update, settings.jobs
+            model.mesh,
+            settings.build,
+            clip,
+            progress.update,
+            settings.jobs,
+            note=partial(progress.note, "note"),
         )
     with progress.stage("write"):
         polygons = built.cage.polygons

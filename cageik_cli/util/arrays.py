@@ -86,7 +86,12 @@ def allocate_floats(count: int, memory: int) -> Floats:
     try:
         with tempfile.TemporaryFile(dir=folder) as file:  # it is kept as long as it is mapped
             # Without room behind it, writing to a mapped file would end the process.
-            _reserve(file.fileno(), size)
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, size)
+            else:
+                zeros = bytes(1 << 20)
+                for start in range(0, size, len(zeros)):
+                    os.write(file.fileno(), zeros[: size - start])
             return np.memmap(file, np.float64, "r+", shape=(count,))
     except OSError as error:
         raise FileAccessError(
@@ -94,13 +99,3 @@ def allocate_floats(count: int, memory: int) -> Floats:
             f"({error.strerror or error}); "
             + say("set TMPDIR to another folder, or raise `memory=`")
         ) from error
-
-
-def _reserve(descriptor: int, size: int) -> None:
-    """Make a file of this number of bytes that are on the disk."""
-    if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(descriptor, 0, size)
-        return
-    zeros = bytes(1 << 20)
-    for start in range(0, size, len(zeros)):
-        os.write(descriptor, zeros[: size - start])

@@ -3,7 +3,7 @@
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -114,38 +114,28 @@ def format_step(step: str | int) -> str:
 def _check_containers(
     document: Any, repeated_keys: dict[int, tuple[Any, str]], expected: JsonFormat
 ) -> None:
-    """Refuse deep nesting, a repeated key of an object (by its id), and numbers not finite."""
-    for steps, container in _iterate_containers(document):
+    """Refuse deep nesting, a repeated key of an object (by its id), and numbers not finite.
+
+    Lists and objects are looked at in the file's order. The document itself is in a list, so that
+    it may be a number: all steps begin with 0.
+    """
+    waiting: list[tuple[Any, Any]] = [((), [document])]
+    while waiting:
+        steps, container = waiting.pop()
         if len(steps) > MAX_DEPTH:
             raise _make_depth_error(expected)
         if id(container) in repeated_keys:
             fault = f"has {format_value(repeated_keys[id(container)][1])} twice; keep one of them"
             raise _make_error(document, steps, fault, expected)
-        for step, value in _iterate_items(container):
-            if isinstance(value, float) and not math.isfinite(value):
+        inner = []
+        items = container.items() if isinstance(container, dict) else enumerate(container)
+        for step, value in items:
+            if isinstance(value, dict | list):
+                inner.append(((*steps, step), value))
+            elif isinstance(value, float) and not math.isfinite(value):
                 fault = f"is {format_value(value)}, expected a finite number"
                 raise _make_error(document, (*steps, step), fault, expected)
-
-
-def _iterate_containers(document: Any) -> Iterator[tuple[Steps, Any]]:
-    """Yield all lists and objects, in the file's order, with the steps to them.
-
-    The document itself is in a list, so that it may be a number: all steps begin with 0.
-    """
-    waiting: list[tuple[Any, Any]] = [((), [document])]
-    while waiting:
-        steps, container = waiting.pop()
-        yield steps, container
-        inner = [
-            ((*steps, step), value)
-            for step, value in _iterate_items(container)
-            if isinstance(value, dict | list)
-        ]
         waiting += reversed(inner)
-
-
-def _iterate_items(container: Any) -> Iterable[tuple[str | int, Any]]:
-    return container.items() if isinstance(container, dict) else enumerate(container)
 
 
 def _make_error(document: Any, steps: Steps, fault: str, expected: JsonFormat) -> FormatError:

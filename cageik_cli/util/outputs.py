@@ -349,7 +349,17 @@ def clear_leftovers(path: Path) -> None:
     with suppress(OSError):
         left = [file for file in path.parent.iterdir() if _is_left_over(file.name, path)]
         for file in sorted(left):
-            _clear(file, path)
+            is_folder = file.is_dir() and not file.is_symlink()
+            # What is no folder was not displaced by a run, and would be written through.
+            if file.name.endswith(".replaced") and is_folder and not os.path.lexists(path):
+                file.rename(path)
+                sentence = f"{path}: put back, as it was before a run that was killed"
+            else:
+                shutil.rmtree(file) if is_folder else file.unlink()
+                sentence = f"{file}: removed, a run that was killed had left it"
+            listener = _LISTENER.get()
+            if listener is not None:
+                listener(sentence)
 
 
 def _is_left_over(name: str, path: Path) -> bool:
@@ -363,26 +373,6 @@ def _is_left_over(name: str, path: Path) -> bool:
     if found is None or int(found[1], 16) != _identify_machine():
         return False
     return not _is_alive(int(found[2], 16))
-
-
-def _clear(file: Path, path: Path) -> None:
-    is_folder = file.is_dir() and not file.is_symlink()
-    # What is no folder was not displaced by a run, and would be written through.
-    if file.name.endswith(".replaced") and is_folder and not os.path.lexists(path):
-        file.rename(path)
-        _notify_listener(f"{path}: put back, as it was before a run that was killed")
-        return
-    if is_folder:
-        shutil.rmtree(file)
-    else:
-        file.unlink()
-    _notify_listener(f"{file}: removed, a run that was killed had left it")
-
-
-def _notify_listener(sentence: str) -> None:
-    listener = _LISTENER.get()
-    if listener is not None:
-        listener(sentence)
 
 
 def _is_alive(process: int) -> bool:

@@ -1,92 +1,239 @@
-"""Calls of one function in subprocesses, where threads would not help.
+"""Subprocesses that make calls, each one at a time, and that end with this process.
 
-What is pickled goes from this process to its own child and back, through no named file. Only the
-command line asks for processes: `sys.executable` may be no Python in a program that imports the
-package.
+They are those of `multiprocessing`. Pools, of the standard library or of others, end no call that
+takes too long (before Python 3.14), and do not say how a process ended.
+
+Only the command line asks for processes: `sys.executable` may be no Python in a program that
+imports the package.
 """
 
+import multiprocessing
 import os
 import pickle
-import subprocess
+import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
-from importlib import import_module
-from tempfile import TemporaryFile
+from itertools import chain, repeat
+from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
 Result = TypeVar("Result")
 
+MAX_WAIT_RATIO = 6
+"""How long a limited process may take in all, in seconds per second of a processor that it may
+take: it shares the machine, and a disk may be slow."""
 
-_Child = subprocess.Popen[bytes]
+_STARTED = time.monotonic()
 
 
-_PROGRAM = (
-    "import sys; sys.path[:] = {}; from cageik_cli.util import processes; processes.run_in_child()"
-)
+class SubprocessError(Exception):
+    """A subprocess has ended before its call; the text is how: "ends with SIGSEGV".
+
+    Attributes
+    ----------
+    signal : str
+        The name of the signal that ended it; "" for none.
+    """
+
+    def __init__(self, code: int) -> None:
+        self.signal = signal.Signals(-code).name if code < 0 else ""
+        super().__init__(f"ends with {self.signal or f'exit code {code}'}")
+
+
+class Subprocess:
+    """A process that calls functions of modules, one at a time.
+
+    It has one thread in the linear algebra. It prints nothing on standard output, which is for
+    data. It ends at once when this process ends, in whatever way.
+
+    Parameters
+    ----------
+    is_silent : bool
+        Whether it prints nothing on standard error, either.
+    preload : sequence of str
+        Modules that are imported once for all processes, where the system can fork one that has
+        them. Those of the first process count.
+
+    Raises
+    ------
+    OSError
+        When it cannot be started.
+    """
+
+    def __init__(self, *, is_silent: bool = False, preload: Sequence[str] = ()) -> None:
+        if not sys.executable or getattr(sys, "frozen", False):
+            raise ChildProcessError("there is no Python that could be started")
+        context = _choose_context(preload)
+        self.connection, theirs = context.Pipe()
+        self._process = context.Process(target=_make_calls, args=(theirs, is_silent), daemon=True)
+        with theirs:
+            try:
+                self._process.start()
+            except (OSError, EOFError) as error:  # EOF: what others are forked from has died
+                self.connection.close()
+                raise ChildProcessError(f"no process can be started ({error})") from error
+
+    def __enter__(self) -> "Subprocess":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.end()
+
+    def begin(self, function: Callable[..., Any], *arguments: Any) -> None:
+        """Begin a call; `finish` gives its result."""
+        with suppress(ConnectionError):  # it has ended, which `finish` says
+            self.connection.send((function, arguments))
+
+    def finish(self, seconds: float | None = None) -> Any:
+        """Wait for the result of a call, and return it, or raise the exception of the call.
+
+        Raises
+        ------
+        TimeoutError
+            When it takes more seconds; the process goes on, and is good for no other call.
+        SubprocessError
+            When the process has ended.
+        """
+        try:
+            if not self.connection.poll(seconds):
+                raise TimeoutError
+            is_result, answer = self.connection.recv()
+        except (EOFError, ConnectionError) as error:
+            self._process.join()
+            raise SubprocessError(self._process.exitcode or 0) from error
+        if not is_result:
+            raise answer
+        return answer
+
+    def call(
+        self,
+        function: Callable[..., Result],
+        *arguments: Any,
+        seconds: float | None = None,
+    ) -> Result:
+        """Make a call, as `begin` and `finish` do."""
+        self.begin(function, *arguments)
+        result: Result = self.finish(seconds)
+        return result
+
+    def end(self) -> None:
+        """End the process at once, whatever it does."""
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+
+def _choose_context(preload: Sequence[str]) -> Any:
+    """Choose how a process starts: afresh, or forked from one that has imported the modules."""
+    if not preload or sys.platform != "linux":
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(preload))
+    return context
+
+
+def wait_for_any(processes: Iterable[Subprocess]) -> Subprocess:
+    """Wait until a process has finished its call, or has ended, and return it."""
+    waiting = {process.connection: process for process in processes}
+    return waiting[wait(waiting)[0]]
 
 
 def call_in_subprocesses(
-    function: Callable[..., Result], calls: Sequence[tuple[Any, ...]], processes: int
+    function: Callable[..., Result],
+    calls: Sequence[tuple[Any, ...]],
+    processes: int,
+    note: Callable[[str], object] = str,
 ) -> Iterator[Result]:
     """Yield the results of a function for the arguments of each call, in their order.
 
     The first call is made in this process, and so are those for which there is no other, or whose
-    process fails. Results are the same to the bit: every call gets a copy of its arguments, as
+    process ends. Results are the same to the bit: every call gets a copy of its arguments, as
     arrays that are views may be summed in another order.
 
     Parameters
     ----------
-    function : callable
-        Of a module; a process finds it by name.
     processes : int
         This one and others, at most.
+    note : callable
+        Takes a sentence on a process whose call is made here instead.
     """
-    packed = [pickle.dumps(arguments) for arguments in calls]
+    others: list[Subprocess] = []
     with ExitStack() as stack:
-        others: list[_Child | None] = []
-        for data in packed[1:processes]:
-            others.append(_start(function, data))
-            stack.callback(_end, others[-1])
-        for data, other in zip(packed, [None, *others, *[None] * len(packed)], strict=False):
-            found = None if other is None else _wait_for_result(other)
-            yield function(*pickle.loads(data)) if found is None else found[0]
+        try:
+            for _ in calls[1:processes]:
+                others.append(stack.enter_context(Subprocess(is_silent=True)))
+        except OSError as error:
+            note(f"{error}; there are fewer to share the work, which takes longer")
+        for other, arguments in zip(others, calls[1:], strict=False):
+            other.begin(function, *arguments)
+        for arguments, helper in zip(calls, chain([None], others, repeat(None)), strict=False):
+            if helper is not None:
+                try:
+                    result = helper.finish()
+                except (SubprocessError, MemoryError) as error:
+                    end = "runs out of memory" if isinstance(error, MemoryError) else error
+                    note(f"a process that shares the work {end}; its part is done again")
+                else:
+                    yield result
+                    continue
+            yield function(*pickle.loads(pickle.dumps(arguments)))
 
 
-def _start(function: Callable[..., Any], data: bytes) -> _Child | None:
-    """Start a process that makes a call; None if that is not possible."""
-    if not sys.executable or getattr(sys, "frozen", False):
-        return None
-    words = [sys.executable, "-I", "-c", _PROGRAM.format(sys.path)]
-    with suppress(OSError), TemporaryFile() as given:  # no room, no memory, no such program
-        pickle.dump((function.__module__, function.__name__), given)
-        given.write(data)
-        given.seek(0)
-        out, silent = subprocess.PIPE, subprocess.DEVNULL
-        return subprocess.Popen(words, stdin=given, stdout=out, stderr=silent)
-    return None
+def limit_process(memory: int, seconds: int) -> None:
+    """Let the system end this process once it takes more than so many seconds of a processor.
+
+    It is ended as well after `MAX_WAIT_RATIO` times as many seconds in all, as when it waits for a
+    lock. Memory beyond so many bytes is refused. Windows has no such limits.
+    """
+    if sys.platform == "win32":
+        return
+    import resource
+
+    for kind, limit in ((resource.RLIMIT_DATA, memory), (resource.RLIMIT_CPU, seconds)):
+        most = resource.getrlimit(kind)[1]
+        limit = limit if most == resource.RLIM_INFINITY else min(limit, most)
+        resource.setrlimit(kind, (limit, most))
+    left = _STARTED + MAX_WAIT_RATIO * seconds - time.monotonic()
+    signal.setitimer(signal.ITIMER_REAL, max(left, 1e-3))
 
 
-def _wait_for_result(process: _Child) -> tuple[Any] | None:
-    """Return the result of a process in a tuple, or None if it failed."""
-    written, _ = process.communicate()
-    return None if process.returncode else (pickle.loads(written),)
+def _make_calls(connection: Connection, is_silent: bool) -> None:
+    """Make the calls that another process sends, in a process of their own."""
+    from cageik_cli.util.threads import use_one_blas_thread
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other gets it, and ends this process
+    _end_with_parent()
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for descriptor in (1, 2) if is_silent else (1,):
+        os.dup2(nowhere, descriptor)
+    with suppress(EOFError):
+        while True:
+            function, arguments = connection.recv()  # imports the module of the function
+            use_one_blas_thread()
+            try:
+                answer = True, function(*arguments)
+            except Exception as error:
+                answer = False, error
+            connection.send(answer)
 
 
-def _end(process: _Child | None) -> None:
-    """End a process, at once if it still works."""
-    if process is not None:
-        with process:
-            process.kill()
+def _end_with_parent() -> None:
+    """End this process when its parent does, which holds the other end of a pipe."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
 
+    def wait_for_end() -> None:
+        parent.join()
+        os._exit(1)
 
-def run_in_child() -> None:
-    """Make the call that standard input holds, and write its result to standard output."""
-    from cageik_cli.util.threads import use_one_blas_thread  # slow to import
+    threading.Thread(target=wait_for_end, daemon=True).start()
+    if sys.platform == "linux":  # also while a library lets no thread run
+        import fcntl
 
-    module, name = pickle.load(sys.stdin.buffer)
-    arguments = pickle.load(sys.stdin.buffer)
-    with os.fdopen(os.dup(1), "wb") as result:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries print there
-        use_one_blas_thread()
-        pickle.dump(getattr(import_module(module), name)(*arguments), result)
+        fcntl.fcntl(parent.sentinel, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(parent.sentinel, fcntl.F_SETSIG, signal.SIGKILL)
+        flags = fcntl.fcntl(parent.sentinel, fcntl.F_GETFL)
+        fcntl.fcntl(parent.sentinel, fcntl.F_SETFL, flags | os.O_ASYNC)

@@ -4,14 +4,11 @@ Only the command line tries: what imports the package may not be ready for furth
 module is imported by every start, so it imports little.
 """
 
-import json
 import os
-import signal
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
-from importlib import import_module
 from threading import Lock
+from typing import Any
 
 MIN_TRIAL_BYTES = 768 << 20
 """Memory that a trial may take besides a multiple of its files; a quarter of it are libraries."""
@@ -22,12 +19,8 @@ MAX_TRIAL_RATIO = 16
 MIN_TRIAL_SECONDS = 10
 """Seconds of a processor that a trial may take, and one more for each MiB of its files."""
 
-OUT_OF_MEMORY, FOUND_FAULT = 77, 78
-"""Exit codes of a trial that had too little memory, and of one whose call returned a fault."""
-
-_TRIAL_PROGRAM = (
-    "import sys; sys.path[:] = {}; from cageik_cli.util import trial; trial.run_in_child()"
-)
+TOO_LONG = ("SIGXCPU", "SIGALRM")
+"""How a process ends that takes more of a processor than it may, or waits longer."""
 
 
 class Trials:
@@ -44,33 +37,44 @@ class Trials:
     def __init__(self) -> None:
         self.are_wanted = False
         self.allowed_bytes: int | None = None
-        self._passed: set[tuple[str, str]] = set()
+        self._passed: set[Hashable] = set()
         self._lock, self._silences = Lock(), 0
         self._kept: int | None = None
 
     def find_fault(
-        self, library: str, call: Callable[..., str | None], *arguments: object, key: str
+        self, library: str, call: Callable[..., str | None], *arguments: Hashable, key: str
     ) -> str:
         """Call a function of a module in another process; return what is wrong, if that is known.
 
         It is what the call returns, or how the process ended, which is put down to a library.
-        Arguments are such that JSON holds them. Exceptions of the call are left to the caller, who
-        does the same again. A call that has passed is not tried again, unless the `key` of what it
-        reads has changed.
+        Exceptions of the call are left to the caller, who does the same again. A call that has
+        passed is not tried again, unless the `key` of what it reads has changed.
         """
-        words = json.dumps([call.__module__, call.__name__, *arguments])
-        if not self.are_wanted or (words, key) in self._passed or not sys.executable:
+        tried = (call, arguments, key)
+        if not self.are_wanted or tried in self._passed:
             return ""
+        from tempfile import TemporaryDirectory
+
+        from cageik_cli.util.processes import Subprocess, SubprocessError
+
+        end: object = ""
         try:
-            code, text = _run_child(words)
+            # USD writes a report of a crash where temporary files are.
+            with TemporaryDirectory() as folder, Subprocess(is_silent=True) as process:
+                fault = process.call(_try_call, folder, call, arguments)
+                if fault:
+                    return fault
         except OSError:
             return ""  # the call itself may still work
-        if code == FOUND_FAULT:
-            return str(json.loads(text.splitlines()[-1]))
-        end = _describe_end(code)
-        if not end:
-            self._passed.add((words, key))
-        return f"is damaged: {library} {end} on it; export it again" if end else ""
+        except MemoryError:
+            end = "takes too much memory"
+        except SubprocessError as error:
+            if error.signal:
+                end = "takes too long" if error.signal in TOO_LONG else error
+        if end:
+            return f"is damaged: {library} {end} on it; export it again"
+        self._passed.add(tried)
+        return ""
 
     @contextmanager
     def silence(self) -> Iterator[None]:
@@ -104,64 +108,28 @@ class Trials:
 
     def allow(self, size: int) -> None:
         """Allow the call that is tried here to take memory and time for as many more bytes."""
-        if self.allowed_bytes is None or sys.platform == "win32":
+        if self.allowed_bytes is None:
             return
-        import resource
+        from cageik_cli.util.processes import limit_process
 
         self.allowed_bytes += size
         memory = MIN_TRIAL_BYTES + MAX_TRIAL_RATIO * self.allowed_bytes
-        seconds = MIN_TRIAL_SECONDS + (self.allowed_bytes >> 20)
-        for kind, limit in ((resource.RLIMIT_DATA, memory), (resource.RLIMIT_CPU, seconds)):
-            most = resource.getrlimit(kind)[1]
-            limit = limit if most == resource.RLIM_INFINITY else min(limit, most)
-            resource.setrlimit(kind, (limit, most))
-
-
-def _run_child(words: str) -> tuple[int, bytes]:
-    """Run a process that makes a call; return its exit code and what it prints."""
-    import subprocess
-    from tempfile import TemporaryDirectory
-
-    # USD writes a report of a crash where temporary files are.
-    with TemporaryDirectory() as folder:
-        environment = {"TMPDIR": folder, "PXR_WORK_THREAD_LIMIT": "1"}
-        done = subprocess.run(
-            [sys.executable, "-I", "-c", _TRIAL_PROGRAM.format(sys.path), words],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=os.environ | environment,
-            check=False,
-        )
-    return done.returncode, done.stdout
-
-
-def _describe_end(code: int) -> str:
-    """Return what an exit code says of a trial; nothing if it says nothing."""
-    if code == OUT_OF_MEMORY:
-        return "takes too much memory"
-    if code >= 0:
-        return ""
-    name = signal.Signals(-code).name
-    return "takes too long" if name == "SIGXCPU" else f"ends with {name}"
+        limit_process(memory, MIN_TRIAL_SECONDS + (self.allowed_bytes >> 20))
 
 
 trials = Trials()
 
 
-def run_in_child() -> None:
-    """Make the call that the arguments of this process name, within limits."""
-    module, name, *arguments = json.loads(sys.argv[1])
+def _try_call(folder: str, call: Callable[..., str | None], arguments: tuple[Any, ...]) -> str:
+    """Make a call within limits; return the fault that it finds, if it is not out of memory."""
+    os.environ.update(TMPDIR=folder, PXR_WORK_THREAD_LIMIT="1")
     trials.allowed_bytes = 0
     trials.allow(0)
     try:
-        fault = getattr(import_module(module), name)(*arguments)
+        return call(*arguments) or ""
     except MemoryError:
-        sys.exit(OUT_OF_MEMORY)
+        raise
     except Exception as error:  # the caller meets it again, and says what is wrong
         if "bad_alloc" in str(error):
-            sys.exit(OUT_OF_MEMORY)
-        return
-    if fault:
-        print("", json.dumps(fault), sep="\n", flush=True)
-        sys.exit(FOUND_FAULT)
+            raise MemoryError from error
+        return ""

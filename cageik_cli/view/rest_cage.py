@@ -1,13 +1,20 @@
-"""The rest cage of a model, edited in a page: sent, read back, checked, solved and written."""
+"""The rest cage of a model, edited in a page: sent, read back, checked, solved and written.
+
+Checks and weights are computed in a subprocess, which can be ended: a check that takes too long is,
+and a new process is started with the next.
+"""
 
 import json
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cageik_cli.cages.bind import bind
+from cageik_cli.cages.check.diagnosis import diagnose
+from cageik_cli.cages.check.faults import Finding
 from cageik_cli.formats.base.mesh_data import FileMesh, LoadedMesh
 from cageik_cli.formats.find_files import split_member
 from cageik_cli.formats.write import check_mesh_output, write_mesh
@@ -20,20 +27,43 @@ from cageik_cli.inputs.model_file import load_surface
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
 from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import CageikError, FormatError, SettingError, error_context
+from cageik_cli.util.errors import (
+    BusyError,
+    CageikError,
+    FormatError,
+    SettingError,
+    SlowError,
+    error_context,
+)
 from cageik_cli.util.json_files import JsonFormat, format_value, parse_json
-from cageik_cli.util.messages import Hint, Spelling, spell_keyword
+from cageik_cli.util.messages import Hint, Spelling, spell, spell_keyword
 from cageik_cli.util.outputs import check_no_overlap, check_writable
+from cageik_cli.util.processes import Subprocess, SubprocessError
 from cageik_cli.util.progress import ProgressListener, note_all
 from cageik_cli.util.text import format_count
-from cageik_cli.view.cage_process import Answer, CageSubprocess
 from cageik_cli.view.player.clip import PlayerClip, make_single_pose
-from cageik_cli.view.player.rest_cage import check_drawn_weights, render_rest_cage_page
-from cageik_cli.view.session import MAX_SUBMITTED_BYTES, OwnOutputs, WatchedInput
+from cageik_cli.view.player.section import (
+    check_drawn_weights,
+    pack_weights,
+    render_rest_cage_page,
+)
+from cageik_cli.view.server import MAX_SUBMITTED_BYTES, Edit, Rows
+from cageik_cli.view.session import PageSession, WatchedInput
 
-Rows = tuple[tuple[str, str], ...]
+MAX_CHECK_SECONDS = 20.0
+"""A check that takes longer is ended: one of a usual cage takes less than a second."""
+
+MAX_WEIGHTS_SECONDS = 300.0
+"""The same of weights."""
+
+MAX_SHOWN_ELEMENTS = 200
+"""Faulty elements of one finding that are sent to be drawn; its sentence counts all."""
+
+Answer = dict[str, Any]
 
 
 BOX_CORNERS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij")).reshape(3, 8).T
@@ -45,37 +75,21 @@ BOX_FACES = np.array(
 )  # fmt: skip
 
 
-class RestCageSession:
-    """A model, and the cage around it that a page edits.
-
-    Attributes
-    ----------
-    written : tuple of Path
-        What the last edit wrote.
-    """
+class RestCageSession(PageSession):
+    """A model, and the cage around it that a page edits."""
 
     def __init__(
         self, settings: ViewSettings, rest: LoadedMesh, cage: LoadedMesh, name: str
     ) -> None:
         check_size(cage.mesh)
-        self.settings = settings
-        self.written: tuple[Path, ...] = ()
+        super().__init__(settings)
         self._rest, self._cage, self._name = rest.mesh, cage.mesh, name
         paths = (settings.target, settings.cage)
         self._watched = [WatchedInput(split_member(path)[0]) for path in paths if path is not None]
-        self._own = OwnOutputs(settings.overwrite)
         self._clip = _make_clip(rest.mesh, cage.mesh, name)
         origin, weights = self._clip.binding.cage.vertices.mean(axis=0), settings.weights
         self.laboratory = CageSubprocess(rest.mesh, origin, weights.bind, weights.jobs)
-        self.answers: Mapping[str, Callable[[bytes, Spelling], Answer]] = {
-            "check": self.check,
-            "weights": self.solve,
-        }
-
-    @property
-    def can_apply(self) -> bool:
-        """Whether a cage can be written."""
-        return self.settings.output is not None
+        self.answers = {"check": self.check, "weights": self.solve}
 
     def render_page(self) -> str:
         """Render the page, with the cage to begin with."""
@@ -98,16 +112,12 @@ class RestCageSession:
         check_drawn_weights(self._rest, cage)
         return self.laboratory.solve(cage)
 
-    def parse(self, data: bytes, rigidity: int) -> Callable[[ProgressListener], Rows]:
+    def parse(self, data: bytes, rigidity: int) -> Edit:
         """Return what writes a cage that was sent."""
         if rigidity:
             raise FormatError("a rest cage has no rounds of rotations; leave rigidity out")
         cage = parse_cage(data)
         return lambda progress: self._write(cage, progress)
-
-    def list_rows(self, result: Rows) -> Rows:
-        """Return what came of an edit, as labels and texts."""
-        return result
 
     def close(self) -> None:
         """End the process that checks."""
@@ -115,9 +125,7 @@ class RestCageSession:
 
     def _write(self, cage: TriMesh, progress: ProgressListener) -> Rows:
         """Write a cage, and say how it is judged."""
-        output = self.settings.output
-        if output is None:
-            raise SettingError("there is no file to write; start cageik view again with an output")
+        output = self._get_output()
         for watched in self._watched:
             watched.check()
         check_writable(output, self._own.may_replace(output))
@@ -127,27 +135,28 @@ class RestCageSession:
             write_mesh(output, kept, cage.vertices, self._own.may_replace(output), is_exact=True)
             self._own.record(output)
         self.written = (output,)
-        return (*self._describe(cage), *self._list_losses(is_moved))
+        return [*self._describe(cage), *([] if is_moved else self._list_losses())]
 
     def _describe(self, cage: TriMesh) -> Rows:
         counts = format_count(len(cage.vertices), "vertex")
-        rows = [("cage", f"{counts}, {format_count(len(cage.polygons.corner_counts), 'face')}")]
+        size = f"{counts}, {format_count(len(cage.polygons.corner_counts), 'face')}"
         try:
             answer = self.laboratory.check(cage)
         except CageikError:
-            return tuple(rows)
-        rows += [(found["severity"], found["sentence"]) for found in answer["findings"]]
-        return (("verdict", answer["verdict_word"]), *rows)
+            return [("cage", size)]
+        found = [(one["severity"], one["sentence"]) for one in answer["findings"]]
+        return [("verdict", answer["verdict_word"]), ("cage", size), *found]
 
-    def _list_losses(self, is_moved: bool) -> Rows:
+    def _list_losses(self) -> Rows:
+        """Say what a cage whose faces were changed has lost."""
         attributes = self._cage.attributes
-        if is_moved or attributes is None:
-            return ()
+        if attributes is None:
+            return []
         kept = type(attributes)(attributes.corner_counts, attributes.corners)
         if attributes.description == kept.description:
-            return ()
+            return []
         lost = attributes.description.partition(" with ")[2]
-        return (("note", f"faces were changed, so that {lost} are not written"),)
+        return [("note", f"faces were changed, so that {lost} are not written")]
 
 
 def open_rest_cage(settings: ViewSettings, progress: ProgressListener) -> RestCageSession:
@@ -255,7 +264,10 @@ def parse_cage(data: bytes) -> TriMesh:
             )
     polygons = _check_rows(document["polygons"], "polygons", MAX_EDITED_CORNERS // 3)
     for k, polygon in enumerate(polygons):
-        if len(polygon) < 3 or not all(_is_index(corner, len(vertices)) for corner in polygon):
+        if len(polygon) < 3 or not all(
+            isinstance(corner, int) and not isinstance(corner, bool) and 0 <= corner < len(vertices)
+            for corner in polygon
+        ):
             raise FormatError(
                 f"polygons[{k}]: expected three or more vertices from 0 to {len(vertices) - 1}; "
                 "send the cage again"
@@ -285,13 +297,139 @@ def _is_coordinate(value: Any) -> bool:
     return is_number and abs(value) <= MAX_COORDINATE
 
 
-def _is_index(value: Any, count: int) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < count
-
-
 def has_polygons_of(cage: TriMesh, other: TriMesh) -> bool:
     """Whether two cages have the same polygons, and as many vertices: vertices at most moved."""
     return len(cage.vertices) == len(other.vertices) and all(
         np.array_equal(getattr(cage.polygons, name), getattr(other.polygons, name))
         for name in ("corner_counts", "corners")
     )
+
+
+class CageSubprocess:
+    """Checks cages around one model, and solves their weights, one at a time.
+
+    Parameters
+    ----------
+    rest : TriMesh
+        The model.
+    origin : (3,) float64
+        That of positions in the page, file units.
+    jobs : int
+        Threads.
+    """
+
+    def __init__(
+        self, rest: TriMesh, origin: Floats, bind_settings: BindSettings, jobs: int
+    ) -> None:
+        self._kept = rest, origin, bind_settings, jobs
+        self._lock = threading.Lock()
+        self._process: Subprocess | None = None
+
+    def check(self, cage: TriMesh, spelling: Spelling = spell_keyword) -> Answer:
+        """Diagnose a cage as `cageik check` does: the verdict, and the findings with their places.
+
+        Settings that remedies name are written as `spelling` does.
+
+        Raises
+        ------
+        BusyError, SlowError
+        """
+        answer = self._run(_diagnose_cage, cage, "the check", MAX_CHECK_SECONDS)
+        for found in answer["findings"]:
+            remedy = spell(found.pop("remedy"), spelling)
+            found["sentence"] = f"{found.pop('message')}; {remedy}"
+        return answer
+
+    def solve(self, cage: TriMesh) -> Answer:
+        """Solve the weights of a cage, as the page unpacks them.
+
+        Raises
+        ------
+        BusyError, SlowError
+        CageikError
+            When the cage is not fit.
+        """
+        answer = self._run(_solve_weights, cage, "the weights", MAX_WEIGHTS_SECONDS)
+        if "error" in answer:
+            raise CageikError(answer["error"])
+        return answer
+
+    def close(self) -> None:
+        """End the process."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.end()
+
+    def _run(
+        self, work: Callable[[TriMesh], Answer], cage: TriMesh, what: str, seconds: float
+    ) -> Answer:
+        if not self._lock.acquire(blocking=False):
+            raise BusyError("another cage is being checked or solved; try again when it is done")
+        try:
+            if self._process is None:
+                self._process = Subprocess()
+                self._process.call(_keep, *self._kept)
+            return self._process.call(work, cage, seconds=seconds)
+        except TimeoutError as error:
+            self.close()
+            raise SlowError(
+                f"{what} took more than {seconds:g} seconds and was ended; use a coarser cage or "
+                "a coarser model"
+            ) from error
+        except SubprocessError as error:
+            self.close()
+            raise SlowError(
+                f"{what} ended the process that computed it; there may be too little memory: use "
+                "a coarser cage or model"
+            ) from error
+        finally:
+            self._lock.release()
+
+
+_kept: tuple[TriMesh, Floats, BindSettings, int]
+"""Of the subprocess of the server: what all its calls need."""
+
+
+def _keep(*kept: Any) -> None:
+    global _kept
+    _kept = kept
+
+
+def _diagnose_cage(cage: TriMesh) -> Answer:
+    rest, _, _, jobs = _kept
+    diagnosis = diagnose(cage, rest, jobs)
+    return {
+        "verdict": diagnosis.verdict,
+        "verdict_word": CAGE_VERDICT_WORDS[diagnosis.verdict],
+        "cage": f"{format_count(len(cage.vertices), 'vertex')}, "
+        f"{format_count(len(cage.polygons.corner_counts), 'face')}",
+        "findings": [describe_finding(found, cage, rest) for found in diagnosis.findings],
+    }
+
+
+def describe_finding(found: Finding, cage: TriMesh, rest: TriMesh) -> Answer:
+    """Return a finding with its places: elements of the cage by their vertices, and points."""
+    numbers = found.numbers
+    places: dict[str, Any] = {"vertices": [], "edges": [], "faces": [], "points": []}
+    if found.place is not None:
+        places["points"] = [list(found.place)]
+    elif found.mesh == "rest":
+        corners = rest.vertices[rest.faces] if found.elements.startswith("face") else rest.vertices
+        points = corners[numbers.ravel()[:MAX_SHOWN_ELEMENTS]]
+        places["points"] = points.reshape(-1, 3).tolist()
+    elif found.elements.startswith("face"):
+        of_cage = numbers[:, 1] if found.mesh == "both" else numbers
+        faces = np.unique(of_cage)[:MAX_SHOWN_ELEMENTS]
+        places["faces"] = cage.faces[faces].tolist()
+    elif found.elements:
+        places[found.elements] = numbers[:MAX_SHOWN_ELEMENTS].tolist()
+    texts = {name: getattr(found, name) for name in ("kind", "severity", "message", "remedy")}
+    return texts | places
+
+
+def _solve_weights(cage: TriMesh) -> Answer:
+    rest, origin, settings, jobs = _kept
+    try:
+        return {"payload": pack_weights(bind(rest, cage, settings, jobs), origin)}
+    except CageikError as error:
+        return {"error": error.text}

@@ -1,44 +1,16 @@
 """A page is served until someone stops it; edits run one at a time, in the main thread."""
 
 import secrets
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
-from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.errors import describe_error
-from cageik_cli.util.messages import Hint, Row, Said, Spelling, spell, spell_keyword
+from cageik_cli.util.messages import Hint, Row, Said, spell, spell_keyword
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.view.server import serve
-from cageik_cli.view.site import Edit, JobBoard, Site
-
-Rows = Sequence[Row]
-"""Labels and texts."""
-
-
-class PageSession(Protocol):
-    """What a page shows, and what is done with what it sends."""
-
-    settings: ViewSettings
-    answers: Mapping[str, Callable[[bytes, Spelling], Any]]
-    written: tuple[Path, ...]
-
-    @property
-    def can_apply(self) -> bool:
-        """Whether there is a file to write."""
-
-    def render_page(self) -> str:
-        """Render the page."""
-
-    def parse(self, data: bytes, rigidity: int) -> Edit:
-        """Return the edit that was sent."""
-
-    def list_rows(self, result: Any) -> Rows:
-        """List what came of an edit."""
-
-    def close(self) -> None:
-        """End what runs beside the page."""
+from cageik_cli.view.server import Edit, JobBoard, Rows, Site, serve
+from cageik_cli.view.session import PageSession
 
 
 class BoardProgress(ProgressListener):
@@ -129,13 +101,12 @@ def _run_edit(session: PageSession, edit: Edit, board: JobBoard, listener: ViewL
     try:
         with listener.show_edit() as progress:
             progress_on_board = BoardProgress(board, progress)
-            result = edit(progress_on_board)
+            found = edit(progress_on_board)
     except Exception as error:  # the page keeps its handles, whatever happens
         message = spell(describe_error(error), listener.spell_hint)
         board.change(state="failed", error=message)
         listener.show_failed(message)
         return
-    found = session.list_rows(result)
     noted = (*found, *progress_on_board.notes)
     rows = tuple((label, spell(text, listener.spell_hint)) for label, text in noted)
     written = tuple(str(path) for path in session.written)

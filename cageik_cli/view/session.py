@@ -5,15 +5,14 @@ What others do meanwhile to the files that the page reads and writes is noticed.
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from cageik_cli.editing.cage_edits import CageEditLayer, CageEdits, EditFiles, parse_cage_edits
-from cageik_cli.editing.handles.model import Handle, Handles, PosedSurface
+from cageik_cli.editing.handles.model import Handles, PosedSurface
 from cageik_cli.editing.handles.placement import place_handles
 from cageik_cli.editing.handles.reader import parse_handles
 from cageik_cli.editing.handles.schema import MAX_HANDLES_BYTES, describe_location
@@ -41,15 +40,60 @@ from cageik_cli.util.errors import (
 )
 from cageik_cli.util.files import Mark, mark_file
 from cageik_cli.util.json_files import JsonFormat, Steps, format_value, parse_json
-from cageik_cli.util.messages import Row, Spelling
+from cageik_cli.util.messages import Spelling
 from cageik_cli.util.outputs import check_no_overlap, check_writable, replace_only, write_bytes
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.view.player.clip import UNNAMED_CAGE, PlayerClip, make_single_pose
+from cageik_cli.view.player.clip import (
+    UNNAMED_CAGE,
+    PlayerClip,
+    make_single_pose,
+    require_player_clip,
+)
 from cageik_cli.view.player.section import render_view_page
-from cageik_cli.view.show import load_clip
+from cageik_cli.view.server import MAX_SUBMITTED_BYTES, Edit, Rows
 
 
-class ViewSession(ABC):
+class PageSession(ABC):
+    """What a page shows, and what is done with what it sends.
+
+    Attributes
+    ----------
+    answers : dict of str to callable
+        What else than an edit the page may send, and the answer to it; see `Site`.
+    written : tuple of Path
+        What the last edit wrote.
+    """
+
+    def __init__(self, settings: ViewSettings) -> None:
+        self.settings = settings
+        self.answers: dict[str, Callable[[bytes, Spelling], Any]] = {}
+        self.written: tuple[Path, ...] = ()
+        self._own = OwnOutputs(settings.overwrite)
+
+    @property
+    def can_apply(self) -> bool:
+        """Whether an edit can be applied: there is a file to write."""
+        return self.settings.output is not None
+
+    @abstractmethod
+    def render_page(self) -> str:
+        """Render the page."""
+
+    @abstractmethod
+    def parse(self, data: bytes, rigidity: int) -> Edit:
+        """Return the edit that was sent, with rounds of rigid rotations."""
+
+    def close(self) -> None:  # noqa: B027
+        """End what runs beside the page."""
+
+    def _get_output(self) -> Path:
+        """Return the file that an edit writes."""
+        if self.settings.output is None:
+            raise SettingError("there is no file to write; start cageik view again with an output")
+        return self.settings.output
+
+
+class ViewSession(PageSession):
     """A model or a result that a page shows.
 
     Parameters
@@ -63,25 +107,14 @@ class ViewSession(ABC):
     ----------
     first_handles, first_cage_edits : str
         The JSON, in ASCII, of the handles and cage edits that the page begins with; "" for none.
-    written : tuple of Path
-        What the last edit wrote.
     """
 
     def __init__(
         self, settings: ViewSettings, clip: PlayerClip, edited_from: str | None = None
     ) -> None:
-        self.settings, self.clip, self.edited_from = settings, clip, edited_from
+        super().__init__(settings)
+        self.clip, self.edited_from = clip, edited_from
         self.first_handles = self.first_cage_edits = ""
-        self.written: tuple[Path, ...] = ()
-        self._own = OwnOutputs(settings.overwrite)
-
-    @property
-    def can_apply(self) -> bool:
-        """Whether handles can be applied: there is a file to write."""
-        return self.settings.output is not None
-
-    answers: Mapping[str, Callable[[bytes, Spelling], Any]] = MappingProxyType({})
-    """What else the page may ask for: nothing."""
 
     def render_page(self) -> str:
         """Render the page."""
@@ -93,13 +126,6 @@ class ViewSession(ABC):
             edited_from=self.edited_from,
         )
 
-    def list_rows(self, result: PoseResult) -> list[Row]:
-        """List what came of an edit, as `cageik pose` prints it."""
-        return format_pose_rows(result.summary)
-
-    def close(self) -> None:  # noqa: B027
-        """Do nothing: nothing runs beside the page."""
-
     def begin_with(self, files: EditFiles) -> None:
         """Let the page begin with handles or cage edits."""
         check_edit_fits(files, self.clip)
@@ -108,7 +134,7 @@ class ViewSession(ABC):
         if files.cage_edits is not None:
             self.first_cage_edits = json.dumps(json.loads(files.cage_edits.data))
 
-    def parse(self, data: bytes, rigidity: int) -> Callable[[ProgressListener], PoseResult]:
+    def parse(self, data: bytes, rigidity: int) -> Edit:
         """Return the edit that was sent, with rounds of rigid rotations.
 
         Parameters
@@ -120,22 +146,19 @@ class ViewSession(ABC):
         files = parse_submitted(data, own.handles_output, own.cage_edits_output)
         return partial(self._apply, files, PosingSettings(rigidity=rigidity))
 
-    def _apply(
-        self, files: EditFiles, posing: PosingSettings, progress: ProgressListener
-    ) -> PoseResult:
+    def _apply(self, files: EditFiles, posing: PosingSettings, progress: ProgressListener) -> Rows:
         """Apply an edit and write the outputs; the files of the edit are written last."""
-        if self.settings.output is None:
-            raise SettingError("there is no file to write; start cageik view again with an output")
+        output = self._get_output()
         for path in self.settings.outputs():
             check_writable(path, self._own.may_replace(path))
         own = self.settings
         with self._own.guard():
-            result = self._solve(files, posing, self.settings.output, progress)
+            result = self._solve(files, posing, output, progress)
             written = [path for path in (own.output, own.cage_output) if path is not None]
             self._save(own.handles_output, files.handles, written)
             self._save(own.cage_edits_output, files.cage_edits, written)
         self.written = tuple(written)
-        return result
+        return format_pose_rows(result.summary)
 
     def _save(
         self, path: Path | None, file: Handles | CageEdits | None, written: list[Path]
@@ -159,9 +182,6 @@ class ViewSession(ABC):
 
 SUBMITTED_FILES = {"handles": "handles", "cageEdits": "cage edits"}
 """The fields of a body, and what messages call them."""
-
-MAX_SUBMITTED_BYTES = 2 * MAX_HANDLES_BYTES
-"""Largest body that is read: a handles file and a cage edits file."""
 
 
 def _describe_place(document: Any, steps: Steps) -> str:
@@ -297,7 +317,7 @@ class _ResultSession(ViewSession):
     """The animation of a result; edits are results."""
 
     def __init__(self, settings: ViewSettings, result: Result, watched: WatchedInput) -> None:
-        super().__init__(settings, load_clip(result), result.edited_from)
+        super().__init__(settings, require_player_clip(result, "a page"), result.edited_from)
         self._watched = watched
 
     def _solve(
@@ -403,20 +423,16 @@ def read_first_edit(handles: Path | None, cage_edits: Path | None) -> EditFiles:
     for handle_set in files.handles.sets if files.handles else ():
         with error_context(handles or ""):
             for handle in handle_set.handles:
-                _check_shown(handle)
+                is_on_screen = handle.motion.camera is not None
+                if is_on_screen or handle.place.kind in ("position", "screen.source"):
+                    raise HandlesError(
+                        f"handle {handle.name!r}: has a position or a screen, which the page does "
+                        "not show; pose it with cageik pose, or give a vertex or a face, and an "
+                        "offset or a target"
+                    )
+                if handle.radius is not None:
+                    raise HandlesError(
+                        f"handle {handle.name!r}: has a radius, which the page does not show; pose "
+                        "it with cageik pose, or remove the radius"
+                    )
     return files
-
-
-def _check_shown(handle: Handle) -> None:
-    """Refuse what the page has no means to show."""
-    is_on_screen = handle.motion.camera is not None
-    if is_on_screen or handle.place.kind in ("position", "screen.source"):
-        raise HandlesError(
-            f"handle {handle.name!r}: has a position or a screen, which the page does not show; "
-            "pose it with cageik pose, or give a vertex or a face, and an offset or a target"
-        )
-    if handle.radius is not None:
-        raise HandlesError(
-            f"handle {handle.name!r}: has a radius, which the page does not show; pose it with "
-            "cageik pose, or remove the radius"
-        )

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from html import escape
 
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.store.result import Result, make_weights_error
-from cageik_cli.view.player.clip import PlayerClip, load_player_clip, make_single_pose
+from cageik_cli.store.result import Result
+from cageik_cli.view.player.clip import make_single_pose, require_player_clip
 from cageik_cli.view.player.section import render_view_page
 
 DEFAULT_HEIGHT = 720
@@ -73,12 +73,5 @@ def show(shown: Result | Binding, *, height: int = DEFAULT_HEIGHT) -> ShownPage:
     """
     if isinstance(shown, Binding):
         return ShownPage(render_view_page(make_single_pose(shown)), height)
-    return ShownPage(render_view_page(load_clip(shown), edited_from=shown.edited_from), height)
-
-
-def load_clip(result: Result) -> PlayerClip:
-    """Load what a page shows of a result."""
-    clip = load_player_clip(result)
-    if clip is None:
-        raise make_weights_error(result.path, "a page")
-    return clip
+    clip = require_player_clip(shown, "a page")
+    return ShownPage(render_view_page(clip, edited_from=shown.edited_from), height)

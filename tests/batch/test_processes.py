@@ -3,16 +3,14 @@
 import multiprocessing
 import os
 import signal
-import threading
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
-from cageik_cli.batch import processes as local
+from cageik_cli.batch import run as local
 from cageik_cli.batch.jobs import ClipJob, ClipState, run_clip
-from cageik_cli.batch.processes import ProcessScheduler
+from cageik_cli.batch.run import ProcessScheduler
 from cageik_cli.report.limits import Limits
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.util.errors import ClusterError
@@ -105,53 +103,32 @@ def test_an_error_of_the_caller_ends_the_processes(jobs):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
-def test_a_process_that_crashed_between_clips_costs_the_next_one_attempt(jobs):
-    worker = local._Worker(multiprocessing.get_context("spawn"))
-    os.kill(worker._pid.result(), signal.SIGKILL)
-    with pytest.raises(BrokenProcessPool):
-        [worker._pool.submit(os.getpid).result(30) for _ in range(100_000)]  # until it is seen
-    with pytest.raises(BrokenProcessPool):
-        worker._pool.submit(os.getpid)
-    assert worker.run_job(jobs[0]).state is ClipState.DONE
-    worker.stop(is_immediate=False)
+def test_a_process_that_crashed_between_clips_costs_the_next_one_attempt(jobs, monkeypatch):
+    with ProcessScheduler(1) as processes:
+        start = processes._start
 
+        def start_and_kill(preload):
+            process = start(preload)
+            if len(processes._processes) == 1:
+                process._process.kill()
+                process._process.join()
+            return process
 
-@pytest.mark.slow
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
-def test_no_process_is_started_after_the_end(monkeypatch):
-    """One that died just before is begun again at the same moment."""
-    context = multiprocessing.get_context("spawn")
-    worker, died, begin = local._Worker(context), threading.Event(), local._Worker._start
-
-    def begin_slowly(self):
-        died.set()
-        threading.Event().wait(0.3)
-        begin(self)
-
-    monkeypatch.setattr(local._Worker, "_start", begin_slowly)
-    os.kill(worker._pid.result(), signal.SIGKILL)
-    done = []
-    asking = threading.Thread(target=lambda: done.append(outcome_or_error(worker)))
-    asking.start()
-    assert died.wait(30)
-    worker.stop(is_immediate=True)
-    asking.join(30)
-    assert isinstance(done[0], Exception)
-    assert multiprocessing.active_children() == []
-
-
-def outcome_or_error(worker):
-    try:
-        return worker.run_job(None)
-    except Exception as error:
-        return error
+        monkeypatch.setattr(processes, "_start", start_and_kill)
+        found = by_name(processes.run_jobs([jobs[0], jobs[2]]))
+        assert len(processes._processes) == 2
+    assert {name: outcome.state for name, outcome in found.items()} == {
+        "a": ClipState.DONE,
+        "c": ClipState.DONE,
+    }
 
 
 def test_processes_that_cannot_be_started_are_an_error_of_the_machine(jobs, monkeypatch):
     def die(*_):
         raise EOFError("unexpected EOF")
 
-    monkeypatch.setattr(local.ProcessPoolExecutor, "submit", die)
+    monkeypatch.setattr(multiprocessing.context.ForkServerProcess, "_Popen", die)
+    monkeypatch.setattr(multiprocessing.context.SpawnProcess, "_Popen", die)
     with pytest.raises(ClusterError, match="no process can be started on this machine"):
         list(ProcessScheduler(1).run_jobs(jobs))
 

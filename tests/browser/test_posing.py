@@ -498,7 +498,7 @@ def test_a_decimated_model_has_the_vertex_numbers_of_its_file(pose, walk, tmp_pa
     monkeypatch.setattr(section, "MAX_DRAWN_VERTICES", 400)
     result = walk[0]
     clip = load_player_clip(result)
-    drawn = section.choose_vertices(clip.binding)[0]
+    drawn = section.choose_vertices(clip.binding.rest, clip.binding.cage)[0]
     report = replace(build_report(result), notes=())
     page = pose(render_page(report, player=build_player(clip)))
     hand = int(drawn[np.abs(drawn - HAND).argmin()])

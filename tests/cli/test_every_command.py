@@ -72,7 +72,6 @@ OUTPUTS = [
     ("report --plot", "out.png"),
     ("report --plot", "out.SVG"),
     ("report --player", "out.html"),
-    ("report --picture", "out.png"),
     ("report --film-size 64x64 --film", "out.gif"),
     ("export cages.h5", "out.npz"),
     ("export cages.h5", "out/c_##.obj"),

@@ -157,8 +157,6 @@ SEND = [
     "64x64",
     "--player",
     "walk.html",
-    "--picture",
-    "w.png",
 ]
 
 
@@ -167,18 +165,17 @@ def test_what_is_sent_is_named_with_its_size(run, results):
     outcome = run("report", *SEND)
     assert outcome.code == 0, outcome.err
     lines = [line for line in outcome.out.splitlines() if line.startswith("wrote ")]
-    assert [line.split()[1] for line in lines] == ["walk.html", "w.png", "walk.webp"]
-    assert ", 5 pictures of 64x64, 0.2 s, drawn in " in lines[2]
+    assert [line.split()[1] for line in lines] == ["walk.html", "walk.webp"]
+    assert ", 5 pictures of 64x64, 0.2 s, drawn in " in lines[1]
     for line in lines:
         assert f"({format_bytes(Path(line.split()[1]).stat().st_size)}" in line
     assert "data-player" in Path("walk.html").read_text()
-    assert Path("w.png").read_bytes().startswith(b"\x89PNG")
     with Image.open("walk.webp") as film:
         assert (film.n_frames, film.size) == (5, (64, 64))
-    first = [Path(name).read_bytes() for name in ("walk.html", "w.png", "walk.webp")]
+    first = [Path(name).read_bytes() for name in ("walk.html", "walk.webp")]
     assert run("report", *SEND).err.startswith("Error: walk.html: exists already")
     assert run("report", *SEND, "--overwrite", "-q").out == ""
-    assert [Path(name).read_bytes() for name in ("walk.html", "w.png", "walk.webp")] == first
+    assert [Path(name).read_bytes() for name in ("walk.html", "walk.webp")] == first
 
 
 @pytest.mark.slow
@@ -199,7 +196,6 @@ def test_the_settings_of_a_film_are_taken(run, results):
         ("--film walk.mp4", "walk.mp4: expected a name that ends in .webp or .gif"),
         ("--film -", "-: expected a name that ends in .webp or .gif"),
         ("--player walk.txt", "walk.txt: expected a name that ends in .html"),
-        ("--picture walk.jpg", "walk.jpg: expected a name that ends in .png"),
         ("--film w.gif --film-size 640", "'640' is not a width and a height such as 640x480"),
         ("--film w.gif --film-size 10x640", "--film-size 10x640: a side is out of range"),
         ("--film w.gif --film-seconds 0", "--film-seconds 0: is out of range"),
@@ -209,7 +205,7 @@ def test_the_settings_of_a_film_are_taken(run, results):
         ("--html page.html --film-size 99x99", "--film-size: no film is written"),
         *(
             (f"cages.h5 other.h5 {word}", f"{word.split()[0]} shows one result, 2 were named")
-            for word in ("--film w.gif", "--picture w.png", "--player w.html")
+            for word in ("--film w.gif", "--player w.html")
         ),
     ],
 )
@@ -221,7 +217,7 @@ def test_wrong_words_of_what_is_sent_are_refused(run, results, words, said):
     assert sorted(Path().iterdir()) == before
 
 
-@pytest.mark.parametrize("words", ["--film w.gif", "--picture w.png", "--player w.html"])
+@pytest.mark.parametrize("words", ["--film w.gif", "--player w.html"])
 def test_what_shows_a_model_needs_its_weights(run, folder, words):
     assert run("extract", "frames", "--cage", "cage.obj", "--no-weights").code == 0
     outcome = run("report", *words.split())

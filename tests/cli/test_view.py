@@ -79,8 +79,8 @@ def test_a_cage_is_built_if_none_is_given(run, bound, viewed, coarse_grids):
 def test_the_outcome_of_an_edit_is_shown(run, bound, monkeypatch):
     def use(session, port, listener):
         with listener.show_edit() as progress:
-            result = session.parse(make_body(DOCUMENT), 3)(progress)
-        listener.show_applied(session.list_rows(result), session.written)
+            rows = session.parse(make_body(DOCUMENT), 3)(progress)
+        listener.show_applied(rows, session.written)
         listener.show_failed("handles: are wrong")
         raise KeyboardInterrupt
 

@@ -51,12 +51,11 @@ def make_edit(tmp_path):
     return make
 
 
-def summarize(edit, cages, size, frames=None):
+def summarize(edit, cages, size):
     """By blocks of a size."""
-    frames = np.arange(COUNT) if frames is None else frames
     statistics = PoseStatistics(edit)
-    for start in range(0, len(frames), size):
-        chosen = frames[start : start + size]
+    for start in range(0, COUNT, size):
+        chosen = np.arange(COUNT)[start : start + size]
         statistics.update(edit.edit_frames(chosen, cages[chosen]))
     return statistics.summarize()
 
@@ -98,43 +97,6 @@ def test_the_summary_equals_its_definitions(closed, make_edit):
     assert first.residual_percent == pytest.approx(100 * missed.max() / diagonal, rel=1e-9)
     assert first.moved == pytest.approx(distances[:, 1].max(), rel=1e-9)
     assert found.moved_least == pytest.approx(distances[frame].min(), rel=1e-9)
-    touched = slice(0, 11)  # frames 2 to 8 are changed, and two beside them have a part in it
-    bends = [
-        np.linalg.norm(np.diff(mesh[touched, 1], 2, axis=0), axis=1).max()
-        for mesh in (before, after)
-    ]
-    assert [first.acceleration_before, first.acceleration] == pytest.approx(bends, rel=1e-9)
-    every = [
-        np.linalg.norm(np.diff(mesh[touched], 2, axis=0), axis=2).max(axis=0)
-        for mesh in (before, after)
-    ]
-    vertex = (every[1] - every[0]).argmax()
-    assert found.acceleration_vertex == vertex
-    assert found.acceleration_before == pytest.approx(every[0][vertex], rel=1e-9)
-    assert found.acceleration == pytest.approx(every[1][vertex], rel=1e-9)
-
-
-def test_acceleration_needs_consecutive_frames(closed, make_edit):
-    clip, cages = closed
-    found = summarize(make_edit(clip), cages, 3, frames=np.array([0, 1, 3, 4, 6, 7]))
-    assert found.anchors[0].acceleration is None
-    apart = summarize(make_edit(clip), cages, 3, frames=np.array([0, 1, 2, 4]))
-    assert apart.anchors[0].acceleration is not None
-
-
-def test_acceleration_counts_near_changed_frames_only(closed, make_edit):
-    """A jerk two frames off the edit counts, one three frames off does not."""
-    clip, _ = closed
-    late = {**DOCUMENT, "frames": [8, 11]}
-    for jerk, counts in ((4, True), (3, False)):
-        cages = np.repeat(clip.binding.cage.vertices[None], COUNT, axis=0)
-        cages[jerk] += 5.0
-        still = EditTarget.of_animation(
-            clip.binding, cages.__getitem__, NAMES, scene=Scene(start=0)
-        )
-        found = summarize(make_edit(still, late), cages, 4)
-        assert found.changed == ("f_6", "f_11")
-        assert (found.anchors[2].acceleration_before > 1) == counts
 
 
 def test_anchors_name_their_sets(closed, make_edit):

@@ -23,7 +23,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
-from cageik_cli.batch import processes
+from cageik_cli.util import processes
 from tests.faults.interception import OPENS, SIZES, WRITES, Listener, StoppedCall, install_filter
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -218,7 +218,7 @@ def _enter(folder: Path, listener: socket.socket, become: Callable[[], NoReturn]
         sys.stderr = open(2, "w", 1, closefd=False, encoding="utf-8")  # noqa: SIM115
         os.environ.update(make_environment(folder))
         # The processes of a batch are forked from here; a new interpreter takes a second.
-        processes._make_process_context = lambda modules: multiprocessing.get_context("fork")
+        processes._choose_context = lambda modules: multiprocessing.get_context("fork")
         tempfile.tempdir = None
         descriptor = install_filter()
         socket.send_fds(listener, [b"l"], [descriptor])

@@ -1,10 +1,13 @@
 """Calls that are tried in another process: how it ends becomes a sentence."""
 
+import multiprocessing
 import os
 import sys
+import threading
 
 import pytest
 
+from cageik_cli.util import processes, trial
 from cageik_cli.util.trial import Trials
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
@@ -35,6 +38,19 @@ def fill_like_a_library(text):
     raise RuntimeError("std::bad_alloc")
 
 
+def leave(text):
+    os._exit(3)
+
+
+def wait(text):
+    """Wait for a lock that is not given back, within a limit that is next to nothing."""
+    processes.MAX_WAIT_RATIO = 0
+    trial.trials.allow(1)
+    lock = threading.Lock()
+    lock.acquire()
+    lock.acquire()
+
+
 @pytest.fixture
 def trials():
     made = Trials()
@@ -49,6 +65,8 @@ def trials():
         (fail, ""),
         (find, "is wróng"),
         (abort, "is damaged: abc ends with SIGABRT on it; export it again"),
+        (leave, ""),
+        (wait, "is damaged: abc takes too long on it; export it again"),
         (fill_like_a_library, "is damaged: abc takes too much memory on it; export it again"),
         pytest.param(
             fill,
@@ -112,8 +130,9 @@ def test_nothing_is_tried_that_is_not_wanted():
 
 
 def test_a_process_that_cannot_be_started_is_no_fault(trials, monkeypatch):
-    monkeypatch.setattr(sys, "executable", "/nowhere/python")
-    assert trials.find_fault("abc", abort, "", key="a") == ""
+    with monkeypatch.context() as patch:
+        patch.setattr(multiprocessing.spawn, "_python_exe", b"/nowhere/python")
+        assert trials.find_fault("abc", abort, "", key="a") == ""
     monkeypatch.setattr(sys, "executable", "")
     assert trials.find_fault("abc", abort, "", key="a") == ""
 

@@ -9,9 +9,7 @@ import pytest
 
 from cageik_cli.util.errors import HandlesError, SettingError
 from cageik_cli.view import server
-from cageik_cli.view.server import serve
-from cageik_cli.view.session import MAX_SUBMITTED_BYTES
-from cageik_cli.view.site import JobBoard, Site
+from cageik_cli.view.server import MAX_SUBMITTED_BYTES, JobBoard, Site, serve
 from tests.view.client import Client, read_answer
 
 SECRET = "s" * 32

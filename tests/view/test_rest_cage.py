@@ -19,12 +19,15 @@ from cageik_cli.formats.open import load_mesh
 from cageik_cli.run.edit_settings import ViewSettings
 from cageik_cli.util.errors import BusyError, CageikError, FormatError, InputError, SlowError
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.view import cage_process, rest_cage
-from cageik_cli.view.cage_process import describe_finding
-from cageik_cli.view.rest_cage import encode_cage, list_polygons, open_rest_cage, parse_cage
-from cageik_cli.view.server import serve
-from cageik_cli.view.session import MAX_SUBMITTED_BYTES
-from cageik_cli.view.site import JobBoard, Site
+from cageik_cli.view import rest_cage
+from cageik_cli.view.rest_cage import (
+    describe_finding,
+    encode_cage,
+    list_polygons,
+    open_rest_cage,
+    parse_cage,
+)
+from cageik_cli.view.server import MAX_SUBMITTED_BYTES, JobBoard, Site, serve
 from tests.view.client import Client
 
 SECRET = "s" * 32
@@ -316,48 +319,42 @@ def test_names_of_parts_are_not_taken_for_parameters(quads):
 
 
 class Slow:
-    """A pool whose work never ends."""
+    """A process whose work never ends."""
 
-    _processes: dict[int, object] = {}  # noqa: RUF012
+    is_ended = False
 
-    def __init__(self):
-        self.is_shut = False
-
-    def submit(self, work, cage):
-        return self
-
-    def result(self, seconds):
+    def call(self, work, cage, seconds):
         time.sleep(seconds)
         raise TimeoutError
 
-    def shutdown(self, **_):
-        self.is_shut = True
+    def end(self):
+        self.is_ended = True
 
 
 def test_a_check_that_takes_too_long_is_ended(session, client, monkeypatch):
-    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 0.05)
-    pool = session.laboratory._pool = Slow()
+    monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 0.05)
+    process = session.laboratory._process = Slow()
     data = encode(read_quads())
     with pytest.raises(SlowError, match=r"more than 0\.05 seconds and was ended"):
         session.check(data)
-    assert pool.is_shut
-    session.laboratory._pool = Slow()
+    assert process.is_ended
+    session.laboratory._process = Slow()
     assert client.ask("check", "POST", data).status == 503
-    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 20.0)
+    monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 20.0)
     assert session.check(data)["verdict"] == "fit"
 
 
 def test_a_check_that_really_takes_long_is_ended(session, monkeypatch):
-    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 0.001)
+    monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 0.001)
     with pytest.raises(SlowError):
         session.check(encode(read_quads()))
-    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 20.0)
+    monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 20.0)
     assert session.check(encode(read_quads()))["verdict"] == "fit"
 
 
 def test_of_checks_at_the_same_time_one_is_made(session, client, monkeypatch):
-    monkeypatch.setattr(cage_process, "MAX_CHECK_SECONDS", 1.0)
-    session.laboratory._pool = Slow()
+    monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 1.0)
+    session.laboratory._process = Slow()
     data, answers = encode(read_quads()), []
 
     def ask():
@@ -379,6 +376,6 @@ def test_one_cage_waits_for_none(session, monkeypatch):
 
 
 def test_too_many_weights_for_the_page_are_refused(session, monkeypatch):
-    monkeypatch.setattr("cageik_cli.view.player.rest_cage.MAX_WEIGHTS", 50)
+    monkeypatch.setattr("cageik_cli.view.player.section.MAX_WEIGHTS", 50)
     with pytest.raises(FormatError, match="too many for the page, at most 5"):
         session.solve(encode(read_quads()))

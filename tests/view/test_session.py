@@ -22,8 +22,8 @@ from cageik_cli.util.errors import CageikError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.player.section import render_view_page
 from cageik_cli.view.run import ViewListener, run_view
-from cageik_cli.view.session import MAX_SUBMITTED_BYTES, open_session
-from cageik_cli.view.site import JobBoard
+from cageik_cli.view.server import MAX_SUBMITTED_BYTES, JobBoard
+from cageik_cli.view.session import open_session
 from tests.view.client import Client, make_body
 
 LIFT = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}

@@ -189,6 +189,7 @@ def build_cage(
     clip: Clip | None = None,
     progress: Callable[[int, int], None] = ignore_progress,
     processes: int = 1,
+    note: Callable[[str], object] = str,
 ) -> BuiltCage:
     """Build the best cage of a ladder of candidates.
 
@@ -205,6 +206,8 @@ def build_cage(
         Called with (candidates done, candidates) after every one.
     processes : int
         How many shift vertices side by side, with a clip; the cage is the same for any number.
+    note : callable
+        Takes a sentence on one of them that has failed, whose work is done again.
 
     Raises
     ------
@@ -217,15 +220,15 @@ def build_cage(
     # Sums of several threads are rounded otherwise, and a choice may hang on that.
     with limit_blas_threads(1):
         mirror = find_symmetry(model, settings.symmetric)
-        make_free = partial(_Builder, model, settings, clip, processes=processes)
+        make_free = partial(_Builder, model, settings, clip, processes=processes, note=note)
         if mirror is None:
             return make_free().run(progress)
         try:
             return _Builder(model, settings, clip, mirror).run(progress)
         except NumericalError:
             built = make_free().run(progress)
-            note = f"no cage that is symmetric about {mirror} passed the tests: this one is not"
-            return replace(built, notes=(note, *built.notes))
+            lost = f"no cage that is symmetric about {mirror} passed the tests: this one is not"
+            return replace(built, notes=(lost, *built.notes))
 
 
 class _Builder:
@@ -238,9 +241,10 @@ class _Builder:
         clip: Clip | None,
         mirror: Mirror | None = None,
         processes: int = 1,
+        note: Callable[[str], object] = str,
     ) -> None:
         self._demand, self._clip, self._mirror = Demand(model, settings, mirror), clip, mirror
-        self._settings, self._processes = settings, processes
+        self._settings, self._processes, self._note = settings, processes, note
         self._has_loops = settings.loops
         self._motion: Motion | None = None
         if clip is not None and mirror is None:  # poses would make a cage lopsided
@@ -350,7 +354,7 @@ class _Builder:
             (cage, self._demand, self._motion, candidate.loops)
             for cage, candidate in zip(placed, candidates, strict=True)
         ]
-        shifted = call_in_subprocesses(shift_vertices, calls, self._processes)
+        shifted = call_in_subprocesses(shift_vertices, calls, self._processes, self._note)
         for step, (candidate, (cage, moved)) in enumerate(zip(candidates, shifted, strict=True)):
             recipe = f"{candidate.recipe}, {moved} vertices shifted"
             made = self._make_candidate(recipe, cage, candidate.offset, candidate.notes)

@@ -5,13 +5,13 @@ from itertools import groupby
 from typing import Any
 from urllib.parse import quote
 
-from cageik_cli.report.figures import ReportSummary, format_change, format_percent
+from cageik_cli.report.figures import format_change, format_percent
 from cageik_cli.report.html.templating import REPORT_TEMPLATES, make_png_url
 from cageik_cli.report.limits import make_overall_verdict
 from cageik_cli.report.overview import ClipEntry, Curve, Overview, describe_poor
 from cageik_cli.report.record import Report
 from cageik_cli.report.verdict import MAX_FAIR_DEVIATION
-from cageik_cli.report.vocabulary import QUALITY_WORDS, Vocabulary
+from cageik_cli.report.vocabulary import QUALITY_WORDS
 from cageik_cli.util.text import format_count
 
 THUMBNAIL_HEIGHT, THUMBNAIL_MARGIN, THUMBNAIL_STEP = 48, 4, 2
@@ -86,11 +86,17 @@ def _build_clip_row(entry: ClipEntry, report: Report, curve: Curve) -> dict[str,
     change = summary.volume_change_percent_max
     undefined = "unknown" if clip.closed else "open"
     state, verdict = _make_clip_verdict(entry)
+    rms, worst_rms = _scale_heights(curve.rms_percent), summary.worst_frame_rms_percent
+    other = (
+        f"{words.largest} up to {format_percent(summary.max_deviation_percent)} %"
+        if change is None
+        else f"largest volume change {format_change(change)} %"
+    )
     return {
         "name": entry.title,
         "href": entry.page and "./" + quote(entry.page, errors="surrogateescape"),
         "error": format_percent(summary.rms_percent),
-        "worst_rms": format_percent(summary.worst_frame_rms_percent),
+        "worst_rms": format_percent(worst_rms),
         "worst_frame": summary.worst_frame,
         "deviation": format_percent(summary.max_deviation_percent),
         "volume": undefined if change is None else format_change(change),
@@ -108,32 +114,11 @@ def _build_clip_row(entry: ClipEntry, report: Report, curve: Curve) -> dict[str,
             for check in entry.gates
             if check.passed is False
         ],
-        "text": _describe_thumbnail(summary, words),
-        **_build_thumbnail(curve),
-    }
-
-
-def _describe_thumbnail(summary: ReportSummary, words: Vocabulary) -> str:
-    """Describe a thumbnail for readers who do not see it."""
-    change = summary.volume_change_percent_max
-    other = (
-        f"{words.largest} up to {format_percent(summary.max_deviation_percent)} %"
-        if change is None
-        else f"largest volume change {format_change(change)} %"
-    )
-    return (
-        f"RMS up to {format_percent(summary.worst_frame_rms_percent)} % at {summary.worst_frame}; "
-        + other
-    )
-
-
-def _build_thumbnail(curve: Curve) -> dict[str, Any]:
-    """Build the lines of a curve as paths, each scaled to its own largest value."""
-    rms, other = _scale_heights(curve.rms_percent), _scale_heights(curve.other)
-    return {
+        "text": f"RMS up to {format_percent(worst_rms)} % at {summary.worst_frame}; {other}",
+        # The lines of the thumbnail are paths, each scaled to its own largest value.
         "width": max(THUMBNAIL_STEP * (len(rms) - 1), 1),
         "rms": _make_svg_path(rms),
-        "other": _make_svg_path(other),
+        "other": _make_svg_path(_scale_heights(curve.other)),
         "worst": f"M{THUMBNAIL_STEP * curve.worst} {rms[curve.worst]}h0",
     }
 

@@ -23,8 +23,12 @@ from cageik_cli.report.figures import (
     format_percent,
     format_scene_length,
 )
-from cageik_cli.report.html.fit_section import FitShapes, draw_fit_section, load_fit_shapes
-from cageik_cli.report.html.pictures import draw_pictures
+from cageik_cli.report.html.pictures import (
+    FitShapes,
+    draw_fit_section,
+    draw_pictures,
+    load_fit_shapes,
+)
 from cageik_cli.report.html.templating import REPORT_TEMPLATES, PlayerPart, make_data_url
 from cageik_cli.report.limits import PERCENT, LimitCheck, make_overall_verdict
 from cageik_cli.report.parts import label_vertex, place_vertex, sort_parts

@@ -71,8 +71,13 @@ def rasterize_surface(projected: Floats, faces: Integers, size: int) -> VisibleS
     face_ids = face.ravel()[pixels]
     corners = faces.T[:, face_ids]
     shares = _barycentric_coordinates(projected, corners, np.stack([pixels % size, pixels // size]))
-    face_normals = _face_normals(projected, faces)
-    vertex_normals = _vertex_normals(face_normals, faces, len(projected))
+    # Right, up, towards the viewer: of faces, of twice their area; of vertices, their sums.
+    first, second, third = (projected[corner].T for corner in faces.T)
+    face_normals = cross_products(second - first, third - first) * np.array([[1], [-1], [-1]])
+    face_normals = np.where(np.isfinite(face_normals), face_normals, 0)
+    ends, count = faces.T.ravel(), len(projected)
+    sums = [np.bincount(ends, np.tile(along, 3), count) for along in face_normals]
+    vertex_normals = _normalize(np.stack(sums))
     normals = np.stack([_weighted_sum(shares, along[corners]) for along in vertex_normals])
     away = face_normals[2, face_ids] < 0
     return VisibleSurface(
@@ -85,13 +90,6 @@ def _weighted_sum(shares: Floats, values: Floats) -> Floats:
     return np.asarray(shares[0] * values[0] + shares[1] * values[1] + shares[2] * values[2])
 
 
-def _face_normals(projected: Floats, faces: Integers) -> Floats:
-    """Return face normals, (3, t): right, up, towards the viewer, of twice the face's area."""
-    first, second, third = (projected[corner].T for corner in faces.T)
-    normals = cross_products(second - first, third - first) * np.array([[1], [-1], [-1]])
-    return np.where(np.isfinite(normals), normals, 0)
-
-
 def _barycentric_coordinates(projected: Floats, corners: Integers, places: Integers) -> Floats:
     """Return barycentric coordinates, (3, p), of pixels, (2, p), clamped to [0, 1]."""
     x, y = (projected[:, axis][corners] - (places[axis] + 0.5) for axis in range(2))
@@ -102,13 +100,6 @@ def _barycentric_coordinates(projected: Floats, corners: Integers, places: Integ
     shares = np.clip(areas / np.where(whole == 0, np.inf, whole), 0, 1)
     total = shares[0] + shares[1] + shares[2]
     return np.where(total > 0, shares / np.where(total > 0, total, 1), 1 / 3)
-
-
-def _vertex_normals(vectors: Floats, faces: Integers, count: int) -> Floats:
-    """Sum the vectors, (3, t), of each vertex's faces, and normalize the sums, (3, m)."""
-    corners = faces.T.ravel()
-    sums = [np.bincount(corners, np.tile(along, 3), count) for along in vectors]
-    return _normalize(np.stack(sums))
 
 
 def _normalize(vectors: Floats) -> Floats:

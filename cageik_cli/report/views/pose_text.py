@@ -69,8 +69,6 @@ def format_pose_rows(summary: PoseSummary) -> list[Row]:
         *beyond,
         *volume,
         *changed,
-        *_acceleration_rows(summary),
-        *_mesh_acceleration_rows(summary),
         *system,
         *(("note", advice) for advice in _advise(summary)),
     ]
@@ -91,9 +89,7 @@ def format_pose_json(summary: PoseSummary) -> str:
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
 
 
-def _cage_edit_rows(
-    summary: PoseSummary, max_shown: int = MAX_SHOWN_HANDLES
-) -> Iterator[tuple[str, str]]:
+def _cage_edit_rows(summary: PoseSummary, max_shown: int = MAX_SHOWN_HANDLES) -> Iterator[Row]:
     """Say how far each cage edit moves the cage; of many, those that move it farthest."""
     edits = summary.cage_edits
     largest = sorted(edits, key=lambda edit: -edit.moved)[:max_shown]
@@ -106,9 +102,7 @@ def _cage_edit_rows(
         yield "cage edits", f"{len(edits) - max_shown} more, which move the cage less"
 
 
-def _handle_rows(
-    summary: PoseSummary, max_shown: int = MAX_SHOWN_HANDLES
-) -> Iterator[tuple[str, str]]:
+def _handle_rows(summary: PoseSummary, max_shown: int = MAX_SHOWN_HANDLES) -> Iterator[Row]:
     """Describe the motion of each handle; of many, those that end farthest from their targets."""
     anchors = summary.anchors
     worst = sorted(anchors, key=lambda anchor: -anchor.residual)[:max_shown]
@@ -135,38 +129,6 @@ def _format_handle_name(anchor: AnchorSummary) -> str:
     """Return a handle's name, with that of its set if there are several."""
     return (
         f"{single_line(anchor.name)} ({anchor.layer})" if anchor.layer else single_line(anchor.name)
-    )
-
-
-def _mesh_acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
-    """Name the vertex whose acceleration the edit raises most: parts may jump between handles."""
-    after, before = summary.acceleration, summary.acceleration_before
-    if after is None or before is None or after - before <= NO_MOTION_TOL * summary.diagonal:
-        return
-    yield (
-        "of the mesh",
-        f"vertex {summary.acceleration_vertex}: up to {format_metric(after)} per frame² "
-        f"({format_metric(before)} before the edit)",
-    )
-
-
-def _acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
-    """Name the handle whose acceleration the edit raises most, with the one before."""
-    known = [
-        (anchor.acceleration, anchor.acceleration_before, _format_handle_name(anchor))
-        for anchor in summary.anchors
-        if anchor.acceleration is not None and anchor.acceleration_before is not None
-    ]
-    if not known:
-        return
-    after, before, name = max(known, key=lambda found: found[0] - found[1])
-    if after - before <= NO_MOTION_TOL * summary.diagonal:
-        yield "acceleration", "no handle accelerates more than before the edit"
-        return
-    yield (
-        "acceleration",
-        f"{name}: up to {format_metric(after)} per frame² "
-        f"({format_metric(before)} before the edit)",
     )
 
 

@@ -15,6 +15,7 @@ from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose
 from cageik_cli.store.result import (
     KeyFrames,
     Result,
+    make_weights_error,
     read_binding,
     read_cages,
     read_key_frames,
@@ -122,6 +123,20 @@ def _make_line(text: str) -> str:
     return single_line(to_unicode(text))
 
 
+def require_player_clip(result: Result, user: str) -> PlayerClip:
+    """Load what a player shows of a result, which `user` needs.
+
+    Raises
+    ------
+    SettingError
+        When the result was written without weights.
+    """
+    clip = load_player_clip(result)
+    if clip is None:
+        raise make_weights_error(result.path, user)
+    return clip
+
+
 def load_player_clip(result: Result) -> PlayerClip | None:
     """Load what a player shows of a result; None if it was written without weights."""
     binding = read_binding(result)
@@ -136,7 +151,7 @@ def load_player_clip(result: Result) -> PlayerClip | None:
     return PlayerClip(
         binding=binding,
         base=base,
-        cages=_read_first_cages(result, count),
+        cages=next(read_cages(result, count)),
         rotations=read_rotations(result)[:count],
         frames=result.frames[:count],
         timeline=result.scene.make_timeline(count),
@@ -151,16 +166,6 @@ def load_player_clip(result: Result) -> PlayerClip | None:
         target=_make_line(shlex.join([result.path.name])),
         left_out=len(result.frames) - count,
     )
-
-
-def _read_first_cages(result: Result, count: int) -> Floats:
-    blocks, read = [], 0
-    for block in read_cages(result, 64):
-        blocks.append(block)
-        read += len(block)
-        if read >= count:
-            break
-    return np.concatenate(blocks)[:count]
 
 
 def _collect_input_frames(key_frames: KeyFrames, count: int) -> dict[int, tuple[str, Floats]]:

@@ -69,7 +69,12 @@ def decimate(mesh: TriMesh, max_vertices: int) -> tuple[Integers, Integers]:
     while cells.max() >= max_vertices:
         size *= 1.1
         cells = _find_cells(points, size)
-    chosen = _choose_vertices(points, cells)
+    # The point of each cell that is closest to the mean of its points.
+    counts = np.bincount(cells)
+    means = np.stack([np.bincount(cells, weights=axis) for axis in points.T], axis=1)
+    distances = np.linalg.norm(points - (means / counts[:, None])[cells], axis=1)
+    by_cell = np.lexsort((distances, cells))
+    chosen = by_cell[np.searchsorted(cells[by_cell], np.arange(len(counts)))]
     corners = cells[np.searchsorted(used, mesh.faces)]
     is_kept = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
     # Faces are turned so that the smallest corner is first: the same face is then kept once.
@@ -87,15 +92,6 @@ def _find_cells(points: Floats, size: float) -> Integers:
     width = places.max() + 1
     keys = (places[:, 0] * width + places[:, 1]) * width + places[:, 2]
     return np.asarray(np.unique(keys, return_inverse=True)[1].reshape(-1))
-
-
-def _choose_vertices(points: Floats, cells: Integers) -> Integers:
-    """Return the point of each cell that is closest to the mean of its points."""
-    counts = np.bincount(cells)
-    means = np.stack([np.bincount(cells, weights=axis) for axis in points.T], axis=1)
-    distances = np.linalg.norm(points - (means / counts[:, None])[cells], axis=1)
-    order = np.lexsort((distances, cells))
-    return np.asarray(order[np.searchsorted(cells[order], np.arange(len(counts)))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,15 +218,11 @@ def pack_arrays(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -
     text = json.dumps({**header, "arrays": listed}, allow_nan=False, separators=(",", ":"))
     encoded = text.encode()
     content = b"".join([struct.pack("<I", len(encoded)), encoded, *parts])
-    return base64.b64encode(_compress(content)).decode()
-
-
-def _compress(content: bytes) -> bytes:
-    """Return gzip of `content`, without a time and a system: the same bytes everywhere."""
-    header = bytes([0x1F, 0x8B, 8, 0, 0, 0, 0, 0, 0, 0xFF])
+    # As gzip, without a time and a system: the same bytes everywhere.
+    head = bytes([0x1F, 0x8B, 8, 0, 0, 0, 0, 0, 0, 0xFF])
     # Differences are small numbers without repeated texts: this strategy is made for them. A higher
     # level looks for such texts: level 9 takes nine times as long, for 1 % less.
     packer = zlib.compressobj(5, zlib.DEFLATED, -zlib.MAX_WBITS, strategy=zlib.Z_FILTERED)
     packed = packer.compress(content) + packer.flush()
     end = struct.pack("<II", zlib.crc32(content), len(content) & 0xFFFFFFFF)
-    return header + packed + end
+    return base64.b64encode(head + packed + end).decode()

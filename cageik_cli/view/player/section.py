@@ -27,19 +27,21 @@ from cageik_cli.report.render.shading import (
     choose_scale_end,
 )
 from cageik_cli.report.vocabulary import choose_vocabulary
-from cageik_cli.store.result import Result, make_weights_error
+from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import format_count
 from cageik_cli.view.player.clip import (
     PlayerClip,
     find_base_colours,
     find_ground,
     load_player_clip,
+    make_single_pose,
+    require_player_clip,
 )
 from cageik_cli.view.player.compression import (
     SMALL_MAX_LEVEL,
     Predictor,
-    RoundedWeights,
     decimate,
     find_smooth_motions,
     pack_arrays,
@@ -67,6 +69,28 @@ MODES = {"look": "Look", "pose": "Pose", "cage": "Cage", "influence": "Influence
 PANELS = ("pose", "cage", "influence", "look", "parts")
 """Groups of the side panel, from top to bottom: names of templates."""
 
+REST_SCRIPTS = ("apply", "cage_mesh", "rest_mode")
+"""Scripts that are added for the page of a rest cage."""
+
+POSE_SCRIPTS = (
+    "response",
+    "poser",
+    "tracks",
+    "document",
+    "editor",
+    "handles",
+    "cage_edits",
+    "cage_mode",
+    "influence",
+)
+"""Scripts that it does not need."""
+
+REST_MODES = {"look": "Look", "rest": "Rest cage"}
+"""What pointers on the picture of that page can do."""
+
+REST_PANELS = ("rest", "look", "parts")
+"""Groups of the side panel of that page."""
+
 
 def build_player(clip: PlayerClip, edited_from: str | None = None) -> PlayerPart:
     """Build the player that the page of a report is handed."""
@@ -93,8 +117,8 @@ def load_player(result: Result) -> PlayerPart | None:
 
 def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]:
     """Collect the values of the section; `apply_url` is as in `build_payload`."""
-    count, drawn = len(clip.binding.rest.vertices), len(choose_vertices(clip.binding)[0])
-    notes = []
+    rest, notes = clip.binding.rest, []
+    count, drawn = len(rest.vertices), len(choose_vertices(rest, clip.binding.cage)[0])
     if drawn < count:
         notes.append(
             f"The player draws {drawn} of {format_count(count, 'vertex')}, so that the page stays "
@@ -176,11 +200,37 @@ def render_player_page(result: Result) -> str:
     SettingError
         When the result was written without weights.
     """
-    clip = load_player_clip(result)
-    if clip is None:
-        raise make_weights_error(result.path, "a player")
+    clip = require_player_clip(result, "a player")
     return render_view_page(
         replace(clip, held={}, max_level=SMALL_MAX_LEVEL), edited_from=result.edited_from
+    )
+
+
+def render_rest_cage_page(clip: PlayerClip, apply_url: str, cage: str) -> str:
+    """Render the page of a model whose rest cage is edited.
+
+    Parameters
+    ----------
+    clip : PlayerClip
+        The model, at rest.
+    apply_url : str
+        Where the page sends the cage that is to be written; "" if it cannot be.
+    cage : str
+        The JSON of the cage to begin with.
+    """
+    *scripts, start = (name for name in PLAYER_SCRIPTS if name not in POSE_SCRIPTS)
+    values = build_player_values(clip, apply_url)
+    values |= {"is_app": True, "title": clip.title, "mode": "rest"}
+    values |= {"panels": REST_PANELS, "modes": REST_MODES}
+    return VIEW_TEMPLATES.render_page(
+        "view.html.j2",
+        player=render_player(values, (*scripts, *REST_SCRIPTS, start)),
+        title=clip.title,
+        is_applied=True,  # checks and weights are asked for, too
+        handles="",
+        cage_edits="",
+        # In JSON, "<" is only in strings; so written, it cannot end the element that holds it.
+        rest_cage=cage.replace("<", "\\u003c"),
     )
 
 
@@ -193,7 +243,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     """
     rest, cage = clip.binding.rest, clip.binding.cage
     diagonal, origin = rest.diagonal or 1.0, cage.vertices.mean(axis=0)
-    chosen, faces = choose_vertices(clip.binding)
+    chosen, faces = choose_vertices(rest, cage)
     mirror = find_mirror(clip.binding.cage.vertices, MAX_ASYMMETRY)
     skin, arrays = pack_skin(clip, chosen, faces, origin)
     step = 2.0**-20  # of cages: a power of two, so that the last bits of numbers are zero
@@ -266,20 +316,43 @@ def pack_skin(
         "rests": np.ascontiguousarray(rounded.rests.T),
         "cage": _scale(cage),
     }
-    header = _add_base((clip.base[chosen] - origin) / diagonal, rounded, cage, arrays)
-    return {"levels": rounded.levels, "restStep": rounded.rest_step, **header}, arrays
+    # What the weights of the page lack to the base mesh: little, unless they have offsets.
+    lack = (clip.base[chosen] - origin) / diagonal - rounded.restore() @ cage
+    min_step = 1e-7  # diagonals, as single precision has
+    step = max(float(np.abs(lack).max()) / MAX_INT16, min_step)
+    arrays["lack"] = np.ascontiguousarray(np.rint(lack / step).T).astype("<i2")
+    steps = {"levels": rounded.levels, "restStep": rounded.rest_step, "lackStep": step}
+    return steps, arrays
 
 
-def choose_vertices(binding: Binding) -> tuple[Integers, Integers]:
+def choose_vertices(rest: TriMesh, cage: TriMesh | None = None) -> tuple[Integers, Integers]:
     """Choose the vertices that are drawn, and faces between them: all, unless there are too many.
 
-    They are returned as by `decimate`.
+    They are returned as by `decimate`. With a cage, the weights in it count as well.
     """
-    rest, count = binding.rest, len(binding.rest.vertices)
-    largest = min(MAX_DRAWN_VERTICES, MAX_WEIGHTS // len(binding.cage.vertices))
-    if count <= largest:
-        return np.arange(count), rest.faces
-    return decimate(rest, largest)
+    count, largest = len(rest.vertices), MAX_DRAWN_VERTICES
+    if cage is not None:
+        largest = min(largest, MAX_WEIGHTS // len(cage.vertices))
+    return (np.arange(count), rest.faces) if count <= largest else decimate(rest, largest)
+
+
+def check_drawn_weights(rest: TriMesh, cage: TriMesh) -> None:
+    """Refuse a cage whose weights would be too many for the page."""
+    most = 2 * MAX_WEIGHTS // min(len(rest.vertices), MAX_DRAWN_VERTICES)
+    if len(cage.vertices) > most:
+        raise FormatError(
+            f"the weights of {len(cage.vertices)} cage vertices are too many for the page, at most "
+            f"{most} for this model; save the cage, and use cageik view without editing it"
+        )
+
+
+def pack_weights(binding: Binding, origin: Floats) -> str:
+    """Pack the weights of a cage for the page; `origin` is that of its positions."""
+    chosen, faces = choose_vertices(binding.rest)
+    header, arrays = pack_skin(make_single_pose(binding), chosen, faces, origin)
+    predictor = Predictor(faces, len(chosen))
+    arrays["weights"] = predictor.encode(arrays["weights"])
+    return pack_arrays({**header, "predicted": ["weights"]}, arrays)
 
 
 def _mark_polygons(name: str, mesh: TriMesh) -> dict[str, NDArray[Any]]:
@@ -291,17 +364,6 @@ def _mark_polygons(name: str, mesh: TriMesh) -> dict[str, NDArray[Any]]:
 def _scale(values: Floats, largest: float = 1e30) -> NDArray[np.float32]:
     """Draw what is farther away at `largest`, in diagonals: single precision ends near."""
     return np.clip(values, -largest, largest).astype("<f4")
-
-
-def _add_base(
-    base: Floats, rounded: RoundedWeights, cage: Floats, arrays: dict[str, NDArray[Any]]
-) -> dict[str, Any]:
-    """Add what the weights of the page lack to the base mesh: little, unless they have offsets."""
-    min_step = 1e-7  # diagonals, as single precision has
-    lack = base - rounded.restore() @ cage
-    step = max(float(np.abs(lack).max()) / MAX_INT16, min_step)
-    arrays["lack"] = np.ascontiguousarray(np.rint(lack / step).T).astype("<i2")
-    return {"lackStep": step}
 
 
 def _add_errors(

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -191,6 +193,22 @@ def test_the_number_of_processes_does_not_change_the_cages(monkeypatch):
     for first, second in zip(one, two, strict=True):
         assert first.cage.vertices.tobytes() == second.cage.vertices.tobytes()
         assert first.cage.faces.tobytes() == second.cage.faces.tobytes()
+
+
+@pytest.mark.slow
+def test_a_process_that_fails_is_named(monkeypatch):
+    def fail_and_call(function, calls, processes, note):
+        note(f"one of {processes} has failed")
+        return itertools.starmap(function, calls)
+
+    monkeypatch.setattr(build_module, "COARSE_GRID", (0.03, 0.13))
+    monkeypatch.setattr(build_module, "SHELL_CANDIDATES", ((0.04, 0.08), (0.05, 0.08)))
+    monkeypatch.setattr(build_module, "call_in_subprocesses", fail_and_call)
+    model, bent = make_bent_rod(2)
+    notes = []
+    clip = Clip(bent[None], lambda cage: cage.volume)
+    build_cage(model, BuildSettings(20), clip, processes=2, note=notes.append)
+    assert notes == ["one of 2 has failed"]
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """Films of a result: which frames they show, from where, what is drawn, and how it is stored."""
 
-import io
 import shutil
 from dataclasses import replace
 
@@ -12,11 +11,7 @@ from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.report.film import film as film_module
 from cageik_cli.report.film.film import (
     GIF_COLOURS,
-    FilmArtist,
-    FilmPlan,
-    GifImage,
-    WebpImage,
-    find_rectangle,
+    Film,
     write_film,
 )
 from cageik_cli.report.film.settings import (
@@ -36,7 +31,7 @@ SMALL = FilmSettings(film_size=(96, 64))
 
 
 def plan(result, **settings):
-    return FilmPlan(result, read_binding(result), replace(SMALL, **settings))
+    return Film(result, read_binding(result), replace(SMALL, **settings))
 
 
 def with_rate(result, fps):
@@ -132,10 +127,10 @@ def test_a_turn_goes_once_around(closed):
 
 def list_drawn_boxes(result, **settings):
     """Where each picture differs from its ground: left, top, right, bottom."""
-    made = plan(result, **settings)
-    artist, boxes = FilmArtist.fit(made), []
+    made, boxes = plan(result, **settings), []
+    made.fit()
     for shot in made.shots():
-        drawn = (artist.draw(replace(shot, label="")) < 250).any(axis=2)
+        drawn = (made.draw(replace(shot, label="")) < 250).any(axis=2)
         rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
         boxes.append((columns[0], rows[0], columns[-1] + 1, rows[-1] + 1))
     return np.array(boxes)
@@ -172,11 +167,11 @@ def test_a_camera_that_follows_shows_a_walk_larger(closed, tmp_path):
 def test_tiles_join_without_a_seam(closed, monkeypatch):
     made = plan(closed.result, film_size=(90, 70))
     shot = next(made.shots())
-    artist = FilmArtist.fit(made)
-    whole = artist.draw(shot)
+    made.fit()
+    whole = made.draw(shot)
     for side in (30, 37):
         monkeypatch.setattr(film_module, "MAX_TILE_SIDE", side)
-        differs = np.abs(artist.draw(shot).astype(int) - whole).max(axis=2) > 60
+        differs = np.abs(made.draw(shot).astype(int) - whole).max(axis=2) > 60
         assert differs.mean() < 0.01  # lines near a surface are before it or behind
 
 
@@ -194,7 +189,7 @@ def test_a_film_is_read_back_by_pillow(closed, tmp_path, name):
         assert (image.n_frames, image.size) == (made.count, (96, 64))
         image.seek(made.count - 1)
         last = np.asarray(image.convert("RGB")).astype(int)
-    wanted = FilmArtist.fit(made).draw(list(made.shots())[-1])
+    wanted = made.draw(list(made.shots())[-1])
     assert np.abs(last - wanted).mean() < 8
     write_film(closed.result, tmp_path / f"again{name[4:]}", SMALL, False, ProgressListener())
     assert (tmp_path / f"again{name[4:]}").read_bytes() == (tmp_path / name).read_bytes()
@@ -205,84 +200,51 @@ def test_a_film_that_fails_leaves_what_was_there(closed, tmp_path, monkeypatch):
     path.write_text("old")
     with pytest.raises(OutputError, match="another run has written it"):
         write_film(closed.result, path, SMALL, False, ProgressListener())
-    monkeypatch.setattr(FilmArtist, "draw", None)
+    monkeypatch.setattr(Film, "draw", None)
     with pytest.raises(TypeError):
         write_film(closed.result, path, SMALL, True, ProgressListener())
     assert [file.name for file in tmp_path.iterdir()] == ["film.gif"]
     assert path.read_text() == "old"
 
 
-SIZE = (37, 21)
-KINDS = [GifImage, WebpImage]
-
-
-def make_pictures(count=5):
-    """A square that moves over a plain ground, and stays in the last two."""
-    pictures = []
-    for number in [*range(count - 1), count - 2]:
-        pixels = np.full((SIZE[1], SIZE[0], 3), 255, np.uint8)
-        pixels[4:16, 3 + 4 * number : 15 + 4 * number] = (200, 40, 16 * number)
-        pictures.append(pixels)
-    return pictures
-
-
-def write(kind, pictures, durations):
-    file = io.BytesIO()
-    image = kind(file, *SIZE, np.concatenate(pictures))
-    for pixels, duration in zip(pictures, durations, strict=True):
-        image.add(pixels, duration)
-    image.end()
-    return file.getvalue()
-
-
-def read(data):
-    """All pictures, and how long each is shown, in milliseconds."""
-    pictures, durations = [], []
-    with Image.open(io.BytesIO(data)) as image:
-        assert image.info.get("loop") == 0
+@pytest.mark.parametrize("name", ["film.webp", "film.gif"])
+def test_a_film_plays_for_ever_at_the_times_of_its_plan(make_fitted, tmp_path, name):
+    """24 pictures per second are 4 or 5 hundredths in a GIF."""
+    result = with_rate(make_fitted(), 24)
+    made = write_film(result, tmp_path / name, SMALL, False, ProgressListener())
+    with Image.open(tmp_path / name) as image:
+        assert image.info["loop"] == 0
+        shown = []
         for number in range(image.n_frames):
             image.seek(number)
-            pictures.append(np.asarray(image.convert("RGB")))
-            durations.append(image.info["duration"])
-    return pictures, durations
+            image.load()  # a WebP says it then
+            shown.append(image.info["duration"])
+    parts = 100 if name.endswith("gif") else 1000
+    assert shown == (np.diff(made.list_times(parts)) * (1000 // parts)).tolist()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_pictures_are_read_back(kind):
-    pictures, durations = make_pictures(), [4, 5, 4, 7, 30]
-    data = write(kind, pictures, durations)
-    found, shown = read(data)
-    assert shown == [1000 // kind.PARTS_PER_SECOND * duration for duration in durations]
-    assert len(found) == len(pictures)
-    for one, other in zip(found, pictures, strict=True):
-        assert one.shape == other.shape
-        assert np.abs(one.astype(int) - other).mean() < 6
-    assert np.abs(found[0].astype(int) - pictures[2]).mean() > 12
-    assert write(kind, pictures, durations) == data
+def test_a_film_of_one_picture_is_an_image(closed, tmp_path):
+    settings = replace(SMALL, film_seconds=0.1)
+    result = with_rate(closed.result, 10)
+    for name in ("film.webp", "film.gif"):
+        assert write_film(result, tmp_path / name, settings, False, ProgressListener()).count == 1
+        with Image.open(tmp_path / name) as image:
+            assert (getattr(image, "n_frames", 1), image.size) == (1, (96, 64))
 
 
-def test_few_colours_are_exact_in_a_gif():
-    pictures = make_pictures()
-    found, _ = read(write(GifImage, pictures, [4] * 5))
-    np.testing.assert_array_equal(found, pictures)
+def test_a_gif_has_the_same_colours_in_all_pictures(closed, tmp_path):
+    write_film(closed.result, tmp_path / "film.gif", SMALL, False, ProgressListener())
+    found = set()
+    with Image.open(tmp_path / "film.gif") as image:
+        for number in range(image.n_frames):
+            image.seek(number)
+            found |= {colour for _, colour in image.convert("RGB").getcolors()}
+    assert 20 < len(found) <= GIF_COLOURS
 
 
-def test_many_colours_become_as_many_as_a_gif_has():
-    ramp = np.linspace(0, 255, SIZE[0] * SIZE[1]).reshape(SIZE[::-1])
-    pixels = np.stack([ramp, ramp[::-1], ramp.T.reshape(ramp.shape)], axis=2).astype(np.uint8)
-    found, _ = read(write(GifImage, [pixels, pixels[::-1]], [4, 4]))
-    assert len(np.unique(found[0].reshape(-1, 3), axis=0)) <= GIF_COLOURS
-    assert np.abs(found[0].astype(int) - pixels).mean() < 20
-    assert np.abs(found[1].astype(int) - pixels[::-1]).mean() < 20
-
-
-def test_a_webp_says_how_long_it_is():
-    data = write(WebpImage, make_pictures(), [40] * 5)
-    assert int.from_bytes(data[4:8], "little") == len(data) - 8
-
-
-def test_the_rectangle_holds_all_that_is_new():
-    is_new = np.zeros((5, 7), bool)
-    assert find_rectangle(is_new) == (slice(0, 1), slice(0, 1))
-    is_new[2, 6] = is_new[4, 3] = True
-    assert find_rectangle(is_new) == (slice(2, 5), slice(3, 7))
+def test_a_gif_that_takes_too_much_memory_is_refused(closed, tmp_path, monkeypatch):
+    monkeypatch.setattr(film_module, "MAX_GIF_PIXELS", 5 * 96 * 64 - 1)
+    with pytest.raises(SettingError, match="5 pictures of 96x64 pixels are too many for a GIF"):
+        write_film(closed.result, tmp_path / "film.gif", SMALL, False, ProgressListener())
+    assert list(tmp_path.iterdir()) == []
+    write_film(closed.result, tmp_path / "film.webp", SMALL, False, ProgressListener())

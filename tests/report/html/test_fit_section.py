@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.figures import format_percent
-from cageik_cli.report.html import fit_section
-from cageik_cli.report.html.fit_section import draw_fit_section, load_fit_shapes
+from cageik_cli.report.html import pictures
 from cageik_cli.report.html.page import render_page, render_result_page
+from cageik_cli.report.html.pictures import draw_fit_section, load_fit_shapes
 from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.store.result import read_binding
@@ -77,7 +77,7 @@ def test_a_cage_vertex_is_moved_outward_by_a_twentieth_of_the_diagonal(fitted, s
 
 def test_whole_polygons_are_drawn_around_a_vertex():
     """A corner of a box has three quads, of which some are cut beside it; of triangles, five."""
-    quads, triangles = (fit_section._cut_polygons(cage, 0) for cage in (quad_box(), box()))
+    quads, triangles = (pictures._cut_polygons(cage, 0) for cage in (quad_box(), box()))
     assert (len(quads.faces), len(quads.polygon_sides)) == (6, 9)
     assert (triangles.faces == 0).any(axis=1).all()
     assert len(triangles.faces) == (box().faces == 0).any(axis=1).sum()

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from cageik_cli.editing.summary import PoseSnapshot
-from cageik_cli.report.plots import pose_plot
-from cageik_cli.report.plots.pose_plot import (
+from cageik_cli.report.plots import model_plot
+from cageik_cli.report.plots.model_plot import (
     MAX_NAMED_ANCHORS,
     build_panels,
     draw_pose,
@@ -102,7 +102,7 @@ def is_coloured(picture, point, colour, reach=2):
 def test_two_panels_are_side_by_side_above_their_captions(pixels, monkeypatch):
     view = moved(0.4 * UP)
     panels = [replace(panel, title="caption") for panel in build_panels(view)]
-    monkeypatch.setattr(pose_plot, "build_panels", lambda _: panels)
+    monkeypatch.setattr(model_plot, "build_panels", lambda _: panels)
     picture = drawn(view, pixels)
     assert picture.shape[1] == 2 * pixels
     assert picture.shape[0] == pytest.approx(pixels * 9 / 8, abs=0.6)

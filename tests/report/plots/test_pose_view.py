@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.report.plots.pose_plot import build_panels, render_pose_png
+from cageik_cli.report.plots.model_plot import build_panels, render_pose_png
 from cageik_cli.run.edit import edit, pose
 from cageik_cli.run.edit_settings import EditSettings, PoseSettings
 from cageik_cli.run.extraction import extract

@@ -26,7 +26,7 @@ def test_matplotlib_settings_of_the_user_are_ignored_and_restored():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("module", ["cage_plot", "error_plot", "pose_plot"])
+@pytest.mark.parametrize("module", ["error_plot", "model_plot"])
 def test_pyplot_is_not_imported(run_process, module):
     code = (
         f"import sys, cageik_cli.report.plots.{module}; print('matplotlib.pyplot' in sys.modules)"

@@ -8,7 +8,7 @@ import pytest
 from cageik_cli.editing.summary import AnchorSummary, PoseSummary
 from cageik_cli.report.views.pose_text import MAX_SHOWN_HANDLES, format_pose_json, format_pose_rows
 
-HAND = AnchorSummary("hand", "", 7, None, None, 0.2, 1e-9, 5e-8, "f_7", 0.03, 0.02)
+HAND = AnchorSummary("hand", "", 7, None, None, 0.2, 1e-9, 5e-8, "f_7")
 EDIT = PoseSummary(
     diagonal=2.0, anchors=(HAND,), rms=0.03, rms_percent=1.5, moved=0.25, moved_least=0.0,
     vertex=7, frame="f_8", cage_moved=0.3, cage_vertex=2, volume_change_percent=1.25,
@@ -16,7 +16,7 @@ EDIT = PoseSummary(
 )  # fmt: skip
 POSE = replace(
     EDIT,
-    anchors=(replace(HAND, frame="", acceleration=None, acceleration_before=None),),
+    anchors=(replace(HAND, frame=""),),
     frame="",
     changed=None,
 )
@@ -36,7 +36,6 @@ def test_an_edit_names_its_frames():
     assert rows["handle"] == (
         "hand: moved 0.2, misses its target by 5.0e-08 % of the diagonal in f_7"
     )
-    assert rows["acceleration"] == "hand: up to 0.03 per frame² (0.02 before the edit)"
     assert rows["moved most"] == "vertex 7 by 0.25 in f_8, cage vertex 2 by 0.3"
     assert rows["mesh moved"] == "1.5000 % of the diagonal (rms 0.03)"
     assert rows["volume change"] == "largest +1.2500 %"
@@ -50,7 +49,7 @@ def test_a_pose_has_no_frames():
     assert rows["handle"] == "hand: moved 0.2, misses its target by 5.0e-08 % of the diagonal"
     assert rows["moved most"] == "vertex 7 by 0.25, cage vertex 2 by 0.3"
     assert rows["volume change"] == "+1.2500 %"
-    assert {"changed", "acceleration"}.isdisjoint(rows)
+    assert "changed" not in rows
 
 
 def test_of_many_handles_those_farthest_from_their_targets_are_shown():
@@ -60,15 +59,9 @@ def test_of_many_handles_those_farthest_from_their_targets_are_shown():
     assert list_rows(many, "handles") == ["3 more, at least as close to their targets"]
 
 
-CALM = {"name": "calm", "acceleration": 0.5, "acceleration_before": 0.5}
-
-
 @pytest.mark.parametrize(
     ("summary", "label", "told"),
     [
-        (hands(CALM, {}), "acceleration", "hand: up to 0.03"),
-        # Smoother motion and rounding do not count.
-        (hands(CALM, CALM | {"acceleration": 0.5 + 1e-9}), "acceleration", "no handle accelerates"),
         (hands({"layer": "sets[0]"}), "handle", "hand (sets[0]): moved 0.2, misses its target by "),
         (hands({"residual_percent": 34}), "handle", "hand: moved 0.2, misses its target by 34 %"),
         (hands({"moved": 1e-9}), "handle", "hand: held"),

@@ -13,8 +13,13 @@ from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.view.player import section
 from cageik_cli.view.player.clip import make_single_pose
-from cageik_cli.view.player.rest_cage import REST_SCRIPTS, render_rest_cage_page
-from cageik_cli.view.player.section import PLAYER_SCRIPTS, build_player, render_view_page
+from cageik_cli.view.player.section import (
+    PLAYER_SCRIPTS,
+    REST_SCRIPTS,
+    build_player,
+    render_rest_cage_page,
+    render_view_page,
+)
 from tests.report.markup import find_faults, parse_page
 from tests.shapes import ball, box
 from tests.view.player.rebuild import unpack_payload
@@ -92,7 +97,7 @@ def test_without_a_player_nothing_of_it_is_there(closed, report):
 def test_what_is_left_out_is_said(report, clip, monkeypatch):
     monkeypatch.setattr(section, "MAX_DRAWN_VERTICES", 10)
     page = parse_page(render_page(report, player=build_player(clip))).by_id("player").text
-    drawn = len(section.choose_vertices(clip.binding)[0])
+    drawn = len(section.choose_vertices(clip.binding.rest, clip.binding.cage)[0])
     assert f"The player draws {drawn} of 18 vertices" in page
 
 

@@ -160,7 +160,7 @@ def test_a_large_model_is_decimated(clip, monkeypatch):
 
 def test_a_large_cage_leaves_fewer_vertices(clip, monkeypatch):
     monkeypatch.setattr(section, "MAX_WEIGHTS", 8 * len(clip.binding.cage.vertices))
-    assert len(section.choose_vertices(clip.binding)[0]) <= 8
+    assert len(section.choose_vertices(clip.binding.rest, clip.binding.cage)[0]) <= 8
 
 
 def test_the_end_of_a_long_clip_is_left_out(closed, clip, monkeypatch):

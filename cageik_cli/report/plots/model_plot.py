@@ -1,12 +1,13 @@
-"""A pose before and after an edit, side by side from one viewpoint, as a PNG file.
+"""A model in its cage, twice side by side, as a PNG file: before and after an edit, or its faults.
 
 Lengths are in points of the figure, 72 per inch, x to the right and y downwards from the upper left
-corner. It is drawn without pyplot; the same view gives the same bytes.
+corner. It is drawn without pyplot; the same models give the same bytes.
 """
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,10 +17,13 @@ from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 
 from cageik_cli.editing.summary import PoseSnapshot
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.figures import format_percent
+from cageik_cli.report.marks import FaultMark
 from cageik_cli.report.plots.style import (
     PANEL_SIDE,
     PLOT_COLOURS,
+    Box,
     make_drawable,
     measure_text_width,
     place_names,
@@ -32,8 +36,14 @@ from cageik_cli.report.render.model_views import (
     render_with_cage,
     view_axes,
 )
-from cageik_cli.report.render.raster import ParallelCamera
-from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, downsample
+from cageik_cli.report.render.raster import ParallelCamera, rasterize
+from cageik_cli.report.render.shading import (
+    SAMPLES_PER_PIXEL,
+    Picture,
+    downsample,
+    overlay,
+    parse_colour,
+)
 from cageik_cli.report.views.pose_text import format_miss
 from cageik_cli.util.arrays import Floats, Mask
 
@@ -48,6 +58,9 @@ ANCHOR_SIZE, TARGET_SIZE = 6.0, 11.0
 
 MIN_DRAWN_LENGTH = 1.0
 """Shorter arrows (for example towards the viewer) and smaller misses of pins are not drawn."""
+
+LIST_MARGIN, LIST_ROW_HEIGHT = 12.0, 15.0
+"""Free space around the list of faults below the pictures, and the height of its rows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,12 +85,8 @@ class Panel:
 
 def render_pose_png(view: PoseSnapshot, pixels: int = 720) -> bytes:
     """Render a pose before and after as a PNG file; each panel is `pixels` wide."""
-    stream = io.BytesIO()
     with use_fixed_style():
-        draw_pose(view, build_panels(view), pixels).savefig(
-            stream, format="png", metadata={"Software": None}
-        )
-    return stream.getvalue()
+        return _encode_png(draw_pose(view, build_panels(view), pixels))
 
 
 def build_panels(view: PoseSnapshot) -> tuple[Panel, Panel]:
@@ -100,15 +109,53 @@ def draw_pose(view: PoseSnapshot, panels: Sequence[Panel], pixels: int) -> Figur
     )
     per_point, legend_height = pixels / PANEL_SIDE, PANEL_SIDE / 8
     size = np.array([len(panels) * pixels, pixels + round(legend_height * per_point)])
-    # Slightly larger, because matplotlib rounds the number of pixels down.
     width, height = (float(value) for value in (size + 1e-3) / per_point)
-    figure = Figure((width / 72, height / 72), dpi=72 * per_point)
-    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(height, 0), zorder=1)
-    axes.set_axis_off()
+    figure, axes = _open_figure(width, height, per_point)
     for number, panel in enumerate(panels):
         _PanelDrawing(axes, camera, view, panel, number).draw()
     _draw_legend(figure, view.pinned)
     return figure
+
+
+def _open_figure(width: float, height: float, per_point: float) -> tuple[Figure, Axes]:
+    """Open a figure of this size, with axes in points over all of it.
+
+    It has to be slightly larger than its pixels, as matplotlib rounds the number of these down.
+    """
+    figure = Figure((width / 72, height / 72), dpi=72 * per_point)
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(height, 0), zorder=1)
+    axes.set_axis_off()
+    return figure, axes
+
+
+def _encode_png(figure: Figure) -> bytes:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", metadata={"Software": None})
+    return stream.getvalue()
+
+
+def _place_picture(axes: Axes, picture: Picture, number: int, mask: int = 0xFF) -> None:
+    """Draw a picture as panel `number`, from the left, with the bits of its colours in a mask."""
+    levels = np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8) & np.uint8(mask)
+    pixels, figure = picture.shape[1], axes.get_figure()
+    assert isinstance(figure, Figure)
+    below = round(figure.bbox.height) - pixels
+    figure.figimage(levels.transpose(1, 2, 0), number * pixels, below)
+
+
+def _write_names(
+    axes: Axes,
+    names: Iterable[tuple[str, str, Box | None]],
+    left: float,
+    outline: float,
+    **style: Any,
+) -> None:
+    """Write names, in their colours, into boxes where there was room for them."""
+    style["path_effects"] = [withStroke(linewidth=outline, foreground="white")]
+    for name, colour, box in names:
+        if box is not None:
+            place = left + box[0], (box[1] + box[3]) / 2
+            axes.text(*place, name, color=colour, va="center_baseline", zorder=6, **style)
 
 
 def _choose_camera(view: PoseSnapshot, points: Floats, size: int) -> ParallelCamera:
@@ -161,11 +208,7 @@ class _PanelDrawing:
         cage = self.view.cage.move(self.panel.cage)
         picture = downsample(render_with_cage(surface, self.camera, cage))
         # Without the two lowest bits of its colours the file is a sixth smaller.
-        levels = np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8) & np.uint8(0xFC)
-        pixels, figure = picture.shape[1], self.axes.get_figure()
-        assert isinstance(figure, Figure)
-        below = round(figure.bbox.height) - pixels
-        figure.figimage(levels.transpose(1, 2, 0), self.number * pixels, below)
+        _place_picture(self.axes, picture, self.number, 0xFC)
         return surface.depth
 
     def _draw_arrows(self) -> None:
@@ -236,13 +279,9 @@ class _PanelDrawing:
         offset = np.array([self.left, 0])
         dots = self.dots[order] - offset
         boxes = place_names(dots, sizes.reshape(-1, 2), self._list_marked() - offset, PANEL_SIDE)
-        for name, box in zip(names, boxes, strict=True):
-            if box is not None:
-                self.axes.text(
-                    self.left + box[0], (box[1] + box[3]) / 2, name, size=size,
-                    va="center_baseline", zorder=6, gid="name",
-                    path_effects=[withStroke(linewidth=2.4, foreground="white")],
-                )  # fmt: skip
+        ink = PLOT_COLOURS["ink"]
+        written = [(name, ink, box) for name, box in zip(names, boxes, strict=True)]
+        _write_names(self.axes, written, self.left, 2.4, size=size, gid="name")
 
     def _list_marked(self) -> Floats:
         """List points of rings and arrows, (p, 2), which names should not cover."""
@@ -289,3 +328,69 @@ def _draw_legend(figure: Figure, pinned: Mask) -> None:
         borderpad=0.5,
         borderaxespad=0.5,
     )
+
+
+def render_check_png(
+    cage: TriMesh, rest: TriMesh | None, marks: tuple[FaultMark, ...], pixels: int = 720
+) -> bytes:
+    """Render a cage and its model from the front and from behind; each panel is `pixels` wide."""
+    rows = [(f"{mark.number}", mark.text, mark.colour) for mark in marks]
+    rows = rows or [("", "no fault that has a place", PLOT_COLOURS["ink"])]
+    turns = (VIEW_TURN, VIEW_TURN + 180)
+    per_point, width = pixels / PANEL_SIDE, PANEL_SIDE * len(turns)
+    height = PANEL_SIDE + 2 * LIST_MARGIN + LIST_ROW_HEIGHT * len(rows)
+    points = np.concatenate([mesh.vertices for mesh in (cage, rest) if mesh is not None])
+    with use_fixed_style():
+        figure, axes = _open_figure(width + 1e-3, height + 1e-3, per_point)
+        axes.set(xlim=(0, width), ylim=(height, 0))
+        for number, turn in enumerate(turns):
+            camera = ParallelCamera.fit(view_axes("Y", turn), points, SAMPLES_PER_PIXEL * pixels)
+            _place_picture(axes, downsample(_draw_meshes(camera, cage, rest, marks)), number)
+            _draw_numbers(axes, camera, marks, number * PANEL_SIDE)
+        for row, (number_text, text, colour) in enumerate(rows):  # below, in their colours
+            middle = PANEL_SIDE + LIST_MARGIN + (row + 0.5) * LIST_ROW_HEIGHT
+            style: Any = {"size": 9.0, "va": "center_baseline"}
+            axes.text(LIST_MARGIN, middle, number_text, color=colour, weight="bold", **style)
+            axes.text(3 * LIST_MARGIN, middle, make_drawable(text, 110), gid="row", **style)
+        return _encode_png(figure)
+
+
+def _draw_meshes(
+    camera: ParallelCamera, cage: TriMesh, rest: TriMesh | None, marks: tuple[FaultMark, ...]
+) -> Picture:
+    """Draw the model and the edges of the cage, then tint the faulty faces of the cage."""
+    model = cage if rest is None else rest
+    surface = project_surface(camera, model.vertices, model.faces)
+    picture = render_with_cage(surface, camera, cage)
+    for mark in reversed(marks):
+        faces = cage.faces[mark.cage_faces]
+        if len(faces):
+            _, depth = rasterize(camera.project(cage.vertices)[faces], camera.size)
+            opacity = np.where(np.isfinite(depth), 0.45, 0.0)
+            picture = overlay(picture, parse_colour(mark.colour), opacity)
+    return picture
+
+
+def _draw_numbers(
+    axes: Axes, camera: ParallelCamera, marks: tuple[FaultMark, ...], left: float
+) -> None:
+    """Dot the places of each fault, and put its number beside the middle one of them."""
+    scale, font_size = PANEL_SIDE / camera.size, 11.0
+    dots = [camera.project(mark.points)[:, :2] * scale for mark in marks]
+    max_drawn = 4000  # more dots cover each other
+    for mark, places in zip(marks, dots, strict=True):
+        size = 3.2 if len(places) <= 500 else 1.3
+        x, y = places[:: -(-len(places) // max_drawn)].T
+        axes.plot(
+            left + x, y, "o", ms=size, color=mark.colour, mec="white", mew=0.1 * size, alpha=0.85,
+            zorder=3, gid="fault",
+        )  # fmt: skip
+    if not marks:
+        return
+    away = [np.linalg.norm(places - places.mean(axis=0), axis=1) for places in dots]
+    anchors = np.array([places[far.argmin()] for places, far in zip(dots, away, strict=True)])
+    widths = [measure_text_width(str(mark.number), font_size) for mark in marks]
+    sizes = np.array([(width, 1.1 * font_size) for width in widths])
+    boxes = place_names(anchors, sizes, anchors, PANEL_SIDE)
+    written = [(str(mark.number), mark.colour, box) for mark, box in zip(marks, boxes, strict=True)]
+    _write_names(axes, written, left, 3.0, size=font_size, weight="bold", gid="number")
