@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.files import ClaimedBytes
-from cageik_cli.formats.base.mesh_data import share_normals
+from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
 from cageik_cli.formats.base.scene_graph import (
     LibraryError,
     Polygons,
@@ -31,7 +31,7 @@ from cageik_cli.formats.base.scene_graph import (
 )
 from cageik_cli.formats.base.writers import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.settings import SceneHints, find_frame_step
-from cageik_cli.geometry.attributes import NONE, FaceLabels, SurfaceAttributes, UvMap
+from cageik_cli.geometry.attributes import LAYERS, NONE, FaceLabels, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_corner_normals
 from cageik_cli.util.arrays import Floats, Integers
@@ -44,6 +44,9 @@ from cageik_cli.util.errors import (
 from cageik_cli.util.files import open_input
 from cageik_cli.util.messages import Said
 from cageik_cli.util.text import single_line
+
+PARAMETERS = {"uvs": "getUVsParam", "normal_fans": "getNormalsParam"}
+"""What returns the parameter of a mesh that holds a layer of numbers."""
 
 FPS_KEY = "cageik_fps"
 """Where a mesh states the frame rate. The archive could only state it together with the time."""
@@ -208,21 +211,66 @@ class AlembicMesh(SceneMesh):
         self._claimed.claim(4 * (len(counts) + len(corners)))
         return counts, corners
 
-    def list_surface_layers(
-        self, vertex_count: int, time: float
-    ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
-        """Return what reads UVs, normals and face sets, in the first sample."""
-        self._claimed.claim(12 * vertex_count)
-        surface = _SurfaceReader(self._schema, self._claimed)
-        return {
-            "its texture coordinates": partial(_read_safely, surface.read_uvs),
-            "its normals": partial(_read_safely, surface.read_normals),
-            "its face sets": partial(_read_safely, surface.read_face_sets),
-        }
-
     @property
     def _polygon_properties(self) -> tuple[Any, Any]:
         return self._schema.getFaceCountsProperty(), self._schema.getFaceIndicesProperty()
+
+    def list_surface_layers(self, vertex_count: int, time: float) -> LayerReaders:
+        """Return what reads UVs, normals and face sets, in the first sample."""
+        self._claimed.claim(12 * vertex_count)
+        readers = list_layer_readers(PARAMETERS, self._read_parameter)
+        readers["its face sets"] = self._read_face_sets
+        return {noun: partial(_read_safely, read) for noun, read in readers.items()}
+
+    def _read_parameter(self, name: str, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the values of corners, or of vertices, that a parameter holds."""
+        parameter = getattr(self._schema, PARAMETERS[name])()
+        if not parameter.valid() or not parameter.getNumSamples():
+            return attributes
+        values = self._read_first(parameter.getValueProperty(), np.float64)
+        values = values.reshape(-1, LAYERS[name].width)
+        if name == "normal_fans" and not np.isfinite(values).all():
+            raise FormatError("they are not finite")
+        return attributes.add_layer(name, values, self._locate(parameter, attributes, len(values)))
+
+    def _read_face_sets(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the face sets as materials, as other programs do."""
+        count, sets = len(attributes.corner_counts), []
+        for name in self._schema.getFaceSetNames():
+            sampled = self._schema.getFaceSet(name).getSchema().getFacesProperty()
+            if not sampled.getNumSamples():
+                continue
+            faces = self._read_first(sampled, np.int64)
+            if len(faces) and not 0 <= faces.min() <= faces.max() < count:
+                raise FormatError(f"`{name}` names faces that are not there")
+            sets.append((single_line(name), faces))
+        return replace(attributes, materials=FaceLabels.from_members(count, sets))
+
+    def _read_first(self, sampled: Any, kind: type[np.float64 | np.int64]) -> NDArray[Any]:
+        values = _read_sample(sampled, 0, self._claimed.packed)
+        self._claimed.claim(len(values) * sampled.getDataType().getNumBytes())
+        with np.errstate(invalid="ignore"):  # a signalling nan is refused with the others
+            return np.array(values, kind)
+
+    def _locate(self, parameter: Any, attributes: SurfaceAttributes, count: int) -> Integers:
+        """Return the place of the value of each corner among `count` values."""
+        from alembic3d.AbcGeom import GeometryScope
+
+        scope, places = parameter.getScope(), np.arange(count)
+        if parameter.isIndexed():
+            places = self._read_first(parameter.getIndexProperty(), np.int64)
+        if scope in (GeometryScope.kVertexScope, GeometryScope.kVaryingScope):
+            corners = attributes.corners
+        elif scope == GeometryScope.kFacevaryingScope:
+            corners = np.arange(len(attributes.corners))
+        else:
+            raise FormatError("they are not those of corners or vertices")
+        if corners.max(initial=-1) >= len(places):
+            raise FormatError(f"{len(places)} values, expected {corners.max() + 1}")
+        found = places[corners]
+        if len(found) and not 0 <= found.min() <= found.max() < count:
+            raise FormatError(f"they name value {found.max()} of {count}")
+        return np.asarray(found, np.int64)
 
 
 def require_alembic(purpose: str) -> None:
@@ -360,76 +408,6 @@ def _read_sample(sampled: Any, index: int, size: int) -> Any:
     if needed > size:
         raise FormatError(f"{name} takes {needed} bytes of a file of {size}; export it again")
     return sampled.getValue(index)
-
-
-class _SurfaceReader:
-    """Reads the layers of the surface of one mesh, in its first sample."""
-
-    def __init__(self, schema: Any, claimed: ClaimedBytes) -> None:
-        self._schema, self._claimed = schema, claimed
-
-    def read_uvs(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the texture coordinates."""
-        parameter = self._schema.getUVsParam()
-        if not parameter.valid() or not parameter.getNumSamples():
-            return attributes
-        values = self._read_first(parameter.getValueProperty(), np.float64)
-        places = self._locate(parameter, attributes, len(values))
-        return replace(attributes, uvs=UvMap(values.reshape(-1, 2), places))
-
-    def read_normals(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read which corners share a normal."""
-        parameter = self._schema.getNormalsParam()
-        if not parameter.valid() or not parameter.getNumSamples():
-            return attributes
-        values = self._read_first(parameter.getValueProperty(), np.float64).reshape(-1, 3)
-        if not np.isfinite(values).all():
-            raise FormatError("they are not finite")
-        places = self._locate(parameter, attributes, len(values))
-        return share_normals(attributes, values, places)
-
-    def read_face_sets(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the face sets as materials, as other programs do."""
-        count = len(attributes.corner_counts)
-        materials = FaceLabels.from_members(count, self._list_face_sets(count))
-        return replace(attributes, materials=materials)
-
-    def _list_face_sets(self, count: int) -> Iterator[tuple[str, Integers]]:
-        """Yield the names of the face sets, with their faces, of `count`."""
-        for name in self._schema.getFaceSetNames():
-            sampled = self._schema.getFaceSet(name).getSchema().getFacesProperty()
-            if not sampled.getNumSamples():
-                continue
-            faces = self._read_first(sampled, np.int64)
-            if len(faces) and not 0 <= faces.min() <= faces.max() < count:
-                raise FormatError(f"`{name}` names faces that are not there")
-            yield single_line(name), faces
-
-    def _read_first(self, sampled: Any, kind: type[np.float64 | np.int64]) -> NDArray[Any]:
-        values = _read_sample(sampled, 0, self._claimed.packed)
-        self._claimed.claim(len(values) * sampled.getDataType().getNumBytes())
-        with np.errstate(invalid="ignore"):  # a signalling nan is refused with the others
-            return np.array(values, kind)
-
-    def _locate(self, parameter: Any, attributes: SurfaceAttributes, count: int) -> Integers:
-        """Return the place of the value of each corner among `count` values."""
-        from alembic3d.AbcGeom import GeometryScope
-
-        scope, places = parameter.getScope(), np.arange(count)
-        if parameter.isIndexed():
-            places = self._read_first(parameter.getIndexProperty(), np.int64)
-        if scope in (GeometryScope.kVertexScope, GeometryScope.kVaryingScope):
-            corners = attributes.corners
-        elif scope == GeometryScope.kFacevaryingScope:
-            corners = np.arange(len(attributes.corners))
-        else:
-            raise FormatError("they are not those of corners or vertices")
-        if corners.max(initial=-1) >= len(places):
-            raise FormatError(f"{len(places)} values, expected {corners.max() + 1}")
-        found = places[corners]
-        if len(found) and not 0 <= found.min() <= found.max() < count:
-            raise FormatError(f"they name value {found.max()} of {count}")
-        return np.asarray(found, np.int64)
 
 
 class _AlembicSurface:

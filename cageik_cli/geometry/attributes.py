@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,11 +28,43 @@ NONE = -1
 
 SUBDIVISION_SCHEMES = ("none", "catmullClark", "loop", "bilinear")
 
-LABEL_NAMES = ("materials", "groups", "objects", "smoothing")
-"""The attributes that are labels of faces."""
-
 PLAIN_COLOUR = (0.8, 0.8, 0.8, 1.0)
 """Red, green, blue and opacity of a material of which nothing is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """A part of what a file may say of a surface: an attribute of `SurfaceAttributes`.
+
+    Attributes
+    ----------
+    domain : str
+        What has a value. A `vertex` has a row of numbers, a `face` a name (`FaceLabels`), a
+        `corner` the number of a row of an `UvMap`, or of its normal.
+    width : int
+        Numbers of a value at most; 0 for names.
+    noun : str
+        What a note calls all values, or one name; empty for what it does not mention.
+    """
+
+    domain: Literal["corner", "vertex", "face"]
+    width: int
+    noun: str
+
+
+LAYERS = {
+    "uvs": Layer("corner", 2, "texture coordinates"),
+    "normal_fans": Layer("corner", 3, "normals"),
+    "colours": Layer("vertex", 4, "colours"),
+    "materials": Layer("face", 0, "material"),
+    "groups": Layer("face", 0, "group"),
+    "objects": Layer("face", 0, "object"),
+    "smoothing": Layer("face", 0, ""),
+}
+"""The layers of a surface. Where each format keeps them, its module says by these names."""
+
+LABEL_NAMES = tuple(name for name, layer in LAYERS.items() if layer.domain == "face")
+"""The layers that are labels of faces."""
 
 
 def _no_indices() -> Integers:
@@ -363,11 +396,9 @@ class SurfaceAttributes:
     @property
     def is_plain(self) -> bool:
         """Whether it is triangles and nothing else."""
-        given = (self.uvs, self.normal_fans, self.colours, self.parts)
         return (
             bool((self.corner_counts == 3).all())
-            and all(part is None for part in given)
-            and all(getattr(self, name) is None for name in LABEL_NAMES)
+            and all(getattr(self, name) is None for name in (*LAYERS, "parts"))
             and not self.material_library
             and self.subdivision.scheme == "none"
         )
@@ -375,16 +406,15 @@ class SurfaceAttributes:
     @property
     def description(self) -> str:
         """What there is, for people."""
-        labels = ((getattr(self, name), name.removesuffix("s")) for name in LABEL_NAMES[:3])
+        layers = ((layer.noun, getattr(self, name)) for name, layer in LAYERS.items())
         parts = [
-            "texture coordinates" if self.uvs is not None else "",
-            "normals" if self.normal_fans is not None else "",
-            "colours" if self.colours is not None else "",
-            *(format_count(len(held.names), noun) if held else "" for held, noun in labels),
-            format_count(len(self.parts.names), "part") if self.parts else "",
-            f"scheme {self.subdivision.scheme}" if self.subdivision.scheme != "none" else "",
+            format_count(len(held.names), noun) if isinstance(held, FaceLabels | Parts) else noun
+            for noun, held in (*layers, ("part", self.parts))
+            if noun and held is not None
         ]
-        given = ", ".join(part for part in parts if part)
+        if self.subdivision.scheme != "none":
+            parts.append(f"scheme {self.subdivision.scheme}")
+        given = ", ".join(parts)
         count = format_count(len(self.corner_counts), "polygon")
         return f"{count} with {given}" if given else count
 
@@ -433,6 +463,29 @@ class SurfaceAttributes:
             raise FormatError(
                 f"triangle {int(np.argmin(is_own))} has vertices that are not of its polygon"
             )
+
+    def add_layer(
+        self, name: str, values: Floats, indices: Integers | None = None
+    ) -> "SurfaceAttributes":
+        """Return it with a layer of numbers, (k, width), as files have them.
+
+        `indices`, (c,), are the row of each corner; those of normals are shared where they are
+        equal when rounded, as many programs write the same normal for each corner anew.
+        """
+        held: dict[str, Any] = {name: values}
+        if LAYERS[name].domain == "vertex":
+            return replace(self, **held)
+        assert indices is not None
+        if name != "normal_fans":
+            held[name] = UvMap(values, indices)
+            return replace(self, **held)
+        indices = freeze_indices("normals", indices, NONE, len(values))
+        decimals = 4  # of unit normals: as many as text formats usually write
+        with np.errstate(over="ignore", invalid="ignore"):
+            rounded = values.round(decimals)
+        same = np.unique(rounded, axis=0, return_inverse=True)[1].ravel()
+        shared = np.array([*same, NONE])[indices]
+        return replace(self, normal_fans=number_normal_fans(self.corners, shared))
 
     def reverse(self, keeps_first: bool = True) -> "SurfaceAttributes":
         """Return them for faces that turn the other way.

@@ -1,7 +1,8 @@
 """Meshes as they are read from files: polygons are cut into triangles, connectivities compared."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -10,16 +11,19 @@ import numpy as np
 from cageik_cli.formats.base.ear_clipping import replace_folded_fans
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.geometry.attributes import (
+    LAYERS,
     SurfaceAttributes,
     check_corner_counts,
     fan_triangulate,
-    number_normal_fans,
 )
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import ConnectivityError, FormatError
 from cageik_cli.util.messages import Note, say
 from cageik_cli.util.text import format_count
+
+LayerReaders = dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]
+"""What adds each layer to the attributes before it, by its name in a note: "its normals"."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,14 +67,8 @@ class FileMesh:
         """Number of faces with more than three corners."""
         return int(np.count_nonzero(self.corner_counts > 3))
 
-    def read_layers(
-        self, layers: dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]
-    ) -> "FileMesh":
-        """Return it with all that its file says of the surface; a damaged layer is left out.
-
-        `layers` are what adds each layer to the attributes that were read before, by the name of
-        the layer in a note: "its normals".
-        """
+    def read_layers(self, layers: LayerReaders) -> "FileMesh":
+        """Return it with all that its file says of the surface; a damaged layer is left out."""
         check_corner_counts(self.corner_counts)
         attributes, left_out = SurfaceAttributes(self.corner_counts, self.corners), []
         for noun, read in layers.items():
@@ -109,18 +107,11 @@ def describe_cut(polygon_count: int) -> str:
     return f"{format_count(polygon_count, 'polygon')} cut into triangles to compute with"
 
 
-def share_normals(
-    attributes: SurfaceAttributes, values: Floats, indices: Integers
-) -> SurfaceAttributes:
-    """Return attributes whose corners share the normals that are equal when rounded.
-
-    Many programs write the same normal for each corner anew. `indices` (c,) say which of the values
-    (k, 3) each corner has.
-    """
-    decimals = 4  # of unit normals: as many as text formats usually write
-    same = np.unique(values.round(decimals), axis=0, return_inverse=True)[1].ravel()
-    fans = number_normal_fans(attributes.corners, same[indices])
-    return replace(attributes, normal_fans=fans)
+def list_layer_readers(
+    names: Iterable[str], read: Callable[[str, SurfaceAttributes], SurfaceAttributes]
+) -> LayerReaders:
+    """Return what reads layers of numbers, with a function of the name of the layer."""
+    return {f"its {LAYERS[name].noun}": partial(read, name) for name in names}
 
 
 def check_not_points(vertex_count: int, face_count: int) -> None:

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.choose_parts import choose_parts
 from cageik_cli.formats.base.ear_clipping import describe_folded
 from cageik_cli.formats.base.files import hash_file
-from cageik_cli.formats.base.mesh_data import FileMesh, describe_cut
+from cageik_cli.formats.base.mesh_data import FileMesh, LayerReaders, describe_cut
 from cageik_cli.formats.base.readers import ClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import ClipSettings, SceneHints
-from cageik_cli.geometry.attributes import SurfaceAttributes, make_part_transform
+from cageik_cli.geometry.attributes import make_part_transform
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import join_meshes
 from cageik_cli.util.arrays import Floats, Integers
@@ -85,9 +85,7 @@ class SceneMesh(ABC):
         """Read the faces at one of these times."""
 
     @abstractmethod
-    def list_surface_layers(
-        self, vertex_count: int, time: float
-    ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+    def list_surface_layers(self, vertex_count: int, time: float) -> LayerReaders:
         """Return what reads the layers of the surface, for `FileMesh.read_layers`."""
 
     def read_moved(self, time: float) -> Floats:

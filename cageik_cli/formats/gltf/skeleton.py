@@ -22,10 +22,10 @@ from cageik_cli.formats.base.writers import Animation, choose_short_names, to_fl
 from cageik_cli.formats.gltf.file import (
     GlbWriter,
     VectorSpool,
-    make_part_nodes,
     read_rounded,
     round_to,
 )
+from cageik_cli.formats.gltf.nodes import make_part_nodes
 from cageik_cli.formats.gltf.surface import cut_surface
 from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.arrays import Floats, Integers

@@ -1,14 +1,27 @@
-"""The surface of a mesh as glTF has it: one UV and normal per vertex, a primitive per material."""
+"""The surface of a mesh in glTF: one UV and normal per vertex, a primitive per material.
 
-from dataclasses import dataclass
-from functools import cached_property
+It is read from the geometry of a node, and written cut into primitives.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
+from cageik_cli.formats.gltf.document import ACCESSORS, Document, Item
 from cageik_cli.formats.gltf.file import GlbFile, Singles, round_to
-from cageik_cli.geometry.attributes import PLAIN_COLOUR, SurfaceAttributes
+from cageik_cli.formats.gltf.geometry import Geometry
+from cageik_cli.geometry.attributes import (
+    LAYERS,
+    MAX_NAME_LENGTH,
+    NONE,
+    PLAIN_COLOUR,
+    FaceLabels,
+    SurfaceAttributes,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
     FALLBACK_NORMAL,
@@ -18,12 +31,71 @@ from cageik_cli.geometry.normals import (
 )
 from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import format_count, number_names
 
 PLAIN = "plain"
 """The material of triangles without: glTF's own is a metal, black where nothing is mirrored."""
 
 MAX_SHORT_VERTICES = 65535
 """Vertices that indices of 16 bits can name; the last number restarts a strip."""
+
+
+def list_surface_layers(document: Document, geometry: Geometry) -> LayerReaders:
+    """Return what reads UVs, normals, colours and materials of a mesh."""
+    readers = list_layer_readers(ACCESSORS, partial(_read_layer, geometry))
+    return readers | {"its materials": partial(_read_materials, document, geometry)}
+
+
+def _read_layer(geometry: Geometry, name: str, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    """Read a layer that an accessor holds."""
+    layer = LAYERS[name]
+    is_of_vertices = layer.domain == "vertex"
+    widths = (layer.width - 1, layer.width) if is_of_vertices else (layer.width,)
+    found = geometry.read_attribute(ACCESSORS[name], widths)
+    if found is None:
+        return attributes
+    if is_of_vertices:
+        found = np.where(np.isnan(found).all(axis=1, keepdims=True), 1.0, found)
+        own = found[geometry.firsts]
+        split = (found[geometry.origins] != own[geometry.corners]).any(axis=1)
+        if split.any():
+            count = format_count(len(np.unique(geometry.corners[split])), "vertex")
+            note = f"several {layer.noun} at {count}, of which one is kept"
+            geometry.notes += [] if note in geometry.notes else [note]  # as an instance has it
+        return attributes.add_layer(name, own)
+    is_held = np.isfinite(found).sum(axis=1) >= (3 if name == "normal_fans" else 1)
+    held = np.unique(geometry.origins[is_held[geometry.origins]])
+    if not len(held):
+        raise FormatError("no triangle has them")
+    values, places = found[held], np.full(len(found), NONE)
+    places[held] = np.arange(len(held))
+    if name == "uvs":
+        values[:, 1] = 1 - values[:, 1]  # downward in the file
+    return attributes.add_layer(name, values, places[geometry.origins])
+
+
+def _read_materials(
+    document: Document, geometry: Geometry, attributes: SurfaceAttributes
+) -> SurfaceAttributes:
+    """Read the names and base colours of the materials that are used."""
+    used, indices = np.unique(geometry.materials, return_inverse=True)
+    if used[-1] == NONE:
+        return attributes
+    is_absent = int(used[0] == NONE)
+    items = {k: document.materials[k] for k in used[is_absent:].tolist()}
+    longest = MAX_NAME_LENGTH - 20  # room for a number
+    names = [item.read_name()[:longest] or f"material_{k}" for k, item in items.items()]
+    labels = FaceLabels(tuple(number_names(names)), indices - is_absent)
+    colours = np.array([_read_base_colour(item) for item in items.values()])
+    return replace(attributes, materials=labels, material_colours=colours)
+
+
+def _read_base_colour(item: Item) -> list[float]:
+    """Return linear red, green, blue and opacity."""
+    look = item.find_item("pbrMetallicRoughness")
+    factor = None if look is None else look.find_numbers("baseColorFactor", 4)
+    return [1.0, 1.0, 1.0, 1.0] if factor is None else factor.clip(0, 1).tolist()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,14 +192,14 @@ class Surface:
         is_short = is_quantized and primitive.stop - primitive.start <= MAX_SHORT_VERTICES
         corners = primitive.faces.astype(np.uint16 if is_short else np.uint32).ravel()
         indices = file.add_array(corners, gltf.ELEMENT_ARRAY_BUFFER)
-        for name, values in (("TEXCOORD_0", self.uv), ("COLOR_0", self._colours)):
+        for layer, values in (("uvs", self.uv), ("colours", self._colours)):
             if values is not None:
                 rows: NDArray[Any] = values[primitive.start : primitive.stop]
                 is_small = is_quantized and rows.min() >= 0 and rows.max() <= 1
                 if is_small:
                     rows = round_to(rows.astype(np.float64), np.uint16)
                 number = file.add_array(rows, gltf.ARRAY_BUFFER, is_normalized=is_small)
-                attributes = {**attributes, name: number}
+                attributes = {**attributes, ACCESSORS[layer]: number}
         return gltf.Primitive(
             attributes=gltf.Attributes(**attributes), indices=indices, material=primitive.material
         )

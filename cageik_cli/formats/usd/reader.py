@@ -1,6 +1,5 @@
 """A clip in USD: meshes whose points, transforms or rigs have time samples, and their surfaces."""
 
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cached_property
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.files import ClaimedBytes
-from cageik_cli.formats.base.mesh_data import share_normals
+from cageik_cli.formats.base.mesh_data import LayerReaders
 from cageik_cli.formats.base.scene_graph import (
     EVEN_STEP_TOL,
     LibraryError,
@@ -36,7 +35,6 @@ from cageik_cli.geometry.attributes import (
     FaceLabels,
     Subdivision,
     SurfaceAttributes,
-    UvMap,
 )
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, error_context
@@ -49,7 +47,12 @@ MAX_TIME_CODES = 100_000
 LIBRARY_KEY = "materialLibrary"
 """Where the custom data of a mesh names the file of its materials, as an OBJ file does."""
 
-UV_NAME = "st"
+PRIMVARS = {
+    "uvs": ("st",),
+    "normal_fans": ("normals",),
+    "colours": ("displayColor", "displayOpacity"),
+}
+"""The primvars of a mesh that hold a layer of numbers."""
 
 _PER_VERTEX, _PER_CORNER, _PER_FACE = ("vertex", "varying"), ("faceVarying",), ("uniform",)
 
@@ -221,9 +224,7 @@ class UsdSceneMesh(SceneMesh):
         counts, corners = found
         return counts, corners
 
-    def list_surface_layers(
-        self, vertex_count: int, time: float
-    ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+    def list_surface_layers(self, vertex_count: int, time: float) -> LayerReaders:
         """Return what reads UVs, normals, colours, materials, groups and subdivision."""
         self._claimed.claim(12 * vertex_count)
         return SurfaceReader(self._mesh, vertex_count, time, claimed=self._claimed).list_layers()
@@ -328,7 +329,7 @@ class SurfaceReader:
         self._mesh, self._vertex_count, self._time = mesh, vertex_count, time
         self._primvars, self._claimed = UsdGeom.PrimvarsAPI(mesh), claimed
 
-    def list_layers(self) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+    def list_layers(self) -> LayerReaders:
         """Return what reads each layer, for `FileMesh.read_layers`."""
         return {
             "its texture coordinates": self.read_uvs,
@@ -339,30 +340,28 @@ class SurfaceReader:
         }
 
     def read_uvs(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the primvar `st`, or else the first that holds texture coordinates."""
+        """Read the primvar that is named so, or else the first that holds texture coordinates."""
         from pxr import Sdf
 
-        names = (Sdf.ValueTypeNames.TexCoord2fArray, Sdf.ValueTypeNames.Float2Array)
-        usual = self._primvars.GetPrimvar(UV_NAME)
+        kinds = (Sdf.ValueTypeNames.TexCoord2fArray, Sdf.ValueTypeNames.Float2Array)
+        usual = self._primvars.GetPrimvar(PRIMVARS["uvs"][0])
         found = [usual, *self._primvars.GetPrimvarsWithAuthoredValues()]
-        primvar = next((each for each in found if each and each.GetTypeName() in names), None)
+        primvar = next((each for each in found if each and each.GetTypeName() in kinds), None)
         if primvar is None:
             return attributes
-        values = self._to_array(primvar.Get(self._time), 2)
-        numbers = self._read_indices(primvar, len(values))
+        values, numbers = self._read_primvar(primvar, 2)
         indices = numbers[_locate(primvar.GetInterpolation(), attributes, len(numbers))]
         absent = primvar.GetUnauthoredValuesIndex()
         if absent >= 0:
             indices = np.where(indices == absent, NONE, indices)
             values = values[:absent] if absent == len(values) - 1 else values
-        return replace(attributes, uvs=UvMap(values, indices))
+        return attributes.add_layer("uvs", values, indices)
 
     def read_normals(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read which corners share a normal."""
-        primvar = self._primvars.GetPrimvar("normals")
+        """Read which corners share a normal: of the primvar, or else of the attribute."""
+        primvar = self._primvars.GetPrimvar(PRIMVARS["normal_fans"][0])
         if primvar and primvar.HasAuthoredValue():
-            values = self._to_array(primvar.Get(self._time), 3)
-            numbers = self._read_indices(primvar, len(values))
+            values, numbers = self._read_primvar(primvar, 3)
             interpolation = primvar.GetInterpolation()
         else:
             found = self._mesh.GetNormalsAttr().Get(self._time)
@@ -371,24 +370,23 @@ class SurfaceReader:
             values = self._to_array(found, 3)
             numbers, interpolation = np.arange(len(values)), self._mesh.GetNormalsInterpolation()
         places = _locate(interpolation, attributes, len(numbers))
-        return share_normals(attributes, values, numbers[places])
+        return attributes.add_layer("normal_fans", values, numbers[places])
 
     def read_colours(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
         """Read the colours of vertices."""
-        columns = []
-        for name, width in (("displayColor", 3), ("displayOpacity", 1)):
+        columns: list[Floats] = []
+        for name, width in zip(PRIMVARS["colours"], (3, 1), strict=True):
             primvar = self._primvars.GetPrimvar(name)
             if not primvar or not primvar.HasAuthoredValue():
                 break
             if primvar.GetInterpolation() not in _PER_VERTEX:
-                if width == 1:
+                if columns:
                     break
                 raise FormatError(f"they are {primvar.GetInterpolation()}, expected vertex")
-            values = self._to_array(primvar.Get(self._time), width)
-            indices = self._read_indices(primvar, len(values))
+            values, indices = self._read_primvar(primvar, width)
             _check_places(np.arange(self._vertex_count), len(indices))
             columns.append(values[indices[: self._vertex_count]])
-        return replace(attributes, colours=np.hstack(columns)) if columns else attributes
+        return attributes.add_layer("colours", np.hstack(columns)) if columns else attributes
 
     def read_labels(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
         """Read the subsets of faces: those that bind materials, and others, which are groups."""
@@ -444,13 +442,14 @@ class SurfaceReader:
             raise FormatError(f"it names vertex {named.max()} of {self._vertex_count}")
         return replace(attributes, subdivision=subdivision)
 
-    def _read_indices(self, primvar: Any, count: int) -> Integers:
-        """Return the indices into `count` values; one after the other if there are none."""
+    def _read_primvar(self, primvar: Any, width: int) -> tuple[Floats, Integers]:
+        """Return the values, (k, width), and the number of that of each place."""
+        values = self._to_array(primvar.Get(self._time), width)
         if not primvar.IsIndexed():
-            return np.arange(count)
+            return values, np.arange(len(values))
         indices = self._to_list(primvar.GetIndices(self._time), "iu")
-        _check_places(indices, count)
-        return indices
+        _check_places(indices, len(values))
+        return values, indices
 
     def _to_list(self, value: Any, kinds: str) -> NDArray[Any]:
         """Return a list of numbers of some kinds, (k,); empty without a value."""

@@ -26,7 +26,7 @@ from cageik_cli.formats.base.writers import (
 )
 from cageik_cli.formats.npz import fixed_date_zipinfo
 from cageik_cli.formats.usd.library import USD_SUFFIXES, capture_diagnostics, require_usd
-from cageik_cli.formats.usd.reader import LIBRARY_KEY, UV_NAME
+from cageik_cli.formats.usd.reader import LIBRARY_KEY, PRIMVARS
 from cageik_cli.geometry.attributes import NONE, FaceLabels, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
@@ -446,7 +446,8 @@ def _write_uvs(prim: Any, attributes: SurfaceAttributes) -> None:
         return
     values, indices = attributes.uvs.values, attributes.uvs.indices
     kind = Sdf.ValueTypeNames.TexCoord2fArray
-    primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(UV_NAME, kind, UsdGeom.Tokens.faceVarying)
+    place, per_corner = PRIMVARS["uvs"][0], UsdGeom.Tokens.faceVarying
+    primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(place, kind, per_corner)
     if (indices == NONE).any():
         # USD knows no corner without a value: the last value stands for that.
         primvar.SetUnauthoredValuesIndex(len(values))
