@@ -1,5 +1,6 @@
 """STL, binary and ASCII: triangles without shared vertices, which are welded; read only."""
 
+import codecs
 import re
 import struct
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from cageik_cli.geometry.attributes import MAX_NAME_LENGTH, Parts, SurfaceAttrib
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError
-from cageik_cli.util.text import number_names, single_line, to_unicode
+from cageik_cli.util.text import format_count, number_names, single_line, to_unicode
 
 HEADER_BYTES = 84
 """Bytes before the triangles of a binary file: 80 of anything, and the number of triangles."""
@@ -77,7 +78,8 @@ class Reader(FrameFileReader):
                 transforms=np.tile(np.eye(4), (len(solids), 1, 1)),
             )
             attributes = SurfaceAttributes(corner_counts, numbers, parts=parts)
-        note = f"{len(corners)} corners welded into {len(vertices)} vertices where they are equal"
+        found = format_count(len(vertices), "vertex")
+        note = f"{len(corners)} corners welded into {found} where they are equal"
         return FileMesh(vertices, numbers, corner_counts, attributes, left_out=(note,))
 
     @classmethod
@@ -108,6 +110,7 @@ def _read_corners(data: bytes) -> tuple[Floats, Solids]:
     expected = HEADER_BYTES + TRIANGLE_BYTES * count
     solids: Solids = [("", count)]
     if size != expected:
+        data = data.removeprefix(codecs.BOM_UTF8)
         if b"\0" in data or data.lstrip()[:5].lower() != b"solid":
             _refuse_binary(size, count)
         data, solids = _check_text(data)
