@@ -31,9 +31,9 @@ from cageik_cli.formats.base.scene_graph import (
 )
 from cageik_cli.formats.base.writers import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.settings import SceneHints, find_frame_step
-from cageik_cli.geometry.attributes import LAYERS, NONE, FaceLabels, SurfaceAttributes
+from cageik_cli.geometry.attributes import LAYERS, FaceLabels, SurfaceAttributes, UvMap
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_corner_normals
+from cageik_cli.geometry.shape import compute_corner_normals
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,
@@ -416,17 +416,12 @@ class _AlembicSurface:
     def __init__(self, mesh: TriMesh) -> None:
         from imath import IntArrayFromBuffer
 
-        attributes = mesh.attributes
-        if attributes is None:
-            counts, corners = np.full(len(mesh.faces), 3), mesh.faces[:, ::-1].ravel()
-        else:
-            attributes = attributes.reverse(keeps_first=False)
-            counts, corners = attributes.corner_counts, attributes.corners
-        self._attributes = attributes
+        self._attributes = attributes = mesh.polygons.reverse(keeps_first=False)
         self._faces = tuple(
-            IntArrayFromBuffer(np.ascontiguousarray(part, np.int32)) for part in (corners, counts)
+            IntArrayFromBuffer(np.ascontiguousarray(part, np.int32))
+            for part in (attributes.corners, attributes.corner_counts)
         )
-        self._uvs = None if attributes is None else _make_uvs(attributes)
+        self._uvs = None if attributes.uvs is None else _make_uvs(attributes.uvs)
 
     def make_sample(self, positions: Floats) -> Any:
         """Return the sample of a frame, (m, 3)."""
@@ -440,7 +435,7 @@ class _AlembicSurface:
 
         points = V3fArrayFromBuffer(to_float32(positions))
         attributes = self._attributes
-        if attributes is None or (attributes.normal_fans is None and self._uvs is None):
+        if attributes.normal_fans is None and self._uvs is None:
             return OPolyMeshSchemaSample(points, *self._faces)
         uvs = self._uvs or OV2fGeomParamSample()
         if attributes.normal_fans is None:
@@ -455,7 +450,7 @@ class _AlembicSurface:
         from alembic3d.AbcGeom import OFaceSetSchemaSample
         from imath import IntArrayFromBuffer
 
-        labels = None if self._attributes is None else self._attributes.materials
+        labels = self._attributes.materials
         taken: set[str] = set()
         for name, polygons in labels.list_members() if labels is not None else ():
             name = name.replace("/", "_")  # a slash would be a path
@@ -466,17 +461,12 @@ class _AlembicSurface:
             schema.createFaceSet(name).getSchema().set(OFaceSetSchemaSample(faces))
 
 
-def _make_uvs(attributes: SurfaceAttributes) -> Any | None:
+def _make_uvs(uvs: UvMap) -> Any:
     """Return the UVs of corners; those without are at zero."""
     from alembic3d.AbcGeom import GeometryScope, OV2fGeomParamSample
     from imath import UnsignedIntArray, V2fArrayFromBuffer
 
-    if attributes.uvs is None:
-        return None
-    values, indices = attributes.uvs.values, attributes.uvs.indices
-    if (indices == NONE).any():
-        indices = np.where(indices == NONE, len(values), indices)
-        values = np.concatenate([values, np.zeros((1, 2))])
+    values, indices = uvs.complete()
     numbers = UnsignedIntArray(len(indices))
     for place, index in enumerate(indices.tolist()):
         numbers[place] = index

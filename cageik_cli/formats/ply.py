@@ -20,7 +20,7 @@ from cageik_cli.formats.base.readers import FrameFileReader
 from cageik_cli.formats.base.writers import Animation, FrameFileWriter
 from cageik_cli.geometry.attributes import LAYERS, NONE, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_corner_normals, has_vertex_normals
+from cageik_cli.geometry.shape import compute_corner_normals, has_vertex_normals
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 
@@ -213,10 +213,8 @@ class Writer(FrameFileWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        attributes = animation.rest.attributes
-        has_normals = attributes is not None and attributes.normal_fans is not None
-        self._shaded = attributes if has_normals else None
-        self._rows = _make_rows(animation.rest, has_normals)
+        self._shaded = animation.rest.shaded
+        self._rows = _make_rows(animation.rest)
         head, self._faces = _encode_faces(animation.rest)
         lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(self._rows)}"]
         for name in self._rows.dtype.names or ():
@@ -236,11 +234,11 @@ class Writer(FrameFileWriter):
         return self._head + rows.tobytes() + self._faces
 
 
-def _make_rows(mesh: TriMesh, has_normals: bool) -> NDArray[Any]:
+def _make_rows(mesh: TriMesh) -> NDArray[Any]:
     """Return the rows of the vertices, (n,), with their colours and nothing else yet."""
     kinds = [(axis, "<f8") for axis in "xyz"]
-    kinds += [(name, "<f4") for name in NORMAL_NAMES] * has_normals
-    colours = None if mesh.attributes is None else mesh.attributes.colours
+    kinds += [(name, "<f4") for name in NORMAL_NAMES if mesh.shaded]
+    colours = mesh.polygons.colours
     names = COLUMNS["colours"][0][: 0 if colours is None else colours.shape[1]]
     rows = np.zeros(len(mesh.vertices), [*kinds, *((name, "u1") for name in names)])
     if colours is not None:
@@ -277,8 +275,8 @@ def _encode_faces(mesh: TriMesh) -> tuple[list[str], bytes]:
     uvs = None
     if attributes.uvs is not None:
         lines.append(f"property list {word} float {CORNER_UVS}")
-        table = np.concatenate([attributes.uvs.values, np.full((1, 2), np.nan)])  # `NONE` is last
-        uvs = table[attributes.uvs.indices].astype("<f4")
+        table, indices = attributes.uvs.complete(np.nan)
+        uvs = table[indices].astype("<f4")
     parts, corners = [], attributes.corners.astype("<i4")
     for start, count in zip(attributes.starts.tolist(), counts.tolist(), strict=True):
         parts += [np.array(count, count_type).tobytes(), corners[start : start + count].tobytes()]

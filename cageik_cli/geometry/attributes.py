@@ -94,6 +94,14 @@ class UvMap:
         indices = freeze_indices("UV indices", self.indices, NONE, len(self.values))
         object.__setattr__(self, "indices", indices)
 
+    def complete(self, value: float = 0.0) -> tuple[Floats, Integers]:
+        """Return values and indices of all corners: a last row of `value` for those without one."""
+        is_absent = self.indices == NONE
+        if not is_absent.any():
+            return self.values, self.indices
+        values = np.concatenate([self.values, np.full((1, self.values.shape[1]), value)])
+        return values, np.where(is_absent, len(self.values), self.indices)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FaceLabels:
@@ -424,6 +432,11 @@ class SurfaceAttributes:
         return np.asarray(np.cumsum(self.corner_counts) - self.corner_counts)
 
     @property
+    def corner_polygons(self) -> Integers:
+        """The polygon of each corner, (c,)."""
+        return np.repeat(np.arange(len(self.corner_counts)), self.corner_counts)
+
+    @property
     def triangle_polygons(self) -> Integers:
         """The polygon of each triangle of the mesh, (t,)."""
         return np.repeat(np.arange(len(self.corner_counts)), self.corner_counts - 2)
@@ -456,9 +469,8 @@ class SurfaceAttributes:
     def check_cut(self, faces: Integers) -> None:
         """Refuse triangles (t, 3) that are not cut from the polygons."""
         size = int(max(self.corners.max(initial=0), faces.max(initial=0))) + 1
-        polygons = np.repeat(np.arange(len(self.corner_counts)), self.corner_counts)
         triangles = self.triangle_polygons[:, None] * size + faces
-        is_own = np.isin(triangles, polygons * size + self.corners).all(axis=1)
+        is_own = np.isin(triangles, self.corner_polygons * size + self.corners).all(axis=1)
         if not is_own.all():
             raise FormatError(
                 f"triangle {int(np.argmin(is_own))} has vertices that are not of its polygon"

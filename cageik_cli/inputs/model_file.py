@@ -155,7 +155,7 @@ class LoadedModel:
         if self.points is None or (self.splats is None and output.suffix != ".ply"):
             return None
         if output.suffix != ".ply":
-            from cageik_cli.formats.usd.splats import UsdSplatWriter
+            from cageik_cli.formats.usd.writer import UsdSplatWriter
 
             return partial(UsdSplatWriter, points=self.points)
         return partial(PointWriter, points=self.points)

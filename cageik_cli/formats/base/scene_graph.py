@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.choose_parts import choose_parts
-from cageik_cli.formats.base.ear_clipping import describe_folded
 from cageik_cli.formats.base.files import hash_file
-from cageik_cli.formats.base.mesh_data import FileMesh, LayerReaders, describe_cut
+from cageik_cli.formats.base.mesh_data import FileMesh, LayerReaders, describe_cut, describe_folded
 from cageik_cli.formats.base.readers import ClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import ClipSettings, SceneHints

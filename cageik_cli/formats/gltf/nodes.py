@@ -48,12 +48,7 @@ class NodeTree:
         self._children = self._list_children(document)
         self._levels = self._order_levels()
         self.is_shown = self._find_shown(document)
-        count = len(self._items)
-        self.values = {
-            "translation": np.zeros((count, 3)),
-            "rotation": np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
-            "scale": np.ones((count, 3)),
-        }
+        self.values = make_still_values(len(self._items))
         self.matrices: dict[int, Floats] = {}
         for k, item in enumerate(self._items):
             for name, width in TRS_WIDTHS.items():
@@ -215,16 +210,18 @@ def read_instances(document: Document, node: Item) -> Floats | None:
         )
     count = counts.pop()
     document.claim(count * 400)  # bytes of the place and the name of a copy
-    values = {
-        "translation": np.zeros((count, 3)),
-        "rotation": np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
-        "scale": np.ones((count, 3)),
-    }
+    values = make_still_values(count)
     for name, number in numbers.items():
         values[name] = np.asarray(read_floats(document, number, (TRS_WIDTHS[name],)), np.float64)
         if not np.isfinite(values[name]).all():
             raise FormatError(f"{extension.place} has a {name} that is not finite; export it again")
     return make_matrices(values)
+
+
+def make_still_values(count: int) -> dict[str, Floats]:
+    """Return translations, rotations and scales that change nothing, (count, width) each."""
+    still = {"translation": [0.0] * 3, "rotation": [0.0, 0.0, 0.0, 1.0], "scale": [1.0] * 3}
+    return {name: np.tile(values, (count, 1)) for name, values in still.items()}
 
 
 def make_matrices(values: dict[str, Floats]) -> Floats:

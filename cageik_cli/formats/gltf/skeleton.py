@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton
-from cageik_cli.formats.base.skin import Skin, SkinWeights
+from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton, Skin, SkinWeights
 from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
 from cageik_cli.formats.gltf.file import (
     GlbWriter,

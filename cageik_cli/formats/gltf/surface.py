@@ -23,13 +23,13 @@ from cageik_cli.geometry.attributes import (
     SurfaceAttributes,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import (
+from cageik_cli.geometry.parts import split_parts
+from cageik_cli.geometry.shape import (
     FALLBACK_NORMAL,
     complete_fans,
     compute_fan_normals,
     compute_vertex_normals,
 )
-from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import format_count, number_names
@@ -232,8 +232,8 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
         keys[:, 2] = fans[corners].ravel()
     values = None
     if uvs is not None:
-        table = np.concatenate([uvs.values, np.zeros((1, 2))])  # `NONE` is the last
-        found = table[uvs.indices[corners]].reshape(-1, 2)
+        table, indices = uvs.complete()
+        found = table[indices[corners]].reshape(-1, 2)
         values, keys[:, 3] = np.unique(found, axis=0, return_inverse=True)
     kept, numbers = np.unique(keys, axis=0, return_inverse=True)
     cut = numbers.reshape(-1, 3)
@@ -266,8 +266,7 @@ def _find_triangle_corners(mesh: TriMesh) -> Integers:
     A polygon that has a vertex twice gives the first of its corners there.
     """
     attributes, size = mesh.polygons, len(mesh.vertices)
-    polygons = np.repeat(np.arange(len(attributes.corner_counts)), attributes.corner_counts)
-    keys = polygons * size + attributes.corners
+    keys = attributes.corner_polygons * size + attributes.corners
     order = np.argsort(keys, kind="stable")
     wanted = attributes.triangle_polygons[:, None] * size + mesh.faces
     return np.asarray(order[np.searchsorted(keys[order], wanted)])

@@ -40,7 +40,7 @@ from cageik_cli.geometry.attributes import (
     number_normal_fans,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_fan_normals
+from cageik_cli.geometry.shape import compute_fan_normals
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.files import read_input
@@ -423,9 +423,7 @@ class Writer(FrameFileWriter):
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
         self._rest, self._digits, self._template = animation.rest, -1, b""
-        attributes = animation.rest.attributes
-        has_normals = attributes is not None and attributes.normal_fans is not None
-        self._shaded = attributes if has_normals else None
+        self._shaded = animation.rest.shaded
 
     def encode_frame(self, positions: Floats) -> bytes:
         """Return the text of one frame."""

@@ -413,11 +413,15 @@ class SurfaceReader:
                 bound[name] = material
             (materials if binds else groups).append((name, faces))
         library = self._mesh.GetPrim().GetCustomDataByKey(LIBRARY_KEY)
-        labels = FaceLabels.from_members(count, materials)
+        labels, colours = FaceLabels.from_members(count, materials), None
+        names = () if labels is None else labels.names
+        looks = [_read_colour(bound[name]) if name in bound else None for name in names]
+        if any(look is not None for look in looks):
+            colours = np.array([PLAIN_COLOUR if look is None else look for look in looks])
         return replace(
             attributes,
             materials=labels,
-            material_colours=None if labels is None else _list_colours(labels.names, bound),
+            material_colours=colours,
             groups=FaceLabels.from_members(count, groups),
             material_library=single_line(library) if isinstance(library, str) else "",
         )
@@ -478,7 +482,7 @@ def _locate(interpolation: str, attributes: SurfaceAttributes, count: int) -> In
     elif interpolation in _PER_CORNER:
         places = np.arange(len(attributes.corners))
     elif interpolation in _PER_FACE:
-        places = np.repeat(np.arange(len(attributes.corner_counts)), attributes.corner_counts)
+        places = attributes.corner_polygons
     else:
         raise FormatError(f"they are {interpolation}")
     _check_places(places, count)
@@ -488,14 +492,6 @@ def _locate(interpolation: str, attributes: SurfaceAttributes, count: int) -> In
 def _check_places(places: Integers, count: int) -> None:
     if len(places) and not 0 <= places.min() <= places.max() < count:
         raise FormatError(f"they need value {places.max()} of {count}")
-
-
-def _list_colours(names: tuple[str, ...], materials: dict[str, Any]) -> Floats | None:
-    """Return linear red, green, blue and opacity of materials, (k, 4); None if none is known."""
-    found = [_read_colour(materials[name]) if name in materials else None for name in names]
-    if all(colour is None for colour in found):
-        return None
-    return np.array([PLAIN_COLOUR if colour is None else colour for colour in found])
 
 
 def _read_colour(material: Any) -> list[float] | None:
