@@ -127,11 +127,6 @@ class Reader(SceneReader):
         steps = np.diff(times, prepend=-np.inf)
         return set(times[steps > SAME_TIME_TOL * mean].tolist())
 
-    def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
-        """Keep uneven samples."""
-        note = f"its {len(times)} samples are not evenly spaced in time; each is used as one frame"
-        return times, note
-
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
         """Return frame rate and frame numbers, of whole frames if a rate is stated.
 

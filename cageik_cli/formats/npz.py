@@ -308,19 +308,11 @@ class Writer(AnimationWriter):
             shape = (animation.frame_count, *animation.rest.vertices.shape)
             header = {"descr": "<f8", "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(self._frames, header)
-            self._open_files = stack.pop_all()
+            self._open = stack.pop_all()
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
         self._frames.write(np.ascontiguousarray(frames, "<f8").data)
-
-    def complete(self) -> None:
-        """Write the archive's directory."""
-        self._open_files.close()
-
-    def abandon(self) -> None:
-        """Close the file."""
-        self._open_files.close()  # nothing is left to close if `complete` failed
 
     def _open_member(self, name: str) -> IO[bytes]:
         return self._archive.open(fixed_date_zipinfo(f"{name}.npy"), "w", force_zip64=True)

@@ -42,7 +42,7 @@ class Layer:
         What has a value. A `vertex` has a row of numbers, a `face` a name (`FaceLabels`), a
         `corner` the number of a row of an `UvMap`, or of its normal.
     width : int
-        Numbers of a value at most; 0 for names.
+        Numbers of a value, of which vertices may lack the last; 0 for names.
     noun : str
         What a note calls all values, or one name; empty for what it does not mention.
     """
@@ -372,21 +372,21 @@ class SurfaceAttributes:
         count, total = len(self.corners), int(self.corner_counts.sum())
         if total != count:
             raise FormatError(f"polygons of {total} corners name {count} vertices")
-        if self.uvs is not None:
-            _check_length("UV indices", len(self.uvs.indices), "corners", count)
+        for name, layer in LAYERS.items():
+            held = getattr(self, name)
+            if isinstance(held, UvMap):
+                _check_length("UV indices", len(held.indices), "corners", count)
+            elif isinstance(held, FaceLabels):
+                _check_length(name, len(held.indices), "faces", len(self.corner_counts))
+            elif held is not None and layer.domain == "vertex":
+                width = np.shape(held)[-1] if np.ndim(held) else 0
+                least = layer.width if width == layer.width else layer.width - 1
+                object.__setattr__(self, name, freeze_values(layer.noun, held, least))
         if self.normal_fans is not None:
             fans = freeze_indices("normals", self.normal_fans, NONE, count)
             _check_length("normals", len(fans), "corners", count)
             object.__setattr__(self, "normal_fans", fans)
             _check_fans(fans, self.corners)
-        for name in LABEL_NAMES:
-            labels = getattr(self, name)
-            if labels is not None:
-                _check_length(name, len(labels.indices), "faces", len(self.corner_counts))
-        if self.colours is not None:
-            width = np.shape(self.colours)[-1] if np.ndim(self.colours) else 0
-            colours = freeze_values("colours", self.colours, 4 if width == 4 else 3)
-            object.__setattr__(self, "colours", colours)
         if self.material_colours is not None:
             colours = freeze_values("colours of materials", self.material_colours, 4)
             names = () if self.materials is None else self.materials.names
@@ -456,8 +456,9 @@ class SurfaceAttributes:
             "triangles of polygons",
             int((self.corner_counts - 2).sum()),
         )
-        if self.colours is not None:
-            _check_length("colours", len(self.colours), "vertices", vertex_count)
+        for name, layer in LAYERS.items():
+            if layer.domain == "vertex" and getattr(self, name) is not None:
+                _check_length(layer.noun, len(getattr(self, name)), "vertices", vertex_count)
         if self.parts is not None:
             total = int(self.parts.vertex_counts.sum())
             _check_length("vertices of parts", total, "vertices", vertex_count)
@@ -509,13 +510,15 @@ class SurfaceAttributes:
             np.repeat(a, self.corner_counts) for a in (self.corner_counts, self.starts)
         )
         order = starts + (counts - steps - (not keeps_first)) % counts
-        corners, uvs, fans = self.corners[order], self.uvs, self.normal_fans
-        return replace(
-            self,
-            corners=corners,
-            uvs=None if uvs is None else replace(uvs, indices=uvs.indices[order]),
-            normal_fans=None if fans is None else number_normal_fans(corners, fans[order]),
-        )
+        turned: dict[str, Any] = {"corners": self.corners[order]}
+        for name in LAYERS:
+            held = getattr(self, name)
+            if isinstance(held, UvMap):
+                turned[name] = replace(held, indices=held.indices[order])
+        if self.normal_fans is not None:
+            fans = self.normal_fans[order]
+            turned["normal_fans"] = number_normal_fans(turned["corners"], fans)
+        return replace(self, **turned)
 
 
 def check_corner_counts(corner_counts: Integers) -> None:

@@ -59,9 +59,9 @@ class SceneMesh(ABC):
 
     is_clockwise: bool
 
-    @abstractmethod
     def list_times(self) -> set[float]:
         """List when the points are sampled, or the transforms; nothing if none of them moves."""
+        return set()
 
     @abstractmethod
     def compute_matrix(self, time: float) -> Floats:
@@ -75,9 +75,9 @@ class SceneMesh(ABC):
     def read_points(self, time: float) -> NDArray[np.floating]:
         """Read the points in the space of the mesh, (m, 3)."""
 
-    @abstractmethod
     def list_polygon_times(self) -> Sequence[float]:
         """List when faces are sampled, or the numbers of samples; nothing if they never change."""
+        return []
 
     @abstractmethod
     def read_polygons(self, time: float) -> Polygons:
@@ -134,8 +134,7 @@ class SceneReader(ClipFile):
     winding_note = ""
     library = ""
 
-    @abstractmethod
-    def check_file(self, path: Path) -> None:
+    def check_file(self, path: Path) -> None:  # some have no library
         """Refuse a file, or a missing library, before the library opens the file."""
 
     @abstractmethod
@@ -166,9 +165,10 @@ class SceneReader(ClipFile):
         """List when the meshes that are read are sampled; nothing if none of them moves."""
         return set(chain.from_iterable(mesh.list_times() for mesh in meshes))
 
-    @abstractmethod
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the times of frames in place of uneven ones, and a note."""
+        note = f"its {len(times)} samples are not evenly spaced in time; each is used as one frame"
+        return times, note
 
     def describe_step(self, step: float | None) -> list[str]:
         """Return a note on times that are far apart; `step` is as in `describe_scene`."""

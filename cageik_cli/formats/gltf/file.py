@@ -297,10 +297,6 @@ class GlbWriter(AnimationWriter):
             self._open = stack.pop_all()
         return spools
 
-    def abandon(self) -> None:
-        """Close the temporary files."""
-        self._open.close()
-
     def add_times(self, frames: Integers | None = None) -> int:
         """Add the time of each frame, or of some, seconds; return the number of the accessor.
 

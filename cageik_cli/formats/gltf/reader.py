@@ -71,9 +71,6 @@ class Reader(SceneReader):
         listed = [("animation", name) for name in names]
         return [("holds", f"{len(names)} animations; choose one as FILE::ANIMATION"), *listed]
 
-    def check_file(self, path: Path) -> None:
-        """Check nothing, as opening the document does."""
-
     @contextmanager
     def guard(self) -> Iterator[list[Said]]:
         """Leave values that are not finite to the checks of frames."""
@@ -152,10 +149,6 @@ class Reader(SceneReader):
         document.claim(12 * len(geometry.base))
         return GltfMesh(document, rig, geometry, node, skin=skin, instance=instance)
 
-    def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
-        """Return the times, which are even."""
-        return times, ""
-
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
         """Return the rate of sampling, and what is true of all glTF files."""
         return self._scene
@@ -230,10 +223,6 @@ class GltfMesh(SceneMesh):
                 )
             self._still_weights = weights
 
-    def list_times(self) -> set[float]:
-        """List no times, as they are those of the animation."""
-        return set()
-
     def compute_matrix(self, time: float) -> Floats:
         """Return the transform of the node, or none for a skin."""
         if self._skin is not None:
@@ -256,10 +245,6 @@ class GltfMesh(SceneMesh):
         if self._skin is not None:
             moves = self._skin.compute_moves(self._rig.find_worlds(time))
         return self._geometry.evaluate(weights, moves)
-
-    def list_polygon_times(self) -> list[float]:
-        """List nothing, as faces never change."""
-        return []
 
     def read_polygons(self, time: float) -> Polygons:
         """Return the triangles."""

@@ -21,6 +21,7 @@ from cageik_cli.geometry.attributes import (
     PLAIN_COLOUR,
     FaceLabels,
     SurfaceAttributes,
+    UvMap,
 )
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import split_parts
@@ -117,8 +118,8 @@ class Surface:
     ----------
     origins : (m',) int64
         Number of each written vertex in the mesh; seams and hard edges are written once per side.
-    uv : (m', 2) float32, optional
-        With v downward, as glTF has it.
+    layers : dict
+        UVs, with v downward, and colours, (m', width) float32, of the written vertices.
     fans : (m',) int64, optional
         Which of the normals of the completed fans of the mesh; that of the vertex if absent.
     primitives : tuple of Primitive
@@ -129,7 +130,7 @@ class Surface:
 
     mesh: TriMesh
     origins: Integers
-    uv: Singles | None
+    layers: dict[str, Singles]
     fans: Integers | None
     primitives: tuple[Primitive, ...]
     materials: tuple[str, ...]
@@ -148,17 +149,11 @@ class Surface:
             return normals[self.origins]
         return compute_fan_normals(self._shaded, positions)[self.fans]
 
-    @cached_property
-    def _colours(self) -> Singles | None:
-        """The colours of the written vertices, (m', 3) or (m', 4), from 0 to 1."""
-        colours = self.mesh.polygons.colours
-        return None if colours is None else colours[self.origins].clip(0, 1).astype(np.float32)
-
     def make_materials(self) -> list[object]:
         """Return the materials as pygltflib has them."""
         import pygltflib as gltf
 
-        colours = self._colours
+        colours = self.layers.get("colours")
         is_clear = colours is not None and colours.shape[1] == 4 and bool((colours[:, 3] < 1).any())
         # White where vertices have colours, which are multiplied by it.
         factors = [[1.0, 1.0, 1.0, 1.0]] * len(self.materials)
@@ -192,14 +187,13 @@ class Surface:
         is_short = is_quantized and primitive.stop - primitive.start <= MAX_SHORT_VERTICES
         corners = primitive.faces.astype(np.uint16 if is_short else np.uint32).ravel()
         indices = file.add_array(corners, gltf.ELEMENT_ARRAY_BUFFER)
-        for layer, values in (("uvs", self.uv), ("colours", self._colours)):
-            if values is not None:
-                rows: NDArray[Any] = values[primitive.start : primitive.stop]
-                is_small = is_quantized and rows.min() >= 0 and rows.max() <= 1
-                if is_small:
-                    rows = round_to(rows.astype(np.float64), np.uint16)
-                number = file.add_array(rows, gltf.ARRAY_BUFFER, is_normalized=is_small)
-                attributes = {**attributes, ACCESSORS[layer]: number}
+        for name, values in self.layers.items():
+            rows: NDArray[Any] = values[primitive.start : primitive.stop]
+            is_small = is_quantized and rows.min() >= 0 and rows.max() <= 1
+            if is_small:
+                rows = round_to(rows.astype(np.float64), np.uint16)
+            number = file.add_array(rows, gltf.ARRAY_BUFFER, is_normalized=is_small)
+            attributes = {**attributes, ACCESSORS[name]: number}
         return gltf.Primitive(
             attributes=gltf.Attributes(**attributes), indices=indices, material=primitive.material
         )
@@ -213,28 +207,30 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
     normals, the vertices of hard edges are parted.
     """
     polygons = mesh.polygons
-    uvs, labels, fans = polygons.uvs, polygons.materials, None
+    labels, fans = polygons.materials, None
+    maps = {name: held for name in ACCESSORS if isinstance(held := getattr(polygons, name), UvMap)}
     if has_normals and polygons.normal_fans is not None:
         fans = complete_fans(polygons).normal_fans
-    if uvs is None and labels is None and fans is None:
+    if not maps and labels is None and fans is None:
         wholes = tuple(
             Primitive(k, 0, part.vertices.start, part.vertices.stop, part.mesh.faces)
             for k, part in enumerate(split_parts(mesh))
         )
-        plain = np.array([PLAIN_COLOUR])
-        return Surface(mesh, np.arange(len(mesh.vertices)), None, None, wholes, (PLAIN,), plain)
+        plain, origins = np.array([PLAIN_COLOUR]), np.arange(len(mesh.vertices))
+        layers = _take_vertex_layers(polygons, origins)
+        return Surface(mesh, origins, layers, None, wholes, (PLAIN,), plain)
     corners, (material, materials) = _find_triangle_corners(mesh), _complete_materials(polygons)
     owners = [np.full(len(part.mesh.faces), k) for k, part in enumerate(split_parts(mesh))]
     place = np.concatenate(owners) * len(materials) + material
-    keys = np.zeros((mesh.faces.size, 4), np.int64)
+    keys = np.zeros((mesh.faces.size, 3 + len(maps)), np.int64)
     keys[:, 0], keys[:, 1] = np.repeat(place, 3), mesh.faces.ravel()
     if fans is not None:
         keys[:, 2] = fans[corners].ravel()
-    values = None
-    if uvs is not None:
-        table, indices = uvs.complete()
-        found = table[indices[corners]].reshape(-1, 2)
-        values, keys[:, 3] = np.unique(found, axis=0, return_inverse=True)
+    tables = {}
+    for column, (name, held) in enumerate(maps.items(), start=3):
+        values, indices = held.complete()
+        found = values[indices[corners]].reshape(-1, values.shape[1])
+        tables[name], keys[:, column] = np.unique(found, axis=0, return_inverse=True)
     kept, numbers = np.unique(keys, axis=0, return_inverse=True)
     cut = numbers.reshape(-1, 3)
     primitives = []
@@ -242,22 +238,35 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
         start, stop = np.searchsorted(kept[:, 0], [number, number + 1]).tolist()
         part, index = divmod(number, len(materials))
         primitives.append(Primitive(part, index, start, stop, cut[place == number] - start))
-    uv = None
-    if values is not None:
-        u, v = values[kept[:, 3]].T
-        uv = np.stack([u, 1 - v], axis=1).astype(np.float32)
+    if "uvs" in tables:
+        tables["uvs"][:, 1] = 1 - tables["uvs"][:, 1]
+    layers = {
+        name: table[kept[:, column]].astype(np.float32)
+        for column, (name, table) in enumerate(tables.items(), start=3)
+    }
     colours = np.tile(PLAIN_COLOUR, (len(materials), 1))
     if labels is not None and polygons.material_colours is not None:
         colours[: len(labels.names)] = polygons.material_colours
     return Surface(
         mesh=mesh,
         origins=kept[:, 1],
-        uv=uv,
+        layers=layers | _take_vertex_layers(polygons, kept[:, 1]),
         fans=None if fans is None else kept[:, 2],
         primitives=tuple(primitives),
         materials=materials,
         base_colours=colours,
     )
+
+
+def _take_vertex_layers(polygons: SurfaceAttributes, origins: Integers) -> dict[str, Singles]:
+    """Return what vertices have, from 0 to 1, of some of them: colours."""
+    names = [name for name in ACCESSORS if LAYERS[name].domain == "vertex"]
+    held = {name: getattr(polygons, name) for name in names}
+    return {
+        name: values[origins].clip(0, 1).astype(np.float32)
+        for name, values in held.items()
+        if values is not None
+    }
 
 
 def _find_triangle_corners(mesh: TriMesh) -> Integers:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.files import ClaimedBytes
-from cageik_cli.formats.base.mesh_data import LayerReaders
+from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
 from cageik_cli.formats.base.scene_graph import (
     EVEN_STEP_TOL,
     LibraryError,
@@ -30,6 +30,7 @@ from cageik_cli.formats.usd.library import (
 )
 from cageik_cli.formats.usd.skinning import Rigs, describe_unposed
 from cageik_cli.geometry.attributes import (
+    LAYERS,
     NONE,
     PLAIN_COLOUR,
     FaceLabels,
@@ -332,51 +333,50 @@ class SurfaceReader:
     def list_layers(self) -> LayerReaders:
         """Return what reads each layer, for `FileMesh.read_layers`."""
         return {
-            "its texture coordinates": self.read_uvs,
-            "its normals": self.read_normals,
-            "its colours": self.read_colours,
+            **list_layer_readers(PRIMVARS, self._read_layer),
             "its materials and groups": self.read_labels,
             "its subdivision": self.read_subdivision,
         }
 
-    def read_uvs(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the primvar that is named so, or else the first that holds texture coordinates."""
-        from pxr import Sdf
-
-        kinds = (Sdf.ValueTypeNames.TexCoord2fArray, Sdf.ValueTypeNames.Float2Array)
-        usual = self._primvars.GetPrimvar(PRIMVARS["uvs"][0])
-        found = [usual, *self._primvars.GetPrimvarsWithAuthoredValues()]
-        primvar = next((each for each in found if each and each.GetTypeName() in kinds), None)
-        if primvar is None:
-            return attributes
-        values, numbers = self._read_primvar(primvar, 2)
-        indices = numbers[_locate(primvar.GetInterpolation(), attributes, len(numbers))]
-        absent = primvar.GetUnauthoredValuesIndex()
+    def _read_layer(self, name: str, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read a layer of numbers from its primvars; normals may be in an attribute instead."""
+        width = LAYERS[name].width
+        if LAYERS[name].domain == "vertex":
+            columns = self._read_vertex_columns(name)
+            return attributes.add_layer(name, np.hstack(columns)) if columns else attributes
+        primvar = self._find_primvar(name)
+        if primvar:
+            values, numbers = self._read_primvar(primvar, width)
+            interpolation = primvar.GetInterpolation()
+        else:
+            found = self._mesh.GetNormalsAttr().Get(self._time) if name == "normal_fans" else None
+            if not found:
+                return attributes
+            values = self._to_array(found, width)
+            numbers, interpolation = np.arange(len(values)), self._mesh.GetNormalsInterpolation()
+        indices = numbers[_locate(interpolation, attributes, len(numbers))]
+        absent = primvar.GetUnauthoredValuesIndex() if primvar else -1
         if absent >= 0:
             indices = np.where(indices == absent, NONE, indices)
             values = values[:absent] if absent == len(values) - 1 else values
-        return attributes.add_layer("uvs", values, indices)
+        return attributes.add_layer(name, values, indices)
 
-    def read_normals(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read which corners share a normal: of the primvar, or else of the attribute."""
-        primvar = self._primvars.GetPrimvar(PRIMVARS["normal_fans"][0])
-        if primvar and primvar.HasAuthoredValue():
-            values, numbers = self._read_primvar(primvar, 3)
-            interpolation = primvar.GetInterpolation()
-        else:
-            found = self._mesh.GetNormalsAttr().Get(self._time)
-            if not found:
-                return attributes
-            values = self._to_array(found, 3)
-            numbers, interpolation = np.arange(len(values)), self._mesh.GetNormalsInterpolation()
-        places = _locate(interpolation, attributes, len(numbers))
-        return attributes.add_layer("normal_fans", values, numbers[places])
+    def _find_primvar(self, name: str) -> Any:
+        """Find the primvar of a layer of corners: of UVs, else the first that holds some."""
+        from pxr import Sdf
 
-    def read_colours(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the colours of vertices."""
+        primvar = self._primvars.GetPrimvar(PRIMVARS[name][0])
+        if name != "uvs":
+            return primvar if primvar and primvar.HasAuthoredValue() else None
+        kinds = (Sdf.ValueTypeNames.TexCoord2fArray, Sdf.ValueTypeNames.Float2Array)
+        found = [primvar, *self._primvars.GetPrimvarsWithAuthoredValues()]
+        return next((each for each in found if each and each.GetTypeName() in kinds), None)
+
+    def _read_vertex_columns(self, name: str) -> list[Floats]:
+        """Read the primvars of a layer of vertices, (n, 3) and perhaps (n, 1)."""
         columns: list[Floats] = []
-        for name, width in zip(PRIMVARS["colours"], (3, 1), strict=True):
-            primvar = self._primvars.GetPrimvar(name)
+        for place, width in zip(PRIMVARS[name], (3, 1), strict=True):
+            primvar = self._primvars.GetPrimvar(place)
             if not primvar or not primvar.HasAuthoredValue():
                 break
             if primvar.GetInterpolation() not in _PER_VERTEX:
@@ -386,7 +386,7 @@ class SurfaceReader:
             values, indices = self._read_primvar(primvar, width)
             _check_places(np.arange(self._vertex_count), len(indices))
             columns.append(values[indices[: self._vertex_count]])
-        return attributes.add_layer("colours", np.hstack(columns)) if columns else attributes
+        return columns
 
     def read_labels(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
         """Read the subsets of faces: those that bind materials, and others, which are groups."""

@@ -29,7 +29,7 @@ from cageik_cli.formats.npz import fixed_date_zipinfo
 from cageik_cli.formats.ply_points import COLOURS, SCALES, TURNS, PointFile, rest_names
 from cageik_cli.formats.usd.library import USD_SUFFIXES, capture_diagnostics, require_usd
 from cageik_cli.formats.usd.reader import LIBRARY_KEY, PRIMVARS
-from cageik_cli.geometry.attributes import NONE, FaceLabels, SurfaceAttributes
+from cageik_cli.geometry.attributes import LAYERS, NONE, FaceLabels, SurfaceAttributes, UvMap
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import Part, split_parts
 from cageik_cli.geometry.shape import (
@@ -195,8 +195,7 @@ class UsdMesh:
         if len(subdivision.corner_vertices):
             self.prim.CreateCornerIndicesAttr(_to_ints(subdivision.corner_vertices))
             self.prim.CreateCornerSharpnessesAttr(_to_floats(subdivision.corner_sharpness))
-        _write_uvs(self.prim, attributes)
-        _write_colours(self.prim, attributes)
+        _write_layers(self.prim, attributes)
         _write_materials(self.prim, attributes, materials)
         if attributes.groups is not None:
             _write_subsets(self.prim, attributes.groups, "groups")
@@ -438,32 +437,26 @@ def _to_floats(values: Floats) -> Any:
     return Vt.FloatArray.FromNumpy(to_float32(values))
 
 
-def _write_uvs(prim: Any, attributes: SurfaceAttributes) -> None:
+def _write_layers(prim: Any, attributes: SurfaceAttributes) -> None:
+    """Write UVs and colours; normals move with the points."""
     from pxr import Sdf, UsdGeom, Vt
 
-    if attributes.uvs is None:
-        return
-    values, indices = attributes.uvs.complete()
-    kind = Sdf.ValueTypeNames.TexCoord2fArray
-    place, per_corner = PRIMVARS["uvs"][0], UsdGeom.Tokens.faceVarying
-    primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(place, kind, per_corner)
-    if len(values) > len(attributes.uvs.values):
-        # USD knows no corner without a value: the last value stands for that.
-        primvar.SetUnauthoredValuesIndex(len(values) - 1)
-    primvar.Set(Vt.Vec2fArray.FromNumpy(to_float32(values)))
-    primvar.SetIndices(_to_ints(indices))
-
-
-def _write_colours(prim: Any, attributes: SurfaceAttributes) -> None:
-    from pxr import UsdGeom, Vt
-
-    if attributes.colours is None:
-        return
-    colours = to_float32(attributes.colours[:, :3])
-    prim.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(Vt.Vec3fArray.FromNumpy(colours))
-    if attributes.colours.shape[1] == 4:
-        opacity = _to_floats(attributes.colours[:, 3])
-        prim.CreateDisplayOpacityPrimvar(UsdGeom.Tokens.vertex).Set(opacity)
+    primvars, tokens = UsdGeom.PrimvarsAPI(prim), UsdGeom.Tokens
+    for name, places in PRIMVARS.items():
+        held = getattr(attributes, name)
+        if isinstance(held, UvMap):
+            kind, (values, indices) = Sdf.ValueTypeNames.TexCoord2fArray, held.complete()
+            primvar = primvars.CreatePrimvar(places[0], kind, tokens.faceVarying)
+            if len(values) > len(held.values):
+                # USD knows no corner without a value: the last value stands for that.
+                primvar.SetUnauthoredValuesIndex(len(held.values))
+            primvar.Set(Vt.Vec2fArray.FromNumpy(to_float32(values)))
+            primvar.SetIndices(_to_ints(indices))
+        elif held is not None and LAYERS[name].domain == "vertex":
+            colours = Vt.Vec3fArray.FromNumpy(to_float32(held[:, :3]))
+            prim.CreateDisplayColorPrimvar(tokens.vertex).Set(colours)
+            if held.shape[1] == LAYERS[name].width:
+                prim.CreateDisplayOpacityPrimvar(tokens.vertex).Set(_to_floats(held[:, 3]))
 
 
 class UsdMaterials:
