@@ -239,7 +239,9 @@ class NpzArchive:
                     zipfile.ZipFile(file) as archive,
                     archive.open(info) as member,
                 ):
-                    size = _copy_at_most(member, target, info.file_size)
+                    size = 0
+                    while size <= info.file_size and (part := member.read(_COPY_BYTES)):
+                        size += target.write(part)
             except OSError as error:
                 raise FileAccessError(
                     f"cannot be unpacked into {folder} ({error}); set TMPDIR "
@@ -327,14 +329,6 @@ def open_npy(path: Path) -> FileArray:
     file = BinaryFile.open(path)
     with _wrap_read_errors("a sound .npy of plain numbers"):
         return _open_array(file, 0, file.size)
-
-
-def _copy_at_most(source: IO[bytes], target: IO[bytes], limit: int) -> int:
-    """Copy until the end, or just beyond the limit; return the bytes copied."""
-    count = 0
-    while count <= limit and (part := source.read(_COPY_BYTES)):
-        count += target.write(part)
-    return count
 
 
 def _open_array(file: BinaryFile, offset: int, size: int) -> FileArray:

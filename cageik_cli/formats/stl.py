@@ -121,26 +121,21 @@ def _read_corners(data: bytes) -> tuple[Floats, Solids]:
     if size != expected:
         data = data.removeprefix(codecs.BOM_UTF8)
         if b"\0" in data or data.lstrip()[:5].lower() != b"solid":
-            _refuse_binary(size, count)
+            if size < HEADER_BYTES:
+                raise FormatError(
+                    f"{size} bytes that do not begin with `solid`, expected STL: text, or at least "
+                    f"{HEADER_BYTES} bytes; export it again"
+                )
+            raise FormatError(
+                f"announces {count} triangles, which take {expected} bytes, but has {size}, and is "
+                "no text that begins with `solid`: it is cut short, damaged or not STL; export it "
+                "again"
+            )
         data, solids = _check_text(data)
         count = sum(number for _, number in solids)
     if not count:
         raise FormatError("holds no triangle, expected a mesh; export it again")
     return _load_corners(data, count), solids
-
-
-def _refuse_binary(size: int, count: int) -> NoReturn:
-    """Refuse a file that is no text, and whose header announces another size."""
-    if size < HEADER_BYTES:
-        raise FormatError(
-            f"{size} bytes that do not begin with `solid`, expected STL: text, or at least "
-            f"{HEADER_BYTES} bytes; export it again"
-        )
-    raise FormatError(
-        f"announces {count} triangles, which take {HEADER_BYTES + TRIANGLE_BYTES * count} bytes, "
-        f"but has {size}, and is no text that begins with `solid`: it is cut short, damaged or not "
-        "STL; export it again"
-    )
 
 
 def _load_corners(data: bytes, count: int) -> Floats:

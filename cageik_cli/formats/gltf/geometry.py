@@ -4,8 +4,7 @@ Morph targets and joints move what is welded.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,7 +46,6 @@ _KEPT = re.compile(rf"POSITION|{'|'.join(ACCESSORS.values())}|(JOINTS|WEIGHTS)_\
 _DRACO = "KHR_draco_mesh_compression"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Pool:
     """Vertices that one or several primitives use.
 
@@ -61,10 +59,29 @@ class Pool:
         Numbers of the first vertex, and of that behind the last, among those of the mesh.
     """
 
-    attributes: dict[str, int]
-    targets: tuple[int | None, ...]
-    start: int
-    stop: int
+    def __init__(
+        self,
+        document: Document,
+        attributes: dict[str, int],
+        targets: tuple[int | None, ...],
+        start: int,
+    ) -> None:
+        """Count the vertices, which attributes and targets must have alike."""
+        self.attributes, self.targets = attributes, targets
+        place = attributes["POSITION"]
+        size = count_rows(document, place)
+        moved = [target for target in targets if target is not None]
+        for accessor in (*attributes.values(), *moved):
+            found = count_rows(document, accessor)
+            if found != size:
+                raise FormatError(
+                    f"accessors[{accessor}] has {found} vertices, expected {size} as "
+                    f"accessors[{place}]; export the file again"
+                )
+        # Sparse targets are not expanded, but compared vertex by vertex.
+        dense = sum(document.accessors[k].has("bufferView") for k in moved)
+        document.claim(size * (12 + 12 * dense + len(moved) - dense))
+        self.start, self.stop = start, start + size
 
 
 class Geometry:
@@ -308,9 +325,8 @@ class Triangles:
             raise make_compression_error(_DRACO)
         key = tuple(attributes.items()), targets
         if key not in self.pools:
-            start, size = self.vertex_count, _claim_vertices(document, attributes, targets)
-            self.vertex_count += size
-            self.pools[key] = Pool(attributes, targets, start, self.vertex_count)
+            self.pools[key] = Pool(document, attributes, targets, self.vertex_count)
+            self.vertex_count = self.pools[key].stop
         return self.pools[key]
 
 
@@ -321,26 +337,6 @@ def _is_of_faces(primitive: Item) -> bool:
 def _read_mode(primitive: Item) -> int:
     mode = primitive.find_integer("mode", 7)
     return TRIANGLES if mode is None else mode
-
-
-def _claim_vertices(
-    document: Document, attributes: dict[str, int], targets: Iterable[int | None]
-) -> int:
-    """Return how many vertices attributes and targets have, which is the same for all."""
-    place = attributes["POSITION"]
-    size = count_rows(document, place)
-    moved = [target for target in targets if target is not None]
-    for accessor in (*attributes.values(), *moved):
-        found = count_rows(document, accessor)
-        if found != size:
-            raise FormatError(
-                f"accessors[{accessor}] has {found} vertices, expected {size} as "
-                f"accessors[{place}]; export the file again"
-            )
-    # Sparse targets are not expanded, but compared vertex by vertex.
-    dense = sum(document.accessors[k].has("bufferView") for k in moved)
-    document.claim(size * (12 + 12 * dense + len(moved) - dense))
-    return size
 
 
 def _read_faces(document: Document, primitive: Item, vertex_count: int) -> Integers:

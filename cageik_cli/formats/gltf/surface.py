@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
-from cageik_cli.formats.gltf.document import ACCESSORS, Document, Item
+from cageik_cli.formats.gltf.document import ACCESSORS, Document
 from cageik_cli.formats.gltf.file import GlbFile, Singles, round_to
 from cageik_cli.formats.gltf.geometry import Geometry
 from cageik_cli.geometry.attributes import (
@@ -88,15 +88,13 @@ def _read_materials(
     longest = MAX_NAME_LENGTH - 20  # room for a number
     names = [item.read_name()[:longest] or f"material_{k}" for k, item in items.items()]
     labels = FaceLabels(tuple(number_names(names)), indices - is_absent)
-    colours = np.array([_read_base_colour(item) for item in items.values()])
+    colours = np.ones((len(items), 4))  # linear red, green, blue and opacity
+    for colour, item in zip(colours, items.values(), strict=True):
+        look = item.find_item("pbrMetallicRoughness")
+        factor = None if look is None else look.find_numbers("baseColorFactor", 4)
+        if factor is not None:
+            colour[:] = factor.clip(0, 1)
     return replace(attributes, materials=labels, material_colours=colours)
-
-
-def _read_base_colour(item: Item) -> list[float]:
-    """Return linear red, green, blue and opacity."""
-    look = item.find_item("pbrMetallicRoughness")
-    factor = None if look is None else look.find_numbers("baseColorFactor", 4)
-    return [1.0, 1.0, 1.0, 1.0] if factor is None else factor.clip(0, 1).tolist()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

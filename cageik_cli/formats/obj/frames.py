@@ -472,7 +472,12 @@ def make_obj_template(mesh: TriMesh, digits: int = MIN_DIGITS) -> bytes:
         head += "".join(f"vt {u!r} {v!r}\n" for u, v in attributes.uvs.values.tolist())
     if attributes.normal_fans is not None:
         head += "vn %.6g %.6g %.6g\n" * (int(attributes.normal_fans.max()) + 1)
-    lines = _write_polygons(attributes)
+    words, changes = list(_write_corners(attributes)), _write_label_changes(attributes)
+    lines: list[str] = []
+    starts, counts = attributes.starts.tolist(), attributes.corner_counts.tolist()
+    for number, (start, count) in enumerate(zip(starts, counts, strict=True)):
+        lines += changes.get(number, ())
+        lines.append(f"f {' '.join(words[start : start + count])}\n")
     return head.encode() + "".join(lines).replace("%", "%%").encode()
 
 
@@ -481,18 +486,6 @@ def encode_exact_obj(vertices: Floats, polygons: Iterable[Integers]) -> bytes:
     lines = b"v %r %r %r\n" * len(vertices) % tuple(vertices.ravel().tolist())
     faces = (" ".join(map(str, (ring + 1).tolist())) for ring in polygons)
     return lines + "".join(f"f {face}\n" for face in faces).encode()
-
-
-def _write_polygons(attributes: SurfaceAttributes) -> Iterator[str]:
-    """Yield the lines of the polygons, and before them those of names that change."""
-    words = list(_write_corners(attributes))
-    changes = _write_label_changes(attributes)
-    starts = attributes.starts.tolist()
-    for number, (start, count) in enumerate(
-        zip(starts, attributes.corner_counts.tolist(), strict=True)
-    ):
-        yield from changes.get(number, ())
-        yield f"f {' '.join(words[start : start + count])}\n"
 
 
 def _write_corners(attributes: SurfaceAttributes) -> Iterator[str]:

@@ -280,7 +280,7 @@ def convert_words(
 ) -> NDArray[Any] | None:
     """Convert the words of a text within `bounds`, (w, 2), to (w,); None if one is no number."""
     if compiled.kernel is None:
-        return _convert_one_by_one(text, bounds, dtype)
+        return _convert_in_python(text, bounds, dtype)
     numbers = np.empty(len(bounds), dtype)
     bounds = np.ascontiguousarray(bounds)
     is_long, has_integers = bounds.dtype == np.int64, dtype is np.int64
@@ -288,7 +288,7 @@ def convert_words(
     return numbers if is_number else None
 
 
-def _convert_one_by_one(
+def _convert_in_python(
     text: bytes, bounds: NDArray[Any], dtype: type[np.float64] | type[np.int64]
 ) -> NDArray[Any] | None:
     """Convert words by Python's own functions."""

@@ -214,17 +214,13 @@ class UsdMesh:
         self.prim.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(points), *time)
         self.prim.CreateExtentAttr().Set(compute_extent(points), *time)
         if self._shaded is not None:
-            normals = to_float32(self._compute_normals(self._shaded, positions))
-            self.prim.CreateNormalsAttr().Set(Vt.Vec3fArray.FromNumpy(normals), *time)
-
-    def _compute_normals(self, attributes: SurfaceAttributes, positions: Floats) -> Floats:
-        """Return the normals of the vertices, or of the corners if these have several."""
-        by_corner = compute_corner_normals(attributes, positions)
-        if not self._is_by_vertex:
-            return by_corner
-        normals = np.tile(FALLBACK_NORMAL, (len(positions), 1))
-        normals[attributes.corners] = by_corner
-        return normals
+            normals = compute_corner_normals(self._shaded, positions)
+            if self._is_by_vertex:
+                by_vertex = np.tile(FALLBACK_NORMAL, (len(positions), 1))
+                by_vertex[self._shaded.corners] = normals
+                normals = by_vertex
+            values = Vt.Vec3fArray.FromNumpy(to_float32(normals))
+            self.prim.CreateNormalsAttr().Set(values, *time)
 
 
 def define_parts(
