@@ -1,7 +1,7 @@
 """What a mesh file says of a surface beside its triangles: polygons, UVs, normals, materials."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -52,19 +52,9 @@ class Layer:
     noun: str
 
 
-LAYERS = {
-    "uvs": Layer("corner", 2, "texture coordinates"),
-    "normal_fans": Layer("corner", 3, "normals"),
-    "colours": Layer("vertex", 4, "colours"),
-    "materials": Layer("face", 0, "material"),
-    "groups": Layer("face", 0, "group"),
-    "objects": Layer("face", 0, "object"),
-    "smoothing": Layer("face", 0, ""),
-}
-"""The layers of a surface. Where each format keeps them, its module says by these names."""
-
-LABEL_NAMES = tuple(name for name, layer in LAYERS.items() if layer.domain == "face")
-"""The layers that are labels of faces."""
+def declare_layer(domain: Literal["corner", "vertex", "face"], width: int, noun: str) -> Any:
+    """Return a field of `SurfaceAttributes` that is a layer, which a surface may lack."""
+    return field(default=None, metadata={"layer": Layer(domain, width, noun)})
 
 
 def _no_indices() -> Integers:
@@ -353,13 +343,13 @@ class SurfaceAttributes:
 
     corner_counts: Integers
     corners: Integers
-    uvs: UvMap | None = None
-    normal_fans: Integers | None = None
-    colours: Floats | None = None
-    materials: FaceLabels | None = None
-    groups: FaceLabels | None = None
-    objects: FaceLabels | None = None
-    smoothing: FaceLabels | None = None
+    uvs: UvMap | None = declare_layer("corner", 2, "texture coordinates")
+    normal_fans: Integers | None = declare_layer("corner", 3, "normals")
+    colours: Floats | None = declare_layer("vertex", 4, "colours")
+    materials: FaceLabels | None = declare_layer("face", 0, "material")
+    groups: FaceLabels | None = declare_layer("face", 0, "group")
+    objects: FaceLabels | None = declare_layer("face", 0, "object")
+    smoothing: FaceLabels | None = declare_layer("face", 0, "")
     material_colours: Floats | None = None
     material_library: str = ""
     subdivision: Subdivision = field(default_factory=Subdivision)
@@ -519,6 +509,17 @@ class SurfaceAttributes:
             fans = self.normal_fans[order]
             turned["normal_fans"] = number_normal_fans(turned["corners"], fans)
         return replace(self, **turned)
+
+
+LAYERS: dict[str, Layer] = {
+    each.name: each.metadata["layer"]
+    for each in fields(SurfaceAttributes)
+    if "layer" in each.metadata
+}
+"""The layers of a surface. Where each format keeps them, its module says by these names."""
+
+LABEL_NAMES = tuple(name for name, layer in LAYERS.items() if layer.domain == "face")
+"""The layers that are labels of faces."""
 
 
 def check_corner_counts(corner_counts: Integers) -> None:
