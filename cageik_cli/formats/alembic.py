@@ -31,7 +31,7 @@ from cageik_cli.formats.base.scene_graph import (
 )
 from cageik_cli.formats.base.writers import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.settings import SceneHints, find_frame_step
-from cageik_cli.geometry.attributes import LAYERS, FaceLabels, SurfaceAttributes, UvMap
+from cageik_cli.geometry.attributes import LAYERS, FaceLabels, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import compute_corner_normals
 from cageik_cli.util.arrays import Floats, Integers
@@ -409,14 +409,22 @@ class _AlembicSurface:
     """The faces of a mesh as Alembic has them, clockwise, with their UVs and normals."""
 
     def __init__(self, mesh: TriMesh) -> None:
-        from imath import IntArrayFromBuffer
+        from alembic3d.AbcGeom import GeometryScope, OV2fGeomParamSample
+        from imath import IntArrayFromBuffer, UnsignedIntArray, V2fArrayFromBuffer
 
         self._attributes = attributes = mesh.polygons.reverse(keeps_first=False)
         self._faces = tuple(
             IntArrayFromBuffer(np.ascontiguousarray(part, np.int32))
             for part in (attributes.corners, attributes.corner_counts)
         )
-        self._uvs = None if attributes.uvs is None else _make_uvs(attributes.uvs)
+        self._uvs = None
+        if attributes.uvs is not None:  # of corners; those without are at zero
+            values, indices = attributes.uvs.complete()
+            numbers = UnsignedIntArray(len(indices))
+            for place, index in enumerate(indices.tolist()):
+                numbers[place] = index
+            table = V2fArrayFromBuffer(to_float32(values))
+            self._uvs = OV2fGeomParamSample(table, numbers, GeometryScope.kFacevaryingScope)
 
     def make_sample(self, positions: Floats) -> Any:
         """Return the sample of a frame, (m, 3)."""
@@ -454,19 +462,6 @@ class _AlembicSurface:
             taken.add(name)
             faces = IntArrayFromBuffer(np.ascontiguousarray(polygons, np.int32))
             schema.createFaceSet(name).getSchema().set(OFaceSetSchemaSample(faces))
-
-
-def _make_uvs(uvs: UvMap) -> Any:
-    """Return the UVs of corners; those without are at zero."""
-    from alembic3d.AbcGeom import GeometryScope, OV2fGeomParamSample
-    from imath import UnsignedIntArray, V2fArrayFromBuffer
-
-    values, indices = uvs.complete()
-    numbers = UnsignedIntArray(len(indices))
-    for place, index in enumerate(indices.tolist()):
-        numbers[place] = index
-    table = V2fArrayFromBuffer(to_float32(values))
-    return OV2fGeomParamSample(table, numbers, GeometryScope.kFacevaryingScope)
 
 
 def place_meshes(parts: Sequence[str], are_still: Sequence[bool]) -> list[str]:

@@ -200,23 +200,6 @@ def join_meshes(
     """
     bounds = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     attributes = [mesh.polygons for mesh in meshes]
-    parts = Parts(
-        names=tuple(number_names(names)),
-        vertex_counts=np.diff(bounds),
-        polygon_counts=np.array([len(each.corner_counts) for each in attributes]),
-        transforms=np.stack([np.eye(4)] * len(meshes) if transforms is None else transforms),
-    )
-    return TriMesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([mesh.faces + at for mesh, at in zip(meshes, bounds[:-1], strict=True)]),
-        _join_attributes(attributes, bounds, parts),
-    )
-
-
-def _join_attributes(
-    attributes: Sequence[SurfaceAttributes], bounds: Integers, parts: Parts
-) -> SurfaceAttributes:
-    """Join attributes whose vertices are from one of the bounds, (k + 1,), to the next."""
     sizes = {
         "corner": [len(each.corners) for each in attributes],
         "vertex": np.diff(bounds).tolist(),
@@ -225,14 +208,24 @@ def _join_attributes(
     given = {name: [getattr(each, name) for each in attributes] for name in LAYERS}
     given["materials"], material_colours = _join_materials(attributes)
     libraries = {each.material_library for each in attributes} - {""}
-    return SurfaceAttributes(
+    joined = SurfaceAttributes(
         corner_counts=np.concatenate([each.corner_counts for each in attributes]),
         corners=_shift_and_join([each.corners for each in attributes], bounds),
         material_colours=material_colours,
         material_library=libraries.pop() if len(libraries) == 1 else "",
         subdivision=_join_subdivisions([each.subdivision for each in attributes], bounds),
-        parts=parts,
+        parts=Parts(
+            names=tuple(number_names(names)),
+            vertex_counts=np.diff(bounds),
+            polygon_counts=np.array(sizes["face"]),
+            transforms=np.stack([np.eye(4)] * len(meshes) if transforms is None else transforms),
+        ),
         **{name: _join_layer(name, given[name], sizes[LAYERS[name].domain]) for name in LAYERS},
+    )
+    return TriMesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + at for mesh, at in zip(meshes, bounds[:-1], strict=True)]),
+        joined,
     )
 
 
