@@ -111,10 +111,9 @@ class Geometry:
 
     def __init__(self, document: Document, item: Item, skin: Skin | None) -> None:
         self._document = document
-        triangles = Triangles(document, item)
-        self.pools, self.notes = list(triangles.pools.values()), triangles.notes
-        is_used = np.zeros(triangles.vertex_count, bool)
-        is_used[triangles.faces] = True
+        self.pools, triangles, materials, self.notes = _read_triangles(document, item)
+        is_used = np.zeros(self.pools[-1].stop if self.pools else 0, bool)
+        is_used[triangles] = True
         used = np.flatnonzero(is_used)
         positions = self._join(
             [read_floats(document, pool.attributes["POSITION"], (3,)) for pool in self.pools]
@@ -130,10 +129,10 @@ class Geometry:
         self.labels = np.full(len(is_used), -1)
         self.labels[used] = np.argsort(order)[numbers]
         self.base = positions[self.firsts].astype(np.float64)
-        faces = self.labels[triangles.faces]
+        faces = self.labels[triangles]
         is_whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-        self.corners, self.origins = faces[is_whole].ravel(), triangles.faces[is_whole].ravel()
-        self.materials = triangles.materials[is_whole]
+        self.corners, self.origins = faces[is_whole].ravel(), triangles[is_whole].ravel()
+        self.materials = materials[is_whole]
         if not len(self.corners):
             raise FormatError("has no triangle with three different corners; export the file again")
         self._targets = [list(self._place_target(k)) for k in range(self.target_count)]
@@ -268,66 +267,58 @@ def count_targets(mesh: Item) -> int:
     return max((len(each.list_items("targets")) for each in primitives), default=0)
 
 
-class Triangles:
-    """The triangles of all primitives of a mesh, as they are in the file.
+def _read_triangles(
+    document: Document, mesh: Item
+) -> tuple[list[Pool], Integers, Integers, list[str]]:
+    """Read the triangles of all primitives of a mesh, as they are in the file.
 
-    Attributes
-    ----------
-    pools : dict
-        The vertices that primitives use, by what they refer to.
-    vertex_count : int
-        How many vertices the pools have.
-    faces : (t, 3) int64
-        Vertices of the pools.
-    materials : (t,) int64
-        Numbers of materials; `NONE` for none.
-    notes : list of str
-        What is not read.
+    Returns
+    -------
+    pools, faces, materials, notes
+        The vertices that primitives use; triangles of these, (t, 3); the numbers of their
+        materials, `NONE` for none, (t,); and what is not read.
 
     Raises
     ------
     FormatError
         Naming the primitive.
     """
+    pools: dict[object, Pool] = {}
+    faces, materials = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
+    primitives = mesh.list_items("primitives")
+    for primitive in primitives:
+        attributes = primitive.find_item("attributes") if _is_of_faces(primitive) else None
+        if attributes is None or not attributes.has("POSITION"):
+            continue
+        pool = _find_pool(document, primitive, attributes, pools)
+        faces.append(pool.start + _read_faces(document, primitive, pool.stop - pool.start))
+        material = primitive.find_integer("material", len(document.materials))
+        materials.append(np.full(len(faces[-1]), NONE if material is None else material))
+    if len({len(pool.targets) for pool in pools.values()}) > 1:
+        raise FormatError(f"{mesh.place} has primitives of other numbers of morph targets")
+    others = len(primitives) + 1 - len(faces)
+    notes = [f"{format_count(others, 'primitive')} without faces left out"] * (others > 0)
+    names = dict.fromkeys(name for pool in pools.values() for name in pool.attributes)
+    unread = [name for name in names if not _KEPT.fullmatch(name)]
+    notes += [f"left out {join_truncated(map(single_line, unread))}"] if unread else []
+    return list(pools.values()), np.concatenate(faces), np.concatenate(materials), notes
 
-    def __init__(self, document: Document, mesh: Item) -> None:
-        self.pools: dict[object, Pool] = {}
-        self.vertex_count = 0
-        faces = [np.zeros((0, 3), np.int64)]
-        materials = [np.zeros(0, np.int64)]
-        primitives = mesh.list_items("primitives")
-        for primitive in primitives:
-            attributes = primitive.find_item("attributes") if _is_of_faces(primitive) else None
-            if attributes is None or not attributes.has("POSITION"):
-                continue
-            pool = self._find_pool(document, primitive, attributes)
-            faces.append(pool.start + _read_faces(document, primitive, pool.stop - pool.start))
-            material = primitive.find_integer("material", len(document.materials))
-            materials.append(np.full(len(faces[-1]), NONE if material is None else material))
-        if len({len(pool.targets) for pool in self.pools.values()}) > 1:
-            raise FormatError(f"{mesh.place} has primitives of other numbers of morph targets")
-        self.faces, self.materials = np.concatenate(faces), np.concatenate(materials)
-        others = len(primitives) + 1 - len(faces)
-        self.notes = [f"{format_count(others, 'primitive')} without faces left out"] * (others > 0)
-        names = dict.fromkeys(name for pool in self.pools.values() for name in pool.attributes)
-        unread = [name for name in names if not _KEPT.fullmatch(name)]
-        self.notes += [f"left out {join_truncated(map(single_line, unread))}"] if unread else []
 
-    def _find_pool(self, document: Document, primitive: Item, item: Item) -> Pool:
-        """Return the vertices of a primitive, which others may share; new ones are added."""
-        count = len(document.accessors)
-        attributes = {name: item.read_integer(name, count) for name in item.values}
-        targets = tuple(
-            each.find_integer("POSITION", count) for each in primitive.list_items("targets")
-        )
-        place = document.accessors[attributes["POSITION"]]
-        if primitive.find_extension(_DRACO) and not place.has("bufferView"):
-            raise make_compression_error(_DRACO)
-        key = tuple(attributes.items()), targets
-        if key not in self.pools:
-            self.pools[key] = Pool(document, attributes, targets, self.vertex_count)
-            self.vertex_count = self.pools[key].stop
-        return self.pools[key]
+def _find_pool(document: Document, primitive: Item, item: Item, pools: dict[object, Pool]) -> Pool:
+    """Return the vertices of a primitive, which others may share; new ones are added."""
+    count = len(document.accessors)
+    attributes = {name: item.read_integer(name, count) for name in item.values}
+    targets = tuple(
+        each.find_integer("POSITION", count) for each in primitive.list_items("targets")
+    )
+    place = document.accessors[attributes["POSITION"]]
+    if primitive.find_extension(_DRACO) and not place.has("bufferView"):
+        raise make_compression_error(_DRACO)
+    key = tuple(attributes.items()), targets
+    if key not in pools:
+        last = next(reversed(pools.values()), None)
+        pools[key] = Pool(document, attributes, targets, 0 if last is None else last.stop)
+    return pools[key]
 
 
 def _is_of_faces(primitive: Item) -> bool:
