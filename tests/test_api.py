@@ -32,10 +32,10 @@ def weights_once(monkeypatch, known_weights) -> None:
     """The examples bind the walking figure again and again: its weights are computed once."""
     compute = harmonic.harmonic_weights
 
-    def compute_once(cage, points, accuracy="standard", *others):
+    def compute_once(cage, points, accuracy="standard", *others, **named):
         key = (points.tobytes(), cage.vertices.tobytes(), accuracy)
         if key not in known_weights:
-            known_weights[key] = compute(cage, points, accuracy, *others)
+            known_weights[key] = compute(cage, points, accuracy, *others, **named)
         return known_weights[key]
 
     monkeypatch.setattr(harmonic, "harmonic_weights", compute_once)

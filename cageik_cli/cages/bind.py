@@ -3,17 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cageik_cli.cages.check.enclosure import Placement, check_enclosure
+from cageik_cli.cages.check.enclosure import check_enclosure
 from cageik_cli.cages.check.quality import find_looseness_faults, find_thin_parts
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding, Weights, reproduction_error
-from cageik_cli.method.weights.settings import ACCURACIES, BindSettings
+from cageik_cli.method.weights.settings import ACCURACIES, COORDINATES, BindSettings
 from cageik_cli.util.errors import NumericalError
 from cageik_cli.util.messages import Hint, Note, Said, say
 from cageik_cli.util.progress import ignore_progress
-
-MIN_HARMONIC_WEIGHT = -0.05
-"""Harmonic weights below it give a warning; those of sound cages stay above −0.02."""
 
 MAX_SURFACE_ERROR = 0.016
 """A larger error just inside the cage, as a mean over its area, gives a warning.
@@ -57,7 +54,9 @@ def bind(
     """
     settings = settings or BindSettings()
     placement = check_enclosure(cage, rest, settings.outside)
-    weights = _compute_weights(placement, settings, jobs, progress)
+    kind = COORDINATES[settings.coordinates]
+    compute = kind.load(kind.function, settings.accuracy)
+    weights: Weights = compute(placement.cage, placement.points, jobs=jobs, progress=progress)
     warnings = _list_weight_warnings(weights, settings)
     warnings += tuple(found.sentence for found in find_thin_parts(placement.cage))
     binding = Binding(
@@ -83,23 +82,6 @@ def bind(
             "faces: cageik check lists them"
         )
     return binding
-
-
-def _compute_weights(
-    placement: Placement,
-    settings: BindSettings,
-    jobs: int | None,
-    progress: Callable[[int, int], None],
-) -> Weights:
-    cage, points = placement.cage, placement.points
-    # Imported here because they are slow to import, and cached weights need neither.
-    if settings.coordinates == "mean-value":
-        from cageik_cli.method.weights.mean_value import mean_value_weights
-
-        return mean_value_weights(cage, points, jobs, progress)
-    from cageik_cli.method.weights.harmonic import harmonic_weights
-
-    return harmonic_weights(cage, points, settings.accuracy, jobs, progress)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,9 +114,7 @@ def judge_binding(binding: Binding) -> JudgedBinding:
 
 
 def _list_weight_warnings(weights: Weights, settings: BindSettings) -> tuple[Said, ...]:
-    """Return warnings about harmonic weights, one sentence each."""
-    if settings.coordinates != "harmonic":
-        return ()
+    """Return warnings about computed weights, one sentence each."""
     notes: list[Said] = []
     tolerance = ACCURACIES[settings.accuracy].tolerance
     if not weights.error <= tolerance:
@@ -151,11 +131,11 @@ def _list_weight_warnings(weights: Weights, settings: BindSettings) -> tuple[Sai
             "its faces, and the estimated error may be several times too small; "
             + say("divide faces there, or raise `accuracy=`")
         )
-    lowest = float(weights.values.min(initial=0.0))
-    if lowest < MIN_HARMONIC_WEIGHT:
+    lowest, usual = float(weights.values.min(initial=0.0)), COORDINATES[settings.coordinates]
+    if usual.lowest_weight is not None and lowest < usual.lowest_weight:
         notes.append(
-            f"smallest weight {lowest:.2g} is below {MIN_HARMONIC_WEIGHT:g} (exact harmonic "
-            "weights are never negative); the cage may be thin compared with its faces: "
-            + say("divide faces there, or raise `accuracy=`")
+            f"smallest weight {lowest:.2g} is below {usual.lowest_weight:g} (exact "
+            f"{settings.coordinates} weights are never negative); the cage may be thin compared "
+            "with its faces: " + say("divide faces there, or raise `accuracy=`")
         )
     return tuple(notes)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.files import ClaimedBytes
-from cageik_cli.formats.base.mesh_data import share_normals
+from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
 from cageik_cli.formats.base.scene_graph import (
     LibraryError,
     Polygons,
@@ -31,9 +31,9 @@ from cageik_cli.formats.base.scene_graph import (
 )
 from cageik_cli.formats.base.writers import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.settings import SceneHints, find_frame_step
-from cageik_cli.geometry.attributes import NONE, FaceLabels, SurfaceAttributes, UvMap
+from cageik_cli.geometry.attributes import LAYERS, FaceLabels, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_corner_normals
+from cageik_cli.geometry.shape import compute_corner_normals
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,
@@ -44,6 +44,9 @@ from cageik_cli.util.errors import (
 from cageik_cli.util.files import open_input
 from cageik_cli.util.messages import Said
 from cageik_cli.util.text import single_line
+
+PARAMETERS = {"uvs": "getUVsParam", "normal_fans": "getNormalsParam"}
+"""What returns the parameter of a mesh that holds a layer of numbers."""
 
 FPS_KEY = "cageik_fps"
 """Where a mesh states the frame rate. The archive could only state it together with the time."""
@@ -124,11 +127,6 @@ class Reader(SceneReader):
         steps = np.diff(times, prepend=-np.inf)
         return set(times[steps > SAME_TIME_TOL * mean].tolist())
 
-    def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
-        """Keep uneven samples."""
-        note = f"its {len(times)} samples are not evenly spaced in time; each is used as one frame"
-        return times, note
-
     def describe_scene(self, times: Floats, step: float | None) -> SceneHints:
         """Return frame rate and frame numbers, of whole frames if a rate is stated.
 
@@ -208,21 +206,66 @@ class AlembicMesh(SceneMesh):
         self._claimed.claim(4 * (len(counts) + len(corners)))
         return counts, corners
 
-    def list_surface_layers(
-        self, vertex_count: int, time: float
-    ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
-        """Return what reads UVs, normals and face sets, in the first sample."""
-        self._claimed.claim(12 * vertex_count)
-        surface = _SurfaceReader(self._schema, self._claimed)
-        return {
-            "its texture coordinates": partial(_read_safely, surface.read_uvs),
-            "its normals": partial(_read_safely, surface.read_normals),
-            "its face sets": partial(_read_safely, surface.read_face_sets),
-        }
-
     @property
     def _polygon_properties(self) -> tuple[Any, Any]:
         return self._schema.getFaceCountsProperty(), self._schema.getFaceIndicesProperty()
+
+    def list_surface_layers(self, vertex_count: int, time: float) -> LayerReaders:
+        """Return what reads UVs, normals and face sets, in the first sample."""
+        self._claimed.claim(12 * vertex_count)
+        readers = list_layer_readers(PARAMETERS, self._read_parameter)
+        readers["its face sets"] = self._read_face_sets
+        return {noun: partial(_read_safely, read) for noun, read in readers.items()}
+
+    def _read_parameter(self, name: str, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the values of corners, or of vertices, that a parameter holds."""
+        parameter = getattr(self._schema, PARAMETERS[name])()
+        if not parameter.valid() or not parameter.getNumSamples():
+            return attributes
+        values = self._read_first(parameter.getValueProperty(), np.float64)
+        values = values.reshape(-1, LAYERS[name].width)
+        if name == "normal_fans" and not np.isfinite(values).all():
+            raise FormatError("they are not finite")
+        return attributes.add_layer(name, values, self._locate(parameter, attributes, len(values)))
+
+    def _read_face_sets(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the face sets as materials, as other programs do."""
+        count, sets = len(attributes.corner_counts), []
+        for name in self._schema.getFaceSetNames():
+            sampled = self._schema.getFaceSet(name).getSchema().getFacesProperty()
+            if not sampled.getNumSamples():
+                continue
+            faces = self._read_first(sampled, np.int64)
+            if len(faces) and not 0 <= faces.min() <= faces.max() < count:
+                raise FormatError(f"`{name}` names faces that are not there")
+            sets.append((single_line(name), faces))
+        return replace(attributes, materials=FaceLabels.from_members(count, sets))
+
+    def _read_first(self, sampled: Any, kind: type[np.float64 | np.int64]) -> NDArray[Any]:
+        values = _read_sample(sampled, 0, self._claimed.packed)
+        self._claimed.claim(len(values) * sampled.getDataType().getNumBytes())
+        with np.errstate(invalid="ignore"):  # a signalling nan is refused with the others
+            return np.array(values, kind)
+
+    def _locate(self, parameter: Any, attributes: SurfaceAttributes, count: int) -> Integers:
+        """Return the place of the value of each corner among `count` values."""
+        from alembic3d.AbcGeom import GeometryScope
+
+        scope, places = parameter.getScope(), np.arange(count)
+        if parameter.isIndexed():
+            places = self._read_first(parameter.getIndexProperty(), np.int64)
+        if scope in (GeometryScope.kVertexScope, GeometryScope.kVaryingScope):
+            corners = attributes.corners
+        elif scope == GeometryScope.kFacevaryingScope:
+            corners = np.arange(len(attributes.corners))
+        else:
+            raise FormatError("they are not those of corners or vertices")
+        if corners.max(initial=-1) >= len(places):
+            raise FormatError(f"{len(places)} values, expected {corners.max() + 1}")
+        found = places[corners]
+        if len(found) and not 0 <= found.min() <= found.max() < count:
+            raise FormatError(f"they name value {found.max()} of {count}")
+        return np.asarray(found, np.int64)
 
 
 def require_alembic(purpose: str) -> None:
@@ -362,93 +405,26 @@ def _read_sample(sampled: Any, index: int, size: int) -> Any:
     return sampled.getValue(index)
 
 
-class _SurfaceReader:
-    """Reads the layers of the surface of one mesh, in its first sample."""
-
-    def __init__(self, schema: Any, claimed: ClaimedBytes) -> None:
-        self._schema, self._claimed = schema, claimed
-
-    def read_uvs(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the texture coordinates."""
-        parameter = self._schema.getUVsParam()
-        if not parameter.valid() or not parameter.getNumSamples():
-            return attributes
-        values = self._read_first(parameter.getValueProperty(), np.float64)
-        places = self._locate(parameter, attributes, len(values))
-        return replace(attributes, uvs=UvMap(values.reshape(-1, 2), places))
-
-    def read_normals(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read which corners share a normal."""
-        parameter = self._schema.getNormalsParam()
-        if not parameter.valid() or not parameter.getNumSamples():
-            return attributes
-        values = self._read_first(parameter.getValueProperty(), np.float64).reshape(-1, 3)
-        if not np.isfinite(values).all():
-            raise FormatError("they are not finite")
-        places = self._locate(parameter, attributes, len(values))
-        return share_normals(attributes, values, places)
-
-    def read_face_sets(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the face sets as materials, as other programs do."""
-        count = len(attributes.corner_counts)
-        materials = FaceLabels.from_members(count, self._list_face_sets(count))
-        return replace(attributes, materials=materials)
-
-    def _list_face_sets(self, count: int) -> Iterator[tuple[str, Integers]]:
-        """Yield the names of the face sets, with their faces, of `count`."""
-        for name in self._schema.getFaceSetNames():
-            sampled = self._schema.getFaceSet(name).getSchema().getFacesProperty()
-            if not sampled.getNumSamples():
-                continue
-            faces = self._read_first(sampled, np.int64)
-            if len(faces) and not 0 <= faces.min() <= faces.max() < count:
-                raise FormatError(f"`{name}` names faces that are not there")
-            yield single_line(name), faces
-
-    def _read_first(self, sampled: Any, kind: type[np.float64 | np.int64]) -> NDArray[Any]:
-        values = _read_sample(sampled, 0, self._claimed.packed)
-        self._claimed.claim(len(values) * sampled.getDataType().getNumBytes())
-        with np.errstate(invalid="ignore"):  # a signalling nan is refused with the others
-            return np.array(values, kind)
-
-    def _locate(self, parameter: Any, attributes: SurfaceAttributes, count: int) -> Integers:
-        """Return the place of the value of each corner among `count` values."""
-        from alembic3d.AbcGeom import GeometryScope
-
-        scope, places = parameter.getScope(), np.arange(count)
-        if parameter.isIndexed():
-            places = self._read_first(parameter.getIndexProperty(), np.int64)
-        if scope in (GeometryScope.kVertexScope, GeometryScope.kVaryingScope):
-            corners = attributes.corners
-        elif scope == GeometryScope.kFacevaryingScope:
-            corners = np.arange(len(attributes.corners))
-        else:
-            raise FormatError("they are not those of corners or vertices")
-        if corners.max(initial=-1) >= len(places):
-            raise FormatError(f"{len(places)} values, expected {corners.max() + 1}")
-        found = places[corners]
-        if len(found) and not 0 <= found.min() <= found.max() < count:
-            raise FormatError(f"they name value {found.max()} of {count}")
-        return np.asarray(found, np.int64)
-
-
 class _AlembicSurface:
     """The faces of a mesh as Alembic has them, clockwise, with their UVs and normals."""
 
     def __init__(self, mesh: TriMesh) -> None:
-        from imath import IntArrayFromBuffer
+        from alembic3d.AbcGeom import GeometryScope, OV2fGeomParamSample
+        from imath import IntArrayFromBuffer, UnsignedIntArray, V2fArrayFromBuffer
 
-        attributes = mesh.attributes
-        if attributes is None:
-            counts, corners = np.full(len(mesh.faces), 3), mesh.faces[:, ::-1].ravel()
-        else:
-            attributes = attributes.reverse(keeps_first=False)
-            counts, corners = attributes.corner_counts, attributes.corners
-        self._attributes = attributes
+        self._attributes = attributes = mesh.polygons.reverse(keeps_first=False)
         self._faces = tuple(
-            IntArrayFromBuffer(np.ascontiguousarray(part, np.int32)) for part in (corners, counts)
+            IntArrayFromBuffer(np.ascontiguousarray(part, np.int32))
+            for part in (attributes.corners, attributes.corner_counts)
         )
-        self._uvs = None if attributes is None else _make_uvs(attributes)
+        self._uvs = None
+        if attributes.uvs is not None:  # of corners; those without are at zero
+            values, indices = attributes.uvs.complete()
+            numbers = UnsignedIntArray(len(indices))
+            for place, index in enumerate(indices.tolist()):
+                numbers[place] = index
+            table = V2fArrayFromBuffer(to_float32(values))
+            self._uvs = OV2fGeomParamSample(table, numbers, GeometryScope.kFacevaryingScope)
 
     def make_sample(self, positions: Floats) -> Any:
         """Return the sample of a frame, (m, 3)."""
@@ -462,7 +438,7 @@ class _AlembicSurface:
 
         points = V3fArrayFromBuffer(to_float32(positions))
         attributes = self._attributes
-        if attributes is None or (attributes.normal_fans is None and self._uvs is None):
+        if attributes.normal_fans is None and self._uvs is None:
             return OPolyMeshSchemaSample(points, *self._faces)
         uvs = self._uvs or OV2fGeomParamSample()
         if attributes.normal_fans is None:
@@ -477,7 +453,7 @@ class _AlembicSurface:
         from alembic3d.AbcGeom import OFaceSetSchemaSample
         from imath import IntArrayFromBuffer
 
-        labels = None if self._attributes is None else self._attributes.materials
+        labels = self._attributes.materials
         taken: set[str] = set()
         for name, polygons in labels.list_members() if labels is not None else ():
             name = name.replace("/", "_")  # a slash would be a path
@@ -486,24 +462,6 @@ class _AlembicSurface:
             taken.add(name)
             faces = IntArrayFromBuffer(np.ascontiguousarray(polygons, np.int32))
             schema.createFaceSet(name).getSchema().set(OFaceSetSchemaSample(faces))
-
-
-def _make_uvs(attributes: SurfaceAttributes) -> Any | None:
-    """Return the UVs of corners; those without are at zero."""
-    from alembic3d.AbcGeom import GeometryScope, OV2fGeomParamSample
-    from imath import UnsignedIntArray, V2fArrayFromBuffer
-
-    if attributes.uvs is None:
-        return None
-    values, indices = attributes.uvs.values, attributes.uvs.indices
-    if (indices == NONE).any():
-        indices = np.where(indices == NONE, len(values), indices)
-        values = np.concatenate([values, np.zeros((1, 2))])
-    numbers = UnsignedIntArray(len(indices))
-    for place, index in enumerate(indices.tolist()):
-        numbers[place] = index
-    table = V2fArrayFromBuffer(to_float32(values))
-    return OV2fGeomParamSample(table, numbers, GeometryScope.kFacevaryingScope)
 
 
 def place_meshes(parts: Sequence[str], are_still: Sequence[bool]) -> list[str]:

@@ -1,6 +1,7 @@
-"""Clips in numpy files: an array of positions, and in a `.npz` perhaps one of faces.
+"""Numpy files: clips, and weights of vertices, which may be in a text, too.
 
-Arrays are found without loading them.
+A clip is an array of positions, and in a `.npz` perhaps one of faces. Arrays are found without
+loading them. Weights are one number per vertex, or one row of a `.npy` per frame.
 """
 
 import io
@@ -19,7 +20,7 @@ from typing import IO
 
 import numpy as np
 
-from cageik_cli.formats.base.files import check_unpacked_array, check_unpacked_size
+from cageik_cli.formats.base.files import check_unpacked_array, check_unpacked_size, describe_source
 from cageik_cli.formats.base.readers import (
     ArrayClip,
     ArrayClipFile,
@@ -32,7 +33,7 @@ from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.settings import LAYOUTS, SceneHints, parse_scene_metadata
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, SettingError, error_context
-from cageik_cli.util.files import open_input
+from cageik_cli.util.files import check_input, open_input, read_input
 from cageik_cli.util.messages import say
 
 VERTEX_NAMES = ("vertices", "verts", "V", "v")
@@ -52,6 +53,9 @@ _HEADER_READERS = {
 # What numpy and zipfile raise for files that are cut, encrypted or not of arrays.
 _READ_ERRORS = (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError,
             SyntaxError, TokenError, zlib.error, zipfile.BadZipFile)  # fmt: skip
+
+MAX_ROWS_BYTES = 1 << 22
+"""Largest part of the weights of frames that is checked at once."""
 
 
 def list_layouts(shape: tuple[int, ...], layout: str | None) -> list[str]:
@@ -235,7 +239,9 @@ class NpzArchive:
                     zipfile.ZipFile(file) as archive,
                     archive.open(info) as member,
                 ):
-                    size = _copy_at_most(member, target, info.file_size)
+                    size = 0
+                    while size <= info.file_size and (part := member.read(_COPY_BYTES)):
+                        size += target.write(part)
             except OSError as error:
                 raise FileAccessError(
                     f"cannot be unpacked into {folder} ({error}); set TMPDIR "
@@ -308,19 +314,11 @@ class Writer(AnimationWriter):
             shape = (animation.frame_count, *animation.rest.vertices.shape)
             header = {"descr": "<f8", "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(self._frames, header)
-            self._open_files = stack.pop_all()
+            self._open = stack.pop_all()
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
         self._frames.write(np.ascontiguousarray(frames, "<f8").data)
-
-    def complete(self) -> None:
-        """Write the archive's directory."""
-        self._open_files.close()
-
-    def abandon(self) -> None:
-        """Close the file."""
-        self._open_files.close()  # nothing is left to close if `complete` failed
 
     def _open_member(self, name: str) -> IO[bytes]:
         return self._archive.open(fixed_date_zipinfo(f"{name}.npy"), "w", force_zip64=True)
@@ -331,14 +329,6 @@ def open_npy(path: Path) -> FileArray:
     file = BinaryFile.open(path)
     with _wrap_read_errors("a sound .npy of plain numbers"):
         return _open_array(file, 0, file.size)
-
-
-def _copy_at_most(source: IO[bytes], target: IO[bytes], limit: int) -> int:
-    """Copy until the end, or just beyond the limit; return the bytes copied."""
-    count = 0
-    while count <= limit and (part := source.read(_COPY_BYTES)):
-        count += target.write(part)
-    return count
 
 
 def _open_array(file: BinaryFile, offset: int, size: int) -> FileArray:
@@ -368,3 +358,120 @@ def _wrap_read_errors(expected: str) -> Iterator[None]:
     except _READ_ERRORS as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise FormatError(f"is not {expected} ({reason}); write it again") from error
+
+
+@dataclass(frozen=True, slots=True)
+class FrameWeightsFile:
+    """Weights of the vertices of each frame, in a `.npy` file that is read frame by frame.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Frames and vertices.
+    largest : float
+        Of all weights in the file.
+    mean_share : float
+        The mean of those above 0, as the others are missing data, over the largest.
+    """
+
+    path: Path
+    shape: tuple[int, ...]
+    largest: float
+    mean_share: float
+
+    def read(self, start: int, stop: int) -> Floats:
+        """Read the weights of frames `start` up to `stop`, exclusive: (k, m), from 0 to 1."""
+        with error_context(self.path):
+            array = open_npy(self.path)
+            if array.shape != self.shape:
+                raise FileAccessError("was written again after it was opened; run again")
+            return np.asarray(array.read_rows(start, stop), np.float64) / self.largest
+
+
+def open_frame_weights(path: Path, frames: int, vertices: int) -> FrameWeightsFile | None:
+    """Open the weights of each frame of a clip; None for a file that is not an array (F, m)."""
+    if path.suffix.lower() != ".npy":
+        return None
+    with error_context(path):
+        check_input(path)
+        try:
+            array = open_npy(path)
+        except FormatError:
+            return None  # whoever reads one weight per vertex says what is wrong
+        if len(array.shape) != 2:
+            return None
+        if array.shape != (frames, vertices):
+            raise FormatError(
+                f"weights of frames have shape {array.shape}, expected ({frames}, {vertices}): the "
+                "frames that are taken and the vertices of the model"
+            )
+        if array.dtype.kind not in "fiub":
+            raise FormatError(f"holds {array.dtype} values, expected numbers")
+        return FrameWeightsFile(path, array.shape, *_check_rows(array))
+
+
+def _check_rows(array: FileArray) -> tuple[float, float]:
+    """Return the largest weight, and the mean of those above 0 over it; rows are read in parts."""
+    rows, columns = array.shape
+    size = max(1, MAX_ROWS_BYTES // (8 * columns))
+    largest, total, count = 0.0, 0.0, 0
+    for start in range(0, rows, size):
+        with np.errstate(over="ignore", invalid="ignore"):  # what is infinite is refused
+            part = np.asarray(array.read_rows(start, start + size), np.float64)
+        is_wrong = ~(np.isfinite(part) & (part >= 0))
+        if is_wrong.any():
+            frame, vertex = np.argwhere(is_wrong)[0]
+            raise FormatError(
+                f"the weight of vertex {vertex} in row {start + frame} is {part[frame, vertex]}, "
+                "expected a finite number of 0 or above"
+            )
+        most = float(part.max())
+        if most > largest:
+            total, largest = total * (largest / most), most
+        if largest:
+            total += float((part / largest).sum())  # a sum of large weights could overflow
+        count += int(np.count_nonzero(part))
+    if largest == 0:
+        raise FormatError("all vertex weights are zero; expected at least one above 0")
+    return largest, total / count
+
+
+def read_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
+    """Read weights from `.npy`, or from text with one number per line; also name and digest."""
+    with error_context(path):
+        data = read_input(path)
+        try:
+            if path.suffix.lower() == ".npy":
+                weights = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+            else:
+                weights = _parse_text(data)
+            if weights.dtype.kind not in "fiub":
+                raise FormatError(f"it holds {weights.dtype} values")
+        except (
+            FormatError,
+            ValueError,
+            TypeError,
+            EOFError,
+            MemoryError,
+            SyntaxError,
+            TokenError,
+        ) as error:
+            # What libraries say quotes the file, which may be any that a file of options names.
+            reason = f" ({error})" if isinstance(error, FormatError) else ""
+            raise FormatError(
+                f"is not a list of numbers{reason}; expected one per line, or a .npy array"
+            ) from error
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite weights are refused later
+            return np.asarray(weights, dtype=np.float64), describe_source(path, data)
+
+
+def _parse_text(data: bytes) -> Floats:
+    """Parse numbers with blanks between them; the message on a fault quotes nothing."""
+    words = data.decode().replace("_", "?").split()  # 1_0 is Python's, not a file's
+    numbers = np.empty(len(words))
+    for k, word in enumerate(words):
+        try:
+            numbers[k] = float(word)
+        except ValueError as error:
+            raise FormatError(f"word {k + 1} is not a number") from error
+    return numbers

@@ -35,7 +35,12 @@ def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
         counts = next(lines, [])
         count, faces = map(int, counts[:2])
         vertices = np.array([words[:3] for words in islice(lines, count)], np.float64)
-        polygons = [_parse_polygon(words) for words in islice(lines, faces)]
+        polygons = []
+        for words in islice(lines, faces):
+            size = int(words[0])
+            if len(words) <= size:
+                raise ValueError(f"the face `{' '.join(words)}` lacks corners")
+            polygons.append(np.array(words[1 : size + 1], np.int64))  # a colour may follow
         if (len(vertices), len(polygons)) != (count, faces):
             raise ValueError(
                 f"it announces {count} vertices and {faces} faces, but holds {len(vertices)} and "
@@ -44,11 +49,3 @@ def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
     except (ValueError, OverflowError) as error:
         raise FormatError(f"is not a sound OFF mesh ({error}); export it again") from error
     return vertices, polygons
-
-
-def _parse_polygon(words: list[str]) -> Integers:
-    """Return the corners of a line that begins with their count; a colour may follow."""
-    size = int(words[0])
-    if len(words) <= size:
-        raise ValueError(f"the face `{' '.join(words)}` lacks corners")
-    return np.array(words[1 : size + 1], np.int64)

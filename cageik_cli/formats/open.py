@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.formats.base.choose_parts import order_parts, select_parts
-from cageik_cli.formats.base.ear_clipping import describe_folded
 from cageik_cli.formats.base.files import decompress, describe_source, file_suffix
-from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
+from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity, describe_folded
 from cageik_cli.formats.base.readers import ArrayClipFile, FrameFileReader, parse_mesh
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
-from cageik_cli.formats.base.welding import number_as_clip
 from cageik_cli.formats.find_files import (
     check_frames,
     expand_arguments,
@@ -24,6 +22,7 @@ from cageik_cli.formats.find_files import (
     split_only_member,
 )
 from cageik_cli.formats.settings import ClipSettings, RestFrame
+from cageik_cli.formats.stl import number_as_clip
 from cageik_cli.formats.timeline import parse_frame_number
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import adopt_parts

@@ -15,16 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.files import with_gzip
-from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.mesh_data import FileMesh, list_layer_readers
 from cageik_cli.formats.base.readers import FrameFileReader
 from cageik_cli.formats.base.writers import Animation, FrameFileWriter
-from cageik_cli.geometry.attributes import NONE, SurfaceAttributes, UvMap, number_normal_fans
+from cageik_cli.geometry.attributes import LAYERS, NONE, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_corner_normals, has_vertex_normals
+from cageik_cli.geometry.shape import compute_corner_normals, has_vertex_normals
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 
-COLOUR_NAMES = ("red", "green", "blue", "alpha")
+NORMAL_NAMES = ("nx", "ny", "nz")
+
+COLUMNS = {
+    "uvs": (("s", "t"), ("u", "v"), ("texture_u", "texture_v")),
+    "normal_fans": (NORMAL_NAMES,),
+    "colours": (("red", "green", "blue", "alpha"), ("red", "green", "blue")),
+}
+"""The properties of vertices that hold a layer: the first that are all there. The first are
+written."""
 
 CORNER_UVS = "texcoord"
 """The list of a face with the two texture coordinates of each corner, as MeshLab writes it."""
@@ -34,8 +42,6 @@ CornerUvs = tuple[NDArray[Any], Integers]
 
 MAX_PLY_HEADER_BYTES = 1 << 20
 """A longer header is none."""
-
-NORMAL_NAMES = ("nx", "ny", "nz")
 
 _TYPE_CODES = {
     **dict.fromkeys(("char", "int8"), "b"),
@@ -92,13 +98,8 @@ class Reader(FrameFileReader):
         except FormatError as error:
             note = f"its colours, normals and texture coordinates are left out ({error.__cause__})"
             return replace(mesh, left_out=(note,))
-        return mesh.read_layers(
-            {
-                "its texture coordinates": partial(_read_uvs, columns, corner_uvs),
-                "its normals": partial(_read_normals, columns),
-                "its colours": partial(_read_colours, columns),
-            }
-        )
+        read = partial(_read_layer, columns, corner_uvs)
+        return mesh.read_layers(list_layer_readers(COLUMNS, read))
 
 
 class PlyFrameParser:
@@ -174,10 +175,14 @@ def _read_surface_columns(data: bytes) -> tuple[dict[str, NDArray[Any]], CornerU
     return columns, None
 
 
-def _read_uvs(
-    columns: dict[str, NDArray[Any]], corner_uvs: CornerUvs | None, attributes: SurfaceAttributes
+def _read_layer(
+    columns: dict[str, NDArray[Any]],
+    corner_uvs: CornerUvs | None,
+    name: str,
+    attributes: SurfaceAttributes,
 ) -> SurfaceAttributes:
-    if corner_uvs is not None and corner_uvs[1].any():
+    """Read a layer from its properties; UVs of corners come before those of vertices."""
+    if name == "uvs" and corner_uvs is not None and corner_uvs[1].any():
         values, sizes = corner_uvs
         if len(sizes) != len(attributes.corner_counts):
             raise FormatError(f"{len(sizes)} lists for {len(attributes.corner_counts)} faces")
@@ -187,36 +192,15 @@ def _read_uvs(
         table, numbers = np.unique(values.reshape(-1, 2), axis=0, return_inverse=True)
         indices = np.full(len(attributes.corners), NONE)
         indices[np.repeat(given, attributes.corner_counts)] = numbers.ravel()
-        return replace(attributes, uvs=UvMap(table, indices))
-    for names in (("s", "t"), ("u", "v"), ("texture_u", "texture_v")):
-        if set(names) <= set(columns):
-            uvs = UvMap(_stack(columns, names), attributes.corners)
-            return replace(attributes, uvs=uvs)
-    return attributes
-
-
-def _read_normals(
-    columns: dict[str, NDArray[Any]], attributes: SurfaceAttributes
-) -> SurfaceAttributes:
-    if not set(NORMAL_NAMES) <= set(columns):
+        return attributes.add_layer(name, table, indices)
+    names = next((names for names in COLUMNS[name] if set(names) <= set(columns)), None)
+    if names is None:
         return attributes
-    fans = number_normal_fans(attributes.corners, attributes.corners)
-    return replace(attributes, normal_fans=fans)
-
-
-def _read_colours(
-    columns: dict[str, NDArray[Any]], attributes: SurfaceAttributes
-) -> SurfaceAttributes:
-    names = COLOUR_NAMES if "alpha" in columns else COLOUR_NAMES[:3]
-    if not set(names) <= set(columns):
-        return attributes
-    full = 255 if columns[names[0]].dtype.kind in "iu" else 1
-    return replace(attributes, colours=_stack(columns, names) / full)
-
-
-def _stack(columns: dict[str, NDArray[Any]], names: tuple[str, ...]) -> Floats:
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.stack([columns[name] for name in names], axis=1).astype(np.float64)
+        rows = np.stack([columns[name] for name in names], axis=1).astype(np.float64)
+    if LAYERS[name].domain == "vertex" and columns[names[0]].dtype.kind in "iu":
+        rows /= 255
+    return attributes.add_layer(name, rows, attributes.corners)
 
 
 class Writer(FrameFileWriter):
@@ -229,10 +213,8 @@ class Writer(FrameFileWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        attributes = animation.rest.attributes
-        has_normals = attributes is not None and attributes.normal_fans is not None
-        self._shaded = attributes if has_normals else None
-        self._rows = _make_rows(animation.rest, has_normals)
+        self._shaded = animation.rest.shaded
+        self._rows = _make_rows(animation.rest)
         head, self._faces = _encode_faces(animation.rest)
         lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(self._rows)}"]
         for name in self._rows.dtype.names or ():
@@ -252,12 +234,12 @@ class Writer(FrameFileWriter):
         return self._head + rows.tobytes() + self._faces
 
 
-def _make_rows(mesh: TriMesh, has_normals: bool) -> NDArray[Any]:
+def _make_rows(mesh: TriMesh) -> NDArray[Any]:
     """Return the rows of the vertices, (n,), with their colours and nothing else yet."""
     kinds = [(axis, "<f8") for axis in "xyz"]
-    kinds += [(name, "<f4") for name in NORMAL_NAMES] * has_normals
-    colours = None if mesh.attributes is None else mesh.attributes.colours
-    names = COLOUR_NAMES[: 0 if colours is None else colours.shape[1]]
+    kinds += [(name, "<f4") for name in NORMAL_NAMES if mesh.shaded]
+    colours = mesh.polygons.colours
+    names = COLUMNS["colours"][0][: 0 if colours is None else colours.shape[1]]
     rows = np.zeros(len(mesh.vertices), [*kinds, *((name, "u1") for name in names)])
     if colours is not None:
         for name, column in zip(names, colours.T, strict=True):
@@ -293,8 +275,8 @@ def _encode_faces(mesh: TriMesh) -> tuple[list[str], bytes]:
     uvs = None
     if attributes.uvs is not None:
         lines.append(f"property list {word} float {CORNER_UVS}")
-        table = np.concatenate([attributes.uvs.values, np.full((1, 2), np.nan)])  # `NONE` is last
-        uvs = table[attributes.uvs.indices].astype("<f4")
+        table, indices = attributes.uvs.complete(np.nan)
+        uvs = table[indices].astype("<f4")
     parts, corners = [], attributes.corners.astype("<i4")
     for start, count in zip(attributes.starts.tolist(), counts.tolist(), strict=True):
         parts += [np.array(count, count_type).tobytes(), corners[start : start + count].tobytes()]

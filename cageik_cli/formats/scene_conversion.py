@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.base.skin import Skin
+from cageik_cli.formats.base.skeleton import Skin
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh, make_read_only

@@ -426,9 +426,6 @@ class _PartsWriter(AnimationWriter):
             own = part.select(frames) if writer.is_in_part_space else frames[:, part.vertices]
             writer.append(np.ascontiguousarray(own))
 
-    def complete(self) -> None:
-        """Do nothing: outputs complete their writers."""
-
 
 def _list_part_notes(outputs: list[Output], output: Output, animation: Animation) -> list[str]:
     """Return a note on how the parts of a model are written, unless the format knows parts."""

@@ -1,7 +1,8 @@
 """What a mesh file says of a surface beside its triangles: polygons, UVs, normals, materials."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,11 +28,33 @@ NONE = -1
 
 SUBDIVISION_SCHEMES = ("none", "catmullClark", "loop", "bilinear")
 
-LABEL_NAMES = ("materials", "groups", "objects", "smoothing")
-"""The attributes that are labels of faces."""
-
 PLAIN_COLOUR = (0.8, 0.8, 0.8, 1.0)
 """Red, green, blue and opacity of a material of which nothing is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """A part of what a file may say of a surface: an attribute of `SurfaceAttributes`.
+
+    Attributes
+    ----------
+    domain : str
+        What has a value. A `vertex` has a row of numbers, a `face` a name (`FaceLabels`), a
+        `corner` the number of a row of an `UvMap`, or of its normal.
+    width : int
+        Numbers of a value, of which vertices may lack the last; 0 for names.
+    noun : str
+        What a note calls all values, or one name; empty for what it does not mention.
+    """
+
+    domain: Literal["corner", "vertex", "face"]
+    width: int
+    noun: str
+
+
+def declare_layer(domain: Literal["corner", "vertex", "face"], width: int, noun: str) -> Any:
+    """Return a field of `SurfaceAttributes` that is a layer, which a surface may lack."""
+    return field(default=None, metadata={"layer": Layer(domain, width, noun)})
 
 
 def _no_indices() -> Integers:
@@ -60,6 +83,14 @@ class UvMap:
         object.__setattr__(self, "values", freeze_values("UVs", self.values, 2))
         indices = freeze_indices("UV indices", self.indices, NONE, len(self.values))
         object.__setattr__(self, "indices", indices)
+
+    def complete(self, value: float = 0.0) -> tuple[Floats, Integers]:
+        """Return values and indices of all corners: a last row of `value` for those without one."""
+        is_absent = self.indices == NONE
+        if not is_absent.any():
+            return self.values, self.indices
+        values = np.concatenate([self.values, np.full((1, self.values.shape[1]), value)])
+        return values, np.where(is_absent, len(self.values), self.indices)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -312,13 +343,13 @@ class SurfaceAttributes:
 
     corner_counts: Integers
     corners: Integers
-    uvs: UvMap | None = None
-    normal_fans: Integers | None = None
-    colours: Floats | None = None
-    materials: FaceLabels | None = None
-    groups: FaceLabels | None = None
-    objects: FaceLabels | None = None
-    smoothing: FaceLabels | None = None
+    uvs: UvMap | None = declare_layer("corner", 2, "texture coordinates")
+    normal_fans: Integers | None = declare_layer("corner", 3, "normals")
+    colours: Floats | None = declare_layer("vertex", 4, "colours")
+    materials: FaceLabels | None = declare_layer("face", 0, "material")
+    groups: FaceLabels | None = declare_layer("face", 0, "group")
+    objects: FaceLabels | None = declare_layer("face", 0, "object")
+    smoothing: FaceLabels | None = declare_layer("face", 0, "")
     material_colours: Floats | None = None
     material_library: str = ""
     subdivision: Subdivision = field(default_factory=Subdivision)
@@ -331,21 +362,21 @@ class SurfaceAttributes:
         count, total = len(self.corners), int(self.corner_counts.sum())
         if total != count:
             raise FormatError(f"polygons of {total} corners name {count} vertices")
-        if self.uvs is not None:
-            _check_length("UV indices", len(self.uvs.indices), "corners", count)
+        for name, layer in LAYERS.items():
+            held = getattr(self, name)
+            if isinstance(held, UvMap):
+                _check_length("UV indices", len(held.indices), "corners", count)
+            elif isinstance(held, FaceLabels):
+                _check_length(name, len(held.indices), "faces", len(self.corner_counts))
+            elif held is not None and layer.domain == "vertex":
+                width = np.shape(held)[-1] if np.ndim(held) else 0
+                least = layer.width if width == layer.width else layer.width - 1
+                object.__setattr__(self, name, freeze_values(layer.noun, held, least))
         if self.normal_fans is not None:
             fans = freeze_indices("normals", self.normal_fans, NONE, count)
             _check_length("normals", len(fans), "corners", count)
             object.__setattr__(self, "normal_fans", fans)
             _check_fans(fans, self.corners)
-        for name in LABEL_NAMES:
-            labels = getattr(self, name)
-            if labels is not None:
-                _check_length(name, len(labels.indices), "faces", len(self.corner_counts))
-        if self.colours is not None:
-            width = np.shape(self.colours)[-1] if np.ndim(self.colours) else 0
-            colours = freeze_values("colours", self.colours, 4 if width == 4 else 3)
-            object.__setattr__(self, "colours", colours)
         if self.material_colours is not None:
             colours = freeze_values("colours of materials", self.material_colours, 4)
             names = () if self.materials is None else self.materials.names
@@ -363,11 +394,9 @@ class SurfaceAttributes:
     @property
     def is_plain(self) -> bool:
         """Whether it is triangles and nothing else."""
-        given = (self.uvs, self.normal_fans, self.colours, self.parts)
         return (
             bool((self.corner_counts == 3).all())
-            and all(part is None for part in given)
-            and all(getattr(self, name) is None for name in LABEL_NAMES)
+            and all(getattr(self, name) is None for name in (*LAYERS, "parts"))
             and not self.material_library
             and self.subdivision.scheme == "none"
         )
@@ -375,16 +404,15 @@ class SurfaceAttributes:
     @property
     def description(self) -> str:
         """What there is, for people."""
-        labels = ((getattr(self, name), name.removesuffix("s")) for name in LABEL_NAMES[:3])
+        layers = ((layer.noun, getattr(self, name)) for name, layer in LAYERS.items())
         parts = [
-            "texture coordinates" if self.uvs is not None else "",
-            "normals" if self.normal_fans is not None else "",
-            "colours" if self.colours is not None else "",
-            *(format_count(len(held.names), noun) if held else "" for held, noun in labels),
-            format_count(len(self.parts.names), "part") if self.parts else "",
-            f"scheme {self.subdivision.scheme}" if self.subdivision.scheme != "none" else "",
+            format_count(len(held.names), noun) if isinstance(held, FaceLabels | Parts) else noun
+            for noun, held in (*layers, ("part", self.parts))
+            if noun and held is not None
         ]
-        given = ", ".join(part for part in parts if part)
+        if self.subdivision.scheme != "none":
+            parts.append(f"scheme {self.subdivision.scheme}")
+        given = ", ".join(parts)
         count = format_count(len(self.corner_counts), "polygon")
         return f"{count} with {given}" if given else count
 
@@ -392,6 +420,11 @@ class SurfaceAttributes:
     def starts(self) -> Integers:
         """The first corner of each polygon, (p,)."""
         return np.asarray(np.cumsum(self.corner_counts) - self.corner_counts)
+
+    @property
+    def corner_polygons(self) -> Integers:
+        """The polygon of each corner, (c,)."""
+        return np.repeat(np.arange(len(self.corner_counts)), self.corner_counts)
 
     @property
     def triangle_polygons(self) -> Integers:
@@ -413,8 +446,9 @@ class SurfaceAttributes:
             "triangles of polygons",
             int((self.corner_counts - 2).sum()),
         )
-        if self.colours is not None:
-            _check_length("colours", len(self.colours), "vertices", vertex_count)
+        for name, layer in LAYERS.items():
+            if layer.domain == "vertex" and getattr(self, name) is not None:
+                _check_length(layer.noun, len(getattr(self, name)), "vertices", vertex_count)
         if self.parts is not None:
             total = int(self.parts.vertex_counts.sum())
             _check_length("vertices of parts", total, "vertices", vertex_count)
@@ -426,13 +460,35 @@ class SurfaceAttributes:
     def check_cut(self, faces: Integers) -> None:
         """Refuse triangles (t, 3) that are not cut from the polygons."""
         size = int(max(self.corners.max(initial=0), faces.max(initial=0))) + 1
-        polygons = np.repeat(np.arange(len(self.corner_counts)), self.corner_counts)
         triangles = self.triangle_polygons[:, None] * size + faces
-        is_own = np.isin(triangles, polygons * size + self.corners).all(axis=1)
+        is_own = np.isin(triangles, self.corner_polygons * size + self.corners).all(axis=1)
         if not is_own.all():
             raise FormatError(
                 f"triangle {int(np.argmin(is_own))} has vertices that are not of its polygon"
             )
+
+    def add_layer(
+        self, name: str, values: Floats, indices: Integers | None = None
+    ) -> "SurfaceAttributes":
+        """Return it with a layer of numbers, (k, width), as files have them.
+
+        `indices`, (c,), are the row of each corner; those of normals are shared where they are
+        equal when rounded, as many programs write the same normal for each corner anew.
+        """
+        held: dict[str, Any] = {name: values}
+        if LAYERS[name].domain == "vertex":
+            return replace(self, **held)
+        assert indices is not None
+        if name != "normal_fans":
+            held[name] = UvMap(values, indices)
+            return replace(self, **held)
+        indices = freeze_indices("normals", indices, NONE, len(values))
+        decimals = 4  # of unit normals: as many as text formats usually write
+        with np.errstate(over="ignore", invalid="ignore"):
+            rounded = values.round(decimals)
+        same = np.unique(rounded, axis=0, return_inverse=True)[1].ravel()
+        shared = np.array([*same, NONE])[indices]
+        return replace(self, normal_fans=number_normal_fans(self.corners, shared))
 
     def reverse(self, keeps_first: bool = True) -> "SurfaceAttributes":
         """Return them for faces that turn the other way.
@@ -444,13 +500,26 @@ class SurfaceAttributes:
             np.repeat(a, self.corner_counts) for a in (self.corner_counts, self.starts)
         )
         order = starts + (counts - steps - (not keeps_first)) % counts
-        corners, uvs, fans = self.corners[order], self.uvs, self.normal_fans
-        return replace(
-            self,
-            corners=corners,
-            uvs=None if uvs is None else replace(uvs, indices=uvs.indices[order]),
-            normal_fans=None if fans is None else number_normal_fans(corners, fans[order]),
-        )
+        turned: dict[str, Any] = {"corners": self.corners[order]}
+        for name in LAYERS:
+            held = getattr(self, name)
+            if isinstance(held, UvMap):
+                turned[name] = replace(held, indices=held.indices[order])
+        if self.normal_fans is not None:
+            fans = self.normal_fans[order]
+            turned["normal_fans"] = number_normal_fans(turned["corners"], fans)
+        return replace(self, **turned)
+
+
+LAYERS: dict[str, Layer] = {
+    each.name: each.metadata["layer"]
+    for each in fields(SurfaceAttributes)
+    if "layer" in each.metadata
+}
+"""The layers of a surface. Where each format keeps them, its module says by these names."""
+
+LABEL_NAMES = tuple(name for name, layer in LAYERS.items() if layer.domain == "face")
+"""The layers that are labels of faces."""
 
 
 def check_corner_counts(corner_counts: Integers) -> None:

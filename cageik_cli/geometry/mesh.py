@@ -130,6 +130,11 @@ class TriMesh:
         counts = np.full(len(self.faces), 3)
         return self.attributes or SurfaceAttributes(counts, self.faces.ravel())
 
+    @property
+    def shaded(self) -> SurfaceAttributes | None:
+        """The attributes, if they say which corners share a normal."""
+        return None if self.polygons.normal_fans is None else self.polygons
+
     @cached_property
     def fan_triangulated(self) -> "TriMesh":
         """The mesh with every polygon as a fan: connectivity is compared by it."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.geometry.attributes import (
-    LABEL_NAMES,
+    LAYERS,
     NONE,
     PLAIN_COLOUR,
     FaceLabels,
@@ -116,47 +116,42 @@ def _select_attributes(
     """Return the attributes of the polygons of one part, whose vertices count from its first."""
     stops = np.cumsum(whole.corner_counts)
     first = int(stops[polygons.start - 1]) if polygons.start else 0
-    own = slice(first, int(stops[polygons.stop - 1]))
-    corners = whole.corners[own] - vertices.start
-    fans = None if whole.normal_fans is None else whole.normal_fans[own]
-    labels: dict[str, Any] = {
-        name: _select_labels(getattr(whole, name), polygons) for name in LABEL_NAMES
+    spans = {"vertex": vertices, "face": polygons}
+    spans["corner"] = slice(first, int(stops[polygons.stop - 1]))
+    corners = whole.corners[spans["corner"]] - vertices.start
+    layers = {
+        name: _select_layer(getattr(whole, name), spans[layer.domain])
+        for name, layer in LAYERS.items()
     }
-    material_colours = None
-    materials, kept = whole.materials, labels["materials"]
+    if layers["normal_fans"] is not None:
+        layers["normal_fans"] = number_normal_fans(corners, layers["normal_fans"])
+    materials, kept, material_colours = whole.materials, layers["materials"], None
     if whole.material_colours is not None and materials is not None and kept is not None:
         rows = [materials.names.index(name) for name in kept.names]
         material_colours = whole.material_colours[rows]
-    colours = None if whole.colours is None else whole.colours[vertices]
-    if colours is not None and (colours == 1).all():
-        colours = None  # white is what a part without colours was given
     return SurfaceAttributes(
         corner_counts=whole.corner_counts[polygons],
         corners=corners,
-        uvs=_select_uvs(whole.uvs, own),
-        normal_fans=(
-            None if fans is None or (fans == NONE).all() else number_normal_fans(corners, fans)
-        ),
-        colours=colours,
         material_colours=material_colours,
         material_library="" if materials is not None and kept is None else whole.material_library,
         subdivision=_select_subdivision(whole.subdivision, vertices, number),
-        **labels,
+        **layers,
     )
 
 
-def _select_uvs(uvs: UvMap | None, corners: slice) -> UvMap | None:
-    if uvs is None:
+def _select_layer(held: Any, span: slice) -> Any:
+    """Return what some corners, vertices or faces have of a layer; None if none has a value."""
+    if held is None:
         return None
-    used, indices = _count_used(uvs.indices[corners])
-    return UvMap(uvs.values[used], indices) if len(used) else None
-
-
-def _select_labels(labels: FaceLabels | None, polygons: slice) -> FaceLabels | None:
-    if labels is None:
+    if isinstance(held, np.ndarray):
+        absent = NONE if held.ndim == 1 else 1  # white is what a part without colours was given
+        return None if (held[span] == absent).all() else held[span]
+    used, indices = _count_used(held.indices[span])
+    if not len(used):
         return None
-    used, indices = _count_used(labels.indices[polygons])
-    return FaceLabels(tuple(labels.names[k] for k in used), indices) if len(used) else None
+    if isinstance(held, UvMap):
+        return UvMap(held.values[used], indices)
+    return FaceLabels(tuple(held.names[k] for k in used), indices)
 
 
 def _count_used(numbers: Integers) -> tuple[Integers, Integers]:
@@ -205,43 +200,69 @@ def join_meshes(
     """
     bounds = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     attributes = [mesh.polygons for mesh in meshes]
-    parts = Parts(
-        names=tuple(number_names(names)),
-        vertex_counts=np.diff(bounds),
-        polygon_counts=np.array([len(each.corner_counts) for each in attributes]),
-        transforms=np.stack([np.eye(4)] * len(meshes) if transforms is None else transforms),
+    sizes = {
+        "corner": [len(each.corners) for each in attributes],
+        "vertex": np.diff(bounds).tolist(),
+        "face": [len(each.corner_counts) for each in attributes],
+    }
+    given = {name: [getattr(each, name) for each in attributes] for name in LAYERS}
+    given["materials"], material_colours = _join_materials(attributes)
+    libraries = {each.material_library for each in attributes} - {""}
+    joined = SurfaceAttributes(
+        corner_counts=np.concatenate([each.corner_counts for each in attributes]),
+        corners=_shift_and_join([each.corners for each in attributes], bounds),
+        material_colours=material_colours,
+        material_library=libraries.pop() if len(libraries) == 1 else "",
+        subdivision=_join_subdivisions([each.subdivision for each in attributes], bounds),
+        parts=Parts(
+            names=tuple(number_names(names)),
+            vertex_counts=np.diff(bounds),
+            polygon_counts=np.array(sizes["face"]),
+            transforms=np.stack([np.eye(4)] * len(meshes) if transforms is None else transforms),
+        ),
+        **{name: _join_layer(name, given[name], sizes[LAYERS[name].domain]) for name in LAYERS},
     )
     return TriMesh(
         np.concatenate([mesh.vertices for mesh in meshes]),
         np.concatenate([mesh.faces + at for mesh, at in zip(meshes, bounds[:-1], strict=True)]),
-        _join_attributes(attributes, bounds, parts),
+        joined,
     )
 
 
-def _join_attributes(
-    attributes: Sequence[SurfaceAttributes], bounds: Integers, parts: Parts
-) -> SurfaceAttributes:
-    """Join attributes whose vertices are from one of the bounds, (k + 1,), to the next."""
-    materials, material_colours = _join_materials(attributes)
-    labels: dict[str, Any] = {
-        name: _join_labels([getattr(each, name) for each in attributes], attributes)
-        for name in LABEL_NAMES
-        if name != "materials"
-    }
-    libraries = {each.material_library for each in attributes} - {""}
-    return SurfaceAttributes(
-        corner_counts=np.concatenate([each.corner_counts for each in attributes]),
-        corners=_shift_and_join([each.corners for each in attributes], bounds),
-        uvs=_join_uvs(attributes),
-        normal_fans=_join_fans(attributes),
-        colours=_join_colours(attributes, np.diff(bounds)),
-        materials=materials,
-        material_colours=material_colours,
-        material_library=libraries.pop() if len(libraries) == 1 else "",
-        subdivision=_join_subdivisions([each.subdivision for each in attributes], bounds),
-        parts=parts,
-        **labels,
-    )
+def _join_layer(name: str, given: Sequence[Any], sizes: Sequence[int]) -> Any:
+    """Join a layer of parts, of which each has so many corners, vertices or faces.
+
+    None if no part has it. Colours are white where a part has none; the same name of faces in two
+    parts is one.
+    """
+    layer = LAYERS[name]
+    if all(own is None for own in given):
+        return None
+    if layer.domain == "vertex":
+        width = max(own.shape[1] for own in given if own is not None)
+        rows = np.ones((sum(sizes), width))
+        for own, stop in zip(given, np.cumsum(sizes), strict=True):
+            if own is not None:
+                rows[stop - len(own) : stop, : own.shape[1]] = own
+        return rows
+    if layer.domain == "face":
+        names = tuple(dict.fromkeys(name for own in given if own for name in own.names))
+        numbers = {name: k for k, name in enumerate(names)}
+        indices = [
+            np.full(size, NONE)
+            if own is None
+            else np.array([*(numbers[name] for name in own.names), NONE])[own.indices]
+            for own, size in zip(given, sizes, strict=True)
+        ]
+        return FaceLabels(names, np.concatenate(indices)) if names else None
+    pairs = list(zip(given, sizes, strict=True))
+    if name == "normal_fans":
+        fans = [np.full(size, NONE) if own is None else own for own, size in pairs]
+        return _shift_and_join(fans, np.cumsum([0, *(int(own.max()) + 1 for own in fans)]))
+    maps = [own or UvMap(np.zeros((0, layer.width)), np.full(size, NONE)) for own, size in pairs]
+    starts = np.cumsum([0, *(len(each.values) for each in maps)])
+    joined = _shift_and_join([each.indices for each in maps], starts)
+    return UvMap(np.concatenate([each.values for each in maps]), joined)
 
 
 def _shift_and_join(numbers: Sequence[Integers], bounds: Integers) -> Integers:
@@ -250,59 +271,19 @@ def _shift_and_join(numbers: Sequence[Integers], bounds: Integers) -> Integers:
     return np.concatenate([np.where(own == NONE, NONE, own + start) for own, start in pairs])
 
 
-def _join_uvs(attributes: Sequence[SurfaceAttributes]) -> UvMap | None:
-    if all(each.uvs is None for each in attributes):
-        return None
-    absent = [UvMap(np.zeros((0, 2)), np.full(len(each.corners), NONE)) for each in attributes]
-    maps = [each.uvs or none for each, none in zip(attributes, absent, strict=True)]
-    bounds = np.cumsum([0, *(len(each.values) for each in maps)])
-    indices = _shift_and_join([each.indices for each in maps], bounds)
-    return UvMap(np.concatenate([each.values for each in maps]), indices)
-
-
-def _join_fans(attributes: Sequence[SurfaceAttributes]) -> Integers | None:
-    if all(each.normal_fans is None for each in attributes):
-        return None
-    fans = [
-        np.full(len(each.corners), NONE) if each.normal_fans is None else each.normal_fans
-        for each in attributes
-    ]
-    return _shift_and_join(fans, np.cumsum([0, *(int(own.max()) + 1 for own in fans)]))
-
-
-def _join_colours(attributes: Sequence[SurfaceAttributes], counts: Integers) -> Floats | None:
-    """Join the colours of vertices; white where a part has none."""
-    given = [each.colours for each in attributes]
-    width = max((own.shape[1] for own in given if own is not None), default=0)
-    if not width:
-        return None
-    colours = np.ones((int(counts.sum()), width))
-    for own, stop, count in zip(given, np.cumsum(counts), counts, strict=True):
-        if own is not None:
-            colours[stop - count : stop, : own.shape[1]] = own
-    return colours
-
-
-def _join_labels(
-    labels: Sequence[FaceLabels | None], attributes: Sequence[SurfaceAttributes]
-) -> FaceLabels | None:
-    """Join names of faces; the same name in two parts is one."""
-    names = tuple(dict.fromkeys(name for own in labels if own for name in own.names))
-    numbers = {name: k for k, name in enumerate(names)}
-    indices = [
-        np.full(len(each.corner_counts), NONE)
-        if own is None
-        else np.array([*(numbers[name] for name in own.names), NONE])[own.indices]
-        for own, each in zip(labels, attributes, strict=True)
-    ]
-    return FaceLabels(names, np.concatenate(indices)) if names else None
-
-
 def _join_materials(
     attributes: Sequence[SurfaceAttributes],
-) -> tuple[FaceLabels | None, Floats | None]:
-    """Join materials and their colours; one of the same name and another colour gets a number."""
-    looks = [_list_materials(each) for each in attributes]
+) -> tuple[list[FaceLabels | None], Floats | None]:
+    """Return the materials of parts by the names that they have together, and their colours.
+
+    One of the same name and another colour gets a number.
+    """
+    looks: list[list[tuple[str, tuple[float, ...]]]] = []
+    for each in attributes:
+        own = () if each.materials is None else each.materials.names
+        known = each.material_colours
+        colours = [PLAIN_COLOUR] * len(own) if known is None else map(tuple, known.tolist())
+        looks.append(list(zip(own, colours, strict=True)))
     together = list(dict.fromkeys(chain.from_iterable(looks)))
     names = dict(zip(together, number_names(name for name, _ in together), strict=True))
     labels = [
@@ -311,18 +292,9 @@ def _join_materials(
         else replace(each.materials, names=tuple(names[look] for look in own))
         for each, own in zip(attributes, looks, strict=True)
     ]
-    joined = _join_labels(labels, attributes)
-    if joined is None or all(each.material_colours is None for each in attributes):
-        return joined, None
-    return joined, np.array([colour for _, colour in together])
-
-
-def _list_materials(attributes: SurfaceAttributes) -> list[tuple[str, tuple[float, ...]]]:
-    """Return the name and the colour of each material."""
-    names = () if attributes.materials is None else attributes.materials.names
-    known = attributes.material_colours
-    colours = [PLAIN_COLOUR] * len(names) if known is None else map(tuple, known.tolist())
-    return list(zip(names, colours, strict=True))
+    if not together or all(each.material_colours is None for each in attributes):
+        return labels, None
+    return labels, np.array([colour for _, colour in together])
 
 
 def _join_subdivisions(given: Sequence[Subdivision], bounds: Integers) -> Subdivision:

@@ -35,6 +35,7 @@ from cageik_cli.inputs.mesh_source import load_source
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented, Splats
 from cageik_cli.method.weights.binding import FRAMES_PER_PRODUCT, Binding
+from cageik_cli.method.weights.settings import COORDINATES
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError, error_context, join_truncated
 from cageik_cli.util.files import read_input
@@ -116,7 +117,7 @@ class LoadedModel:
         if normals is None and self.splats is None:
             return None
         coordinates = binding.settings.coordinates
-        if self.splats is not None or coordinates == "harmonic":
+        if self.splats is not None or COORDINATES[coordinates].field is not None:
             return Oriented(normals, self.splats)
         text = (
             "its normals keep their values: turning them needs gradients, which "
@@ -154,7 +155,7 @@ class LoadedModel:
         if self.points is None or (self.splats is None and output.suffix != ".ply"):
             return None
         if output.suffix != ".ply":
-            from cageik_cli.formats.usd.splats import UsdSplatWriter
+            from cageik_cli.formats.usd.writer import UsdSplatWriter
 
             return partial(UsdSplatWriter, points=self.points)
         return partial(PointWriter, points=self.points)

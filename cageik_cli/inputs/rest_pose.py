@@ -9,6 +9,11 @@ import numpy as np
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.npz import (
+    FrameWeightsFile,
+    open_frame_weights,
+    read_vertex_weights,
+)
 from cageik_cli.formats.open import (
     find_rest_index,
     load_rest_frame,
@@ -17,11 +22,6 @@ from cageik_cli.formats.open import (
 )
 from cageik_cli.formats.settings import AUTO, ClipSettings, RestFrame
 from cageik_cli.formats.timeline import Timeline
-from cageik_cli.formats.vertex_weights import (
-    FrameWeightsFile,
-    open_frame_weights,
-    read_vertex_weights,
-)
 from cageik_cli.inputs.mesh_source import load_rest
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights

@@ -173,7 +173,7 @@ class BaselineErrorRecord:
     Attributes
     ----------
     coordinates : str
-        Of the weights before the fit: "harmonic" or "mean-value".
+        The kind of the weights before the fit.
     frames : tuple of int
         Numbers of the frames that were measured.
     rms_percent : tuple of float

@@ -26,10 +26,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.geometry.points import columns_to_frames, frames_to_columns
 from cageik_cli.geometry.rotations import nearest_rotations_by_entry
-from cageik_cli.geometry.shape import uniform_laplacian
+from cageik_cli.geometry.shape import compute_vertex_normals, uniform_laplacian
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats
 

@@ -160,7 +160,8 @@ def bind(
         The model at rest.
     cage : TriMesh
         A closed mesh around it.
-    coordinates : {"harmonic", "mean-value"}
+    coordinates : str
+        The kind of weights, one of `COORDINATES` in `method/weights/settings.py`.
     accuracy : {"preview", "standard", "fine"}
         Tolerance of harmonic weights: 0.03, 0.005 or 0.001 in the mean L1 error of a row.
     outside : {"refuse", "project"}

@@ -9,7 +9,7 @@ import numpy as np
 
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import DEFAULT_REGULARIZATION, FitSettings
-from cageik_cli.formats.base.skin import (
+from cageik_cli.formats.base.skeleton import (
     Skin,
     SkinWeights,
     compute_skin_weights,

@@ -14,8 +14,8 @@ from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.settings import FIT_VERSION, FitRecord, FitSettings, FittedClip
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.method.weights.binding import ALGORITHM_VERSIONS, Binding, Correction
-from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.method.weights.binding import Binding, Correction
+from cageik_cli.method.weights.settings import COORDINATES, BindSettings
 from cageik_cli.store.cache import CorruptEntry, Entry, EntryCache, EntryFormat, compute_key
 from cageik_cli.store.hdf5_fields import parse_record
 from cageik_cli.util import compiled
@@ -101,7 +101,7 @@ def compute_weight_key(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> 
     """
     recorded = {
         "version": __version__,
-        "algorithm": ALGORITHM_VERSIONS[settings.coordinates],
+        "algorithm": COORDINATES[settings.coordinates].version,
         "compiled": compiled.kernel is not None,
         **asdict(settings),
     }

@@ -4,7 +4,7 @@ A record of settings is a frozen dataclass whose fields are made by `declare_set
 `declare_group` for a record in it. This module knows neither click nor numerics.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import StrEnum
 from math import inf
@@ -75,7 +75,7 @@ class Setting:
         Whether a command line without it is refused, where the field has no default.
     is_off : bool
         Whether the option is a flag that sets it to False.
-    choices : tuple of str
+    choices : collection of str
         The values, if they are few.
     flags : mapping of str to (str, str)
         An option that is a flag, and its help, for each of some values, which exclude one another.
@@ -114,7 +114,7 @@ class Setting:
     group: HelpGroup | None = None
     is_required: bool = True
     is_off: bool = False
-    choices: tuple[str, ...] = ()
+    choices: Collection[str] = ()
     flags: Mapping[str, tuple[str, str]] | None = None
     minimum: float | None = None
     maximum: float | None = None

@@ -35,7 +35,7 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import DEFAULT_REGULARIZATION, FitSettings
 from cageik_cli.formats.base.sequence import ArraySequence
-from cageik_cli.formats.base.skin import Skin, compute_skin_weights
+from cageik_cli.formats.base.skeleton import Skin, compute_skin_weights
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.gltf.skeleton import SkeletonWriter
 from cageik_cli.formats.open import load_mesh

@@ -8,10 +8,10 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.cages.check.quality import find_thin_parts
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights import harmonic as module
-from cageik_cli.method.weights.binding import ALGORITHM_VERSIONS, Weights
+from cageik_cli.method.weights.binding import Weights
 from cageik_cli.method.weights.harmonic import harmonic_weights
 from cageik_cli.method.weights.mean_value import mean_value_weights
-from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.method.weights.settings import COORDINATES, BindSettings
 from cageik_cli.util.errors import CageError, NumericalError
 from tests.shapes import ball, box, concave, inside, two_chambers
 from tests.texts import texts
@@ -79,7 +79,10 @@ def test_the_version_of_an_algorithm_changes_with_its_weights():
         coordinates(concave(), corner).values[0, [0, 4, 8]]
         for coordinates in (harmonic_weights, mean_value_weights)
     )
-    assert ALGORITHM_VERSIONS == {"harmonic": 10, "mean-value": 4}
+    assert {name: kind.version for name, kind in COORDINATES.items()} == {
+        "harmonic": 10,
+        "mean-value": 4,
+    }
     np.testing.assert_allclose(harmonic, HARMONIC, rtol=0, atol=1e-6)
     np.testing.assert_allclose(mean_value, MEAN_VALUE, rtol=0, atol=1e-12)
 

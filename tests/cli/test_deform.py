@@ -8,7 +8,7 @@ import pytest
 
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_vertex_normals
+from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.run import deform as deforming
 from tests.assets import parse_asset
 from tests.clips import frames_of

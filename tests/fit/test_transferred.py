@@ -197,7 +197,7 @@ def test_points_turn_with_offsets(few, computed, points, monkeypatch):
     """A rigid motion of the cage moves points with normals rigidly, if offsets turn with it."""
     change = TransferredChange(few, computed.weights)
     cloud = bind_points(points)
-    monkeypatch.setattr(HarmonicField, "solve", staticmethod(lambda *_: _LinearField()))
+    monkeypatch.setattr(HarmonicField, "solve", staticmethod(lambda *_, **__: _LinearField()))
     transferred = change.add_to(cloud, change.locate(points))
     normals = directions(len(points), 5).T
     motion = PointMotion(

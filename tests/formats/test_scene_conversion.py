@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.sequence import ArraySequence
-from cageik_cli.formats.base.skin import Skin, SkinWeights
+from cageik_cli.formats.base.skeleton import Skin, SkinWeights
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.parts import split_parts

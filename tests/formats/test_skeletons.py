@@ -8,8 +8,13 @@ import pytest
 from pxr import Usd, UsdGeom, UsdSkel
 from scipy.spatial.transform import Rotation
 
-from cageik_cli.formats.base.skeleton import HEADING_LIMITS, Skeleton
-from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
+from cageik_cli.formats.base.skeleton import (
+    HEADING_LIMITS,
+    Skeleton,
+    Skin,
+    SkinWeights,
+    compute_skin_weights,
+)
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.gltf import skeleton
 from cageik_cli.formats.open import open_sequence
@@ -18,7 +23,7 @@ from cageik_cli.formats.usd import writer as usd_writer
 from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_vertex_normals
+from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.rigs.joints import turn_normals
 from cageik_cli.util.errors import OutputError
 from tests.clips import frames_of

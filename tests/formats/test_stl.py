@@ -10,6 +10,7 @@ import trimesh
 
 from cageik_cli.formats.open import load_mesh, open_clip_and_rest, open_sequence
 from cageik_cli.formats.settings import ClipSettings
+from cageik_cli.formats.stl import Reader
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import list_part_names
 from cageik_cli.util.errors import ConnectivityError, FormatError, InputError, SettingError
@@ -294,6 +295,7 @@ endsolid a
         TRIANGLE.replace("normal 0 0 1", "normal -nan(ind) NaN inf"),
         TRIANGLE.rstrip(),
         "\n" + TRIANGLE,
+        "\ufeff" + TRIANGLE,
         TRIANGLE + "solid empty\nendsolid empty\n",
     ],
 )
@@ -303,6 +305,12 @@ def test_dialects_of_text(tmp_path, text):
     mesh = load_mesh(path).mesh
     np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
     assert mesh.faces.tolist() == [[0, 1, 2]]
+
+
+def test_one_vertex_is_counted_as_one():
+    corner = TRIANGLE.replace("1 0 0", "0 0 0").replace("0 1 0", "0 0 0")
+    (note,) = Reader.parse(corner.encode()).left_out
+    assert note == "3 corners welded into 1 vertex where they are equal"
 
 
 BINARY = bytes(80) + struct.pack("<I", 1) + struct.pack("<12fH", *range(12), 0)

@@ -1,15 +1,23 @@
 """Surfaces in every format: what is written is read as it was, but for what is not kept."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
+from cageik_cli.formats.alembic import PARAMETERS
+from cageik_cli.formats.base.hdf5 import DATASETS
+from cageik_cli.formats.gltf.document import ACCESSORS
+from cageik_cli.formats.obj.frames import KEYWORDS
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.ply import COLUMNS
+from cageik_cli.formats.usd.reader import PRIMVARS
 from cageik_cli.geometry.attributes import (
     LABEL_NAMES,
+    LAYERS,
     FaceLabels,
     Subdivision,
+    SurfaceAttributes,
     UvMap,
     number_normal_fans,
 )
@@ -48,6 +56,17 @@ PARTS = {
     "names of the mesh": {"groups": FaceLabels(("hero", "cloth"), np.arange(27) % 2)},
     "polygons": {"uvs": None, "materials": None, "normal_fans": None},
 }
+
+
+TABLES = (ACCESSORS, PRIMVARS, PARAMETERS, COLUMNS, KEYWORDS, DATASETS)
+
+
+@pytest.mark.parametrize("places", TABLES, ids=["glTF", "USD", "Alembic", "PLY", "OBJ", "HDF5"])
+def test_formats_keep_layers_that_there_are(places):
+    names = {field.name for field in fields(SurfaceAttributes)}
+    assert set(LAYERS) <= names
+    assert set(places) - {"material_colours"} <= set(LAYERS)
+    assert places is not DATASETS or set(LAYERS) <= set(places)  # a result loses nothing
 
 
 def list_texts(labels):

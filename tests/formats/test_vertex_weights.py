@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from cageik_cli.formats.vertex_weights import open_frame_weights, read_vertex_weights
+from cageik_cli.formats.npz import open_frame_weights, read_vertex_weights
 from cageik_cli.util.errors import FileAccessError, FormatError, InputError
 from tests.refusals import refused
 

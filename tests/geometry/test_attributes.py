@@ -14,7 +14,7 @@ from cageik_cli.geometry.attributes import (
     number_normal_fans,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_area_vectors, compute_fan_normals
+from cageik_cli.geometry.shape import compute_area_vectors, compute_fan_normals
 from cageik_cli.util.errors import FormatError
 from tests.shapes import box
 from tests.surfaces import ASSET

@@ -5,7 +5,7 @@ import pytest
 
 from cageik_cli.geometry.attributes import NONE, SurfaceAttributes
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import (
+from cageik_cli.geometry.shape import (
     FALLBACK_NORMAL,
     complete_fans,
     compute_corner_normals,

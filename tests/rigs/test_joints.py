@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cageik_cli.formats.base.skeleton import Skeleton
-from cageik_cli.formats.base.skin import Skin, compute_skin_weights
+from cageik_cli.formats.base.skeleton import Skeleton, Skin, compute_skin_weights
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_vertex_normals
-from cageik_cli.geometry.shape import uniform_laplacian
+from cageik_cli.geometry.shape import compute_vertex_normals, uniform_laplacian
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import Binding

@@ -10,7 +10,7 @@ import pytest
 from pxr import Usd, UsdGeom, UsdSkel
 
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.geometry.normals import compute_vertex_normals
+from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
 from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.run import export as exporting

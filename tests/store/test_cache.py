@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ import pytest
 
 from cageik_cli.cages.bind import JudgedBinding, bind, judge_binding
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.method.weights.binding import ALGORITHM_VERSIONS, Binding
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import COORDINATES, BindSettings
 from cageik_cli.store import cache as module
 from cageik_cli.store import cache_keys
@@ -180,7 +181,8 @@ def test_the_key_covers_all_that_weights_depend_on(monkeypatch):
     keys = {name: compute_weight_key(*things) for name, things in INGREDIENTS.items()}
     keys |= {name: compute_weight_key(ball(1), box(), BindSettings(name)) for name in COORDINATES}
     keys["rest faces"] = compute_weight_key(TriMesh(ball(1).vertices, [[2, 1, 0]]), box(), SETTINGS)
-    monkeypatch.setitem(ALGORITHM_VERSIONS, "harmonic", ALGORITHM_VERSIONS["harmonic"] + 1)
+    known = COORDINATES["harmonic"]
+    monkeypatch.setitem(COORDINATES, "harmonic", replace(known, version=known.version + 1))
     keys["algorithm"] = compute_weight_key(ball(1), box(), SETTINGS)
     monkeypatch.undo()
     monkeypatch.setattr(cache_keys, "__version__", "0.0.0")
@@ -467,6 +469,7 @@ def test_entries_may_vanish(kept, said, monkeypatch):
 
 WORKER = """
 import sys
+from dataclasses import replace
 from pathlib import Path
 import numpy as np
 from cageik_cli.store.cache import EntryCache

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from cageik_cli.geometry.attributes import fan_triangulate, find_folded_triangles
 from cageik_cli.geometry.mesh import TriMesh, find_groups, signed_volumes
-from cageik_cli.geometry.normals import find_next_corners
+from cageik_cli.geometry.shape import find_next_corners
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
 

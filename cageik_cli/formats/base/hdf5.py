@@ -15,6 +15,7 @@ import numpy as np
 from cageik_cli.formats.base.files import check_unpacked_array
 from cageik_cli.geometry.attributes import (
     LABEL_NAMES,
+    LAYERS,
     MAX_NAME_LENGTH,
     FaceLabels,
     Parts,
@@ -34,6 +35,15 @@ MAX_TEXT_BYTES = 1 << 28
 """Bytes of texts that are read together; many texts may be one and the same in the file."""
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
+
+DATASETS = {
+    "normal_fans": ("normal_fans",),
+    "colours": ("colours",),
+    "material_colours": ("material_colours",),
+    "uvs": ("uvs", "uv_indices"),
+    **{name: (f"{name}/index", f"{name}/name") for name in LABEL_NAMES},
+}
+"""What holds a layer of a surface, in the order in which they are written."""
 
 _SUBDIVISION_PARTS = tuple(part.name for part in fields(Subdivision) if "scheme" not in part.name)
 
@@ -267,20 +277,16 @@ def compute_digest(attributes: SurfaceAttributes) -> str:
 def _list_arrays(attributes: SurfaceAttributes) -> list[tuple[str, np.ndarray]]:
     """Return the datasets of numbers; those that are empty are left out."""
     subdivision = attributes.subdivision
-    integers: dict[str, Any] = {
-        "corner_counts": attributes.corner_counts,
-        "corners": attributes.corners,
-        "normal_fans": attributes.normal_fans,
-    }
-    floats: dict[str, Any] = {
-        "colours": attributes.colours,
-        "material_colours": attributes.material_colours,
-    }
-    if attributes.uvs is not None:
-        integers["uv_indices"], floats["uvs"] = attributes.uvs.indices, attributes.uvs.values
-    for name in LABEL_NAMES:
-        labels = getattr(attributes, name)
-        integers[f"{name}/index"] = None if labels is None else labels.indices
+    integers = {"corner_counts": attributes.corner_counts, "corners": attributes.corners}
+    floats = {}
+    for name, places in DATASETS.items():
+        held = getattr(attributes, name)
+        if isinstance(held, UvMap):
+            floats[places[0]], integers[places[1]] = held.values, held.indices
+        elif isinstance(held, FaceLabels):
+            integers[places[0]] = held.indices
+        elif held is not None:
+            (integers if held.ndim == 1 else floats)[places[0]] = held
     for name in _SUBDIVISION_PARTS:
         (floats if name.endswith("sharpness") else integers)[name] = getattr(subdivision, name)
     parts = attributes.parts
@@ -292,14 +298,14 @@ def _list_arrays(attributes: SurfaceAttributes) -> list[tuple[str, np.ndarray]]:
         (name, values.astype(dtype))
         for group, dtype in ((integers, "<i4"), (floats, "<f8"))
         for name, values in group.items()
-        if values is not None and len(values)
+        if len(values)
     ]
 
 
 def _list_texts(attributes: SurfaceAttributes) -> list[tuple[str, tuple[str, ...]]]:
     """Return the datasets of names."""
-    held = [(name, getattr(attributes, name)) for name in LABEL_NAMES]
-    texts = [(f"{name}/name", labels.names) for name, labels in held if labels is not None]
+    held = [(DATASETS[name][1], getattr(attributes, name)) for name in LABEL_NAMES]
+    texts = [(place, labels.names) for place, labels in held if labels is not None]
     if attributes.parts is not None:
         texts += [("parts/name", attributes.parts.names)]
     if attributes.subdivision.part_schemes:
@@ -316,11 +322,19 @@ def _read_attributes(file: h5py.File, group: str, mesh: TriMesh) -> SurfaceAttri
 
     corners = read_array(file, f"{group}/corners", "iu", (None,))
     counts = read_array(file, f"{group}/corner_counts", "iu", (None,))
-    uvs = read("uvs", "f", (None, 2))
-    colours = None
-    if "colours" in place:
-        width = get_dataset(file, f"{group}/colours", "f", (vertices, None)).shape[1]
-        colours = read("colours", "f", (vertices, width))
+    layers: dict[str, Any] = {}
+    for name, (first, *others) in DATASETS.items():
+        domain = "" if name not in LAYERS else LAYERS[name].domain
+        if domain == "face":
+            layers[name] = _read_labels(file, f"{group}/{name}", len(counts))
+        elif domain == "vertex" and first in place:
+            width = get_dataset(file, f"{group}/{first}", "f", (vertices, None)).shape[1]
+            layers[name] = read(first, "f", (vertices, width))
+        elif domain == "corner" and not others:
+            layers[name] = read(first, "iu", corners.shape)
+        elif domain == "corner" and first in place:
+            values = read(first, "f", (None, LAYERS[name].width))
+            layers[name] = UvMap(values, read(others[0], "iu", corners.shape))
     found = {
         name: read(name, "f" if "sharpness" in name else "iu", (None,))
         for name in _SUBDIVISION_PARTS
@@ -334,14 +348,11 @@ def _read_attributes(file: h5py.File, group: str, mesh: TriMesh) -> SurfaceAttri
     return SurfaceAttributes(
         corner_counts=counts,
         corners=corners,
-        uvs=None if uvs is None else UvMap(uvs, read("uv_indices", "iu", corners.shape)),
-        normal_fans=read("normal_fans", "iu", corners.shape),
-        colours=colours,
         material_colours=read("material_colours", "f", (None, 4)),
         material_library=_read_text(place, "material_library"),
         subdivision=Subdivision(scheme, **sharp, part_schemes=schemes),
         parts=parts,
-        **{name: _read_labels(file, f"{group}/{name}", len(counts)) for name in LABEL_NAMES},
+        **layers,
     )
 
 

@@ -21,10 +21,14 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.choose_parts import select_parts
-from cageik_cli.formats.base.ear_clipping import describe_folded
 from cageik_cli.formats.base.file_numbers import FileSeries
 from cageik_cli.formats.base.files import decompress, file_suffix, hash_file
-from cageik_cli.formats.base.mesh_data import FileMesh, check_connectivity, check_not_points
+from cageik_cli.formats.base.mesh_data import (
+    FileMesh,
+    check_connectivity,
+    check_not_points,
+    describe_folded,
+)
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.choose_parts import choose_parts
-from cageik_cli.formats.base.ear_clipping import describe_folded
 from cageik_cli.formats.base.files import hash_file
-from cageik_cli.formats.base.mesh_data import FileMesh, describe_cut
+from cageik_cli.formats.base.mesh_data import FileMesh, LayerReaders, describe_cut, describe_folded
 from cageik_cli.formats.base.readers import ClipFile
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.settings import ClipSettings, SceneHints
-from cageik_cli.geometry.attributes import SurfaceAttributes, make_part_transform
+from cageik_cli.geometry.attributes import make_part_transform
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import join_meshes
 from cageik_cli.util.arrays import Floats, Integers
@@ -60,9 +59,9 @@ class SceneMesh(ABC):
 
     is_clockwise: bool
 
-    @abstractmethod
     def list_times(self) -> set[float]:
         """List when the points are sampled, or the transforms; nothing if none of them moves."""
+        return set()
 
     @abstractmethod
     def compute_matrix(self, time: float) -> Floats:
@@ -76,18 +75,16 @@ class SceneMesh(ABC):
     def read_points(self, time: float) -> NDArray[np.floating]:
         """Read the points in the space of the mesh, (m, 3)."""
 
-    @abstractmethod
     def list_polygon_times(self) -> Sequence[float]:
         """List when faces are sampled, or the numbers of samples; nothing if they never change."""
+        return []
 
     @abstractmethod
     def read_polygons(self, time: float) -> Polygons:
         """Read the faces at one of these times."""
 
     @abstractmethod
-    def list_surface_layers(
-        self, vertex_count: int, time: float
-    ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+    def list_surface_layers(self, vertex_count: int, time: float) -> LayerReaders:
         """Return what reads the layers of the surface, for `FileMesh.read_layers`."""
 
     def read_moved(self, time: float) -> Floats:
@@ -137,8 +134,7 @@ class SceneReader(ClipFile):
     winding_note = ""
     library = ""
 
-    @abstractmethod
-    def check_file(self, path: Path) -> None:
+    def check_file(self, path: Path) -> None:  # some have no library
         """Refuse a file, or a missing library, before the library opens the file."""
 
     @abstractmethod
@@ -169,9 +165,10 @@ class SceneReader(ClipFile):
         """List when the meshes that are read are sampled; nothing if none of them moves."""
         return set(chain.from_iterable(mesh.list_times() for mesh in meshes))
 
-    @abstractmethod
     def replace_uneven(self, times: Floats) -> tuple[Floats, str]:
         """Return the times of frames in place of uneven ones, and a note."""
+        note = f"its {len(times)} samples are not evenly spaced in time; each is used as one frame"
+        return times, note
 
     def describe_step(self, step: float | None) -> list[str]:
         """Return a note on times that are far apart; `step` is as in `describe_scene`."""

@@ -136,6 +136,7 @@ class AnimationWriter(ABC):
     is_in_part_space: bool = False
     states_unit: bool = False
     notes: tuple[Said, ...] = ()
+    _open: ExitStack = ExitStack()
 
     @classmethod  # noqa: B027  # most need no other library
     def require_libraries(cls) -> None:
@@ -160,12 +161,13 @@ class AnimationWriter(ABC):
         The array is overwritten after the call.
         """
 
-    @abstractmethod
     def complete(self) -> None:
-        """Write what comes after the last frame, and close the file."""
+        """Write what comes after the last frame, and close what is open."""
+        self._open.close()
 
-    def abandon(self) -> None:  # noqa: B027  # most have nothing to close
+    def abandon(self) -> None:
         """Close what is open, after a failure; the output is deleted."""
+        self._open.close()  # nothing is left to close after `complete`
 
 
 class FrameFileWriter(AnimationWriter):
@@ -205,9 +207,6 @@ class FrameFileWriter(AnimationWriter):
                 self.encode_frame(positions)
             )
             self._next_number += self._step
-
-    def complete(self) -> None:
-        """Do nothing: each file is complete."""
 
 
 def shift_positions(block: NDArray[Any], offset: Floats) -> NDArray[Any]:
@@ -263,7 +262,7 @@ class PointCacheWriter(AnimationWriter):
         with ExitStack() as stack:
             self._file = stack.enter_context(target.open("wb"))
             self._file.write(self.make_header(animation))
-            stack.pop_all()  # open from here on
+            self._open = stack.pop_all()
 
     @abstractmethod
     def make_header(self, animation: Animation) -> bytes:
@@ -273,11 +272,3 @@ class PointCacheWriter(AnimationWriter):
         """Write the next frames."""
         for positions in frames:  # one at a time stays closer to the processor
             self._file.write(to_float32(positions).astype(self.dtype, copy=False).data)
-
-    def complete(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def abandon(self) -> None:
-        """Close the file."""
-        self._file.close()

@@ -42,6 +42,9 @@ _HARMLESS = re.compile(
 )
 """Extensions that change no position of a vertex, or that are read."""
 
+ACCESSORS = {"uvs": "TEXCOORD_0", "normal_fans": "NORMAL", "colours": "COLOR_0"}
+"""The attributes of a primitive that hold a layer of the surface."""
+
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 """Types of numbers, by their codes."""
 

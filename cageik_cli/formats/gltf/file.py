@@ -1,11 +1,10 @@
-"""A GLB file in the making: arrays in temporary files, and nodes and JSON that describe them."""
+"""A GLB file in the making: arrays in temporary files, and JSON that describes them."""
 
 import shutil
 import struct
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from math import sqrt
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from cageik_cli.formats.base.writers import Animation, AnimationWriter
 from cageik_cli.formats.settings import GLTF_RATE_KEY
-from cageik_cli.geometry.parts import Part
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import OutputError, require_optional
 from cageik_cli.util.files import set_size
@@ -31,9 +29,6 @@ Small = TypeVar("Small", np.int8, np.int16, np.uint16)
 
 MAX_SPOOL_BYTES = 1 << 25
 """Bytes of the vectors of all frames that are read together; the last digits depend on it."""
-
-SHEAR_TOL = 1e-6
-"""Cosine of axes above which a transform shears, which the transform of a node cannot."""
 
 
 class VectorTargets:
@@ -302,10 +297,6 @@ class GlbWriter(AnimationWriter):
             self._open = stack.pop_all()
         return spools
 
-    def abandon(self) -> None:
-        """Close the temporary files."""
-        self._open.close()
-
     def add_times(self, frames: Integers | None = None) -> int:
         """Add the time of each frame, or of some, seconds; return the number of the accessor.
 
@@ -337,135 +328,3 @@ class GlbWriter(AnimationWriter):
         if scene.metres_per_unit != 1:
             placement["scale"] = [scene.metres_per_unit] * 3
         return placement
-
-
-@dataclass(frozen=True, eq=False)
-class NodeSpace:
-    """The space of a node: rows of it times `transform`, (4, 4), are in that of the scene."""
-
-    transform: Floats
-
-    @property
-    def is_scene(self) -> bool:
-        """Whether it is the space of the scene."""
-        return np.array_equal(self.transform, np.eye(4))
-
-    def take_positions(self, positions: Floats) -> Floats:
-        """Take positions (..., 3) of the scene into the space."""
-        if self.is_scene:
-            return positions
-        return np.asarray((positions - self.transform[3, :3]) @ self._inverse)
-
-    def take_moves(self, moves: Floats) -> Floats:
-        """Take differences of positions, (..., 3), into the space."""
-        return moves if self.is_scene else np.asarray(moves @ self._inverse)
-
-    def take_normals(self, normals: Floats) -> tuple[Floats, Floats]:
-        """Take unit normals (k, 3); differences are to be multiplied by the second, (k, 3, 3)."""
-        if self.is_scene:
-            return normals, np.broadcast_to(np.eye(3), (len(normals), 3, 3))
-        turn = self.transform[:3, :3].T
-        lengths = np.linalg.norm(normals @ turn, axis=1)
-        turns = turn / np.where(lengths > 0, lengths, 1.0)[:, None, None]
-        return np.einsum("ka,kab->kb", normals, turns), turns
-
-    @property
-    def _inverse(self) -> Floats:
-        return np.asarray(np.linalg.inv(self.transform[:3, :3]))
-
-
-def choose_spaces(parts: Sequence[Part]) -> list[NodeSpace]:
-    """Return the space of the node of each part.
-
-    It is that of the part if the node can have the transform from there into the space of the next
-    part above, or the scene; else it is that space.
-    """
-    matrices: dict[str, Floats] = {}
-    for part in sorted(parts, key=lambda part: part.name.strip("/").count("/")):
-        path = part.name.strip("/")
-        outer = _find_outer(path, matrices)
-        local = part.transform @ np.linalg.inv(outer)
-        matrices[path] = part.transform if _is_of_node(local) else outer
-    return [NodeSpace(matrices[part.name.strip("/")]) for part in parts]
-
-
-def _is_of_node(matrix: Floats) -> bool:
-    """Return whether a node can have a transform: it does not shear, and does not mirror."""
-    rows = matrix[:3, :3]
-    axes = rows / np.linalg.norm(rows, axis=1)[:, None]
-    is_sheared = np.abs(axes @ axes.T - np.eye(3)).max() > SHEAR_TOL
-    return not is_sheared and bool(np.linalg.det(axes) > 0)
-
-
-def _find_outer(path: str, matrices: dict[str, Floats]) -> Floats:
-    """Return the matrix of the next path above that has one, or of the scene."""
-    above = path.rpartition("/")[0]
-    while above and above not in matrices:
-        above = above.rpartition("/")[0]
-    return matrices.get(above, np.eye(4))
-
-
-def make_part_nodes(
-    names: Sequence[str], spaces: Sequence[NodeSpace] = (), **every: Any
-) -> tuple[list[Any], list[int], list[int]]:
-    """Return a node per part, with mesh k of part k, below nodes for what is above in its path.
-
-    Parameters
-    ----------
-    spaces : sequence of NodeSpace, optional
-        Of the parts; that of the scene if absent.
-    **every
-        Other fields of the nodes of parts.
-
-    Returns
-    -------
-    nodes, tops, meshes
-        The nodes, the numbers of those at the top, and of those that have meshes.
-    """
-    import pygltflib as gltf
-
-    numbers: dict[str, int] = {}
-    nodes: list[Any] = []
-    tops: list[int] = []
-
-    def place(path: str) -> Any:
-        above, _, name = path.strip("/").rpartition("/")
-        numbers[path] = len(nodes)
-        node = gltf.Node(name=name)
-        nodes.append(node)
-        if not above:
-            tops.append(numbers[path])
-        else:
-            if above not in numbers:
-                place(above)
-            nodes[numbers[above]].children.append(numbers[path])
-        return node
-
-    meshes = []
-    for k, name in enumerate(names):
-        path = name.strip("/")
-        node = nodes[numbers[path]] if path in numbers else place(path)
-        node.mesh = k
-        for field, value in every.items():
-            setattr(node, field, value)
-        meshes.append(numbers[path])
-    matrices = {name.strip("/"): one.transform for name, one in zip(names, spaces, strict=False)}
-    for path, matrix in matrices.items():
-        local = matrix @ np.linalg.inv(_find_outer(path, matrices))
-        if not np.array_equal(local, np.eye(4)):
-            nodes[numbers[path]].matrix = local.ravel().tolist()
-    return nodes, tops, meshes
-
-
-def place_node(node: Any, placement: dict[str, list[float]]) -> None:
-    """Place a node at the top by a rotation (a quaternion) and a scale, around what it has."""
-    if node.matrix is None:
-        for field, value in placement.items():
-            setattr(node, field, value)
-        return
-    x, _, _, w = placement.get("rotation", [0.0, 0.0, 0.0, 1.0])  # about x
-    cosine, sine = w * w - x * x, 2 * x * w
-    turn = np.array([[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]])
-    outer = np.eye(4)
-    outer[:3, :3] = turn * np.array(placement.get("scale", [1.0, 1.0, 1.0]))
-    node.matrix = (np.reshape(node.matrix, (4, 4)) @ outer).ravel().tolist()

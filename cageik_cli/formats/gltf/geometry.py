@@ -1,18 +1,17 @@
-"""The mesh of a node: primitives are joined, split vertices welded, and layers of the surface read.
+"""The mesh of a node: primitives are joined, and split vertices welded.
 
 Morph targets and joints move what is welded.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.mesh_data import share_normals
 from cageik_cli.formats.gltf.document import (
+    ACCESSORS,
     Document,
     Item,
     Rows,
@@ -31,17 +30,10 @@ from cageik_cli.formats.gltf.nodes import (
     count_influence_sets,
     read_influences,
 )
-from cageik_cli.geometry.attributes import (
-    MAX_NAME_LENGTH,
-    NONE,
-    FaceLabels,
-    SurfaceAttributes,
-    UvMap,
-    number_normal_fans,
-)
-from cageik_cli.util.arrays import Floats, Integers, Mask
+from cageik_cli.geometry.attributes import NONE
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, join_truncated
-from cageik_cli.util.text import format_count, number_names, single_line
+from cageik_cli.util.text import format_count, single_line
 
 TargetMoves = tuple[Integers, NDArray[Any], Integers]
 """Welded vertices (k,), displacements (r, 3) of the file, and which of these they have, (k,)."""
@@ -49,12 +41,11 @@ TargetMoves = tuple[Integers, NDArray[Any], Integers]
 TRIANGLES, STRIP, FAN = 4, 5, 6
 """Modes of primitives that have faces."""
 
-_KEPT = re.compile(r"POSITION|NORMAL|TEXCOORD_0|COLOR_0|(JOINTS|WEIGHTS)_\d+")
+_KEPT = re.compile(rf"POSITION|{'|'.join(ACCESSORS.values())}|(JOINTS|WEIGHTS)_\d+")
 
 _DRACO = "KHR_draco_mesh_compression"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Pool:
     """Vertices that one or several primitives use.
 
@@ -68,10 +59,29 @@ class Pool:
         Numbers of the first vertex, and of that behind the last, among those of the mesh.
     """
 
-    attributes: dict[str, int]
-    targets: tuple[int | None, ...]
-    start: int
-    stop: int
+    def __init__(
+        self,
+        document: Document,
+        attributes: dict[str, int],
+        targets: tuple[int | None, ...],
+        start: int,
+    ) -> None:
+        """Count the vertices, which attributes and targets must have alike."""
+        self.attributes, self.targets = attributes, targets
+        place = attributes["POSITION"]
+        size = count_rows(document, place)
+        moved = [target for target in targets if target is not None]
+        for accessor in (*attributes.values(), *moved):
+            found = count_rows(document, accessor)
+            if found != size:
+                raise FormatError(
+                    f"accessors[{accessor}] has {found} vertices, expected {size} as "
+                    f"accessors[{place}]; export the file again"
+                )
+        # Sparse targets are not expanded, but compared vertex by vertex.
+        dense = sum(document.accessors[k].has("bufferView") for k in moved)
+        document.claim(size * (12 + 12 * dense + len(moved) - dense))
+        self.start, self.stop = start, start + size
 
 
 class Geometry:
@@ -101,10 +111,9 @@ class Geometry:
 
     def __init__(self, document: Document, item: Item, skin: Skin | None) -> None:
         self._document = document
-        triangles = Triangles(document, item)
-        self.pools, self.notes = list(triangles.pools.values()), triangles.notes
-        is_used = np.zeros(triangles.vertex_count, bool)
-        is_used[triangles.faces] = True
+        self.pools, triangles, materials, self.notes = _read_triangles(document, item)
+        is_used = np.zeros(self.pools[-1].stop if self.pools else 0, bool)
+        is_used[triangles] = True
         used = np.flatnonzero(is_used)
         positions = self._join(
             [read_floats(document, pool.attributes["POSITION"], (3,)) for pool in self.pools]
@@ -120,10 +129,10 @@ class Geometry:
         self.labels = np.full(len(is_used), -1)
         self.labels[used] = np.argsort(order)[numbers]
         self.base = positions[self.firsts].astype(np.float64)
-        faces = self.labels[triangles.faces]
+        faces = self.labels[triangles]
         is_whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-        self.corners, self.origins = faces[is_whole].ravel(), triangles.faces[is_whole].ravel()
-        self.materials = triangles.materials[is_whole]
+        self.corners, self.origins = faces[is_whole].ravel(), triangles[is_whole].ravel()
+        self.materials = materials[is_whole]
         if not len(self.corners):
             raise FormatError("has no triangle with three different corners; export the file again")
         self._targets = [list(self._place_target(k)) for k in range(self.target_count)]
@@ -258,67 +267,58 @@ def count_targets(mesh: Item) -> int:
     return max((len(each.list_items("targets")) for each in primitives), default=0)
 
 
-class Triangles:
-    """The triangles of all primitives of a mesh, as they are in the file.
+def _read_triangles(
+    document: Document, mesh: Item
+) -> tuple[list[Pool], Integers, Integers, list[str]]:
+    """Read the triangles of all primitives of a mesh, as they are in the file.
 
-    Attributes
-    ----------
-    pools : dict
-        The vertices that primitives use, by what they refer to.
-    vertex_count : int
-        How many vertices the pools have.
-    faces : (t, 3) int64
-        Vertices of the pools.
-    materials : (t,) int64
-        Numbers of materials; `NONE` for none.
-    notes : list of str
-        What is not read.
+    Returns
+    -------
+    pools, faces, materials, notes
+        The vertices that primitives use; triangles of these, (t, 3); the numbers of their
+        materials, `NONE` for none, (t,); and what is not read.
 
     Raises
     ------
     FormatError
         Naming the primitive.
     """
+    pools: dict[object, Pool] = {}
+    faces, materials = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
+    primitives = mesh.list_items("primitives")
+    for primitive in primitives:
+        attributes = primitive.find_item("attributes") if _is_of_faces(primitive) else None
+        if attributes is None or not attributes.has("POSITION"):
+            continue
+        pool = _find_pool(document, primitive, attributes, pools)
+        faces.append(pool.start + _read_faces(document, primitive, pool.stop - pool.start))
+        material = primitive.find_integer("material", len(document.materials))
+        materials.append(np.full(len(faces[-1]), NONE if material is None else material))
+    if len({len(pool.targets) for pool in pools.values()}) > 1:
+        raise FormatError(f"{mesh.place} has primitives of other numbers of morph targets")
+    others = len(primitives) + 1 - len(faces)
+    notes = [f"{format_count(others, 'primitive')} without faces left out"] * (others > 0)
+    names = dict.fromkeys(name for pool in pools.values() for name in pool.attributes)
+    unread = [name for name in names if not _KEPT.fullmatch(name)]
+    notes += [f"left out {join_truncated(map(single_line, unread))}"] if unread else []
+    return list(pools.values()), np.concatenate(faces), np.concatenate(materials), notes
 
-    def __init__(self, document: Document, mesh: Item) -> None:
-        self.pools: dict[object, Pool] = {}
-        self.vertex_count = 0
-        faces = [np.zeros((0, 3), np.int64)]
-        materials = [np.zeros(0, np.int64)]
-        primitives = mesh.list_items("primitives")
-        for primitive in primitives:
-            attributes = primitive.find_item("attributes") if _is_of_faces(primitive) else None
-            if attributes is None or not attributes.has("POSITION"):
-                continue
-            pool = self._find_pool(document, primitive, attributes)
-            faces.append(pool.start + _read_faces(document, primitive, pool.stop - pool.start))
-            material = primitive.find_integer("material", len(document.materials))
-            materials.append(np.full(len(faces[-1]), NONE if material is None else material))
-        if len({len(pool.targets) for pool in self.pools.values()}) > 1:
-            raise FormatError(f"{mesh.place} has primitives of other numbers of morph targets")
-        self.faces, self.materials = np.concatenate(faces), np.concatenate(materials)
-        others = len(primitives) + 1 - len(faces)
-        self.notes = [f"{format_count(others, 'primitive')} without faces left out"] * (others > 0)
-        names = dict.fromkeys(name for pool in self.pools.values() for name in pool.attributes)
-        unread = [name for name in names if not _KEPT.fullmatch(name)]
-        self.notes += [f"left out {join_truncated(map(single_line, unread))}"] if unread else []
 
-    def _find_pool(self, document: Document, primitive: Item, item: Item) -> Pool:
-        """Return the vertices of a primitive, which others may share; new ones are added."""
-        count = len(document.accessors)
-        attributes = {name: item.read_integer(name, count) for name in item.values}
-        targets = tuple(
-            each.find_integer("POSITION", count) for each in primitive.list_items("targets")
-        )
-        place = document.accessors[attributes["POSITION"]]
-        if primitive.find_extension(_DRACO) and not place.has("bufferView"):
-            raise make_compression_error(_DRACO)
-        key = tuple(attributes.items()), targets
-        if key not in self.pools:
-            start, size = self.vertex_count, _claim_vertices(document, attributes, targets)
-            self.vertex_count += size
-            self.pools[key] = Pool(attributes, targets, start, self.vertex_count)
-        return self.pools[key]
+def _find_pool(document: Document, primitive: Item, item: Item, pools: dict[object, Pool]) -> Pool:
+    """Return the vertices of a primitive, which others may share; new ones are added."""
+    count = len(document.accessors)
+    attributes = {name: item.read_integer(name, count) for name in item.values}
+    targets = tuple(
+        each.find_integer("POSITION", count) for each in primitive.list_items("targets")
+    )
+    place = document.accessors[attributes["POSITION"]]
+    if primitive.find_extension(_DRACO) and not place.has("bufferView"):
+        raise make_compression_error(_DRACO)
+    key = tuple(attributes.items()), targets
+    if key not in pools:
+        last = next(reversed(pools.values()), None)
+        pools[key] = Pool(document, attributes, targets, 0 if last is None else last.stop)
+    return pools[key]
 
 
 def _is_of_faces(primitive: Item) -> bool:
@@ -328,26 +328,6 @@ def _is_of_faces(primitive: Item) -> bool:
 def _read_mode(primitive: Item) -> int:
     mode = primitive.find_integer("mode", 7)
     return TRIANGLES if mode is None else mode
-
-
-def _claim_vertices(
-    document: Document, attributes: dict[str, int], targets: Iterable[int | None]
-) -> int:
-    """Return how many vertices attributes and targets have, which is the same for all."""
-    place = attributes["POSITION"]
-    size = count_rows(document, place)
-    moved = [target for target in targets if target is not None]
-    for accessor in (*attributes.values(), *moved):
-        found = count_rows(document, accessor)
-        if found != size:
-            raise FormatError(
-                f"accessors[{accessor}] has {found} vertices, expected {size} as "
-                f"accessors[{place}]; export the file again"
-            )
-    # Sparse targets are not expanded, but compared vertex by vertex.
-    dense = sum(document.accessors[k].has("bufferView") for k in moved)
-    document.claim(size * (12 + 12 * dense + len(moved) - dense))
-    return size
 
 
 def _read_faces(document: Document, primitive: Item, vertex_count: int) -> Integers:
@@ -377,87 +357,3 @@ def _read_faces(document: Document, primitive: Item, vertex_count: int) -> Integ
         return np.stack([corners[1:-1], corners[2:], np.full(count - 2, corners[0])], axis=1)
     odd = k % 2  # every second triangle of a strip turns the other way
     return np.stack([corners[k], corners[k + 1 + odd], corners[k + 2 - odd]], axis=1)
-
-
-class SurfaceReader:
-    """Reads the layers of the surface of one mesh."""
-
-    def __init__(self, document: Document, geometry: Geometry) -> None:
-        self._document, self._geometry = document, geometry
-
-    def list_layers(self) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
-        """Return what reads each layer, for `FileMesh.read_layers`."""
-        return {
-            "its texture coordinates": self.read_uvs,
-            "its normals": self.read_normals,
-            "its colours": self.read_colours,
-            "its materials": self.read_materials,
-        }
-
-    def read_uvs(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the first set of texture coordinates, whose v is downward in the file."""
-        found = self._geometry.read_attribute("TEXCOORD_0", (2,))
-        if found is None:
-            return attributes
-        held, indices = self._pick_corners(np.asarray(np.isfinite(found).any(axis=1)))
-        u, v = found[held].T
-        return replace(attributes, uvs=UvMap(np.stack([u, 1 - v], axis=1), indices))
-
-    def read_normals(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read which corners share a normal."""
-        found = self._geometry.read_attribute("NORMAL", (3,))
-        if found is None:
-            return attributes
-        held, indices = self._pick_corners(np.asarray(np.isfinite(found).all(axis=1)))
-        shared = share_normals(attributes, found[held], np.where(indices == NONE, 0, indices))
-        assert shared.normal_fans is not None
-        fans = np.where(indices == NONE, NONE, shared.normal_fans)
-        return replace(attributes, normal_fans=number_normal_fans(attributes.corners, fans))
-
-    def read_colours(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the colours of vertices."""
-        geometry = self._geometry
-        found = geometry.read_attribute("COLOR_0", (3, 4))
-        if found is None:
-            return attributes
-        found = np.where(np.isnan(found).all(axis=1, keepdims=True), 1.0, found)
-        own = found[geometry.firsts]
-        split = (found[geometry.origins] != own[geometry.corners]).any(axis=1)
-        if split.any():
-            count = format_count(len(np.unique(geometry.corners[split])), "vertex")
-            note = f"several colours at {count}, of which one is kept"
-            geometry.notes += [] if note in geometry.notes else [note]  # as an instance has it
-        return replace(attributes, colours=own)
-
-    def read_materials(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the names and base colours of the materials that are used."""
-        used, indices = np.unique(self._geometry.materials, return_inverse=True)
-        if used[-1] == NONE:
-            return attributes
-        is_absent = int(used[0] == NONE)
-        items = {k: self._document.materials[k] for k in used[is_absent:].tolist()}
-        longest = MAX_NAME_LENGTH - 20  # room for a number
-        names = [item.read_name()[:longest] or f"material_{k}" for k, item in items.items()]
-        labels = FaceLabels(tuple(number_names(names)), indices - is_absent)
-        colours = np.array([_read_base_colour(item) for item in items.values()])
-        return replace(attributes, materials=labels, material_colours=colours)
-
-    def _pick_corners(self, is_held: Mask) -> tuple[Integers, Integers]:
-        """Return the vertices of the pools that corners use and that hold a value, and where.
-
-        The latter are the place of each corner's among them, (3 t,); `NONE` for a corner without.
-        """
-        origins = self._geometry.origins
-        held = np.unique(origins[is_held[origins]])
-        places = np.full(len(is_held), NONE)
-        places[held] = np.arange(len(held))
-        if not len(held):
-            raise FormatError("no triangle has them")
-        return held, places[origins]
-
-
-def _read_base_colour(item: Item) -> list[float]:
-    """Return linear red, green, blue and opacity."""
-    look = item.find_item("pbrMetallicRoughness")
-    factor = None if look is None else look.find_numbers("baseColorFactor", 4)
-    return [1.0, 1.0, 1.0, 1.0] if factor is None else factor.clip(0, 1).tolist()

@@ -13,11 +13,9 @@ from cageik_cli.formats.gltf.file import (
     GlbWriter,
     Singles,
     VectorSpool,
-    choose_spaces,
     describe_excess,
-    make_part_nodes,
-    place_node,
 )
+from cageik_cli.formats.gltf.nodes import choose_spaces, make_part_nodes, place_node
 from cageik_cli.formats.gltf.surface import Primitive, cut_surface
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import OutputError

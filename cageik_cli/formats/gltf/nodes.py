@@ -1,6 +1,7 @@
-"""The tree of nodes, with their paths and transforms, and the skins whose joints are nodes."""
+"""The tree of nodes, read and written: paths and transforms, and skins whose joints are nodes."""
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.formats.gltf.document import Document, Item, count_rows, read_floats, read_integers
 from cageik_cli.geometry.attributes import MAX_NAME_LENGTH
+from cageik_cli.geometry.parts import Part
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import format_count, number_names
@@ -22,6 +24,9 @@ INFLUENCE_SET_BYTES = 128
 
 SUM_TOL = 0.01
 """Weights whose sum is this far from 1 get a note; a byte per weight rounds by less."""
+
+SHEAR_TOL = 1e-6
+"""Cosine of axes above which a transform shears, which the transform of a node cannot."""
 
 
 class NodeTree:
@@ -43,12 +48,7 @@ class NodeTree:
         self._children = self._list_children(document)
         self._levels = self._order_levels()
         self.is_shown = self._find_shown(document)
-        count = len(self._items)
-        self.values = {
-            "translation": np.zeros((count, 3)),
-            "rotation": np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
-            "scale": np.ones((count, 3)),
-        }
+        self.values = make_still_values(len(self._items))
         self.matrices: dict[int, Floats] = {}
         for k, item in enumerate(self._items):
             for name, width in TRS_WIDTHS.items():
@@ -210,16 +210,18 @@ def read_instances(document: Document, node: Item) -> Floats | None:
         )
     count = counts.pop()
     document.claim(count * 400)  # bytes of the place and the name of a copy
-    values = {
-        "translation": np.zeros((count, 3)),
-        "rotation": np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
-        "scale": np.ones((count, 3)),
-    }
+    values = make_still_values(count)
     for name, number in numbers.items():
         values[name] = np.asarray(read_floats(document, number, (TRS_WIDTHS[name],)), np.float64)
         if not np.isfinite(values[name]).all():
             raise FormatError(f"{extension.place} has a {name} that is not finite; export it again")
     return make_matrices(values)
+
+
+def make_still_values(count: int) -> dict[str, Floats]:
+    """Return translations, rotations and scales that change nothing, (count, width) each."""
+    still = {"translation": [0.0] * 3, "rotation": [0.0, 0.0, 0.0, 1.0], "scale": [1.0] * 3}
+    return {name: np.tile(values, (count, 1)) for name, values in still.items()}
 
 
 def make_matrices(values: dict[str, Floats]) -> Floats:
@@ -388,3 +390,135 @@ def blend(points: Floats, matrix: Any, moves: Floats) -> Floats:
     """
     blended = (matrix @ moves[:, :3].reshape(-1, 12)).reshape(-1, 3, 4)
     return np.asarray(np.einsum("mab,mb->ma", blended[:, :, :3], points) + blended[:, :, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class NodeSpace:
+    """The space of a node: rows of it times `transform`, (4, 4), are in that of the scene."""
+
+    transform: Floats
+
+    @property
+    def is_scene(self) -> bool:
+        """Whether it is the space of the scene."""
+        return np.array_equal(self.transform, np.eye(4))
+
+    def take_positions(self, positions: Floats) -> Floats:
+        """Take positions (..., 3) of the scene into the space."""
+        if self.is_scene:
+            return positions
+        return np.asarray((positions - self.transform[3, :3]) @ self._inverse)
+
+    def take_moves(self, moves: Floats) -> Floats:
+        """Take differences of positions, (..., 3), into the space."""
+        return moves if self.is_scene else np.asarray(moves @ self._inverse)
+
+    def take_normals(self, normals: Floats) -> tuple[Floats, Floats]:
+        """Take unit normals (k, 3); differences are to be multiplied by the second, (k, 3, 3)."""
+        if self.is_scene:
+            return normals, np.broadcast_to(np.eye(3), (len(normals), 3, 3))
+        turn = self.transform[:3, :3].T
+        lengths = np.linalg.norm(normals @ turn, axis=1)
+        turns = turn / np.where(lengths > 0, lengths, 1.0)[:, None, None]
+        return np.einsum("ka,kab->kb", normals, turns), turns
+
+    @property
+    def _inverse(self) -> Floats:
+        return np.asarray(np.linalg.inv(self.transform[:3, :3]))
+
+
+def choose_spaces(parts: Sequence[Part]) -> list[NodeSpace]:
+    """Return the space of the node of each part.
+
+    It is that of the part if the node can have the transform from there into the space of the next
+    part above, or the scene; else it is that space.
+    """
+    matrices: dict[str, Floats] = {}
+    for part in sorted(parts, key=lambda part: part.name.strip("/").count("/")):
+        path = part.name.strip("/")
+        outer = _find_outer(path, matrices)
+        local = part.transform @ np.linalg.inv(outer)
+        matrices[path] = part.transform if _is_of_node(local) else outer
+    return [NodeSpace(matrices[part.name.strip("/")]) for part in parts]
+
+
+def _is_of_node(matrix: Floats) -> bool:
+    """Return whether a node can have a transform: it does not shear, and does not mirror."""
+    rows = matrix[:3, :3]
+    axes = rows / np.linalg.norm(rows, axis=1)[:, None]
+    is_sheared = np.abs(axes @ axes.T - np.eye(3)).max() > SHEAR_TOL
+    return not is_sheared and bool(np.linalg.det(axes) > 0)
+
+
+def _find_outer(path: str, matrices: dict[str, Floats]) -> Floats:
+    """Return the matrix of the next path above that has one, or of the scene."""
+    above = path.rpartition("/")[0]
+    while above and above not in matrices:
+        above = above.rpartition("/")[0]
+    return matrices.get(above, np.eye(4))
+
+
+def make_part_nodes(
+    names: Sequence[str], spaces: Sequence[NodeSpace] = (), **every: Any
+) -> tuple[list[Any], list[int], list[int]]:
+    """Return a node per part, with mesh k of part k, below nodes for what is above in its path.
+
+    Parameters
+    ----------
+    spaces : sequence of NodeSpace, optional
+        Of the parts; that of the scene if absent.
+    **every
+        Other fields of the nodes of parts.
+
+    Returns
+    -------
+    nodes, tops, meshes
+        The nodes, the numbers of those at the top, and of those that have meshes.
+    """
+    import pygltflib as gltf
+
+    numbers: dict[str, int] = {}
+    nodes: list[Any] = []
+    tops: list[int] = []
+
+    def place(path: str) -> Any:
+        above, _, name = path.strip("/").rpartition("/")
+        numbers[path] = len(nodes)
+        node = gltf.Node(name=name)
+        nodes.append(node)
+        if not above:
+            tops.append(numbers[path])
+        else:
+            if above not in numbers:
+                place(above)
+            nodes[numbers[above]].children.append(numbers[path])
+        return node
+
+    meshes = []
+    for k, name in enumerate(names):
+        path = name.strip("/")
+        node = nodes[numbers[path]] if path in numbers else place(path)
+        node.mesh = k
+        for field, value in every.items():
+            setattr(node, field, value)
+        meshes.append(numbers[path])
+    matrices = {name.strip("/"): one.transform for name, one in zip(names, spaces, strict=False)}
+    for path, matrix in matrices.items():
+        local = matrix @ np.linalg.inv(_find_outer(path, matrices))
+        if not np.array_equal(local, np.eye(4)):
+            nodes[numbers[path]].matrix = local.ravel().tolist()
+    return nodes, tops, meshes
+
+
+def place_node(node: Any, placement: dict[str, list[float]]) -> None:
+    """Place a node at the top by a rotation (a quaternion) and a scale, around what it has."""
+    if node.matrix is None:
+        for field, value in placement.items():
+            setattr(node, field, value)
+        return
+    x, _, _, w = placement.get("rotation", [0.0, 0.0, 0.0, 1.0])  # about x
+    cosine, sine = w * w - x * x, 2 * x * w
+    turn = np.array([[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]])
+    outer = np.eye(4)
+    outer[:3, :3] = turn * np.array(placement.get("scale", [1.0, 1.0, 1.0]))
+    node.matrix = (np.reshape(node.matrix, (4, 4)) @ outer).ravel().tolist()

@@ -16,16 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton
-from cageik_cli.formats.base.skin import Skin, SkinWeights
+from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton, Skin, SkinWeights
 from cageik_cli.formats.base.writers import Animation, choose_short_names, to_float32
 from cageik_cli.formats.gltf.file import (
     GlbWriter,
     VectorSpool,
-    make_part_nodes,
     read_rounded,
     round_to,
 )
+from cageik_cli.formats.gltf.nodes import make_part_nodes
 from cageik_cli.formats.gltf.surface import cut_surface
 from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.arrays import Floats, Integers

@@ -1,29 +1,100 @@
-"""The surface of a mesh as glTF has it: one UV and normal per vertex, a primitive per material."""
+"""The surface of a mesh in glTF: one UV and normal per vertex, a primitive per material.
 
-from dataclasses import dataclass
-from functools import cached_property
+It is read from the geometry of a node, and written cut into primitives.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
+from cageik_cli.formats.gltf.document import ACCESSORS, Document
 from cageik_cli.formats.gltf.file import GlbFile, Singles, round_to
-from cageik_cli.geometry.attributes import PLAIN_COLOUR, SurfaceAttributes
+from cageik_cli.formats.gltf.geometry import Geometry
+from cageik_cli.geometry.attributes import (
+    LAYERS,
+    MAX_NAME_LENGTH,
+    NONE,
+    PLAIN_COLOUR,
+    FaceLabels,
+    SurfaceAttributes,
+    UvMap,
+)
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import (
+from cageik_cli.geometry.parts import split_parts
+from cageik_cli.geometry.shape import (
     FALLBACK_NORMAL,
     complete_fans,
     compute_fan_normals,
     compute_vertex_normals,
 )
-from cageik_cli.geometry.parts import split_parts
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import format_count, number_names
 
 PLAIN = "plain"
 """The material of triangles without: glTF's own is a metal, black where nothing is mirrored."""
 
 MAX_SHORT_VERTICES = 65535
 """Vertices that indices of 16 bits can name; the last number restarts a strip."""
+
+
+def list_surface_layers(document: Document, geometry: Geometry) -> LayerReaders:
+    """Return what reads UVs, normals, colours and materials of a mesh."""
+    readers = list_layer_readers(ACCESSORS, partial(_read_layer, geometry))
+    return readers | {"its materials": partial(_read_materials, document, geometry)}
+
+
+def _read_layer(geometry: Geometry, name: str, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    """Read a layer that an accessor holds."""
+    layer = LAYERS[name]
+    is_of_vertices = layer.domain == "vertex"
+    widths = (layer.width - 1, layer.width) if is_of_vertices else (layer.width,)
+    found = geometry.read_attribute(ACCESSORS[name], widths)
+    if found is None:
+        return attributes
+    if is_of_vertices:
+        found = np.where(np.isnan(found).all(axis=1, keepdims=True), 1.0, found)
+        own = found[geometry.firsts]
+        split = (found[geometry.origins] != own[geometry.corners]).any(axis=1)
+        if split.any():
+            count = format_count(len(np.unique(geometry.corners[split])), "vertex")
+            note = f"several {layer.noun} at {count}, of which one is kept"
+            geometry.notes += [] if note in geometry.notes else [note]  # as an instance has it
+        return attributes.add_layer(name, own)
+    is_held = np.isfinite(found).sum(axis=1) >= (3 if name == "normal_fans" else 1)
+    held = np.unique(geometry.origins[is_held[geometry.origins]])
+    if not len(held):
+        raise FormatError("no triangle has them")
+    values, places = found[held], np.full(len(found), NONE)
+    places[held] = np.arange(len(held))
+    if name == "uvs":
+        values[:, 1] = 1 - values[:, 1]  # downward in the file
+    return attributes.add_layer(name, values, places[geometry.origins])
+
+
+def _read_materials(
+    document: Document, geometry: Geometry, attributes: SurfaceAttributes
+) -> SurfaceAttributes:
+    """Read the names and base colours of the materials that are used."""
+    used, indices = np.unique(geometry.materials, return_inverse=True)
+    if used[-1] == NONE:
+        return attributes
+    is_absent = int(used[0] == NONE)
+    items = {k: document.materials[k] for k in used[is_absent:].tolist()}
+    longest = MAX_NAME_LENGTH - 20  # room for a number
+    names = [item.read_name()[:longest] or f"material_{k}" for k, item in items.items()]
+    labels = FaceLabels(tuple(number_names(names)), indices - is_absent)
+    colours = np.ones((len(items), 4))  # linear red, green, blue and opacity
+    for colour, item in zip(colours, items.values(), strict=True):
+        look = item.find_item("pbrMetallicRoughness")
+        factor = None if look is None else look.find_numbers("baseColorFactor", 4)
+        if factor is not None:
+            colour[:] = factor.clip(0, 1)
+    return replace(attributes, materials=labels, material_colours=colours)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +116,8 @@ class Surface:
     ----------
     origins : (m',) int64
         Number of each written vertex in the mesh; seams and hard edges are written once per side.
-    uv : (m', 2) float32, optional
-        With v downward, as glTF has it.
+    layers : dict
+        UVs, with v downward, and colours, (m', width) float32, of the written vertices.
     fans : (m',) int64, optional
         Which of the normals of the completed fans of the mesh; that of the vertex if absent.
     primitives : tuple of Primitive
@@ -57,7 +128,7 @@ class Surface:
 
     mesh: TriMesh
     origins: Integers
-    uv: Singles | None
+    layers: dict[str, Singles]
     fans: Integers | None
     primitives: tuple[Primitive, ...]
     materials: tuple[str, ...]
@@ -76,17 +147,11 @@ class Surface:
             return normals[self.origins]
         return compute_fan_normals(self._shaded, positions)[self.fans]
 
-    @cached_property
-    def _colours(self) -> Singles | None:
-        """The colours of the written vertices, (m', 3) or (m', 4), from 0 to 1."""
-        colours = self.mesh.polygons.colours
-        return None if colours is None else colours[self.origins].clip(0, 1).astype(np.float32)
-
     def make_materials(self) -> list[object]:
         """Return the materials as pygltflib has them."""
         import pygltflib as gltf
 
-        colours = self._colours
+        colours = self.layers.get("colours")
         is_clear = colours is not None and colours.shape[1] == 4 and bool((colours[:, 3] < 1).any())
         # White where vertices have colours, which are multiplied by it.
         factors = [[1.0, 1.0, 1.0, 1.0]] * len(self.materials)
@@ -120,14 +185,13 @@ class Surface:
         is_short = is_quantized and primitive.stop - primitive.start <= MAX_SHORT_VERTICES
         corners = primitive.faces.astype(np.uint16 if is_short else np.uint32).ravel()
         indices = file.add_array(corners, gltf.ELEMENT_ARRAY_BUFFER)
-        for name, values in (("TEXCOORD_0", self.uv), ("COLOR_0", self._colours)):
-            if values is not None:
-                rows: NDArray[Any] = values[primitive.start : primitive.stop]
-                is_small = is_quantized and rows.min() >= 0 and rows.max() <= 1
-                if is_small:
-                    rows = round_to(rows.astype(np.float64), np.uint16)
-                number = file.add_array(rows, gltf.ARRAY_BUFFER, is_normalized=is_small)
-                attributes = {**attributes, name: number}
+        for name, values in self.layers.items():
+            rows: NDArray[Any] = values[primitive.start : primitive.stop]
+            is_small = is_quantized and rows.min() >= 0 and rows.max() <= 1
+            if is_small:
+                rows = round_to(rows.astype(np.float64), np.uint16)
+            number = file.add_array(rows, gltf.ARRAY_BUFFER, is_normalized=is_small)
+            attributes = {**attributes, ACCESSORS[name]: number}
         return gltf.Primitive(
             attributes=gltf.Attributes(**attributes), indices=indices, material=primitive.material
         )
@@ -141,28 +205,30 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
     normals, the vertices of hard edges are parted.
     """
     polygons = mesh.polygons
-    uvs, labels, fans = polygons.uvs, polygons.materials, None
+    labels, fans = polygons.materials, None
+    maps = {name: held for name in ACCESSORS if isinstance(held := getattr(polygons, name), UvMap)}
     if has_normals and polygons.normal_fans is not None:
         fans = complete_fans(polygons).normal_fans
-    if uvs is None and labels is None and fans is None:
+    if not maps and labels is None and fans is None:
         wholes = tuple(
             Primitive(k, 0, part.vertices.start, part.vertices.stop, part.mesh.faces)
             for k, part in enumerate(split_parts(mesh))
         )
-        plain = np.array([PLAIN_COLOUR])
-        return Surface(mesh, np.arange(len(mesh.vertices)), None, None, wholes, (PLAIN,), plain)
+        plain, origins = np.array([PLAIN_COLOUR]), np.arange(len(mesh.vertices))
+        layers = _take_vertex_layers(polygons, origins)
+        return Surface(mesh, origins, layers, None, wholes, (PLAIN,), plain)
     corners, (material, materials) = _find_triangle_corners(mesh), _complete_materials(polygons)
     owners = [np.full(len(part.mesh.faces), k) for k, part in enumerate(split_parts(mesh))]
     place = np.concatenate(owners) * len(materials) + material
-    keys = np.zeros((mesh.faces.size, 4), np.int64)
+    keys = np.zeros((mesh.faces.size, 3 + len(maps)), np.int64)
     keys[:, 0], keys[:, 1] = np.repeat(place, 3), mesh.faces.ravel()
     if fans is not None:
         keys[:, 2] = fans[corners].ravel()
-    values = None
-    if uvs is not None:
-        table = np.concatenate([uvs.values, np.zeros((1, 2))])  # `NONE` is the last
-        found = table[uvs.indices[corners]].reshape(-1, 2)
-        values, keys[:, 3] = np.unique(found, axis=0, return_inverse=True)
+    tables = {}
+    for column, (name, held) in enumerate(maps.items(), start=3):
+        values, indices = held.complete()
+        found = values[indices[corners]].reshape(-1, values.shape[1])
+        tables[name], keys[:, column] = np.unique(found, axis=0, return_inverse=True)
     kept, numbers = np.unique(keys, axis=0, return_inverse=True)
     cut = numbers.reshape(-1, 3)
     primitives = []
@@ -170,22 +236,35 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
         start, stop = np.searchsorted(kept[:, 0], [number, number + 1]).tolist()
         part, index = divmod(number, len(materials))
         primitives.append(Primitive(part, index, start, stop, cut[place == number] - start))
-    uv = None
-    if values is not None:
-        u, v = values[kept[:, 3]].T
-        uv = np.stack([u, 1 - v], axis=1).astype(np.float32)
+    if "uvs" in tables:
+        tables["uvs"][:, 1] = 1 - tables["uvs"][:, 1]
+    layers = {
+        name: table[kept[:, column]].astype(np.float32)
+        for column, (name, table) in enumerate(tables.items(), start=3)
+    }
     colours = np.tile(PLAIN_COLOUR, (len(materials), 1))
     if labels is not None and polygons.material_colours is not None:
         colours[: len(labels.names)] = polygons.material_colours
     return Surface(
         mesh=mesh,
         origins=kept[:, 1],
-        uv=uv,
+        layers=layers | _take_vertex_layers(polygons, kept[:, 1]),
         fans=None if fans is None else kept[:, 2],
         primitives=tuple(primitives),
         materials=materials,
         base_colours=colours,
     )
+
+
+def _take_vertex_layers(polygons: SurfaceAttributes, origins: Integers) -> dict[str, Singles]:
+    """Return what vertices have, from 0 to 1, of some of them: colours."""
+    names = [name for name in ACCESSORS if LAYERS[name].domain == "vertex"]
+    held = {name: getattr(polygons, name) for name in names}
+    return {
+        name: values[origins].clip(0, 1).astype(np.float32)
+        for name, values in held.items()
+        if values is not None
+    }
 
 
 def _find_triangle_corners(mesh: TriMesh) -> Integers:
@@ -194,8 +273,7 @@ def _find_triangle_corners(mesh: TriMesh) -> Integers:
     A polygon that has a vertex twice gives the first of its corners there.
     """
     attributes, size = mesh.polygons, len(mesh.vertices)
-    polygons = np.repeat(np.arange(len(attributes.corner_counts)), attributes.corner_counts)
-    keys = polygons * size + attributes.corners
+    keys = attributes.corner_polygons * size + attributes.corners
     order = np.argsort(keys, kind="stable")
     wanted = attributes.triangle_polygons[:, None] * size + mesh.faces
     return np.asarray(order[np.searchsorted(keys[order], wanted)])

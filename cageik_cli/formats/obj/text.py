@@ -30,9 +30,6 @@ _BARE_RETURN = re.compile(rb"\r(?!\n)")
 MAX_SHORT_TEXT = 2**31 - 1
 """Bytes of a text whose places 32 bits can count."""
 
-MAX_PLAIN_LENGTH = 18
-"""Characters of words that are converted all at once; their digits fit in 64 bits."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tokens:
@@ -283,8 +280,7 @@ def convert_words(
 ) -> NDArray[Any] | None:
     """Convert the words of a text within `bounds`, (w, 2), to (w,); None if one is no number."""
     if compiled.kernel is None:
-        convert = _convert_decimals if dtype is np.float64 else _convert_one_by_one
-        return convert(text, bounds, dtype)
+        return _convert_in_python(text, bounds, dtype)
     numbers = np.empty(len(bounds), dtype)
     bounds = np.ascontiguousarray(bounds)
     is_long, has_integers = bounds.dtype == np.int64, dtype is np.int64
@@ -292,39 +288,7 @@ def convert_words(
     return numbers if is_number else None
 
 
-def _convert_decimals(
-    text: bytes, bounds: NDArray[Any], dtype: type[np.float64] | type[np.int64]
-) -> NDArray[Any] | None:
-    """Convert words where nothing is compiled, those that are short plain decimals all at once.
-
-    Their digits and the power of ten are exact, and the quotient rounds once (Clinger 1990).
-    """
-    begins, lengths = bounds[:, 0], bounds[:, 1] - bounds[:, 0]
-    codes = np.frombuffer(text + bytes(MAX_PLAIN_LENGTH), np.uint8)
-    width = min(int(lengths.max(initial=0)), MAX_PLAIN_LENGTH)
-    digits, points, places, counts = np.zeros((4, len(bounds)), np.int64)
-    is_plain = lengths <= width
-    for k in range(width):
-        code, is_part = codes[begins + k], k < lengths
-        is_digit = is_part & (code - np.uint8(ord("0")) < 10)
-        is_point = is_part & (code == ord("."))
-        is_sign = (k == 0) & ((code == ord("-")) | (code == ord("+")))
-        is_plain &= ~is_part | is_digit | is_point | is_sign
-        digits = np.where(is_digit, 10 * digits + code % 16, digits)
-        points += is_point
-        places += is_digit & (points > 0)
-        counts += is_digit
-    is_plain &= (points <= 1) & (counts > 0) & (digits <= 2**53)
-    powers = np.array([float(f"1e{power}") for power in range(MAX_PLAIN_LENGTH + 1)])
-    numbers = np.asarray(digits / powers[places] * np.where(codes[begins] == ord("-"), -1.0, 1.0))
-    others = _convert_one_by_one(text, bounds[~is_plain], dtype)
-    if others is None:
-        return None
-    numbers[~is_plain] = others
-    return numbers
-
-
-def _convert_one_by_one(
+def _convert_in_python(
     text: bytes, bounds: NDArray[Any], dtype: type[np.float64] | type[np.int64]
 ) -> NDArray[Any] | None:
     """Convert words by Python's own functions."""

@@ -1,6 +1,5 @@
 """A clip in USD: meshes whose points, transforms or rigs have time samples, and their surfaces."""
 
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cached_property
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.files import ClaimedBytes
-from cageik_cli.formats.base.mesh_data import share_normals
+from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
 from cageik_cli.formats.base.scene_graph import (
     EVEN_STEP_TOL,
     LibraryError,
@@ -31,12 +30,12 @@ from cageik_cli.formats.usd.library import (
 )
 from cageik_cli.formats.usd.skinning import Rigs, describe_unposed
 from cageik_cli.geometry.attributes import (
+    LAYERS,
     NONE,
     PLAIN_COLOUR,
     FaceLabels,
     Subdivision,
     SurfaceAttributes,
-    UvMap,
 )
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, error_context
@@ -49,7 +48,12 @@ MAX_TIME_CODES = 100_000
 LIBRARY_KEY = "materialLibrary"
 """Where the custom data of a mesh names the file of its materials, as an OBJ file does."""
 
-UV_NAME = "st"
+PRIMVARS = {
+    "uvs": ("st",),
+    "normal_fans": ("normals",),
+    "colours": ("displayColor", "displayOpacity"),
+}
+"""The primvars of a mesh that hold a layer of numbers."""
 
 _PER_VERTEX, _PER_CORNER, _PER_FACE = ("vertex", "varying"), ("faceVarying",), ("uniform",)
 
@@ -221,9 +225,7 @@ class UsdSceneMesh(SceneMesh):
         counts, corners = found
         return counts, corners
 
-    def list_surface_layers(
-        self, vertex_count: int, time: float
-    ) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+    def list_surface_layers(self, vertex_count: int, time: float) -> LayerReaders:
         """Return what reads UVs, normals, colours, materials, groups and subdivision."""
         self._claimed.claim(12 * vertex_count)
         return SurfaceReader(self._mesh, vertex_count, time, claimed=self._claimed).list_layers()
@@ -328,67 +330,63 @@ class SurfaceReader:
         self._mesh, self._vertex_count, self._time = mesh, vertex_count, time
         self._primvars, self._claimed = UsdGeom.PrimvarsAPI(mesh), claimed
 
-    def list_layers(self) -> dict[str, Callable[[SurfaceAttributes], SurfaceAttributes]]:
+    def list_layers(self) -> LayerReaders:
         """Return what reads each layer, for `FileMesh.read_layers`."""
         return {
-            "its texture coordinates": self.read_uvs,
-            "its normals": self.read_normals,
-            "its colours": self.read_colours,
+            **list_layer_readers(PRIMVARS, self._read_layer),
             "its materials and groups": self.read_labels,
             "its subdivision": self.read_subdivision,
         }
 
-    def read_uvs(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the primvar `st`, or else the first that holds texture coordinates."""
-        from pxr import Sdf
-
-        names = (Sdf.ValueTypeNames.TexCoord2fArray, Sdf.ValueTypeNames.Float2Array)
-        usual = self._primvars.GetPrimvar(UV_NAME)
-        found = [usual, *self._primvars.GetPrimvarsWithAuthoredValues()]
-        primvar = next((each for each in found if each and each.GetTypeName() in names), None)
-        if primvar is None:
-            return attributes
-        values = self._to_array(primvar.Get(self._time), 2)
-        numbers = self._read_indices(primvar, len(values))
-        indices = numbers[_locate(primvar.GetInterpolation(), attributes, len(numbers))]
-        absent = primvar.GetUnauthoredValuesIndex()
+    def _read_layer(self, name: str, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read a layer of numbers from its primvars; normals may be in an attribute instead."""
+        width = LAYERS[name].width
+        if LAYERS[name].domain == "vertex":
+            columns = self._read_vertex_columns(name)
+            return attributes.add_layer(name, np.hstack(columns)) if columns else attributes
+        primvar = self._find_primvar(name)
+        if primvar:
+            values, numbers = self._read_primvar(primvar, width)
+            interpolation = primvar.GetInterpolation()
+        else:
+            found = self._mesh.GetNormalsAttr().Get(self._time) if name == "normal_fans" else None
+            if not found:
+                return attributes
+            values = self._to_array(found, width)
+            numbers, interpolation = np.arange(len(values)), self._mesh.GetNormalsInterpolation()
+        indices = numbers[_locate(interpolation, attributes, len(numbers))]
+        absent = primvar.GetUnauthoredValuesIndex() if primvar else -1
         if absent >= 0:
             indices = np.where(indices == absent, NONE, indices)
             values = values[:absent] if absent == len(values) - 1 else values
-        return replace(attributes, uvs=UvMap(values, indices))
+        return attributes.add_layer(name, values, indices)
 
-    def read_normals(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read which corners share a normal."""
-        primvar = self._primvars.GetPrimvar("normals")
-        if primvar and primvar.HasAuthoredValue():
-            values = self._to_array(primvar.Get(self._time), 3)
-            numbers = self._read_indices(primvar, len(values))
-            interpolation = primvar.GetInterpolation()
-        else:
-            found = self._mesh.GetNormalsAttr().Get(self._time)
-            if not found:
-                return attributes
-            values = self._to_array(found, 3)
-            numbers, interpolation = np.arange(len(values)), self._mesh.GetNormalsInterpolation()
-        places = _locate(interpolation, attributes, len(numbers))
-        return share_normals(attributes, values, numbers[places])
+    def _find_primvar(self, name: str) -> Any:
+        """Find the primvar of a layer of corners: of UVs, else the first that holds some."""
+        from pxr import Sdf
 
-    def read_colours(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
-        """Read the colours of vertices."""
-        columns = []
-        for name, width in (("displayColor", 3), ("displayOpacity", 1)):
-            primvar = self._primvars.GetPrimvar(name)
+        primvar = self._primvars.GetPrimvar(PRIMVARS[name][0])
+        if name != "uvs":
+            return primvar if primvar and primvar.HasAuthoredValue() else None
+        kinds = (Sdf.ValueTypeNames.TexCoord2fArray, Sdf.ValueTypeNames.Float2Array)
+        found = [primvar, *self._primvars.GetPrimvarsWithAuthoredValues()]
+        return next((each for each in found if each and each.GetTypeName() in kinds), None)
+
+    def _read_vertex_columns(self, name: str) -> list[Floats]:
+        """Read the primvars of a layer of vertices, (n, 3) and perhaps (n, 1)."""
+        columns: list[Floats] = []
+        for place, width in zip(PRIMVARS[name], (3, 1), strict=True):
+            primvar = self._primvars.GetPrimvar(place)
             if not primvar or not primvar.HasAuthoredValue():
                 break
             if primvar.GetInterpolation() not in _PER_VERTEX:
-                if width == 1:
+                if columns:
                     break
                 raise FormatError(f"they are {primvar.GetInterpolation()}, expected vertex")
-            values = self._to_array(primvar.Get(self._time), width)
-            indices = self._read_indices(primvar, len(values))
+            values, indices = self._read_primvar(primvar, width)
             _check_places(np.arange(self._vertex_count), len(indices))
             columns.append(values[indices[: self._vertex_count]])
-        return replace(attributes, colours=np.hstack(columns)) if columns else attributes
+        return columns
 
     def read_labels(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
         """Read the subsets of faces: those that bind materials, and others, which are groups."""
@@ -415,11 +413,15 @@ class SurfaceReader:
                 bound[name] = material
             (materials if binds else groups).append((name, faces))
         library = self._mesh.GetPrim().GetCustomDataByKey(LIBRARY_KEY)
-        labels = FaceLabels.from_members(count, materials)
+        labels, colours = FaceLabels.from_members(count, materials), None
+        names = () if labels is None else labels.names
+        looks = [_read_colour(bound[name]) if name in bound else None for name in names]
+        if any(look is not None for look in looks):
+            colours = np.array([PLAIN_COLOUR if look is None else look for look in looks])
         return replace(
             attributes,
             materials=labels,
-            material_colours=None if labels is None else _list_colours(labels.names, bound),
+            material_colours=colours,
             groups=FaceLabels.from_members(count, groups),
             material_library=single_line(library) if isinstance(library, str) else "",
         )
@@ -444,13 +446,14 @@ class SurfaceReader:
             raise FormatError(f"it names vertex {named.max()} of {self._vertex_count}")
         return replace(attributes, subdivision=subdivision)
 
-    def _read_indices(self, primvar: Any, count: int) -> Integers:
-        """Return the indices into `count` values; one after the other if there are none."""
+    def _read_primvar(self, primvar: Any, width: int) -> tuple[Floats, Integers]:
+        """Return the values, (k, width), and the number of that of each place."""
+        values = self._to_array(primvar.Get(self._time), width)
         if not primvar.IsIndexed():
-            return np.arange(count)
+            return values, np.arange(len(values))
         indices = self._to_list(primvar.GetIndices(self._time), "iu")
-        _check_places(indices, count)
-        return indices
+        _check_places(indices, len(values))
+        return values, indices
 
     def _to_list(self, value: Any, kinds: str) -> NDArray[Any]:
         """Return a list of numbers of some kinds, (k,); empty without a value."""
@@ -479,7 +482,7 @@ def _locate(interpolation: str, attributes: SurfaceAttributes, count: int) -> In
     elif interpolation in _PER_CORNER:
         places = np.arange(len(attributes.corners))
     elif interpolation in _PER_FACE:
-        places = np.repeat(np.arange(len(attributes.corner_counts)), attributes.corner_counts)
+        places = attributes.corner_polygons
     else:
         raise FormatError(f"they are {interpolation}")
     _check_places(places, count)
@@ -489,14 +492,6 @@ def _locate(interpolation: str, attributes: SurfaceAttributes, count: int) -> In
 def _check_places(places: Integers, count: int) -> None:
     if len(places) and not 0 <= places.min() <= places.max() < count:
         raise FormatError(f"they need value {places.max()} of {count}")
-
-
-def _list_colours(names: tuple[str, ...], materials: dict[str, Any]) -> Floats | None:
-    """Return linear red, green, blue and opacity of materials, (k, 4); None if none is known."""
-    found = [_read_colour(materials[name]) if name in materials else None for name in names]
-    if all(colour is None for colour in found):
-        return None
-    return np.array([PLAIN_COLOUR if colour is None else colour for colour in found])
 
 
 def _read_colour(material: Any) -> list[float] | None:

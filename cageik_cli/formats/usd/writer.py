@@ -1,6 +1,8 @@
-"""USD: meshes whose points have a time sample per frame, or a skeleton; in single precision.
+"""USD: what has a time sample per frame, in single precision.
 
-A mesh has its polygons, UVs, normals, colours, materials, groups and subdivision.
+Meshes have moving points, or a skeleton, with their polygons, UVs, normals, colours, materials,
+groups and subdivision. Gaussian splats are a ParticleField3DGaussianSplat, which is in USD from
+26.03 on.
 """
 
 import zipfile
@@ -14,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton
-from cageik_cli.formats.base.skin import Skin, SkinWeights
+from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton, Skin, SkinWeights
 from cageik_cli.formats.base.writers import (
     Animation,
     AnimationWriter,
@@ -25,19 +26,21 @@ from cageik_cli.formats.base.writers import (
     to_float32,
 )
 from cageik_cli.formats.npz import fixed_date_zipinfo
+from cageik_cli.formats.ply_points import COLOURS, SCALES, TURNS, PointFile, rest_names
 from cageik_cli.formats.usd.library import USD_SUFFIXES, capture_diagnostics, require_usd
-from cageik_cli.formats.usd.reader import LIBRARY_KEY, UV_NAME
-from cageik_cli.geometry.attributes import NONE, FaceLabels, SurfaceAttributes
+from cageik_cli.formats.usd.reader import LIBRARY_KEY, PRIMVARS
+from cageik_cli.geometry.attributes import LAYERS, NONE, FaceLabels, SurfaceAttributes, UvMap
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import (
+from cageik_cli.geometry.parts import Part, split_parts
+from cageik_cli.geometry.shape import (
     FALLBACK_NORMAL,
     compute_corner_normals,
     has_vertex_normals,
     shade_smoothly,
 )
-from cageik_cli.geometry.parts import Part, split_parts
+from cageik_cli.method.points.oriented import REST_COUNTS
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import OutputError
+from cageik_cli.util.errors import MissingLibraryError, OutputError
 from cageik_cli.util.text import number_names
 
 MAX_UNSAVED_BYTES = 1 << 26
@@ -46,6 +49,8 @@ keeps in memory until the end."""
 
 MAX_USDZ_BYTES = 1 << 32
 """Bytes of a `.usdz`: a zip file without the extension for large files."""
+
+SPLAT_SCHEMA = "ParticleField3DGaussianSplat"
 
 
 class UsdWriter(AnimationWriter):
@@ -176,17 +181,12 @@ class UsdMesh:
 
         self.prim = UsdGeom.Mesh.Define(stage, path)
         self.prim.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
-        attributes = mesh.attributes
-        counts = np.full(len(mesh.faces), 3) if attributes is None else attributes.corner_counts
-        corners = mesh.faces.ravel() if attributes is None else attributes.corners
-        self.prim.CreateFaceVertexCountsAttr(_to_ints(counts))
-        self.prim.CreateFaceVertexIndicesAttr(_to_ints(corners))
+        attributes = mesh.polygons
+        self.prim.CreateFaceVertexCountsAttr(_to_ints(attributes.corner_counts))
+        self.prim.CreateFaceVertexIndicesAttr(_to_ints(attributes.corners))
         self._shaded = attributes if count_normals(mesh) else None
-        if attributes is None:
-            # By default, a mesh is subdivided by Catmull and Clark.
-            self.prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-            return
         subdivision = attributes.subdivision
+        # By default, a mesh is subdivided by Catmull and Clark.
         self.prim.CreateSubdivisionSchemeAttr(subdivision.scheme)
         if len(subdivision.crease_lengths):
             self.prim.CreateCreaseIndicesAttr(_to_ints(subdivision.crease_vertices))
@@ -195,8 +195,7 @@ class UsdMesh:
         if len(subdivision.corner_vertices):
             self.prim.CreateCornerIndicesAttr(_to_ints(subdivision.corner_vertices))
             self.prim.CreateCornerSharpnessesAttr(_to_floats(subdivision.corner_sharpness))
-        _write_uvs(self.prim, attributes)
-        _write_colours(self.prim, attributes)
+        _write_layers(self.prim, attributes)
         _write_materials(self.prim, attributes, materials)
         if attributes.groups is not None:
             _write_subsets(self.prim, attributes.groups, "groups")
@@ -215,17 +214,13 @@ class UsdMesh:
         self.prim.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(points), *time)
         self.prim.CreateExtentAttr().Set(compute_extent(points), *time)
         if self._shaded is not None:
-            normals = to_float32(self._compute_normals(self._shaded, positions))
-            self.prim.CreateNormalsAttr().Set(Vt.Vec3fArray.FromNumpy(normals), *time)
-
-    def _compute_normals(self, attributes: SurfaceAttributes, positions: Floats) -> Floats:
-        """Return the normals of the vertices, or of the corners if these have several."""
-        by_corner = compute_corner_normals(attributes, positions)
-        if not self._is_by_vertex:
-            return by_corner
-        normals = np.tile(FALLBACK_NORMAL, (len(positions), 1))
-        normals[attributes.corners] = by_corner
-        return normals
+            normals = compute_corner_normals(self._shaded, positions)
+            if self._is_by_vertex:
+                by_vertex = np.tile(FALLBACK_NORMAL, (len(positions), 1))
+                by_vertex[self._shaded.corners] = normals
+                normals = by_vertex
+            values = Vt.Vec3fArray.FromNumpy(to_float32(normals))
+            self.prim.CreateNormalsAttr().Set(values, *time)
 
 
 def define_parts(
@@ -421,10 +416,9 @@ def count_normals(mesh: TriMesh) -> int:
 
     A surface that is subdivided has none, for its normals are those of its limit.
     """
-    attributes = mesh.attributes
-    if attributes is None or attributes.normal_fans is None:
-        return 0
-    return len(attributes.corners) if attributes.subdivision.scheme == "none" else 0
+    shaded = mesh.shaded
+    is_limit = shaded is not None and shaded.subdivision.scheme != "none"
+    return 0 if shaded is None or is_limit else len(shaded.corners)
 
 
 def _to_ints(values: Integers) -> Any:
@@ -439,33 +433,26 @@ def _to_floats(values: Floats) -> Any:
     return Vt.FloatArray.FromNumpy(to_float32(values))
 
 
-def _write_uvs(prim: Any, attributes: SurfaceAttributes) -> None:
+def _write_layers(prim: Any, attributes: SurfaceAttributes) -> None:
+    """Write UVs and colours; normals move with the points."""
     from pxr import Sdf, UsdGeom, Vt
 
-    if attributes.uvs is None:
-        return
-    values, indices = attributes.uvs.values, attributes.uvs.indices
-    kind = Sdf.ValueTypeNames.TexCoord2fArray
-    primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(UV_NAME, kind, UsdGeom.Tokens.faceVarying)
-    if (indices == NONE).any():
-        # USD knows no corner without a value: the last value stands for that.
-        primvar.SetUnauthoredValuesIndex(len(values))
-        indices = np.where(indices == NONE, len(values), indices)
-        values = np.concatenate([values, np.zeros((1, 2))])
-    primvar.Set(Vt.Vec2fArray.FromNumpy(to_float32(values)))
-    primvar.SetIndices(_to_ints(indices))
-
-
-def _write_colours(prim: Any, attributes: SurfaceAttributes) -> None:
-    from pxr import UsdGeom, Vt
-
-    if attributes.colours is None:
-        return
-    colours = to_float32(attributes.colours[:, :3])
-    prim.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(Vt.Vec3fArray.FromNumpy(colours))
-    if attributes.colours.shape[1] == 4:
-        opacity = _to_floats(attributes.colours[:, 3])
-        prim.CreateDisplayOpacityPrimvar(UsdGeom.Tokens.vertex).Set(opacity)
+    primvars, tokens = UsdGeom.PrimvarsAPI(prim), UsdGeom.Tokens
+    for name, places in PRIMVARS.items():
+        held = getattr(attributes, name)
+        if isinstance(held, UvMap):
+            kind, (values, indices) = Sdf.ValueTypeNames.TexCoord2fArray, held.complete()
+            primvar = primvars.CreatePrimvar(places[0], kind, tokens.faceVarying)
+            if len(values) > len(held.values):
+                # USD knows no corner without a value: the last value stands for that.
+                primvar.SetUnauthoredValuesIndex(len(held.values))
+            primvar.Set(Vt.Vec2fArray.FromNumpy(to_float32(values)))
+            primvar.SetIndices(_to_ints(indices))
+        elif held is not None and LAYERS[name].domain == "vertex":
+            colours = Vt.Vec3fArray.FromNumpy(to_float32(held[:, :3]))
+            prim.CreateDisplayColorPrimvar(tokens.vertex).Set(colours)
+            if held.shape[1] == LAYERS[name].width:
+                prim.CreateDisplayOpacityPrimvar(tokens.vertex).Set(_to_floats(held[:, 3]))
 
 
 class UsdMaterials:
@@ -598,3 +585,89 @@ def compute_extent(points: NDArray[np.float32]) -> Any:
     from pxr import Vt
 
     return Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)]))
+
+
+class UsdSplatWriter(UsdWriter):
+    """Writes rows of splats at the time code of each frame, of the prim `/NAME/NAME`.
+
+    Standard deviations and opacities are written as themselves, not as logarithms and logits, and
+    the constant coefficients of a colour before the others.
+    """
+
+    def __init__(self, target: Path, animation: Animation, points: PointFile) -> None:
+        require_usd("writing USD")
+        from pxr import UsdVol
+
+        if not hasattr(UsdVol, SPLAT_SCHEMA):
+            raise MissingLibraryError(
+                "writing splats as USD needs usd-core 26.3 or newer: pip install -U usd-core"
+            )
+        self._rest = rest_names(points)
+        self._splat_count = len(points.rows)
+        coefficients = 1 + len(self._rest) // 3
+        moving = 12 + 16 + 12 + (12 * coefficients if self._rest else 0)
+        self.open_stage(target, animation, moving * self._splat_count)
+        from pxr import UsdGeom, UsdVol
+
+        with capture_diagnostics(OSError):
+            stage, root = self.stage, self.root
+            UsdGeom.Xform.Define(stage, root)
+            prim = getattr(UsdVol, SPLAT_SCHEMA).Define(stage, f"{root}/{animation.name}").GetPrim()
+            self._attributes = {name: prim.GetAttribute(name) for name in prim.GetPropertyNames()}
+            degree = REST_COUNTS[coefficients - 1]
+            self._attributes["radiance:sphericalHarmonicsDegree"].Set(degree)
+            with np.errstate(over="ignore"):  # rows have the logits
+                opacities = 1 / (1 + np.exp(-points.rows["opacity"].astype(np.float64)))
+            self._set("opacities", opacities.astype(np.float32))
+            if not self._rest:
+                self._set_colours(points.rows)
+
+    def append(self, frames: NDArray[Any]) -> None:
+        """Write the next frames, rows (k, m)."""
+        for rows in frames:
+            time = self.begin_frame()
+            positions = _stack_columns(rows, ("x", "y", "z"))
+            with np.errstate(over="ignore"):
+                scales = np.exp(_stack_columns(rows, SCALES))
+            if not (np.isfinite(positions).all() and np.isfinite(scales).all()):
+                raise OutputError(
+                    "a coordinate is too large for the single precision of this format; scale "
+                    "the animation, or write .ply"
+                )
+            with capture_diagnostics(OSError):
+                self._set("positions", positions, time)
+                self._set("scales", scales, time)
+                self._set("orientations", _stack_columns(rows, TURNS), time)
+                # Each splat is taken to three of its largest standard deviation.
+                radii = 3.0 * scales.max(axis=1, keepdims=True)
+                self._attributes["extent"].Set(
+                    compute_extent(np.concatenate([positions - radii, positions + radii])), time
+                )
+                if self._rest:
+                    self._set_colours(rows, time)
+
+    def _set_colours(self, rows: NDArray[Any], time: float | None = None) -> None:
+        """Write all coefficients of each splat together: the constant ones, then the bands."""
+        colours = _stack_columns(rows, self._rest).reshape(self._splat_count, 3, -1)
+        constant = _stack_columns(rows, COLOURS)[:, :, None]
+        grouped = np.concatenate([constant, colours], axis=2).transpose(0, 2, 1)
+        self._set("radiance:sphericalHarmonicsCoefficients", grouped.reshape(-1, 3), time)
+
+    def _set(self, name: str, values: NDArray[np.float32], time: float | None = None) -> None:
+        from pxr import Usd, Vt
+
+        kinds = {1: Vt.FloatArray, 3: Vt.Vec3fArray, 4: Vt.QuatfArray}
+        kind = kinds[1 if values.ndim == 1 else values.shape[1]]
+        if kind is Vt.QuatfArray:
+            values = np.roll(values, -1, axis=1)  # arrays of USD have the real part last
+        array = kind.FromNumpy(np.ascontiguousarray(values))
+        self._attributes[name].Set(array, Usd.TimeCode.Default() if time is None else time)
+
+
+def _stack_columns(rows: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.float32]:
+    """Return some properties as float32, (m, count)."""
+    found = np.empty((len(rows), len(names)), np.float32)
+    with np.errstate(over="ignore"):  # positions are checked, the others are never as large
+        for k, name in enumerate(names):
+            found[:, k] = rows[name]
+    return found

@@ -12,9 +12,9 @@ from collections.abc import Callable
 import numpy as np
 
 from cageik_cli.geometry.surface import closest_points, winding_numbers
-from cageik_cli.method.points.field import HarmonicField
 from cageik_cli.method.points.oriented import Oriented, count_map_faults
 from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.settings import COORDINATES
 from cageik_cli.util.arrays import Floats, allocate_floats
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import say
@@ -36,7 +36,7 @@ class PointMotion:
     Parameters
     ----------
     binding : Binding
-        Of the places of m points, with harmonic weights.
+        Of the places of m points, with weights that have gradients.
     memory : int
         Bytes for gradients, 32 m n. More go to a temporary file.
     jobs : int
@@ -44,7 +44,7 @@ class PointMotion:
     progress : callable
         Called with (points done, points).
     add_gradients : callable, optional
-        Adds the gradients of what was added to the harmonic weights.
+        Adds the gradients of what was added to the computed weights.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class PointMotion:
     Raises
     ------
     SettingError
-        When the weights are not harmonic, and so have no gradients here.
+        When weights of their kind have no gradients here.
     FileAccessError
         When the disk has no room for the temporary file.
     """
@@ -68,7 +68,7 @@ class PointMotion:
         progress: Callable[[int, int], None] = ignore_progress,
         add_gradients: AddGradients | None = None,
     ) -> None:
-        if binding.settings.coordinates != "harmonic":
+        if COORDINATES[binding.settings.coordinates].field is None:
             raise SettingError(
                 f"splats need gradients of weights, which {binding.settings.coordinates} "
                 "weights do not have here; " + say("use `coordinates=harmonic`")
@@ -145,7 +145,10 @@ class PointMotion:
         points, cage = binding.rest.vertices, binding.cage
         is_outside = winding_numbers(cage, points) < 0.5
         points = np.where(is_outside[:, None], closest_points(cage, points).position, points)
-        field = HarmonicField.solve(binding.cage, points, binding.settings.accuracy, jobs)
+        kind = COORDINATES[binding.settings.coordinates]
+        assert kind.field is not None
+        solve = kind.load(kind.field, binding.settings.accuracy)
+        field = solve(binding.cage, points, jobs=jobs)
         together = max(1, MAX_GRADIENT_BYTES // (24 * self._cage_count * MAX_MOVED_POINTS))
         for first in range(0, len(self.blocks), together):
             group = self.blocks[first : first + together]

@@ -9,13 +9,10 @@ import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import frames_to_columns, place_columns
-from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.method.weights.settings import COORDINATES, BindSettings
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.messages import Note
 from cageik_cli.util.threads import OrderedMap
-
-ALGORITHM_VERSIONS = {"harmonic": 10, "mean-value": 4}
-"""Raise a number when weights, notes or refusals change, so that caches are not used."""
 
 FRAMES_PER_PRODUCT = 4
 """Frames per matrix product; constant, because the last digits depend on it."""
@@ -63,7 +60,7 @@ class WeightQuality:
         Largest distance of `weights @ cage` from the rest vertices, in diagonals.
     min_weight : float
         Smallest weight. Exact harmonic weights are never negative, so this measures the
-        discretisation error; mean value weights may be negative in a concave cage.
+        discretisation error.
     panels : int
         Number of panels the cage was divided into; 0 for coordinates in closed form.
     estimated_error : float
@@ -165,7 +162,7 @@ class Binding:
 
     def __repr__(self) -> str:
         settings = [self.settings.coordinates]
-        if self.settings.coordinates == "harmonic":
+        if COORDINATES[self.settings.coordinates].needs_accuracy:
             settings.append(self.settings.accuracy)
         count, cage_count = len(self.rest.vertices), len(self.cage.vertices)
         return f"<Binding: {count} vertices in a cage of {cage_count}, {', '.join(settings)}>"

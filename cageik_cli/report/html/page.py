@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.cages.bind import MIN_HARMONIC_WEIGHT
 from cageik_cli.formats.timeline import format_frame_number
 from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION
 from cageik_cli.method.weights.binding import WeightQuality
-from cageik_cli.method.weights.settings import ACCURACIES
+from cageik_cli.method.weights.settings import ACCURACIES, COORDINATES
 from cageik_cli.report.figures import (
     FrameRecord,
     VertexMetrics,
@@ -402,22 +401,16 @@ def build_quality_rows(report: Report, spelling: Spelling = spell_keyword) -> li
 
 def _smallest_weight_row(quality: WeightQuality, kind: object) -> WeightRow:
     """Build the row on the smallest weight, which means different things for different weights."""
+    meaning, expected = "", ""
     if kind == "fitted":
         meaning = (
             "Weights that are fitted to frames may be negative, unless they have few influences."
         )
-        expected = ""
-    elif kind == "harmonic":
-        meaning = (
-            "Exact harmonic weights are never negative; a negative one shows the size of the error."
-        )
-        expected = f"{MIN_HARMONIC_WEIGHT} or more"
-    else:
-        meaning = (
-            "Mean value weights can be negative near concave parts of a cage. There the model "
-            "moves against the cage."
-        )
-        expected = "close to zero"
+    elif kind in COORDINATES:
+        known = COORDINATES[str(kind)]
+        meaning, expected = known.lowest_meaning, known.lowest_expected
+        if known.lowest_weight is not None:
+            expected = f"{known.lowest_weight} or more"
     return "Smallest weight", f"{quality.min_weight:.1e}", meaning, expected
 
 

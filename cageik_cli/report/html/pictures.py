@@ -185,7 +185,7 @@ def load_fit_shapes(result: Result, poses: PoseSet) -> FitShapes | None:
 def _cut_polygons(cage: TriMesh, vertex: int) -> TriMesh:
     """Return the polygons of a cage that have a vertex; vertices keep their numbers."""
     polygons = cage.polygons
-    owners = np.repeat(np.arange(len(polygons.corner_counts)), polygons.corner_counts)
+    owners = polygons.corner_polygons
     chosen = np.unique(owners[polygons.corners == vertex])
     return TriMesh(
         cage.vertices,

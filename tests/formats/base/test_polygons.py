@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base import ear_clipping
-from cageik_cli.formats.base.ear_clipping import _project_to_plane, describe_folded
-from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base import mesh_data
+from cageik_cli.formats.base.mesh_data import FileMesh, _project_to_plane, describe_folded
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FormatError
 from tests.shapes import rotation
@@ -123,8 +122,8 @@ def test_polygons_of_many_corners_are_covered_once(make):
 
 def test_a_fan_that_folds_over_is_noted(monkeypatch):
     crossing, _ = cut([[0, 0], [4, 0], [0, 3], [4, 3], [2, 5]])
-    monkeypatch.setattr(ear_clipping, "MAX_STEPS", 1)
-    monkeypatch.setattr(ear_clipping, "MAX_CORNER_STEPS", 1)
+    monkeypatch.setattr(mesh_data, "MAX_STEPS", 1)
+    monkeypatch.setattr(mesh_data, "MAX_CORNER_STEPS", 1)
     winding, _ = cut(SPIRAL, start=5)
     for mesh in (crossing, winding):
         (note,) = describe_folded(mesh)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.skin import MIN_WEIGHT, compute_skin_weights
+from cageik_cli.formats.base.skeleton import MIN_WEIGHT, compute_skin_weights
 from cageik_cli.util.errors import CageError
 
 RANDOM = np.random.default_rng(7)

@@ -72,7 +72,7 @@ def test_triangles_have_what_the_text_says_of_their_polygons():
     found, expected = [], []
     for part in surface.primitives:
         for triangle in part.faces + part.start:
-            uvs = (surface.uv[triangle] * [1, -1] + [0, 1]).round(5).tolist()
+            uvs = (surface.layers["uvs"][triangle] * [1, -1] + [0, 1]).round(5).tolist()
             found.append(
                 (surface.materials[part.material], surface.origins[triangle].tolist(), uvs)
             )
@@ -91,7 +91,7 @@ def test_corners_without_uvs_are_at_zero(animation):
     uvs = replace(mesh.attributes.uvs, indices=indices)
     surface = cut_surface(replace(mesh, attributes=replace(mesh.attributes, uvs=uvs)), True)
     (primitive,) = surface.primitives
-    assert surface.uv[primitive.faces[0]].tolist() == [
+    assert surface.layers["uvs"][primitive.faces[0]].tolist() == [
         [0, 1],
         [0.25, 0.75],
         [0.25, 0.75],

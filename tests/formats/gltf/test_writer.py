@@ -11,7 +11,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import MAX_MORPHS, MorphSettings, Scene
 from cageik_cli.formats.write import Output
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_vertex_normals
+from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.util.errors import OutputError
 from tests.formats.gltf.decoded import Glb
 from tests.formats.written import write

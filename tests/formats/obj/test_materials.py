@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from cageik_cli.formats.obj import surface
+from cageik_cli.formats.obj import frames
 from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.geometry.attributes import PLAIN_COLOUR
 from cageik_cli.util.files import read_input
@@ -112,7 +112,7 @@ def test_a_library_that_is_a_pipe_is_not_read(tmp_path):
 
 
 def test_a_library_that_is_too_large_is_not_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("cageik_cli.formats.obj.surface.MAX_LIBRARY_BYTES", 10)
+    monkeypatch.setattr("cageik_cli.formats.obj.frames.MAX_LIBRARY_BYTES", 10)
     found, (note,) = colours_of(write_model(tmp_path))
     assert found is None
     assert "expected at most 10" in note
@@ -144,8 +144,8 @@ def test_libraries_are_read_once_and_within_one_limit(tmp_path, monkeypatch):
         read.append((path.name, left))
         return read_input(path, left)
 
-    monkeypatch.setattr(surface, "read_input", read_counted)
-    monkeypatch.setattr(surface, "MAX_LIBRARY_BYTES", 2 * len(LIBRARY) - 1)
+    monkeypatch.setattr(frames, "read_input", read_counted)
+    monkeypatch.setattr(frames, "MAX_LIBRARY_BYTES", 2 * len(LIBRARY) - 1)
     path = write_model(tmp_path, LIBRARY, "a.mtl")
     path.write_text(path.read_text().replace("a.mtl", " ".join(["a.mtl"] * 100)))
     assert colours_of(path)[0] is not None

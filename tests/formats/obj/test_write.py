@@ -9,7 +9,7 @@ from cageik_cli.formats.obj.frames import make_obj_template
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.write import write_mesh
 from cageik_cli.geometry.attributes import FaceLabels
-from cageik_cli.geometry.normals import compute_fan_normals
+from cageik_cli.geometry.shape import compute_fan_normals
 from tests.assets import asset_text, parse_asset
 from tests.shapes import quad_text
 from tests.surfaces import change, read_obj

@@ -4,7 +4,7 @@ import pytest
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.ply_points import parse_points
 from cageik_cli.formats.settings import Scene
-from cageik_cli.formats.usd import splats as usd_splats
+from cageik_cli.formats.usd import writer as usd_writer
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.util.errors import MissingLibraryError, OutputError
 from tests.shapes import ball
@@ -20,7 +20,7 @@ def write(path, degree=2, shift=0.5):
     points = parse_points(encode_rows(rows))
     cloud = PointCloud.from_points(points.positions)
     animation = Animation(cloud, 2, Scene(start=1, fps=24.0), "thing")
-    writer = usd_splats.UsdSplatWriter(path, animation, points)
+    writer = usd_writer.UsdSplatWriter(path, animation, points)
     moved = rows.copy()
     for axis in "xyz":
         moved[axis] += shift
@@ -78,7 +78,7 @@ def test_constant_colours_are_written_once(tmp_path):
     points = parse_points(encode_rows(rows))
     cloud = PointCloud.from_points(points.positions)
     animation = Animation(cloud, 1, Scene(start=1), "thing")
-    writer = usd_splats.UsdSplatWriter(tmp_path / "s.usdc", animation, points)
+    writer = usd_writer.UsdSplatWriter(tmp_path / "s.usdc", animation, points)
     writer.append(rows[None])
     writer.complete()
     _, prim = open_prim(tmp_path / "s.usdc")
@@ -93,6 +93,6 @@ def test_what_does_not_fit_single_precision_is_refused(tmp_path):
 
 
 def test_an_old_usd_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(usd_splats, "SCHEMA", "ParticleFieldOfTheFuture")
+    monkeypatch.setattr(usd_writer, "SPLAT_SCHEMA", "ParticleFieldOfTheFuture")
     with pytest.raises(MissingLibraryError, match=r"usd-core 26\.3 or newer"):
         write(tmp_path / "s.usdc")

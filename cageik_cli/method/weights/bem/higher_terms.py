@@ -18,15 +18,15 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from cageik_cli.method.weights.bem.panel_geometry import (
+from cageik_cli.method.weights.bem.panels import (
     LINEAR_TERMS,
     Panels,
+    PanelView,
     edge_coefficients,
     exponents,
     exponents_at_degree,
     orthogonal_basis,
 )
-from cageik_cli.method.weights.bem.panels import PanelView
 from cageik_cli.util.arrays import Floats, Integers
 
 
