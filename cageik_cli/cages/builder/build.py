@@ -6,9 +6,10 @@ from functools import partial
 
 import numpy as np
 
+from cageik_cli.cages.builder.collapse import Motion
+from cageik_cli.cages.builder.frame import find_symmetry, pair_exactly
 from cageik_cli.cages.builder.judge import Demand, Verdict, judge
 from cageik_cli.cages.builder.loops import NO_LOOPS, Loops
-from cageik_cli.cages.builder.motion import Motion
 from cageik_cli.cages.builder.quads import describe_few_quads, make_quads
 from cageik_cli.cages.builder.refine import refine_shell, replace_weak_vertices, wrap_ellipsoid
 from cageik_cli.cages.builder.shell import (
@@ -18,7 +19,6 @@ from cageik_cli.cages.builder.shell import (
     make_shell,
 )
 from cageik_cli.cages.builder.shift import shift_vertices
-from cageik_cli.cages.builder.symmetry import find_symmetry, pair_exactly
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
@@ -283,10 +283,10 @@ class _Builder:
             self._try_ellipsoids()
         best = self._ranked[:shifts]
         for step in self._try_shifts(best):
-            progress(rungs + step, rungs + shifts)
+            report(rungs + step)
         if self._settings.quads and self._valid:
             self._make_quads()
-        progress(rungs + shifts, rungs + shifts)
+        report(rungs + shifts)
         return self._choose_best()
 
     def _try_shells(self, rungs: range, progress: Callable[[int], None]) -> None:
@@ -301,7 +301,11 @@ class _Builder:
 
     def _try_shell(self, offset: float, closing: float) -> None:
         """Try a cage made of a shell, if the grid carries it; a motion keeps vertices it needs."""
-        shell = make_shell(self._find_grid(offset), offset, closing)
+        # A shell on the coarse grid is further away than a cell, so that the grid resolves it.
+        cell, reach = COARSE_GRID if offset > COARSE_GRID[0] else FINE_GRID
+        if cell not in self._grids:
+            self._grids[cell] = DistanceGrid(self._demand.surface, cell, reach)
+        shell = make_shell(self._grids[cell], offset, closing)
         if shell is None:
             return
         cage, loops = refine_shell(
@@ -386,14 +390,6 @@ class _Builder:
         if self._clip is not None and candidate.verdict.is_valid:
             candidate = replace(candidate, error=self._clip.measure(candidate.cage))
         self._tried.append(candidate)
-
-    def _find_grid(self, offset: float) -> DistanceGrid:
-        """Return the grid on which a shell is made, measured when it is first needed."""
-        # A shell on the coarse grid is further away than a cell, so that the grid resolves it.
-        cell, reach = COARSE_GRID if offset > COARSE_GRID[0] else FINE_GRID
-        if cell not in self._grids:
-            self._grids[cell] = DistanceGrid(self._demand.surface, cell, reach)
-        return self._grids[cell]
 
     def _choose_best(self) -> BuiltCage:
         """Take the valid candidate of the least error, or else from the tightest shell."""

@@ -59,7 +59,15 @@ class DistanceGrid:
         self.cell = cell = max(cell, float(np.cbrt(size.prod() / max_nodes)))
         self.origin = low - reach - 2 * cell
         self._surface = surface
-        self.distance = self._measure_coarsely(np.ceil(size / cell).astype(np.int64) + 5)
+        # What every node is from the surface at least, by the nodes nearest to its samples: these
+        # are half the diagonal of a cell from a sample, at most; and samples are the corners of
+        # triangles that cover the surface, with sides up to their spacing.
+        free = np.ones(tuple(np.ceil(size / cell).astype(np.int64) + 5), bool)
+        for samples in sample_in_blocks(surface):
+            node = np.rint((samples - self.origin) / cell).astype(np.int64)
+            free[tuple(node.T)] = False
+        slack = np.sqrt(3) / 2 * cell + find_spacing(surface) / np.sqrt(3)
+        self.distance = np.asarray(cell * ndimage.distance_transform_edt(free) - slack)
         self._is_exact = np.zeros(self.distance.shape, bool)
 
     def measure(self, reach: float) -> None:
@@ -73,19 +81,6 @@ class DistanceGrid:
     def positions(self, nodes: Integers) -> Floats:
         """Return places of nodes (k, 3)."""
         return np.asarray(self.origin + self.cell * nodes)
-
-    def _measure_coarsely(self, shape: Integers) -> Floats:
-        """Return what every node is from the surface at least, by the nodes nearest to its samples.
-
-        These are half the diagonal of a cell from a sample, at most; and samples are the corners of
-        triangles that cover the surface, with sides up to their spacing.
-        """
-        free = np.ones(tuple(shape), bool)
-        for samples in sample_in_blocks(self._surface):
-            node = np.rint((samples - self.origin) / self.cell).astype(np.int64)
-            free[tuple(node.T)] = False
-        slack = np.sqrt(3) / 2 * self.cell + find_spacing(self._surface) / np.sqrt(3)
-        return np.asarray(self.cell * ndimage.distance_transform_edt(free) - slack)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,22 +239,17 @@ def _take_outermost(surface: TriMesh) -> TriMesh:
 def find_bridges(grid: DistanceGrid, body: Mask) -> Floats | None:
     """Return segments (b, 2, 3) that make one part of a body's parts, of the least total length.
 
-    None when there is nothing to join, or more than `MAX_JOINED_PARTS`: the time is their square.
+    They are the tree of shortest segments (Prim 1957). None when there is nothing to join, or more
+    than `MAX_JOINED_PARTS`: the time is their square.
     """
-    parts, count = ndimage.label(body)
+    labels, count = ndimage.label(body)
     if not 1 <= count <= MAX_JOINED_PARTS:
         return None
-    surface = body & ~ndimage.binary_erosion(body)
-    nodes = np.argwhere(surface)
-    of_node = parts[tuple(nodes.T)]
-    return _span_tree([grid.positions(nodes[of_node == part]) for part in range(1, count + 1)])
-
-
-def _span_tree(parts: list[Floats]) -> Floats:
-    """Return the tree of shortest segments between sets of points (Prim 1957)."""
-    nearest = np.full(len(parts), np.inf)
-    segments = np.zeros((len(parts), 2, 3))
-    left = np.arange(len(parts)) > 0
+    nodes = np.argwhere(body & ~ndimage.binary_erosion(body))
+    of_node = labels[tuple(nodes.T)]
+    parts = [grid.positions(nodes[of_node == part]) for part in range(1, count + 1)]
+    nearest, segments = np.full(count, np.inf), np.zeros((count, 2, 3))
+    left = np.arange(count) > 0
     last, found = 0, []
     while left.any():
         tree = cKDTree(parts[last])

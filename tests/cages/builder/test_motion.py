@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.builder import motion as motion_module
-from cageik_cli.cages.builder.motion import EditGains, Motion, split_edges
+from cageik_cli.cages.builder import shift as shift_module
+from cageik_cli.cages.builder.collapse import Motion
+from cageik_cli.cages.builder.shift import EditGains, split_edges
 from cageik_cli.method.weights.harmonic import harmonic_weights
 from tests.shapes import ball
 
@@ -83,7 +84,7 @@ def test_a_split_gains_what_a_new_vertex_gains(bent):
 
 def test_no_more_splits_are_measured_than_weights_can_be_computed_of(bent, monkeypatch):
     cage, motion = bent
-    monkeypatch.setattr(motion_module, "MAX_HARMONIC_FACES", len(cage.faces) + 5)
+    monkeypatch.setattr(shift_module, "MAX_HARMONIC_FACES", len(cage.faces) + 5)
     edits = EditGains(cage, motion, EditGains(cage, motion).squares)
     assert len(edits.splits) == 2
 
