@@ -21,8 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.fit.problem import Motion, WeightProblem
-from cageik_cli.fit.systems import count_columns
+from cageik_cli.fit.problem import Motion, WeightProblem, count_columns
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.threads import OrderedMap
 

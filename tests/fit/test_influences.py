@@ -10,8 +10,13 @@ from cageik_cli.fit.influences import (
     project_to_simplex,
     refit_influences,
 )
-from cageik_cli.fit.problem import Displacements, Motion, WeightProblem, complement_basis
-from cageik_cli.fit.systems import SurfaceLaplacian
+from cageik_cli.fit.problem import (
+    Displacements,
+    Motion,
+    SurfaceLaplacian,
+    WeightProblem,
+    complement_basis,
+)
 from cageik_cli.geometry.shape import uniform_laplacian
 from tests.fitted import cage_motion, small_binding
 
