@@ -91,12 +91,22 @@ class Camera:
         width, height : float
             Pixels.
         """
-        view = _look_at(position, target, up)
+        away = position - target
+        distance = float(np.linalg.norm(away))
+        if not distance > 0:
+            raise SettingError("position and look_at are the same point; move one of them")
+        if not np.linalg.norm(np.cross(away, up)) > 1e-9 * distance * np.linalg.norm(up):
+            raise SettingError("up is parallel to the viewing direction; choose another up")
+        back = _normalize(away)
+        right = _normalize(np.cross(up, back))
+        axes = np.stack([right, np.cross(back, right), back])
+        view = np.eye(4)
+        view[:3, :3], view[:3, 3] = axes, -axes @ position
         if not 0 < fov_degrees < 180:
             raise SettingError(
                 f"fov_degrees is {fov_degrees:g}, expected more than 0 and less than 180"
             )
-        near = 1e-6 * float(np.linalg.norm(target - position))
+        near = 1e-6 * distance
         scale = 1 / np.tan(np.radians(fov_degrees) / 2)
         projection = np.zeros((4, 4))
         projection[0, 0], projection[1, 1] = scale * height / width, scale
@@ -149,22 +159,6 @@ class Camera:
         normal = self.view[2, :3]
         ahead = (points - origins) @ normal / (directions @ normal)
         return np.asarray(origins + ahead[:, None] * directions)
-
-
-def _look_at(position: Floats, target: Floats, up: Floats) -> Floats:
-    """Return the matrix from world to eye, (4, 4), of a viewer who looks at a target."""
-    away = position - target
-    distance = np.linalg.norm(away)
-    if not distance > 0:
-        raise SettingError("position and look_at are the same point; move one of them")
-    if not np.linalg.norm(np.cross(away, up)) > 1e-9 * distance * np.linalg.norm(up):
-        raise SettingError("up is parallel to the viewing direction; choose another up")
-    back = _normalize(away)
-    right = _normalize(np.cross(up, back))
-    axes = np.stack([right, np.cross(back, right), back])
-    view = np.eye(4)
-    view[:3, :3], view[:3, 3] = axes, -axes @ position
-    return view
 
 
 def _validate_matrix(name: str, values: Floats) -> Floats:

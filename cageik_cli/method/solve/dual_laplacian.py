@@ -221,33 +221,29 @@ class DualLaplacianSolver:
         return np.asarray(self._inverse_factor.T @ (self._inverse_factor @ columns))
 
     def _validate_condition(self, data: Floats) -> float:
-        """Return the condition number of the smoothness plus `data`, (n, n)."""
+        """Return the condition number of the smoothness plus `data`, (n, n); refuse a large one."""
         eigenvalues = np.linalg.eigvalsh(self.smoothness + data)
         smallest, largest = float(eigenvalues[0]), float(eigenvalues[-1])
         condition = largest / smallest if smallest > 0 else float("inf")
-        if condition > MAX_CONDITION:
-            weakest = int(np.argmin(np.abs(self._weights).max(axis=0)))
-            raise NumericalError(
-                f"the system is singular (condition number {condition:.1e}, limit "
-                f"{MAX_CONDITION:.0e}; the least influential cage vertex is {weakest}); "
-                + self._find_remedy(data)
-            )
-        return condition
-
-    def _find_remedy(self, data: Floats) -> str:
-        """Say what makes a singular system regular."""
+        if condition <= MAX_CONDITION:
+            return condition
         n = len(data)
+        remedy = "raise `alpha=`, whose default is 1e-3, or remove cage vertices far from the model"
         if not data.any():
-            return "raise `beta=` above 0: without vertices the position of the cage is undefined"
-        if np.trace(self.smoothness) > np.trace(data):
-            return "lower `alpha=`, whose default is 1e-3: the Laplacian outweighs the vertices"
-        if self.data_count < n:
-            return (
+            remedy = "raise `beta=` above 0: without vertices the position of the cage is undefined"
+        elif np.trace(self.smoothness) > np.trace(data):
+            remedy = "lower `alpha=`, whose default is 1e-3: the Laplacian outweighs the vertices"
+        elif self.data_count < n:
+            remedy = (
                 f"{self.data_count} vertices that are data cannot determine {n} cage vertices: "
                 f"raise `alpha=`, whose default is 1e-3, or take a cage of at most "
                 f"{self.data_count} vertices"
             )
-        return "raise `alpha=`, whose default is 1e-3, or remove cage vertices far from the model"
+        weakest = int(np.argmin(np.abs(self._weights).max(axis=0)))
+        raise NumericalError(
+            f"the system is singular (condition number {condition:.1e}, limit {MAX_CONDITION:.0e}; "
+            f"the least influential cage vertex is {weakest}); {remedy}"
+        )
 
     def weigh_data(self, weights: Floats, rows: Integers | None = None) -> Floats:
         """Return (β/m) Σ_j weights_j H_jᵀ H_j, (n, n), over all vertices, or those of `rows`.

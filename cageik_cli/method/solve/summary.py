@@ -1,4 +1,4 @@
-"""What is known of a clip after its blocks: skipped frames, errors of vertices, absences."""
+"""What is known of a clip after its blocks: skipped frames, errors of vertices, occlusions."""
 
 from collections.abc import Collection, Iterable
 
@@ -17,7 +17,7 @@ MAX_BRIDGED_FRAMES = 10
 class OcclusionTracker:
     """How many frames in a row each vertex had no weight, counted block by block.
 
-    A frame without data neither ends an absence nor begins one.
+    A frame without data neither ends an occlusion nor begins one.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class OcclusionTracker:
     def __init__(self, vertex_count: int) -> None:
         self.longest = np.zeros(vertex_count, np.int64)
         # Lengths up to the last frame with data, and the frame behind it.
-        self._present, self._stop = np.zeros(vertex_count, np.int64), 0
+        self._lengths, self._stop = np.zeros(vertex_count, np.int64), 0
         self._long: list[tuple[range, Integers]] = []
 
     def update(self, kept: KeptBlock, frames: range, skipped: Collection[int]) -> None:
@@ -37,10 +37,10 @@ class OcclusionTracker:
                 continue
             vertices, weights = kept.get_weights(place)
             gone = vertices[weights == 0]
-            before, self._present = self._present, np.zeros_like(self._present)
-            self._present[gone] = np.where(before > 0, before + frame - self._stop, 0)[gone] + 1
-            np.maximum(self.longest, self._present, out=self.longest)
-            self._long += self._list_long(np.where(self._present > 0, 0, before))
+            before, self._lengths = self._lengths, np.zeros_like(self._lengths)
+            self._lengths[gone] = np.where(before > 0, before + frame - self._stop, 0)[gone] + 1
+            np.maximum(self.longest, self._lengths, out=self.longest)
+            self._long += self._list_long(np.where(self._lengths > 0, 0, before))
             self._stop = frame + 1
 
     @property
@@ -50,12 +50,12 @@ class OcclusionTracker:
 
     def find_long(self, frame: int) -> Integers:
         """Return the vertices without weight in a frame, and so long that no motion tells more."""
-        spans = self._long + self._list_long(self._present)
+        spans = self._long + self._list_long(self._lengths)
         found = [vertices for frames, vertices in spans if frame in frames]
         return np.sort(np.concatenate(found)) if found else np.empty(0, np.int64)
 
     def _list_long(self, lengths: Integers) -> list[tuple[range, Integers]]:
-        """List absences of these lengths, (m,), that are too long to be bridged."""
+        """List occlusions of these lengths, (m,), that are too long to be bridged."""
         return [
             (range(self._stop - int(length), self._stop), np.flatnonzero(lengths == length))
             for length in np.unique(lengths[lengths > MAX_BRIDGED_FRAMES])

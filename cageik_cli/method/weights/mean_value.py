@@ -41,7 +41,7 @@ from scipy import sparse
 from cageik_cli.geometry.mesh import Edges, TriMesh
 from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.method.weights.binding import Weights
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
@@ -81,7 +81,10 @@ class _Faces:
     """
 
     def __init__(self, mesh: TriMesh) -> None:
-        self.corners = _put_longest_side_first(mesh)
+        corner = mesh.vertices[mesh.faces]
+        lengths = np.linalg.norm(np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1), axis=2)
+        turned = (lengths.argmax(axis=1)[:, None] + np.arange(3)) % 3
+        self.corners = np.take_along_axis(mesh.faces, turned, axis=1)
         self.edges = Edges.from_faces(self.corners)
         start, stop = mesh.vertices[self.edges.ends].swapaxes(0, 1)
         self.edge_lengths = np.linalg.norm(stop - start, axis=1)
@@ -231,14 +234,6 @@ def _wide_side_strengths(width: Floats, height: Floats, products: Floats, length
     change = np.arctan(height**2 * rate)
     slope = np.divide(change, height**2, out=rate.copy(), where=change != 0)
     return np.asarray((angle / (distance + width) - width * slope) / distance)
-
-
-def _put_longest_side_first(mesh: TriMesh) -> Integers:
-    """Return the faces, (f, 3), rotated so that side 0 is the longest."""
-    corner = mesh.vertices[mesh.faces]
-    lengths = np.linalg.norm(np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1), axis=2)
-    turned = (lengths.argmax(axis=1)[:, None] + np.arange(3)) % 3
-    return np.take_along_axis(mesh.faces, turned, axis=1)
 
 
 def _normalize(vectors: Floats) -> Floats:

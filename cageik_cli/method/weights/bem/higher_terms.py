@@ -29,6 +29,9 @@ from cageik_cli.method.weights.bem.panel_geometry import (
 from cageik_cli.method.weights.bem.panels import PanelView
 from cageik_cli.util.arrays import Floats, Integers
 
+_ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
+"""Kinds of side sums."""
+
 
 @dataclass(frozen=True, eq=False)
 class HigherTerms:
@@ -77,9 +80,6 @@ class HigherTerms:
         slopes = panels.slopes[:2][:, :, chosen]
         factors = np.einsum("xsk,sdj,ksj->kxdsj", slopes, along, signs)
         return np.asarray(factors.reshape(len(chosen), 2 * along.shape[1], -1))
-
-
-_ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
 
 
 @cache

@@ -84,7 +84,11 @@ class PanelView:
         self.distance = distances(panels.vertices, points, workspace, "distance")
         gap, total, products = self._measure_edge_gaps()
         self._recompute_small_gaps(gap, products)
-        self.edge_log = self._compute_edge_logs(gap, total)
+        length = panels.edge_lengths[:, None]
+        np.maximum(gap, MIN_GAP_RATIO * length, out=gap)
+        total += length
+        total /= gap
+        self.edge_log = np.log(total, out=total)
         self.edge_moment = self._compute_edge_moments()
         self.solid_angle = self._compute_solid_angles(products)
 
@@ -175,14 +179,6 @@ class PanelView:
         exact = 2 * length[beside] ** 2 * square[beside]
         exact /= (product[beside] - dot[beside]) * (total[beside] + length[beside])
         gap[edge[beside], point[beside]] = exact
-
-    def _compute_edge_logs(self, gap: Floats, total: Floats) -> Floats:
-        """Return the logarithms f of every edge, (e, q), in the memory of `total`."""
-        length = self.panels.edge_lengths[:, None]
-        np.maximum(gap, MIN_GAP_RATIO * length, out=gap)
-        total += length
-        total /= gap
-        return np.log(total, out=total)
 
     def _compute_edge_moments(self) -> Floats:
         """Return B = (r_a² − s²) f + s (r_b − r_a) + L r_b of every edge, (e, q).

@@ -25,24 +25,17 @@ from cageik_cli.util.arrays import Floats, Integers, Workspace
 FADE_FACTOR = 1.25
 """Terms beyond linear are full up to `reach` over this, and zero from `reach` times this."""
 
+_THREAD_LOCAL = threading.local()
+
 _LIMITS = np.array(
     [EDGE_ON_TOL, MIN_GAP_RATIO, NEAR_EDGE_RATIO, CLOSED_ANGLE_TOL, INSIDE_ANGLE_TOL, FADE_FACTOR]
 )
 
 
-class _ThreadWorkspace(threading.local):
-    """The workspace of the current thread."""
-
-    def __init__(self) -> None:
-        self.workspace = Workspace()
-
-
-_THREAD_LOCAL = _ThreadWorkspace()
-
-
 def thread_workspace() -> Workspace:
     """Return the workspace of the current thread."""
-    return _THREAD_LOCAL.workspace
+    found: Workspace = _THREAD_LOCAL.__dict__.setdefault("workspace", Workspace())
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
