@@ -1,4 +1,4 @@
-"""Settings of cages that are built or repaired. This module imports no numerics."""
+"""Settings of cages that are built. This module imports no numerics."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -104,22 +104,3 @@ class BuildSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
-
-
-@dataclass(frozen=True, slots=True)
-class RepairSettings:
-    """The limits of a repair.
-
-    Attributes
-    ----------
-    clearance : float
-        How far parts of the cage that must move are moved off the model, in its diagonals.
-    max_hole_edges : int
-        Holes with more edges are not closed.
-    allow_transform : bool
-        Whether a cage in another unit, or with other axes, is brought to the model.
-    """
-
-    clearance: float = 0.002
-    max_hole_edges: int = 16
-    allow_transform: bool = True

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cageik_cli.cages.check.enclosure import (
-    Placement,
     are_swapped,
     check_enclosure,
     describe_unused_vertices,
@@ -238,26 +237,18 @@ def _diagnose_rest(
         findings.append(placement.find_outside(misfit.remedy))
     else:
         findings += [*find_looseness_faults(placement.cage, rest), *find_low_clearance(placement)]
-    return _add_clearance(facts, placement), misfit, findings
-
-
-def _add_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
-    facts = replace(
-        facts,
-        outside=len(placement.outside_indices),
-        outside_parts=tuple(placement.outside_parts),
-    )
-    distance = placement.clearance
-    distance[placement.outside_indices] = np.inf
+    outside, distance = placement.outside_indices, placement.clearance
+    facts = replace(facts, outside=len(outside), outside_parts=tuple(placement.outside_parts))
+    distance[outside] = np.inf
     vertex = int(distance.argmin())
-    if not np.isfinite(distance[vertex]):
-        return facts
-    return replace(
-        facts,
-        clearance=float(100 * distance[vertex] / facts.diagonal),
-        clearance_vertex=vertex,
-        clearance_face=int(placement.closest.face[vertex]),
-    )
+    if np.isfinite(distance[vertex]):
+        facts = replace(
+            facts,
+            clearance=float(100 * distance[vertex] / facts.diagonal),
+            clearance_vertex=vertex,
+            clearance_face=int(placement.closest.face[vertex]),
+        )
+    return facts, misfit, findings
 
 
 def _measure_influence(

@@ -317,7 +317,13 @@ def find_transform(cage: TriMesh, model: TriMesh) -> Transform | None:
     for candidate in sorted(candidates, key=lambda c: c.complexity):
         if found and candidate.complexity > min(cost for cost, _ in found):
             break
-        fitted = _fit_to_points(_centre(candidate, cage, model), cage, points)
+        if candidate.is_moved:  # centred on the model first
+            ends = [
+                (mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in (model, cage)
+            ]
+            inner, outer = ((low + high) / 2 for low, high in ends)
+            candidate = replace(candidate, offset=inner - candidate.matrix @ outer)
+        fitted = _fit_to_points(candidate, cage, points)
         moved = fitted.apply_to_mesh(cage)
         left = _measure_depth(moved, points)
         is_near = left < min(limit, _find_max_percent(fitted) / 100 * model.diagonal)
@@ -372,14 +378,6 @@ def _list_transforms(cage: TriMesh, model: TriMesh) -> Iterator[Transform]:
         if (scale * outer <= most).all():
             yield Transform(rotation, scale, np.zeros(3), is_scaled=True)
             yield Transform(rotation, scale, np.zeros(3), is_scaled=True, is_moved=True)
-
-
-def _centre(transform: Transform, cage: TriMesh, model: TriMesh) -> Transform:
-    """Centre a cage that may move on the model."""
-    if not transform.is_moved:
-        return transform
-    centres = [(m.vertices.min(axis=0) + m.vertices.max(axis=0)) / 2 for m in (model, cage)]
-    return replace(transform, offset=centres[0] - transform.matrix @ centres[1])
 
 
 def _fit_to_points(transform: Transform, cage: TriMesh, points: Floats) -> Transform:

@@ -35,7 +35,6 @@ from cageik_cli.cages.repair.tidy import (
     label_patches,
     replace_corners,
 )
-from cageik_cli.cages.settings import RepairSettings
 from cageik_cli.cages.surface_points import sample_surface
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.geometry.shape import bounds_volume
@@ -44,6 +43,12 @@ from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import CageError
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.text import format_count
+
+REPAIR_CLEARANCE = 0.002
+"""How far parts of the cage that must move are moved off the model, in its diagonals."""
+
+MAX_HOLE_EDGES = 16
+"""Holes with more edges are not closed."""
 
 MAX_INNER_WALLS = 30
 """Patches of a cage with edges of more than two faces, above which none is tried as a wall."""
@@ -128,7 +133,6 @@ class RepairedCage:
 def repair_cage(
     cage: TriMesh,
     model: TriMesh,
-    settings: RepairSettings | None = None,
     corner_counts: Integers | None = None,
     progress: Callable[[int, int], None] = ignore_progress,
 ) -> RepairedCage:
@@ -156,21 +160,20 @@ def repair_cage(
     CageError
         When nothing of the cage would be left, or the model is one point.
     """
-    settings = settings or RepairSettings()
     if point := find_missing_extent(model):
         raise CageError(point.sentence)
     samples = sample_surface(model)
     repair = Repair(cage, corner_counts)
-    repair.tidy_faces(samples, settings.max_hole_edges)
+    repair.tidy_faces(samples)
     transform = None
-    if settings.allow_transform and bounds_volume(repair.mesh.triangles):
+    if bounds_volume(repair.mesh.triangles):
         transform = repair.undo_transform(model)
     start = repair.mesh.vertices
     repair.unfold()
     if bounds_volume(repair.mesh.triangles):
         # Points are pushed for when they are hardly nearer than a good cage has them.
-        least = min(1.1 * MIN_CLEARANCE, settings.clearance) * model.diagonal
-        fit = ShapeFit(model, samples, least, settings.clearance * model.diagonal)
+        least = 1.1 * MIN_CLEARANCE * model.diagonal
+        fit = ShapeFit(model, samples, least, REPAIR_CLEARANCE * model.diagonal)
         repair.fit_shape(fit, model.diagonal, progress)
         repair.unfold()
     faults, warnings = judge_cage(repair.mesh.triangles, model, samples)
@@ -253,7 +256,7 @@ class Repair:
         origins[self.vertex_map[::-1][kept]] = numbers[kept]
         return origins
 
-    def tidy_faces(self, samples: Floats, max_hole_edges: int) -> None:
+    def tidy_faces(self, samples: Floats) -> None:
         """Run every step that changes faces but moves nothing: causes come before their effects.
 
         Parameters
@@ -266,7 +269,7 @@ class Repair:
         self._drop_faces(find_fins(self.mesh), "that stand on an edge of two others")
         self._drop_inner_walls()
         self._turn_faces()
-        self._close_holes(max_hole_edges)
+        self._close_holes()
         self._drop_loose_parts(samples)
         self._turn_faces()
         self._drop_vertices()
@@ -393,12 +396,12 @@ class Repair:
         what = "all faces" if turned.all() else format_elements("face", numbers)
         self._note("turn", f"turned {what} to face outward", len(numbers))
 
-    def _close_holes(self, max_edges: int) -> None:
-        """Put faces over holes that have few edges and pass no vertex twice."""
+    def _close_holes(self) -> None:
+        """Put faces over holes of up to `MAX_HOLE_EDGES` edges that pass no vertex twice."""
         for loop in find_holes(self.mesh):
             closed = close_hole(self.mesh, loop)
             fits = count_topology_faults(closed) < count_topology_faults(self.mesh)
-            if len(loop) <= max_edges and fits and not find_repeated(closed).any():
+            if len(loop) <= MAX_HOLE_EDGES and fits and not find_repeated(closed).any():
                 at = format_elements("vertex", self.origins[loop])
                 self.mesh = closed
                 self._note("close-hole", f"closed a hole of {len(loop)} edges at {at}", 1)

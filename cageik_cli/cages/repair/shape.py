@@ -137,7 +137,13 @@ class ShapeFit:
                 shape = step(shape, effort)
                 if shape.faults < best.faults:
                     best, failures = shape, 0
-            self._add_firm_points(shape.cage)
+            # Firm points are on faces of the model that cross the cage, their sides divided.
+            corners = self._find_crossing_faces(shape.cage)
+            if len(corners):
+                side = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+                parts = int(np.clip(np.ceil(side / self._target), 2, MAX_SIDE_PARTS))
+                points = [self._firm, corners.reshape(-1, 3), divide_triangles(corners, parts)]
+                self._firm = np.unique(np.concatenate(points), axis=0)
             progress(done + 1, MAX_SHAPE_ROUNDS)
         return self._return_vertices(best, cage) if best.faults == 0 else best
 
@@ -166,15 +172,6 @@ class ShapeFit:
         """Return corners of the model's faces that cross the cage, (k, 3, 3)."""
         pairs = crossing_face_pairs(self._model, cage, 0.0)
         return self._model.vertices[self._model.faces[np.unique(pairs[:, 0])]]
-
-    def _add_firm_points(self, cage: TriMesh) -> None:
-        """Add firm points on the faces of the model that cross the cage, their sides divided."""
-        corners = self._find_crossing_faces(cage)
-        if len(corners):
-            side = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
-            parts = int(np.clip(np.ceil(side / self._target), 2, MAX_SIDE_PARTS))
-            points = [self._firm, corners.reshape(-1, 3), divide_triangles(corners, parts)]
-            self._firm = np.unique(np.concatenate(points), axis=0)
 
     def _return_vertices(self, shape: Shape, original: TriMesh) -> Shape:
         """Move vertices back to where they were, as many and as far as the cage stays fit."""
@@ -289,24 +286,18 @@ def _make_contacts(
     corners, nearest = cage.faces[closest.face[chosen]], closest.position[chosen]
     a, b, c = (cage.vertices[corners[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
-    weights = _weigh_corners(nearest, (a, b, c), normal)
+    # Barycentric weights of the nearest points; 1/3 where a face has no area.
+    a, b, c = a - nearest, b - nearest, c - nearest
+    parts = [np.einsum("kx,kx->k", np.cross(p, q), normal) for p, q in ((b, c), (c, a), (a, b))]
+    weights = np.stack(parts, axis=1)
+    total = weights.sum(axis=1, keepdims=True)
+    weights = np.where(total > 0, weights / np.where(total > 0, total, 1.0), 1 / 3)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
     away = (nearest - samples[chosen]) * np.sign(depths[chosen])[:, None]
     length = np.linalg.norm(away, axis=1, keepdims=True)
     short = length < 1e-9 * cage.diagonal  # on the cage: its normal says where to
     direction = np.where(short, normal, away / np.where(short, 1.0, length))
     return Contacts(corners, weights, direction, target - depths[chosen])
-
-
-def _weigh_corners(
-    points: Floats, corners: tuple[Floats, Floats, Floats], normal: Floats
-) -> Floats:
-    """Return barycentric weights of points in triangles, (k, 3); 1/3 where there is no area."""
-    a, b, c = (corner - points for corner in corners)
-    parts = [np.einsum("kx,kx->k", np.cross(p, q), normal) for p, q in ((b, c), (c, a), (a, b))]
-    weights = np.stack(parts, axis=1)
-    total = weights.sum(axis=1, keepdims=True)
-    return np.where(total > 0, weights / np.where(total > 0, total, 1.0), 1 / 3)
 
 
 def find_self_intersecting_faces(cage: TriMesh) -> Integers:

@@ -144,7 +144,14 @@ class PolygonMesh:
             return self
         rings: list[Integers] = []
         for ring, folded in zip(self.rings, self.is_folded, strict=True):
-            rings += _unfold_ring(self.vertices, ring) if folded else [ring]
+            if not folded:
+                rings.append(ring)
+                continue
+            turned = (np.roll(ring, -k) for k in range(1, len(ring)))
+            meshes = (PolygonMesh.from_rings(self.vertices, [other]) for other in turned)
+            whole = next((mesh.corners for mesh in meshes if not mesh.is_folded.any()), None)
+            fan = PolygonMesh.from_rings(self.vertices, [ring]).triangles.faces
+            rings += list(fan) if whole is None else [whole]
         return PolygonMesh.from_rings(self.vertices, rings)
 
 
@@ -296,22 +303,17 @@ def find_holes(mesh: PolygonMesh) -> list[Integers]:
 def close_hole(mesh: PolygonMesh, loop: Integers) -> PolygonMesh:
     """Add the faces of least area over a loop: a quad as one face in cages that have quads."""
     if len(loop) == 4 and (mesh.corner_counts == 4).any():
-        added = [loop]
-    else:
-        added = list(loop[_fill_polygon(mesh.vertices[loop], _find_joined(mesh, loop))])
-    closed = PolygonMesh.from_rings(mesh.vertices, [*mesh.rings, *added])
-    return closed.unfold() if len(loop) == 4 else closed
-
-
-def _find_joined(mesh: PolygonMesh, loop: Integers) -> Mask:
-    """Return which vertices of a loop an edge joins, (k, k)."""
+        return PolygonMesh.from_rings(mesh.vertices, [*mesh.rings, loop]).unfold()
+    # Which vertices of the loop an edge joins already.
     place = np.full(len(mesh.vertices), -1)
     place[loop] = np.arange(len(loop))
-    sides = np.concatenate([np.stack([ring, np.roll(ring, -1)], axis=1) for ring in mesh.rings])
-    start, stop = place[sides][(place[sides] >= 0).all(axis=1)].T
+    sides = place[np.stack([mesh.corners, mesh.next_corners], axis=1)]
+    start, stop = sides[(sides >= 0).all(axis=1)].T
     joined = np.zeros((len(loop), len(loop)), bool)
     joined[start, stop] = joined[stop, start] = True
-    return joined
+    added = loop[_fill_polygon(mesh.vertices[loop], joined)]
+    closed = PolygonMesh.from_rings(mesh.vertices, [*mesh.rings, *added])
+    return closed.unfold() if len(loop) == 4 else closed
 
 
 def _fill_polygon(points: Floats, joined: Mask) -> Integers:
@@ -341,11 +343,3 @@ def _list_triangles(middle: Integers, i: int, k: int) -> list[list[int]]:
     j = int(middle[i, k])
     below = [t for low, high in pairwise((i, j, k)) for t in _list_triangles(middle, low, high)]
     return [[i, j, k], *below]
-
-
-def _unfold_ring(vertices: Floats, ring: Integers) -> list[Integers]:
-    for start in range(1, len(ring)):
-        turned = np.roll(ring, -start)
-        if not PolygonMesh.from_rings(vertices, [turned]).is_folded.any():
-            return [turned]
-    return list(PolygonMesh.from_rings(vertices, [ring]).triangles.faces)
