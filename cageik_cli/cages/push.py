@@ -98,10 +98,7 @@ def make_form(cage: TriMesh, smoothness: float, stiffness: float) -> sparse.csc_
 def solve_moves(contacts: Contacts, weight: Floats, form: sparse.csc_array) -> Floats:
     """Solve for the move of every vertex, (n, 3): least squares of what is missing, and `form`.
 
-    Parameters
-    ----------
-    weight : (k,)
-        Of each contact.
+    Each contact has a weight, (k,).
     """
     count, size = len(contacts.missing), form.shape[0]
     rows = np.repeat(np.arange(count), 9)
@@ -114,14 +111,9 @@ def solve_moves(contacts: Contacts, weight: Floats, form: sparse.csc_array) -> F
 
 
 def move_to_neighbours(cage: TriMesh, chosen: Integers, step: float) -> Floats:
-    """Return the vertices (n, 3), the chosen ones moved towards the mean of their neighbours.
+    """Return the vertices (n, 3), the chosen (k,) ones moved towards the mean of their neighbours.
 
-    Parameters
-    ----------
-    chosen : (k,) int64
-        Numbers of vertices.
-    step : float
-        The share of the way to the mean.
+    They go a share of the way to the mean, `step`.
     """
     ends = cage.edges.ends
     both = np.concatenate([ends, ends[:, ::-1]])

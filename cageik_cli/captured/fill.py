@@ -74,12 +74,7 @@ class FrameTerms:
 class TimeFiller:
     """Solver over time of the cages of one binding, which fills parts without data.
 
-    Parameters
-    ----------
-    bridge_length : float
-        As `BRIDGE_LENGTH`.
-    tolerance : float
-        As `CONJUGATE_TOL`.
+    Lengths and tolerances are as `BRIDGE_LENGTH` and `CONJUGATE_TOL`.
     """
 
     def __init__(

@@ -27,12 +27,8 @@ MAX_START_REGULARIZATION = 0.03
 class CageSolve:
     """The cage solve of the extraction, for displacements and any weights.
 
-    Attributes
-    ----------
-    binding : Binding
-        With the weights before the fit.
-    vertex_weights : (m,) float64 or None
-        From `normalize_weights`.
+    The binding has the weights before the fit; vertex weights, (m,) or None, are those of
+    `normalize_weights`.
     """
 
     binding: Binding
@@ -103,15 +99,9 @@ class Extrapolation:
     """Anderson's acceleration of the rounds, in the displacements of the cages.
 
     A round maps the cages that the weights are fitted to onto the cages of those weights. The next
-    round begins where a linear model of the last few rounds expects the map's fixed point
-    (Anderson 1965; Walker and Ni 2011).
-
-    Parameters
-    ----------
-    rounds : int
-        That the model looks back at.
-    tolerance : float
-        Directions with smaller singular values, relative to the largest, are left out.
+    round begins where a linear model of the last few rounds expects the map's fixed point (Anderson
+    1965; Walker and Ni 2011). Directions whose singular values are below the tolerance, relative to
+    the largest, are left out.
     """
 
     def __init__(self, rounds: int = 5, tolerance: float = 1e-6) -> None:
@@ -136,11 +126,8 @@ class Extrapolation:
 class Alternator:
     """Fits weights and cages by turns until the error hardly falls.
 
-    Attributes
-    ----------
-    min_gain : float
-        Rounds end when two of them lower the error of the fitted frames by less than twice this
-        share.
+    Rounds end when two of them lower the error of the fitted frames by less than twice `min_gain`,
+    a share.
     """
 
     problem: WeightProblem
@@ -153,12 +140,8 @@ class Alternator:
     ) -> tuple[Binding, Correction | None]:
         """Fit weights of the form that the settings ask for.
 
-        Returns
-        -------
-        Binding
-            With these weights.
-        Correction or None
-            Of a fit of low rank, what it has added to the weights before.
+        Returned are a binding with these weights, and of a fit of low rank what it has added to the
+        weights before, else None.
         """
         target = target.compress(self.problem.vertex_weights)
         if settings.rank is not None:

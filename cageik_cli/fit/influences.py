@@ -30,12 +30,8 @@ from cageik_cli.util.threads import OrderedMap
 class Influences:
     """Weights of K cage vertices per vertex.
 
-    Attributes
-    ----------
-    places : (m, K) int64
-        Cage vertices, ascending in each row.
-    weights : (m, K) float64
-        Not negative; each row sums to one.
+    `places`, (m, K), are cage vertices, ascending in each row; weights, (m, K), are not negative,
+    and each row sums to one.
     """
 
     places: Integers
@@ -115,15 +111,9 @@ def _average_neighbours(problem: WeightProblem, influences: Influences) -> Float
 
 
 def minimize_on_simplex(matrices: Floats, linear: Floats, start: Floats, steps: int) -> Floats:
-    """Return the minima of ½ wᵀA w − bᵀw over the simplex, for many A and b.
+    """Return the minima of ½ wᵀA w − bᵀw over the simplex, for many A and b, from starts on it.
 
-    Parameters
-    ----------
-    matrices : (p, K, K)
-        Symmetric, positive semidefinite.
-    linear : (p, K)
-    start : (p, K)
-        On the simplex.
+    A is (p, K, K), symmetric and positive semidefinite; b and the starts are (p, K).
     """
     lengths = 1 / np.abs(matrices).sum(axis=2).max(axis=1, keepdims=True)
     found, ahead = start, start
@@ -142,8 +132,6 @@ def minimize_on_simplex(matrices: Floats, linear: Floats, start: Floats, steps: 
 def project_to_simplex(points: Floats) -> Floats:
     """Return the nearest points, (p, K), that are not negative and sum to one in each row.
 
-    References
-    ----------
     Held, Wolfe and Crowder 1974.
     """
     counts = np.arange(1, points.shape[1] + 1)

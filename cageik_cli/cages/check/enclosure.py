@@ -160,10 +160,7 @@ class Placement:
 def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Placement:
     """Check the cage, turn it outward, and check that it encloses the rest pose.
 
-    Parameters
-    ----------
-    outside : str
-        What to do with vertices outside: one of `OUTSIDE_POLICIES`.
+    What to do with vertices `outside` is one of `OUTSIDE_POLICIES`.
 
     Raises
     ------
@@ -226,12 +223,7 @@ def make_swap_finding(cage: TriMesh, rest: TriMesh) -> Finding:
 
 
 def refuse_other_unit(cage: TriMesh, rest: TriMesh) -> None:
-    """Refuse a cage that holds its model because it is in a smaller unit.
-
-    Raises
-    ------
-    MisfitError
-    """
+    """Refuse a cage that holds its model because it is in a smaller unit, with a `MisfitError`."""
     if cage.diagonal <= MAX_SIZE_RATIO * rest.diagonal:
         return
     transform = find_transform(cage, rest)

@@ -20,16 +20,10 @@ MIN_BOUND_VERTICES, MAX_BOUND_VERTICES = 512, 1024
 
 @dataclass(frozen=True, slots=True)
 class VertexBound:
-    """The smallest error that a cage animation can have.
+    """The smallest error that a cage animation can have, with a cage of `points` vertices.
 
-    Attributes
-    ----------
-    rms_percent : float
-        Root mean square over the sampled vertices and all frames, in percent of the diagonal.
-    points : int
-        Vertices of the cage.
-    vertices : int
-        Vertices that were sampled.
+    It is the root mean square over all frames and the `vertices` that were sampled, in percent of
+    the diagonal.
     """
 
     rms_percent: float

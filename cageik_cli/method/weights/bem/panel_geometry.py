@@ -58,12 +58,8 @@ def orthogonal_basis(order: int) -> Floats:
 def gauss_rule(points: int) -> tuple[Floats, Floats]:
     """Return a product rule of `points` times `points` nodes, exact to degree 2 points − 2.
 
-    Returns
-    -------
-    (points², 3)
-        Barycentric coordinates, all inside.
-    (points²,)
-        Shares of the area; the sum is 1.
+    The nodes are barycentric coordinates, (points², 3), all inside; their shares of the area,
+    (points²,), have the sum 1.
     """
     along, along_shares = np.polynomial.legendre.leggauss(points)
     across, across_shares = _gauss_jacobi(points)
@@ -108,12 +104,8 @@ def edge_coefficients(order: int) -> Floats:
 class Panels:
     """Flat triangles that share vertices and edges.
 
-    Attributes
-    ----------
-    vertices : (v, 3) float64
-        Scaled to a size near one, because the tolerances of the integrals are absolute.
-    corners : (p, 3) int64
-        Vertices of each panel, counter-clockwise seen from outside.
+    Vertices, (v, 3), are scaled to a size near one, because the tolerances of the integrals are
+    absolute. Corners, (p, 3), are the vertices of each panel, counter-clockwise seen from outside.
     """
 
     vertices: Floats
