@@ -97,12 +97,8 @@ def _compute_weights(
 class JudgedBinding:
     """A binding, and how the room in its cage is judged.
 
-    Attributes
-    ----------
-    cage_warnings : tuple of str
-        What is poor about the cage if it is this model's own: not for other meshes in it.
-    has_loose_cage : bool, optional
-        Whether the cage has far too much room for this model; None if it has points only.
+    The warnings say what is poor about the cage if it is this model's own: not for other meshes in
+    it. Whether the cage has far too much room is None of a model that has points only.
     """
 
     binding: Binding

@@ -27,19 +27,8 @@ DEFAULT_SYMMETRY: SymmetryChoice = "off"
 class BuildSettings:
     """The size, the clearance and the symmetry of a cage that is built.
 
-    Attributes
-    ----------
-    vertices : int
-        Vertices of the cage, at most; it has at least nine tenths of them.
-    clearance : float
-        Its smallest distance from the model, in diagonals of the model.
-    symmetric : {"auto", "x", "y", "z", "off"}
-        About the plane across an axis; about the plane of a model that is its own mirror image; or
-        about none.
-    quads : bool
-        Whether pairs of triangles become quads, which hold the model by either diagonal.
-    loops : bool
-        Whether loops of a few vertices go around limbs.
+    Quads hold the model by either diagonal. The plane of a symmetric cage is across an axis; or
+    that of a model that is its own mirror image.
     """
 
     vertices: int = declare_setting(

@@ -74,19 +74,18 @@ class FrameTerms:
 class TimeFiller:
     """Solver over time of the cages of one binding, which fills parts without data.
 
-    Lengths and tolerances are as `BRIDGE_LENGTH` and `CONJUGATE_TOL`.
+    The tolerance is as `CONJUGATE_TOL`.
     """
 
     def __init__(
         self,
         solver: DualLaplacianSolver,
         *,
-        bridge_length: float = BRIDGE_LENGTH,
         tolerance: float = CONJUGATE_TOL,
     ) -> None:
         from scipy.linalg import eigh
 
-        self._bridge_length, self._tolerance = bridge_length, tolerance
+        self._tolerance = tolerance
         self._normal = solver.normal
         self._weights, self._modes = eigh(solver.normal)
         self._scale = solver.data_scale * len(solver.rest) / len(self._weights)
@@ -114,7 +113,7 @@ class TimeFiller:
 
     def _solve_conjugate(self, right: Floats, terms: FrameTerms) -> Floats:
         """Solve with the matrix A − E_t of each frame."""
-        gamma = self.convert_length(self._bridge_length)
+        gamma = self.convert_length(BRIDGE_LENGTH)
         # With the same matrix A in all known frames.
         modes = _ModeSolver(self._weights, self._modes, terms.is_known, gamma)
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cageik_cli.fit.influences import (
+from cageik_cli.fit.alternate import (
     Influences,
     minimize_on_simplex,
     project_to_simplex,

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cageik_cli.fit.alternate import CageSolve
-from cageik_cli.fit.influences import Influences
+from cageik_cli.fit.alternate import CageSolve, Influences
 from cageik_cli.fit.problem import Displacements, SurfaceLaplacian, WeightProblem, complement_basis
 from cageik_cli.geometry.normals import compute_vertex_normals
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver

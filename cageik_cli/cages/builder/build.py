@@ -325,11 +325,9 @@ class _Builder:
             if stronger is not cage:
                 replaced = self._make_candidate(name, stronger, offset, notes)
                 candidate = replaced if replaced.verdict.is_valid else candidate
-        candidate = replace(candidate, loops=loops)
         holes = max(0, candidate.verdict.genus - self._demand.holes)
-        self._add(
-            replace(candidate, joined_holes=joins_parts(shell, self._demand.is_closed) * holes)
-        )
+        joined = joins_parts(shell, self._demand.is_closed) * holes
+        self._add(candidate, loops=loops, joined_holes=joined)
 
     def _try_ellipsoids(self) -> None:
         """Try loose cages: an ellipsoid drawn in, and where that fails, as it is."""
@@ -355,7 +353,7 @@ class _Builder:
         for step, (candidate, (cage, moved)) in enumerate(zip(candidates, shifted, strict=True)):
             recipe = f"{candidate.recipe}, {moved} vertices shifted"
             made = self._make_candidate(recipe, cage, candidate.offset, candidate.notes)
-            self._add(replace(made, loops=candidate.loops))
+            self._add(made, loops=candidate.loops)
             yield step + 1
 
     def _make_quads(self) -> None:
@@ -372,7 +370,7 @@ class _Builder:
         else:
             kept = replace(best, notes=(*best.notes, NO_QUADS))
             self._tried = [kept if c is best else c for c in self._tried]
-        self._add(replace(made, loops=best.loops, joined_holes=best.joined_holes))
+        self._add(made, loops=best.loops, joined_holes=best.joined_holes)
 
     def _make_candidate(
         self, recipe: str, cage: TriMesh, offset: float, notes: tuple[str, ...]
@@ -382,11 +380,12 @@ class _Builder:
         back = TriMesh(self._demand.frame.to_units(placed.vertices), cage.faces)
         return Candidate(recipe, placed, judge(back, self._demand), offset, notes=notes)
 
-    def _add(self, candidate: Candidate) -> None:
-        """Add a candidate, with its error if it is valid and there is a clip."""
+    def _add(self, candidate: Candidate, loops: Loops = NO_LOOPS, joined_holes: int = 0) -> None:
+        """Add a candidate with its loops, and its error if it is valid and there is a clip."""
+        error = None
         if self._clip is not None and candidate.verdict.is_valid:
-            candidate = replace(candidate, error=self._clip.measure(candidate.cage))
-        self._tried.append(candidate)
+            error = self._clip.measure(candidate.cage)
+        self._tried.append(replace(candidate, loops=loops, joined_holes=joined_holes, error=error))
 
     def _choose_best(self) -> BuiltCage:
         """Take the valid candidate of the least error, or else from the tightest shell."""

@@ -404,24 +404,24 @@ def are_intersection_free(vertices: Floats, added: Integers, others: Integers) -
     near = (low[:count, None] <= high).all(axis=2) & (low <= high[:count, None]).all(axis=2)
     near &= np.arange(count)[:, None] < np.arange(len(faces))
     first, second = np.nonzero(near)
-    shared = (faces[first][:, :, None] == faces[second][:, None]).any(axis=2).sum(axis=1)
-    return not (
-        (shared == 3).any()
-        or _any_folds_flat(vertices, faces, first[shared == 2], second[shared == 2])
-        or _any_pierces(vertices, faces, first[shared < 2], second[shared < 2])
-    )
-
-
-def _any_folds_flat(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
-    """Return whether faces that share a side lie in a plane, on one side of it."""
-    a, b = vertices[faces[first]], faces[second]
-    alone = ~(b[:, :, None] == faces[first][:, None]).any(axis=2)
-    tip = vertices[b[alone]]
-    flat = _orient(a[:, 0], a[:, 1], a[:, 2], tip) == 0
-    if not flat.any():
+    shared = _shares_corner(faces[first], faces[second]).sum(axis=1)
+    if (shared == 3).any():
         return False
-    normal = [np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (a[flat], vertices[b[flat]])]
-    return bool(((normal[0] * normal[1]).sum(axis=1) <= 0).any())
+    # Faces that share a side may not lie in a plane, on one side of it.
+    beside, others = faces[first[shared == 2]], faces[second[shared == 2]]
+    a, tip = vertices[beside], vertices[others[~_shares_corner(others, beside)]]
+    flat = _orient(a[:, 0], a[:, 1], a[:, 2], tip) == 0
+    if flat.any():
+        pair = a[flat], vertices[others[flat]]
+        one, other = (np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in pair)
+        if ((one * other).sum(axis=1) <= 0).any():
+            return False
+    return not _any_pierces(vertices, faces, first[shared < 2], second[shared < 2])
+
+
+def _shares_corner(faces: Integers, others: Integers) -> Mask:
+    """Return which corners of faces, (k, c), are vertices of others, (k, 3), row by row."""
+    return np.asarray((faces[:, :, None] == others[:, None]).any(axis=2))
 
 
 def _any_pierces(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
@@ -430,7 +430,7 @@ def _any_pierces(vertices: Floats, faces: Integers, first: Integers, second: Int
     for one, other in ((faces[first], faces[second]), (faces[second], faces[first])):
         for k in range(3):
             side = one[:, [k, k - 1]]
-            free = ~(side[:, :, None] == other[:, None]).any(axis=(1, 2))
+            free = ~_shares_corner(side, other).any(axis=1)
             sides.append(side[free])
             triangles.append(other[free])
     p, q = (vertices[np.concatenate(sides)[:, k]] for k in range(2))

@@ -514,7 +514,16 @@ class Pairing:
             LinearConstraint(_count(others, len(at)), ub=1),
         ]
         if self._partners is not None:
-            constraints.append(LinearConstraint(self._tie_images(options), lb=0, ub=0))
+            # The differences between options and their mirror images, or those without one.
+            places = {option.gone: k for k, option in enumerate(options)}
+            ties = sparse.lil_array((len(options), len(options)))
+            for k, option in enumerate(options):
+                ends = [name_edge(*edge) for edge in self._partners[list(option.gone)].tolist()]
+                image = places.get((*sorted(ends[:-1]), ends[-1]))
+                ties[k, k] = 0 if image == k else 1
+                if image is not None and image != k:
+                    ties[k, image] = -1
+            constraints.append(LinearConstraint(sparse.csr_array(ties), lb=0, ub=0))
         found = milp(
             [-option.value for option in options],
             integrality=np.ones(len(options)),
@@ -522,22 +531,6 @@ class Pairing:
             constraints=constraints,
         )
         return [option for option, x in zip(options, found.x, strict=True) if x > 0.5]
-
-    def _tie_images(self, options: list[_Option]) -> sparse.csr_array:
-        """Return the differences between options and their mirror images, (k, k).
-
-        The row of an option without an image is the option alone.
-        """
-        assert self._partners is not None
-        at = {option.gone: k for k, option in enumerate(options)}
-        ties = sparse.lil_array((len(options), len(options)))
-        for k, option in enumerate(options):
-            ends = [name_edge(*edge) for edge in self._partners[list(option.gone)].tolist()]
-            image = at.get((*sorted(ends[:-1]), ends[-1]))
-            ties[k, k] = 0 if image == k else 1
-            if image is not None and image != k:
-                ties[k, image] = -1
-        return sparse.csr_array(ties)
 
 
 def name_diagonals(quads: Integers) -> list[Edge]:

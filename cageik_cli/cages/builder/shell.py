@@ -20,6 +20,9 @@ from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import join_truncated
 
+MAX_GRID_NODES = 1_500_000
+"""Nodes of a grid, at most."""
+
 MIN_NAMED_NODES = 8
 """Grid nodes of a place that is worth naming."""
 
@@ -37,7 +40,7 @@ class DistanceGrid:
     Parameters
     ----------
     cell : float
-        Side of a cell, at least: cells are made larger to keep to `max_nodes`.
+        Side of a cell, at least: cells are made larger to keep to `MAX_GRID_NODES`.
     reach : float
         The grid leaves this and two cells around the surface.
 
@@ -51,12 +54,10 @@ class DistanceGrid:
         Side of a cell.
     """
 
-    def __init__(
-        self, surface: TriMesh, cell: float, reach: float, max_nodes: int = 1_500_000
-    ) -> None:
+    def __init__(self, surface: TriMesh, cell: float, reach: float) -> None:
         low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
         size = high - low + 2 * reach
-        self.cell = cell = max(cell, float(np.cbrt(size.prod() / max_nodes)))
+        self.cell = cell = max(cell, float(np.cbrt(size.prod() / MAX_GRID_NODES)))
         self.origin = low - reach - 2 * cell
         self._surface = surface
         # What every node is from the surface at least, by the nodes nearest to its samples: these
@@ -121,7 +122,6 @@ def make_shell(grid: DistanceGrid, offset: float, closing: float) -> Shell | Non
     is_wide = grid.distance > offset + closing
     beyond = offset + MIN_NAMED_DEPTH * grid.cell
     hollows, webs = (_find_centres(grid, added & w, beyond) for w in (is_wide, ~is_wide))
-    surface = _take_outermost(surface)
     surface = TriMesh(break_ties(surface.vertices), surface.faces)
     return Shell(surface, bridges.mean(axis=1), hollows, webs)
 
@@ -195,7 +195,10 @@ def _find_centres(grid: DistanceGrid, chosen: Mask, beyond: float) -> Floats:
 
 
 def _march(grid: DistanceGrid, field: Floats) -> TriMesh | None:
-    """Return the surface where the field is zero, by marching cubes; None if it is not manifold."""
+    """Return the outermost surface where the field is zero, by marching cubes, outward.
+
+    It is the component with the largest box. None if the surface is not manifold.
+    """
     # A node on the surface would make faces without area.
     field = np.where(np.abs(field) < 1e-3 * grid.cell, 1e-3 * grid.cell, field)
     # libigl counts nodes with x first.
@@ -208,15 +211,10 @@ def _march(grid: DistanceGrid, field: Floats) -> TriMesh | None:
     surface = TriMesh(vertices, faces) if len(faces) else None
     if surface is None or not bounds_volume(surface) or not igl.is_vertex_manifold(faces).all():
         return None
-    return surface
-
-
-def _take_outermost(surface: TriMesh) -> TriMesh:
-    """Return the component with the largest box, faces turned outward."""
     part = surface.components
-    size = np.zeros(part.max() + 1)
-    for k in range(len(size)):
-        size[k] = np.ptp(surface.vertices[part == k], axis=0).sum()
+    size = np.array(
+        [np.ptp(surface.vertices[part == k], axis=0).sum() for k in range(part.max() + 1)]
+    )
     kept = part == size.argmax()
     number = np.cumsum(kept) - 1
     faces = number[surface.faces[kept[surface.faces[:, 0]]]]

@@ -22,6 +22,12 @@ from cageik_cli.util.arrays import Floats, Integers
 SKIPPED = ((0, 0), (1, 0), (0, 1))
 """How many of the best splits and collapses are left out, after each round of one that failed."""
 
+EDIT_ALPHA = 1e-3
+"""Weight of the smoothness of the cage, as in an extraction."""
+
+MAX_SPLIT_SHARE = 0.4
+"""Edges for which splits are measured, over the number of vertices, at most."""
+
 UNREFINED = Accuracy(np.inf, 1, 0.0, 9000)
 """The accuracy of weights by which edits are compared: no face is divided for an error."""
 
@@ -72,10 +78,10 @@ def count_rounds(vertices: int) -> int:
 class EditGains:
     """How edits of a cage change what a motion cannot be expressed in, in closed form.
 
-    The cages of a motion D minimise |D − H c|² + a |L c|². A split adds a column g to H, which has
-    no cost of its own, and takes |gᵀ R|² / gᵀ (1 − H N⁻¹ Hᵀ) g off the minimum, with the residual R
-    and the normal matrix N = Hᵀ H + a Lᵀ L. To merge the cage vertices i and j adds
-    |c_i − c_j|² / (e_i − e_j)ᵀ N⁻¹ (e_i − e_j): the cost of a linear constraint.
+    The cages of a motion D minimise |D − H c|² + a |L c|², a being `EDIT_ALPHA` s / n. A split adds
+    a column g to H, which has no cost of its own, and takes |gᵀ R|² / gᵀ (1 − H N⁻¹ Hᵀ) g off the
+    minimum, with the residual R and the normal matrix N = Hᵀ H + a Lᵀ L. To merge the cage vertices
+    i and j adds |c_i − c_j|² / (e_i − e_j)ᵀ N⁻¹ (e_i − e_j): the cost of a linear constraint.
 
     Parameters
     ----------
@@ -84,10 +90,6 @@ class EditGains:
     squares : (s,) float64, optional
         The residuals of a cage before this one, which tell where splits are worth looking at; no
         splits are measured without them.
-    alpha : float
-        Weight of the smoothness of the cage, as in an extraction: a is alpha s / n.
-    split_share : float
-        Edges for which splits are measured, over the number of vertices, at most.
 
     Attributes
     ----------
@@ -110,20 +112,18 @@ class EditGains:
         cage: TriMesh,
         motion: Motion,
         squares: Floats | None = None,
-        alpha: float = 1e-3,
-        split_share: float = 0.4,
     ) -> None:
         count, self.edges = len(cage.vertices), cage.edges.ends
         self.splits = self.edges[:0]
         if squares is not None:
-            self.splits = _choose_splits(cage, motion.points, squares, split_share)
+            self.splits = _choose_splits(cage, motion.points, squares)
         divided = split_edges(cage, self.splits)
         weights = harmonic_weights(divided, motion.points, UNREFINED).values
         columns, own = weights[:, count:], weights[:, :count].copy()
         for side in range(2):
             np.add.at(own.T, self.splits[:, side], 0.5 * columns.T)
         laplacian = uniform_laplacian(cage)
-        smoothness = alpha * len(own) / count * laplacian.T @ laplacian
+        smoothness = EDIT_ALPHA * len(own) / count * laplacian.T @ laplacian
         inverse = np.linalg.inv(own.T @ own + smoothness)
         cages = inverse @ (own.T @ motion.displacements)
         residual = motion.displacements - own @ cages
@@ -156,7 +156,7 @@ def split_edges(cage: TriMesh, chosen: Integers) -> TriMesh:
     return TriMesh(vertices, np.array(divided, np.int64))
 
 
-def _choose_splits(cage: TriMesh, points: Floats, squares: Floats, split_share: float) -> Integers:
+def _choose_splits(cage: TriMesh, points: Floats, squares: Floats) -> Integers:
     """Choose edges whose faces have large parts of the error, no two of one face."""
     face = closest_points(cage, points).face
     part = np.bincount(face, weights=squares, minlength=len(cage.faces))
@@ -172,7 +172,9 @@ def _choose_splits(cage: TriMesh, points: Floats, squares: Floats, split_share: 
         for edge in sides:
             beside[edge].append(number)
     # Each split adds two faces, and weights are computed of no more than so many.
-    most = min(int(split_share * len(cage.vertices)), (MAX_HARMONIC_FACES - len(cage.faces)) // 2)
+    most = min(
+        int(MAX_SPLIT_SHARE * len(cage.vertices)), (MAX_HARMONIC_FACES - len(cage.faces)) // 2
+    )
     for edge in np.argsort(-score, kind="stable").tolist():
         if len(chosen) < most and is_free[beside[edge]].all():
             is_free[beside[edge]] = False

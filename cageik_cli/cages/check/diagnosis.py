@@ -173,8 +173,8 @@ def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None
             message = (
                 f"the cage has {len(cage.vertices)} vertices and the model {len(rest.vertices)}"
             )
-            value = float(len(cage.vertices))
-            findings.append(Finding("swapped", "note", message, "are they swapped?", value=value))
+            remedy, value = "are they swapped?", len(cage.vertices)
+            findings.append(Finding("swapped", "note", message, remedy, value=value))
     is_of_another = misfit is not None and not misfit.is_repairable
     # To mend the other faults of such a cage would not help.
     findings.sort(
@@ -223,8 +223,8 @@ def _diagnose_rest(
     placement = locate_vertices(cage if cage.volume > 0 else cage.flip(), rest)
     unused, remedy = rest.unused_vertices, "delete them if they are left-overs"
     findings = [
-        Finding("unreferenced-vertex", "note", note, remedy, value=float(len(unused))).at(
-            "vertices", unused, "rest"
+        Finding(
+            "unreferenced-vertex", "note", note, remedy, "vertices", unused, len(unused), "rest"
         )
         for note in describe_unused_vertices(rest)
     ]
@@ -272,4 +272,4 @@ def _find_too_many_faces(cage: TriMesh) -> Iterator[Finding]:
     if count > MAX_HARMONIC_FACES:
         message = f"the cage has {count} faces, at most {MAX_HARMONIC_FACES} fit in memory"
         remedy = "use a coarser cage"
-        yield Finding("too-many-faces", "unfit", message, remedy, value=float(count))
+        yield Finding("too-many-faces", "unfit", message, remedy, value=count)

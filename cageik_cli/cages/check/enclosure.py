@@ -42,25 +42,13 @@ TOUCH_TOL = 1e-8
 
 
 class MisfitError(CageError):
-    """A cage does not fit its model.
-
-    Attributes
-    ----------
-    misfit : Misfit, optional
-        Why, if it is known.
-    """
+    """A cage does not fit its model, for the reason `misfit`, if it is known."""
 
     misfit: Misfit | None = None
 
 
 class OutsideError(MisfitError):
-    """Vertices of a model are outside the cage.
-
-    Attributes
-    ----------
-    placement : Placement, optional
-        Where they are, if it is known.
-    """
+    """Vertices of a model are outside the cage, in a `placement`, if it is known."""
 
     placement: "Placement | None" = None
 
@@ -152,9 +140,8 @@ class Placement:
     def find_outside(self, remedy: str) -> Finding:
         """Make the finding that these vertices are outside."""
         message, numbers = self.describe_outside("the rest pose"), self.outside_indices
-        percent = self.worst_percent
-        found = Finding("outside", "unfit", message, remedy, value=percent)
-        return found.at("vertices", numbers, "rest")
+        place = "vertices", numbers, self.worst_percent, "rest"
+        return Finding("outside", "unfit", message, remedy, *place)
 
 
 def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Placement:
@@ -219,7 +206,7 @@ def make_swap_finding(cage: TriMesh, rest: TriMesh) -> Finding:
         f"other, of {len(rest.vertices)}"
     )
     remedy = "give the other as `cage=`, and this as the model"
-    return Finding("swapped", "unfit", message, remedy, value=float(len(cage.vertices)))
+    return Finding("swapped", "unfit", message, remedy, value=len(cage.vertices))
 
 
 def refuse_other_unit(cage: TriMesh, rest: TriMesh) -> None:

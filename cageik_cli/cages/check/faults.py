@@ -4,7 +4,7 @@ Each is a finding: a sentence for users, and numbers for programs.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask
-from cageik_cli.util.arrays import Integers, Mask
+from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import CageError, join_truncated
 from cageik_cli.util.progress import mark_warning
 from cageik_cli.util.text import format_count, pluralize
@@ -97,9 +97,8 @@ class Finding:
     mesh: str = "cage"
     place: Point | None = None
 
-    def at(self, elements: str, numbers: Integers, mesh: str = "cage") -> "Finding":
-        """Return the finding with the elements of a mesh where it is."""
-        return replace(self, elements=elements, numbers=numbers, mesh=mesh)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", float(self.value))
 
     @property
     def sentence(self) -> str:
@@ -165,7 +164,12 @@ def find_cage_faults(cage: TriMesh) -> tuple[Finding, ...]:
         found += _find("orientation", edges.ends[is_turned])
         found += _find("pinched-vertex", np.flatnonzero(count_fans(surface) > 1))
         found += [*_find_loose_components(joined), *_find_volume_faults(surface)]
-        found += _find("self-intersection", kept[_find_self_intersections(joined, is_flat[kept])])
+        # Degenerate faces have no plane, and those at their vertices may cross by rounding.
+        flat = joined.faces[is_flat[kept]]
+        judged = np.flatnonzero(~np.isin(joined.faces, flat).any(axis=1))
+        if len(judged):
+            pairs = self_intersections(TriMesh(joined.vertices, joined.faces[judged]))
+            found += _find("self-intersection", kept[judged[pairs]])
     return tuple(found)
 
 
@@ -176,8 +180,8 @@ def _find(kind: str, numbers: Integers, remedy: str = "") -> Iterator[Finding]:
     noun, what, usual_remedy = _FAULTS[kind]
     message = f"the cage {what} {format_elements(noun, numbers)}"
     remedy = remedy or usual_remedy.format(it="it" if len(numbers) == 1 else "them")
-    numbers, value = numbers.astype(np.int64), float(len(numbers))
-    yield Finding(kind, "unfit", message, remedy, value=value).at(pluralize(noun), numbers)
+    numbers, elements = numbers.astype(np.int64), pluralize(noun)
+    yield Finding(kind, "unfit", message, remedy, elements, numbers, len(numbers))
 
 
 def count_fans(surface: TriMesh) -> Integers:
@@ -208,8 +212,8 @@ def _find_loose_components(surface: TriMesh) -> Iterator[Finding]:
             f"the cage has {len(parts)} components (of {join_truncated(sizes)} vertices), expected "
             "one connected surface"
         )
-        remedy, value = "join them or delete the loose ones", float(len(parts))
-        yield Finding("components", "unfit", message, remedy, value=value).at("vertices", small)
+        remedy = "join them or delete the loose ones"
+        yield Finding("components", "unfit", message, remedy, "vertices", small, len(parts))
 
 
 def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
@@ -224,15 +228,6 @@ def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
         message = "the cage's faces turn inward; it is used turned outward"
         remedy = "recalculate its normals to avoid this warning"
         yield Finding("inward", "warning", message, remedy, value=volume)
-
-
-def _find_self_intersections(surface: TriMesh, is_degenerate: Mask) -> Integers:
-    """Return pairs of faces, (p, 2), that meet, except at the vertices of degenerate faces."""
-    faces = surface.faces
-    judged = np.flatnonzero(~np.isin(faces, faces[is_degenerate]).any(axis=1))
-    if len(judged) == 0:
-        return np.empty((0, 2), np.int64)
-    return judged[self_intersections(TriMesh(surface.vertices, faces[judged]))]
 
 
 def format_elements(noun: str, numbers: ArrayLike) -> str:

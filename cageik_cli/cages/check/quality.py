@@ -65,8 +65,7 @@ def find_needle_faces(cage: TriMesh) -> Iterator[Finding]:
             f"the smallest {angles[worst]:.2g} degrees at face {worst}"
         )
         remedy = "flip or collapse edges there; weights nearby are less accurate"
-        angle = float(angles[worst])
-        yield Finding("needle", "warning", message, remedy, value=angle).at("faces", sharp)
+        yield Finding("needle", "warning", message, remedy, "faces", sharp, angles[worst])
 
 
 def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
@@ -81,8 +80,7 @@ def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
             f"faces {sheets[worst, 0]} and {sheets[worst, 1]}"
         )
         remedy = "move them apart; the solve can hardly distinguish their vertices"
-        ratio = float(nearness[worst])
-        yield Finding("thin", "warning", message, remedy, value=ratio).at("face pairs", pairs)
+        yield Finding("thin", "warning", message, remedy, "face pairs", pairs, nearness[worst])
 
 
 def find_low_clearance(placement: Placement) -> Iterator[Finding]:
@@ -91,7 +89,7 @@ def find_low_clearance(placement: Placement) -> Iterator[Finding]:
     near = np.flatnonzero(clearance < MIN_CLEARANCE)
     if len(near):
         worst = near[clearance[near].argmin()]
-        percent = float(100 * clearance[worst])
+        percent = 100 * clearance[worst]
         message = (
             f"vertices of the rest pose are closer to the cage than {100 * MIN_CLEARANCE:g} % of "
             f"the diagonal: {format_elements('vertex', near)}"
@@ -100,8 +98,7 @@ def find_low_clearance(placement: Placement) -> Iterator[Finding]:
             f"{placement.closest.face[worst]}"
         )
         remedy = "enlarge the cage there; these vertices follow single faces of the cage"
-        found = Finding("clearance", "warning", message, remedy, value=percent)
-        yield found.at("vertices", near, "rest")
+        yield Finding("clearance", "warning", message, remedy, "vertices", near, percent, "rest")
 
 
 def find_surface_crossings(placement: Placement) -> Iterator[Finding]:
@@ -114,8 +111,8 @@ def find_surface_crossings(placement: Placement) -> Iterator[Finding]:
             "faces of the rest pose cross the cage although their vertices are inside, at "
             f"{format_elements('pair of a rest and a cage face', pairs)}"
         )
-        kind, remedy, count = "surface-crossing", "move the cage outward there", float(len(pairs))
-        yield Finding(kind, "warning", message, remedy, value=count).at("face pairs", pairs, "both")
+        kind, remedy, place = "surface-crossing", "move the cage outward there", "face pairs"
+        yield Finding(kind, "warning", message, remedy, place, pairs, len(pairs), "both")
 
 
 def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
@@ -123,14 +120,13 @@ def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
     weak = np.flatnonzero(largest_weights < MIN_INFLUENCE)
     if len(weak):
         worst = weak[largest_weights[weak].argmin()]
-        smallest = float(largest_weights[worst])
+        smallest = largest_weights[worst]
         message = (
             f"the cage has vertices whose weights are all below {MIN_INFLUENCE:g}: "
             f"{format_elements('vertex', weak)}, the smallest, {smallest:.2g}, at vertex {worst}"
         )
         remedy = "delete them or move them closer to the model; frames hardly determine them"
-        found = Finding("weak-vertex", "warning", message, remedy, value=smallest)
-        yield found.at("vertices", weak)
+        yield Finding("weak-vertex", "warning", message, remedy, "vertices", weak, smallest)
 
 
 def find_looseness_faults(
@@ -216,8 +212,8 @@ def _find_shared_loops(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
             f"{'xyz'[place.axis]}, {place.gap:.3g} apart"
         )
         remedy = "let the cage go between them; with one loop they can hardly move apart"
-        limbs = float(place.limbs)
-        yield Finding("shared-loop", "warning", message, remedy, value=limbs, place=(x, y, z))
+        found = Finding("shared-loop", "warning", message, remedy, value=place.limbs)
+        yield replace(found, place=(x, y, z))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -310,23 +306,17 @@ class Slicer:
         one, two = self.mesh.vertices[ends[:, :, 0]], self.mesh.vertices[ends[:, :, 1]]
         height, other = one[..., self.axis] - position, two[..., self.axis] - position
         segments = one + (height / (height - other))[..., None] * (two - one)
-        return [
-            Loop(self.axis, segments[chosen], int(faces[chosen[0], 0]))
-            for chosen in _list_loops(ends)
-        ]
-
-
-def _list_loops(ends: Integers) -> list[Integers]:
-    """Return the segments of each loop, found by the edges (s, 2, 2) on which they end."""
-    if len(ends) == 0:
-        return []
-    flat = np.sort(ends.reshape(-1, 2), axis=1)
-    keys: Integers = flat[:, 0] * (int(flat.max()) + 1) + flat[:, 1]
-    _, edge = np.unique(keys, return_inverse=True)
-    joined: Integers = edge.reshape(-1, 2)
-    loops = find_groups(joined, int(edge.max()) + 1)[joined[:, 0]]
-    order = np.argsort(loops, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(loops[order])) + 1)
+        if len(faces) == 0:
+            return []
+        # The segments of a loop are joined by the edges on which they end.
+        flat = np.sort(ends.reshape(-1, 2), axis=1)
+        keys: Integers = flat[:, 0] * (int(flat.max()) + 1) + flat[:, 1]
+        _, edge = np.unique(keys, return_inverse=True)
+        joined: Integers = edge.reshape(-1, 2)
+        loops = find_groups(joined, int(edge.max()) + 1)[joined[:, 0]]
+        order = np.argsort(loops, kind="stable")
+        parts = np.split(order, np.flatnonzero(np.diff(loops[order])) + 1)
+        return [Loop(self.axis, segments[part], int(faces[part[0], 0])) for part in parts]
 
 
 def find_shared_sections(
@@ -349,8 +339,15 @@ def find_shared_sections(
             position = low + (k + 0.5) * step
             is_wanted = near is None or (np.abs(near[:, axis] - position) <= step).any()
             now = _find_at(*slicers, position) if is_wanted else []
-            runs = [_continue_run(place, before) for place in now]
-            found += [run for run in runs if len(run) == 1]
+            runs = []
+            for place in now:
+                # A place continues one of the section before that is beside it.
+                run = next((run for run in before if _is_beside(run[-1], place)), None)
+                if run is None:
+                    run = []
+                    found.append(run)
+                run.append(place)
+                runs.append(run)
             before = runs
     # A place in one section alone is only grazed.
     places = [_join_run(run) for run in found if len(run) >= 2]
@@ -443,14 +440,10 @@ def _join_loops(loops: list[Loop], limbs: Integers, min_gap: float) -> list[Floa
     ]
 
 
-def _continue_run(place: SharedSection, before: list[list[SharedSection]]) -> list[SharedSection]:
-    """Return the run of the section before that this place continues, or a new one."""
-    for run in before:
-        away = np.delete(run[-1].centre - place.centre, place.axis)
-        if np.linalg.norm(away) < (run[-1].size + place.size) / 4:
-            run.append(place)
-            return run
-    return [place]
+def _is_beside(one: SharedSection, other: SharedSection) -> bool:
+    """Return whether places in two sections across one axis are one place, by their sizes."""
+    away = np.delete(one.centre - other.centre, other.axis)
+    return bool(np.linalg.norm(away) < (one.size + other.size) / 4)
 
 
 def _join_run(run: list[SharedSection]) -> SharedSection:

@@ -210,7 +210,7 @@ def judge_cage(
                 f"{len(outside)} of {len(samples)} points of the model's surface are outside the "
                 f"cage, the first at ({x:.4g}, {y:.4g}, {z:.4g})"
             )
-            remedy, count = "move the cage outward there", float(len(outside))
+            remedy, count = "move the cage outward there", len(outside)
             holding.append(Finding("surface-outside", "unfit", message, remedy, value=count))
     warnings = [*find_needle_faces(cage), *find_thin_parts(cage)]
     if not is_outside:
@@ -245,7 +245,12 @@ class Repair:
         Samples, (s, 3), are points of the model, which decide what parts of the cage are for.
         """
         self._merge_vertices()
-        self._drop_repeated_faces()
+        self._drop_faces(find_repeated(self.mesh), "that repeat others")
+        uses, _ = count_edge_uses(self.mesh)
+        counts, numbers = self.mesh.corner_counts, self.mesh.polygon_numbers[uses == 1]
+        loose = np.bincount(numbers, minlength=len(counts)) == counts
+        if not loose.all():
+            self._drop_faces(loose, "that touch no others")
         self._drop_faces(find_fins(self.mesh), "that stand on an edge of two others")
         self._drop_inner_walls()
         self._turn_faces()
@@ -328,16 +333,6 @@ class Repair:
             parts.append(f"deleted {format_count(lost, 'face')} with a vertex twice")
         self.mesh, self.vertex_map = merged, target[self.vertex_map]
         self._note("merge", " and ".join(parts), max(len(gone), lost), gone)
-
-    def _drop_repeated_faces(self) -> None:
-        """Delete faces on the vertices of others, and faces that touch nothing else."""
-        self._drop_faces(find_repeated(self.mesh), "that repeat others")
-        uses, _ = count_edge_uses(self.mesh)
-        counts = self.mesh.corner_counts
-        numbers = self.mesh.polygon_numbers[uses == 1]
-        loose = np.bincount(numbers, minlength=len(counts)) == counts
-        if not loose.all():
-            self._drop_faces(loose, "that touch no others")
 
     def _drop_inner_walls(self) -> None:
         """Delete a patch of faces whose edges two others share; the largest volume stays.

@@ -52,8 +52,12 @@ from cageik_cli.method.weights.bem.boundary_equation import (
 )
 from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.method.weights.bem.higher_terms import HigherTerms, higher_moments, monomial_places
-from cageik_cli.method.weights.bem.panel_geometry import LINEAR_TERMS, monomials, orthogonal_basis
-from cageik_cli.method.weights.bem.panels import PanelView
+from cageik_cli.method.weights.bem.panels import (
+    LINEAR_TERMS,
+    PanelView,
+    monomials,
+    orthogonal_basis,
+)
 from cageik_cli.method.weights.bem.potentials import (
     FADE_FACTOR,
     compute_strength,

@@ -36,13 +36,7 @@ MIN_REFINED_CONDITION = 1e6
 
 @dataclass(frozen=True, slots=True)
 class SolveQuality(WeightQuality):
-    """Measures of the quality of the weights and of the system.
-
-    Attributes
-    ----------
-    condition_number : float
-        Condition number of the normal matrix, in the 2-norm.
-    """
+    """Measures of the weights, and the condition number of the normal matrix, in the 2-norm."""
 
     condition_number: float
 

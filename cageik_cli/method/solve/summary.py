@@ -17,11 +17,7 @@ MAX_BRIDGED_FRAMES = 10
 class OcclusionTracker:
     """How many frames in a row each vertex had no weight, counted block by block.
 
-    A frame without data neither ends an occlusion nor begins one.
-
-    Attributes
-    ----------
-    longest : (m,) int64
+    A frame without data neither ends an occlusion nor begins one. The `longest` are (m,) int64.
     """
 
     def __init__(self, vertex_count: int) -> None:

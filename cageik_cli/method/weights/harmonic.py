@@ -32,7 +32,7 @@ from cageik_cli.method.weights.bem.boundary_equation import (
     split_points,
 )
 from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.method.weights.bem.panel_geometry import LINEAR_TERMS, Panels, exponents, gauss_rule
+from cageik_cli.method.weights.bem.panels import LINEAR_TERMS, Panels, exponents, gauss_rule
 from cageik_cli.method.weights.bem.potentials import FADE_FACTOR, compute_potentials
 from cageik_cli.method.weights.binding import Weights
 from cageik_cli.method.weights.settings import ACCURACIES, Accuracy

@@ -119,7 +119,12 @@ class _Faces:
         height, along, start = forms[:count], forms[4 * count : 5 * count], forms[5 * count :]
         side = forms[count : 4 * count].reshape(3, count, -1)
         products = start * (start + self.edge_lengths[:, None])
-        edges = self._integrate_edges(height, side, products)
+        # ∫ 1/r² ds of every edge, (e, q).
+        face, k = np.divmod(self.edges.first_side, 3)
+        squares = side[k, face] ** 2
+        squares += height[face] ** 2
+        distance = np.maximum(np.sqrt(squares), 1e-200)  # on an edge's line θ/d has its limit
+        edges = np.arctan2(distance * self.edge_lengths[:, None], squares + products) / distance
         edge = [edges[self.edges.side_edges[:, k]] for k in range(3)]
 
         with np.errstate(invalid="ignore", divide="ignore"):  # points in a plane are set next
@@ -132,16 +137,6 @@ class _Faces:
         last = (moment - self.apex * apex) / self.base
         integrals = np.concatenate([apex, total - apex - last, last])
         return np.asarray(self.corner_sums @ integrals)
-
-    def _integrate_edges(self, height: Floats, side: Floats, products: Floats) -> Floats:
-        """Return ∫ 1/r² ds of every edge, (e, q), given s_a s_b, (e, q)."""
-        face, k = np.divmod(self.edges.first_side, 3)
-        squares = side[k, face] ** 2
-        squares += height[face] ** 2
-        distance = np.maximum(np.sqrt(squares), 1e-200)  # on an edge's line θ/d has its limit
-        return np.asarray(
-            np.arctan2(distance * self.edge_lengths[:, None], squares + products) / distance
-        )
 
     def _set_edge_on_totals(
         self, total: Floats, height: Floats, side: Floats, products: Floats

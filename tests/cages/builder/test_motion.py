@@ -66,10 +66,11 @@ def test_a_collapse_costs_what_tied_vertices_cost(bent):
         assert edits.losses[k] == pytest.approx(after - before, rel=1e-6)
 
 
-def test_a_split_gains_what_a_new_vertex_gains(bent):
+def test_a_split_gains_what_a_new_vertex_gains(bent, monkeypatch):
     cage, motion = bent
     squares = EditGains(cage, motion).squares
-    edits = EditGains(cage, motion, squares, split_share=1 / len(cage.vertices))
+    monkeypatch.setattr(shift_module, "MAX_SPLIT_SHARE", 1 / len(cage.vertices))
+    edits = EditGains(cage, motion, squares)
     assert len(edits.splits) == 1
     divided = split_edges(cage, edits.splits)
     weights = harmonic_weights(divided, motion.points, "preview").values

@@ -9,7 +9,7 @@ from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.method.points import field as field_module
 from cageik_cli.method.points.field import HarmonicField
 from cageik_cli.method.weights import harmonic
-from cageik_cli.method.weights.bem.panel_geometry import Panels
+from cageik_cli.method.weights.bem.panels import Panels
 from cageik_cli.method.weights.settings import ACCURACIES, BindSettings
 from cageik_cli.util.errors import CageError, FormatError, SettingError
 from tests.method.weights.random_cages import points_within, random_cage

@@ -11,7 +11,7 @@ from cageik_cli.geometry.points import PointCloud
 from cageik_cli.method.points.field import HarmonicField
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented
-from cageik_cli.method.weights.bem.panel_geometry import Panels
+from cageik_cli.method.weights.bem.panels import Panels
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import FormatError, SettingError
 from tests.shapes import ball

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 
-from cageik_cli.method.weights.bem.panel_geometry import Panels
+from cageik_cli.method.weights.bem.panels import Panels
 from tests.shapes import concave, inside
 
 

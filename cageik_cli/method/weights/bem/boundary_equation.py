@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.geometry.points import order_by_place
 from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.method.weights.bem.panel_geometry import (
+from cageik_cli.method.weights.bem.panels import (
     LINEAR_TERMS,
     gauss_rule,
     monomials,

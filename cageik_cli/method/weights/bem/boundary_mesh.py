@@ -9,12 +9,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.bem.higher_terms import HigherTerms
-from cageik_cli.method.weights.bem.panel_geometry import (
-    LINEAR_TERMS,
-    Panels,
-    exponents,
-    orthogonal_basis,
-)
+from cageik_cli.method.weights.bem.panels import LINEAR_TERMS, Panels, exponents, orthogonal_basis
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
 if TYPE_CHECKING:
@@ -96,7 +91,7 @@ class BasisFunctions:
 class BoundaryMesh:
     """Panels with polynomial densities: of degrees up to `order` on some, linear on the others.
 
-    The unknowns are coefficients of `panel_geometry.orthogonal_basis`: first 1, x and y of every
+    The unknowns are coefficients of `panels.orthogonal_basis`: first 1, x and y of every
     panel, ordered [term, panel], then the other terms of `high_panels`, ordered likewise. Those
     above the degree of their panel are zero.
 

@@ -3,7 +3,7 @@ import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.method.weights.bem.panel_geometry import exponents
+from cageik_cli.method.weights.bem.panels import exponents
 from tests.shapes import concave
 
 

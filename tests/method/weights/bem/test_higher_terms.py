@@ -2,8 +2,12 @@ import numpy as np
 import pytest
 
 from cageik_cli.method.weights.bem.higher_terms import HigherTerms, higher_moments
-from cageik_cli.method.weights.bem.panel_geometry import LINEAR_TERMS, monomials, orthogonal_basis
-from cageik_cli.method.weights.bem.panels import PanelView
+from cageik_cli.method.weights.bem.panels import (
+    LINEAR_TERMS,
+    PanelView,
+    monomials,
+    orthogonal_basis,
+)
 from cageik_cli.util.arrays import Workspace
 
 

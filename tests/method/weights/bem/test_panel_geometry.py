@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.method.weights.bem.panel_geometry import (
+from cageik_cli.method.weights.bem.panels import (
     LINEAR_TERMS,
     edge_coefficients,
     exponents,

@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
-from cageik_cli.method.weights.bem.panel_geometry import Panels, monomials
 from cageik_cli.method.weights.bem.panels import (
     MAX_SERIES_TANGENT,
+    Panels,
     PanelView,
     _arctan2,
+    monomials,
 )
 from cageik_cli.util.arrays import Workspace
 from tests.shapes import ball, box, concave, inside

@@ -8,12 +8,14 @@ import pytest
 
 from cageik_cli.method.weights.bem import potentials as module
 from cageik_cli.method.weights.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.method.weights.bem.panel_geometry import LINEAR_TERMS, monomials, orthogonal_basis
 from cageik_cli.method.weights.bem.panels import (
     CLOSED_ANGLE_TOL,
     EDGE_ON_TOL,
+    LINEAR_TERMS,
     MIN_GAP_RATIO,
     NEAR_EDGE_RATIO,
+    monomials,
+    orthogonal_basis,
 )
 from cageik_cli.method.weights.bem.potentials import FADE_FACTOR, compute_potentials
 from cageik_cli.util import compiled
