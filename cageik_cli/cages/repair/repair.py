@@ -22,7 +22,6 @@ from cageik_cli.cages.repair.shape import ShapeFit
 from cageik_cli.cages.repair.tidy import (
     PolygonMesh,
     close_hole,
-    count_edge_uses,
     count_topology_faults,
     drop_unreferenced,
     find_boundary_vertices,
@@ -246,8 +245,8 @@ class Repair:
         """
         self._merge_vertices()
         self._drop_faces(find_repeated(self.mesh), "that repeat others")
-        uses, _ = count_edge_uses(self.mesh)
-        counts, numbers = self.mesh.corner_counts, self.mesh.polygon_numbers[uses == 1]
+        counts = self.mesh.corner_counts
+        numbers = self.mesh.polygon_numbers[self.mesh.edge_uses == 1]
         loose = np.bincount(numbers, minlength=len(counts)) == counts
         if not loose.all():
             self._drop_faces(loose, "that touch no others")
@@ -341,9 +340,8 @@ class Repair:
         """
         while True:
             mesh = self.mesh
-            uses, _ = count_edge_uses(mesh)
             labels = label_patches(mesh)
-            if not (uses > 2).any() or labels.max() >= MAX_INNER_WALLS:
+            if not (mesh.edge_uses > 2).any() or labels.max() >= MAX_INNER_WALLS:
                 return
             before = count_topology_faults(mesh)
             best, most = None, 0.0
@@ -388,8 +386,8 @@ class Repair:
         count = labels.max() + 1
         if count == 1:
             return
-        uses, _ = count_edge_uses(mesh)
-        is_open = np.bincount(labels[mesh.polygon_numbers[uses == 1]], minlength=count) > 0
+        bordered = mesh.polygon_numbers[mesh.edge_uses == 1]
+        is_open = np.bincount(labels[bordered], minlength=count) > 0
         parts = [mesh.keep(labels == patch) for patch in range(count)]
         held = [np.abs(winding_numbers(part.triangles, samples)) > 0.5 for part in parts]
         order = [(not is_open[k], held[k].sum(), _measure_volume(parts[k])) for k in range(count)]

@@ -68,24 +68,12 @@ class Effort:
     """
 
     def __init__(self, left: float = np.inf) -> None:
-        self._left = left
+        self.left = left
 
     @property
     def is_spent(self) -> bool:
-        """Return whether no further piece of work may begin."""
-        return self._left <= 0
-
-    def spend(self, amount: float) -> None:
-        """Count some work; the last piece may be larger than what was left."""
-        self._left -= amount
-
-    def spend_on_tangle(self, faces: int) -> None:
-        """Count a search for crossings among faces."""
-        self.spend(2000.0 + 50.0 * faces)
-
-    def spend_on_samples(self, samples: int, faces: int) -> None:
-        """Count the measurement of samples in a cage of so many faces: side and distance."""
-        self.spend(0.03 * samples * (faces + 100))
+        """Return whether no further piece of work may begin; the last may have been too large."""
+        return self.left <= 0
 
 
 class ShapeFit:
@@ -194,7 +182,7 @@ class ShapeFit:
         self, shape: Shape, original: TriMesh, group: Integers, share: float, effort: Effort
     ) -> Shape | None:
         """Move vertices back by a share of their moves; return None if that shape is not fit."""
-        effort.spend(15e3)
+        effort.left -= 15e3
         scale = np.ones((len(shape.moves), 1))
         scale[group] = 1 - share
         moved = replace(shape, untangled=shape.untangled * scale, pushed=shape.pushed * scale)
@@ -251,7 +239,7 @@ def push_outward(
         near = depths < least
         if effort.is_spent or not near.any():
             return None
-        effort.spend_on_samples(int(near.sum()), len(cage.faces))
+        effort.left -= 0.03 * near.sum() * (len(cage.faces) + 100)  # the side, and the distance
         depths[near], closest = measure_depths(cage, samples[near])
         return _make_contacts(closest, samples[near], depths[near], least[near], target)
 
@@ -309,7 +297,7 @@ def find_local_self_intersecting_faces(
     if len(numbers) == 0:
         return numbers
     if effort is not None:
-        effort.spend_on_tangle(len(numbers))
+        effort.left -= 2000 + 50 * len(numbers)
     return numbers[find_self_intersecting_faces(TriMesh(cage.vertices, cage.faces[near]))]
 
 

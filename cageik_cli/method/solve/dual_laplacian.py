@@ -21,10 +21,9 @@ from cageik_cli.geometry.points import columns_to_frames, frames_to_columns, pla
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.solve.alignment import best_motions, centroids, move_to_rest
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.method.solve.vertex_bound import spread_vertices
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
 from cageik_cli.method.weights.binding import Binding, WeightQuality, measure_offsets
-from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.util.arrays import Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import NumericalError
 
 MAX_CONDITION = 1e12
@@ -32,6 +31,9 @@ MAX_CONDITION = 1e12
 
 MIN_REFINED_CONDITION = 1e6
 """Above it, a step of refinement recovers digits that the normal matrix has lost."""
+
+MIN_BOUND_VERTICES, MAX_BOUND_VERTICES = 512, 1024
+"""Vertices on which the best possible error is found; within these limits, 8 per cage vertex."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,3 +250,11 @@ class DualLaplacianSolver:
             roots = np.sqrt(weights[block, None]) * chosen
             data += roots.T @ roots
         return np.asarray(self.data_scale * data)
+
+
+def spread_vertices(numbers: Integers, points: int) -> Integers:
+    """Choose vertices for a cage of `points`, spread over the given numbers; all of a few."""
+    count = min(max(MIN_BOUND_VERTICES, 8 * points), MAX_BOUND_VERTICES)
+    if count >= len(numbers):
+        return numbers
+    return np.asarray(numbers[spread_evenly(len(numbers), count)])
