@@ -77,12 +77,7 @@ class TimeFiller:
     The tolerance is as `CONJUGATE_TOL`.
     """
 
-    def __init__(
-        self,
-        solver: DualLaplacianSolver,
-        *,
-        tolerance: float = CONJUGATE_TOL,
-    ) -> None:
+    def __init__(self, solver: DualLaplacianSolver, *, tolerance: float = CONJUGATE_TOL) -> None:
         from scipy.linalg import eigh
 
         self._tolerance = tolerance

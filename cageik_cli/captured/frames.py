@@ -74,8 +74,7 @@ def complete_frames(
 
 
 def measure_tolerances(
-    robust: RobustSolver,
-    frames: Iterable[tuple[Floats, Floats | None]],
+    robust: RobustSolver, frames: Iterable[tuple[Floats, Floats | None]]
 ) -> Floats:
     """Measure the tolerances of all vertices on some frames, (m,), file units.
 

@@ -12,12 +12,7 @@ from cageik_cli.cages.builder.judge import Demand, Verdict, judge
 from cageik_cli.cages.builder.loops import NO_LOOPS, Loops
 from cageik_cli.cages.builder.quads import describe_few_quads, make_quads
 from cageik_cli.cages.builder.refine import refine_shell, replace_weak_vertices, wrap_ellipsoid
-from cageik_cli.cages.builder.shell import (
-    DistanceGrid,
-    describe_closings,
-    joins_parts,
-    make_shell,
-)
+from cageik_cli.cages.builder.shell import DistanceGrid, describe_closings, joins_parts, make_shell
 from cageik_cli.cages.builder.shift import shift_vertices
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh

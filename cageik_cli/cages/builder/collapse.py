@@ -12,11 +12,7 @@ import igl
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cageik_cli.cages.builder.frame import (
-    MIN_PLANE_DISTANCE,
-    add_image,
-    take_half,
-)
+from cageik_cli.cages.builder.frame import MIN_PLANE_DISTANCE, add_image, take_half
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import choose_farthest
 from cageik_cli.geometry.shape import cross, measure_angles
@@ -277,29 +273,22 @@ class _HalfCollapser(Collapser):
     def _weigh(self, ends: Integers) -> tuple[Floats, Floats]:
         costs, targets = super()._weigh(ends)
         count = self._on_plane[ends].sum(axis=1)
-        at = count > 0
-        if at.any():
-            costs[at], targets[at] = self._weigh_on_plane(ends[at])
+        if (at := count > 0).any():
+            # Collapses onto the plane are weighed by quadrics that have no terms mixed with its
+            # axis: those are the mean of a quadric and its mirror image.
+            quadrics, places = self._quadrics[:, ends[at]], self._places[:, ends[at]]
+            others = np.arange(4) != self._axis
+            quadrics[..., self._axis, others] = quadrics[..., others, self._axis] = 0
+            height = places[..., self._axis].max(axis=2)
+            places[..., self._axis] = 0
+            numbers = np.arange(2 * int(at.sum())).reshape(-1, 2)
+            flat = (quadrics.reshape(1, -1, 4, 4), places.reshape(1, -1, 3))
+            costs[at], targets[at] = collapse_costs(*flat, numbers, self._evenness)
+            size = np.trace(quadrics.sum(axis=2)[..., :3, :3], axis1=2, axis2=3)
+            targets[at, :, self._axis] = 0
+            costs[at] += (self._evenness * size * height**2).sum(axis=0)
         # What a pair of vertices costs is that of one, twice: on the plane only one is saved.
         return np.where(count == 2, 2 * costs, costs), targets
-
-    def _weigh_on_plane(self, ends: Integers) -> tuple[Floats, Floats]:
-        """Weigh collapses onto the plane, by quadrics that have no terms mixed with its axis.
-
-        Those are the mean of a quadric and its mirror image.
-        """
-        quadrics = self._quadrics[:, ends]
-        others = np.arange(4) != self._axis
-        quadrics[..., self._axis, others] = quadrics[..., others, self._axis] = 0
-        places = self._places[:, ends]
-        height = places[..., self._axis].max(axis=2)
-        places[..., self._axis] = 0
-        numbers = np.arange(2 * len(ends)).reshape(-1, 2)
-        flat = (quadrics.reshape(1, -1, 4, 4), places.reshape(1, -1, 3))
-        costs, targets = collapse_costs(*flat, numbers, self._evenness)
-        size = np.trace(quadrics.sum(axis=2)[..., :3, :3], axis1=2, axis2=3)
-        targets[..., self._axis] = 0
-        return costs + (self._evenness * size * height**2).sum(axis=0), targets
 
     def _collapse(self, a: int, b: int, places: Floats) -> None:
         if self._on_plane[b]:

@@ -9,11 +9,7 @@ import igl
 import igl.predicates
 import numpy as np
 
-from cageik_cli.cages.builder.frame import (
-    MIN_PLANE_DISTANCE,
-    find_partners,
-    reflect,
-)
+from cageik_cli.cages.builder.frame import MIN_PLANE_DISTANCE, find_partners, reflect
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import cross, measure_angles
@@ -67,11 +63,7 @@ class Draft:
     """
 
     def __init__(
-        self,
-        cage: TriMesh,
-        samples: Floats,
-        clearance: float,
-        kept: frozenset[Edge] = frozenset(),
+        self, cage: TriMesh, samples: Floats, clearance: float, kept: frozenset[Edge] = frozenset()
     ) -> None:
         self.volume = cage.volume
         self.vertices = cage.vertices.copy()

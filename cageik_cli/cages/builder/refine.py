@@ -7,12 +7,7 @@ import igl
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from cageik_cli.cages.builder.collapse import (
-    Motion,
-    collapse_edges,
-    list_stages,
-    simplify_shell,
-)
+from cageik_cli.cages.builder.collapse import Motion, collapse_edges, list_stages, simplify_shell
 from cageik_cli.cages.builder.draft import Draft, PairedDraft
 from cageik_cli.cages.builder.frame import add_image, average_sides, cut_half, reflect
 from cageik_cli.cages.builder.judge import Demand, find_near_points, keep_one_per_cell

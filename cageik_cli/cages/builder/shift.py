@@ -107,12 +107,7 @@ class EditGains:
         By how much it raises both to merge the ends of each.
     """
 
-    def __init__(
-        self,
-        cage: TriMesh,
-        motion: Motion,
-        squares: Floats | None = None,
-    ) -> None:
+    def __init__(self, cage: TriMesh, motion: Motion, squares: Floats | None = None) -> None:
         count, self.edges = len(cage.vertices), cage.edges.ends
         self.splits = self.edges[:0]
         if squares is not None:

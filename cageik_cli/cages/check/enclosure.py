@@ -5,12 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.cages.check.faults import (
-    Finding,
-    find_cage_faults,
-    format_elements,
-    validate_cage,
-)
+from cageik_cli.cages.check.faults import Finding, find_cage_faults, format_elements, validate_cage
 from cageik_cli.cages.check.misfit import (
     MAX_DENTED_SHARE,
     MAX_OUTSIDE_SHARE,
@@ -21,12 +16,7 @@ from cageik_cli.cages.check.misfit import (
     find_transform,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.parts import (
-    PartShare,
-    count_by_part,
-    describe_by_part,
-    name_vertex,
-)
+from cageik_cli.geometry.parts import PartShare, count_by_part, describe_by_part, name_vertex
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.geometry.surface import (
     SURFACE_ROUNDING_TOL,

@@ -229,7 +229,18 @@ def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> 
         return Misfit(remedy, transform=transform)
     project = "take the nearest points of the cage with `outside=project`"
     if worst < MAX_NEAR_PERCENT:
-        return _explain_small_cage(cage, rest, f", or {project}" * (share <= MAX_OUTSIDE_SHARE))
+        otherwise = f", or {project}" * (share <= MAX_OUTSIDE_SHARE)
+        if not (inflation := measure_inflation(cage, rest)):
+            return Misfit(
+                "the cage is too small there, and to inflate it evenly does not help: move it "
+                f"outward there{otherwise}"
+            )
+        percent = round_up(inflation)
+        return Misfit(
+            f"the cage is not inflated: inflate it by {percent:g} % of the diagonal "
+            f"({percent / 100 * rest.diagonal:.3g}) along its normals{otherwise}",
+            inflation=percent,
+        )
     is_dented = share <= MAX_DENTED_SHARE or worst < 2 * MAX_NEAR_PERCENT
     if is_dented and share <= MAX_OUTSIDE_SHARE:
         return Misfit(f"enlarge the cage there, give the rest pose it was made for, or {project}")
@@ -237,21 +248,6 @@ def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> 
         remedy = f"{OTHER_POSE_REMEDY}, or the frame that it was made for as `rest=`"
         return Misfit(remedy, is_repairable=False)
     return Misfit(_describe_misplaced(cage, rest), is_repairable=False)
-
-
-def _explain_small_cage(cage: TriMesh, rest: TriMesh, otherwise: str) -> Misfit:
-    inflation = measure_inflation(cage, rest)
-    if not inflation:
-        return Misfit(
-            "the cage is too small there, and to inflate it evenly does not help: move it outward "
-            f"there{otherwise}"
-        )
-    percent = round_up(inflation)
-    return Misfit(
-        f"the cage is not inflated: inflate it by {percent:g} % of the diagonal "
-        f"({percent / 100 * rest.diagonal:.3g}) along its normals{otherwise}",
-        inflation=percent,
-    )
 
 
 def round_up(percent: float) -> float:

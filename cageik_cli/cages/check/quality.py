@@ -359,7 +359,15 @@ def _find_at(cage: Slicer, model: Slicer, position: float) -> list[SharedSection
     loops = _find_limb_loops(model, position)
     if len(loops) < 2:
         return []
-    groups = list(_group_loops(loops, cage.cut(position), model.mesh))
+    # The loops of one body of the model, two or more, that are in one loop of the cage.
+    groups = []
+    for border in cage.cut(position):
+        if border.is_closed:
+            held = [loop for loop in loops if border.goes_around(loop.points[0])]
+            bodies = model.mesh.components[[loop.vertex for loop in held]]
+            for body in np.unique(bodies):
+                group = [held[k] for k in np.flatnonzero(bodies == body)]
+                groups += [group] if len(group) > 1 else []
     if not groups:
         return []
     limbs = _label_limbs(model, position)
@@ -374,19 +382,6 @@ def _find_at(cage: Slicer, model: Slicer, position: float) -> list[SharedSection
             middle = (low + high) / 2
             places.append(SharedSection(model.axis, middle, size, 0.0, len(parts), gap))
     return places
-
-
-def _group_loops(loops: list[Loop], borders: list[Loop], model: TriMesh) -> Iterator[list[Loop]]:
-    """Yield the loops of one body of the model, two or more, that are in one loop of the cage."""
-    for border in borders:
-        if not border.is_closed:
-            continue
-        held = [loop for loop in loops if border.goes_around(loop.points[0])]
-        bodies = model.components[[loop.vertex for loop in held]]
-        for body in np.unique(bodies):
-            chosen = np.flatnonzero(bodies == body)
-            if len(chosen) > 1:
-                yield [held[k] for k in chosen]
 
 
 def _find_limb_loops(model: Slicer, position: float) -> list[Loop]:

@@ -104,9 +104,7 @@ def make_contact_meter(model: TriMesh) -> ContactMeter | None:
 
 
 def _divide_edges(
-    model: TriMesh,
-    weights: sparse.csr_array,
-    faces: Integers,
+    model: TriMesh, weights: sparse.csr_array, faces: Integers
 ) -> tuple[sparse.csr_array, Integers]:
     """Divide each face in four until edges are short, up to `MAX_DIVIDED_EDGE` diagonals.
 

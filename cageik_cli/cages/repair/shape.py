@@ -90,11 +90,7 @@ class ShapeFit:
         # clearance, for what crosses lies between them.
         self._firm = np.empty((0, 3))
 
-    def run(
-        self,
-        cage: TriMesh,
-        progress: Callable[[int, int], None],
-    ) -> Shape:
+    def run(self, cage: TriMesh, progress: Callable[[int, int], None]) -> Shape:
         """Untangle and push in turn until nothing crosses and the model is inside.
 
         The work is bounded, and a cage is given up after `MAX_FRUITLESS_ROUNDS` in a row that found

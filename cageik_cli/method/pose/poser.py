@@ -323,7 +323,15 @@ class CageResponseSolver:
         values, vectors = np.linalg.eigh(inner)
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse = balanced @ (vectors / values) @ vectors.T @ balanced.T
-        free_motions = self._resolve_free_modes(rigid_coupling)
+        # The free modes, (p, l), per displacement of an anchor that forces do not cause.
+        free_motions = _invert_rigid_coupling(rigid_coupling)
+        if self._can_move_as_one and len(rows):
+            # Where the anchors leave a choice, components of the cage move relative to each other
+            # as little as possible.
+            centring = np.eye(len(rows)) - 1 / len(rows)
+            apart = _invert_rigid_coupling(centring @ rigid_coupling[:, 1:]) @ centring
+            together = (np.eye(len(rows)) - rigid_coupling[:, 1:] @ apart).mean(axis=0)
+            free_motions = np.concatenate([(together / self._free_modes[0, 0])[None], apart])
 
         def respond(displacements: Floats) -> tuple[Floats, Floats]:
             forces = inverse @ displacements
@@ -352,21 +360,6 @@ class CageResponseSolver:
         inside = self._basis.T @ forces
         moved = scipy.linalg.cho_solve(self._factor, inside, check_finite=False)
         return np.asarray(self._basis @ moved - self._free_modes @ (self._free_modes.T @ forces))
-
-    def _resolve_free_modes(self, rigid_coupling: Floats) -> Floats:
-        """Return the free modes u, (p, l), per displacement of an anchor that forces do not cause.
-
-        Where the anchors leave a choice, components of the cage move relative to each other as
-        little as possible.
-        """
-        if not (self._can_move_as_one and len(rigid_coupling)):
-            return _invert_rigid_coupling(rigid_coupling)
-        centring = np.eye(len(rigid_coupling)) - 1 / len(rigid_coupling)
-        apart = _invert_rigid_coupling(centring @ rigid_coupling[:, 1:]) @ centring
-        together = (np.eye(len(rigid_coupling)) - rigid_coupling[:, 1:] @ apart).mean(
-            axis=0
-        ) / self._free_modes[0, 0]
-        return np.concatenate([together[None], apart])
 
 
 class MirroredMap:

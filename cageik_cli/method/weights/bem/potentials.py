@@ -65,7 +65,18 @@ def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -
     near = find_near_panels(mesh, points)
     workspace = thread_workspace()
     if compiled.kernel is None:
-        return _compute_in_numpy(mesh, points, is_inside, near, workspace)
+        view = PanelView(mesh.panels, points, workspace)
+        if is_inside:
+            view.close_solid_angles()
+        else:
+            view.set_principal_values()
+        linear = view.linear_moments()
+        higher = np.empty((mesh.extra_terms, 0, len(points)))
+        if len(near):
+            higher = higher_moments(mesh.higher_terms, near, view, linear)
+            higher *= compute_strength(mesh, near, points, workspace)
+        double = mesh.double_layer_to_basis @ view.double_layer().reshape(-1, len(points))
+        return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
     p, q = len(mesh.panels.corners), len(points)
     potentials = Potentials(
         workspace.array("moments", 3 * p, q),
@@ -83,24 +94,6 @@ def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -
         (potentials.linear, potentials.higher, potentials.double),
     )
     return potentials
-
-
-def _compute_in_numpy(
-    mesh: BoundaryMesh, points: Floats, is_inside: bool, near: Integers, workspace: Workspace
-) -> Potentials:
-    """Compute the potentials where nothing is compiled: the reference."""
-    view = PanelView(mesh.panels, points, workspace)
-    if is_inside:
-        view.close_solid_angles()
-    else:
-        view.set_principal_values()
-    linear = view.linear_moments()
-    higher = np.empty((mesh.extra_terms, 0, len(points)))
-    if len(near):
-        higher = higher_moments(mesh.higher_terms, near, view, linear)
-        higher *= compute_strength(mesh, near, points, workspace)
-    double = mesh.double_layer_to_basis @ view.double_layer().reshape(-1, len(points))
-    return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
 
 
 def find_near_panels(mesh: BoundaryMesh, points: Floats) -> Integers:
