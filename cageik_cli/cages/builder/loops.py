@@ -277,13 +277,7 @@ class LoopPlan:
         self._edge = float(np.sqrt(2 / np.sqrt(3) * area.sum() / count))
         self.sides = min(max(MIN_SIDES, round(np.pi * limb.diameter / self._edge)), MAX_SIDES)
         self._loops = _make_loops(sections, self._centres, self._ways, self.sides)
-        # What a tube is to follow, (p + 2, places, 3): centres in the rest pose and others, and
-        # radii, which are lengths of vectors.
-        middles = np.array([find_centre(section) for section in sections])
-        poses = [] if motion is None else list(motion.carry(middles))
-        radii = np.zeros_like(middles)
-        radii[:, 0] = [measure_length(section) / (2 * np.pi) for section in sections]
-        self._traces = np.array([middles, *poses, radii])
+        self._traces = _trace(sections, motion)
         self._bend = EXPECTED_BEND if motion is None else 0.0
         self.faces = np.flatnonzero(np.isin(shell.faces, limb.beyond).any(axis=1))
         self.border = find_border(shell.faces[self.faces])
@@ -347,6 +341,18 @@ class LoopPlan:
         is_free = self._is_disjoint[low, k] & self._is_disjoint[k, high] & (k > chosen[0])
         misfit = np.where(is_free, misfit, 0.0)
         self._worst, self.misfit = int(misfit.argmax()), float(misfit.max()) / self._edge
+
+
+def _trace(sections: list[Floats], motion: Motion | None) -> Floats:
+    """Return what a tube is to follow: centres in the rest pose and others, and radii.
+
+    (p + 2, places, 3); a radius is the length of a vector.
+    """
+    centres = np.array([find_centre(section) for section in sections])
+    poses = [] if motion is None else list(motion.carry(centres))
+    radii = np.zeros_like(centres)
+    radii[:, 0] = [measure_length(section) / (2 * np.pi) for section in sections]
+    return np.array([centres, *poses, radii])
 
 
 def _make_loops(sections: list[Floats], centres: Floats, ways: Floats, sides: int) -> Floats:

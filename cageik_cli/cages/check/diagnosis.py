@@ -1,5 +1,6 @@
 """The diagnosis of a cage, alone or with a rest pose in it: facts, findings and a verdict."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -152,12 +153,7 @@ class Diagnosis:
 
 def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None) -> Diagnosis:
     """Diagnose a cage, and a rest pose in it if there is one."""
-    findings, count = [*find_cage_faults(cage)], len(cage.faces)
-    if count > MAX_HARMONIC_FACES:
-        message = f"the cage has {count} faces, at most {MAX_HARMONIC_FACES} fit in memory"
-        remedy = "use a coarser cage"
-        findings.append(Finding("too-many-faces", "unfit", message, remedy, value=count))
-    findings += find_needle_faces(cage)
+    findings = [*find_cage_faults(cage), *_find_too_many_faces(cage), *find_needle_faces(cage)]
     sound = not _is_any_unfit(findings)
     if sound:
         findings += find_thin_parts(cage)
@@ -269,3 +265,11 @@ def _measure_influence(
         weakest_weights=tuple(strongest[order].tolist()),
     )
     return facts, [*find_weak_vertices(strongest)]
+
+
+def _find_too_many_faces(cage: TriMesh) -> Iterator[Finding]:
+    count = len(cage.faces)
+    if count > MAX_HARMONIC_FACES:
+        message = f"the cage has {count} faces, at most {MAX_HARMONIC_FACES} fit in memory"
+        remedy = "use a coarser cage"
+        yield Finding("too-many-faces", "unfit", message, remedy, value=count)

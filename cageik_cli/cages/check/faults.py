@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask
-from cageik_cli.util.arrays import Integers
+from cageik_cli.util.arrays import Integers, Mask
 from cageik_cli.util.errors import CageError, join_truncated
 from cageik_cli.util.progress import mark_warning
 from cageik_cli.util.text import format_count, pluralize
@@ -164,12 +164,7 @@ def find_cage_faults(cage: TriMesh) -> tuple[Finding, ...]:
         found += _find("orientation", edges.ends[is_turned])
         found += _find("pinched-vertex", np.flatnonzero(count_fans(surface) > 1))
         found += [*_find_loose_components(joined), *_find_volume_faults(surface)]
-        # Degenerate faces have no plane, and those at their vertices may cross by rounding.
-        flat = joined.faces[is_flat[kept]]
-        judged = np.flatnonzero(~np.isin(joined.faces, flat).any(axis=1))
-        if len(judged):
-            pairs = self_intersections(TriMesh(joined.vertices, joined.faces[judged]))
-            found += _find("self-intersection", kept[judged[pairs]])
+        found += _find("self-intersection", kept[_find_self_intersections(joined, is_flat[kept])])
     return tuple(found)
 
 
@@ -228,6 +223,15 @@ def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
         message = "the cage's faces turn inward; it is used turned outward"
         remedy = "recalculate its normals to avoid this warning"
         yield Finding("inward", "warning", message, remedy, value=volume)
+
+
+def _find_self_intersections(surface: TriMesh, is_degenerate: Mask) -> Integers:
+    """Return pairs of faces, (p, 2), that meet, except at the vertices of degenerate faces."""
+    faces = surface.faces
+    judged = np.flatnonzero(~np.isin(faces, faces[is_degenerate]).any(axis=1))
+    if len(judged) == 0:
+        return np.empty((0, 2), np.int64)
+    return judged[self_intersections(TriMesh(surface.vertices, faces[judged]))]
 
 
 def format_elements(noun: str, numbers: ArrayLike) -> str:

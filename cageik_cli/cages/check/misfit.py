@@ -299,10 +299,10 @@ def find_transform(cage: TriMesh, model: TriMesh) -> Transform | None:
         if found and candidate.complexity > min(cost for cost, _ in found):
             break
         if candidate.is_moved:  # centred on the model first
-            ends = [
-                (mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in (model, cage)
-            ]
-            inner, outer = ((low + high) / 2 for low, high in ends)
+            inner, outer = (
+                (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+                for mesh in (model, cage)
+            )
             candidate = replace(candidate, offset=inner - candidate.matrix @ outer)
         fitted = _fit_to_points(candidate, cage, points)
         moved = fitted.apply_to_mesh(cage)

@@ -339,9 +339,8 @@ class CageResponseSolver:
             return influence @ forces + self._free_modes @ motions, forces
 
         anchor_response, forces = respond(np.eye(len(rows)))
-        condition = 1.0  # without any anchor
-        if len(values):
-            condition = float(values[-1] / values[0]) if values[0] > 0 else float("inf")
+        least, most = map(float, values[[0, -1]] if len(values) else (1, 1))
+        condition = most / least if least > 0 else float("inf")
         if MIN_REFINED_CONDITION < condition <= MAX_CONDITION:
             # What the anchors miss, from the motion itself: the system has lost these digits.
             missed = np.eye(len(rows)) - rows @ anchor_response - compliance[:, None] * forces

@@ -89,12 +89,7 @@ class _Faces:
         start, stop = mesh.vertices[self.edges.ends].swapaxes(0, 1)
         self.edge_lengths = np.linalg.norm(stop - start, axis=1)
         a, b, c = (mesh.vertices[self.corners[:, k]] for k in range(3))
-        along = _normalize(c - b)
-        upward = a - b
-        # Twice: in a needle the first difference is short and not yet orthogonal to the side.
-        for _ in range(2):
-            upward = _normalize(upward - np.einsum("fx,fx->f", upward, along)[:, None] * along)
-        axes = np.stack([along, upward])
+        axes = _face_axes(a, b, c)
         base = np.linalg.norm(c - b, axis=1)
         apex, altitude = np.einsum("fx,afx->af", a - b, axes)
         self.base, self.apex, self.altitude = base[:, None], apex[:, None], altitude[:, None]
@@ -238,3 +233,13 @@ def _wide_side_strengths(width: Floats, height: Floats, products: Floats, length
 
 def _normalize(vectors: Floats) -> Floats:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+
+
+def _face_axes(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Return the first and second axes of the local frames of faces abc, (2, f, 3)."""
+    along = _normalize(c - b)
+    upward = a - b
+    # Twice: in a needle the first difference is short and not yet orthogonal to the side.
+    for _ in range(2):
+        upward = _normalize(upward - np.einsum("fx,fx->f", upward, along)[:, None] * along)
+    return np.stack([along, upward])
