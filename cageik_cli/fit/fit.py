@@ -48,12 +48,25 @@ Curve = list[tuple[float, float]]
 
 
 class Fitter:
-    """Fits the weights of a binding to clips, in rounds of weights and cages by turns.
+    """Fits the weights of a binding to clips.
 
-    Fitted weights are pulled to those of the binding, harmonic or not. Vertex weights, (m,), are
-    those of `normalize_weights`; a vertex of weight 0 is missing data. The `memory`, in bytes, is a
-    limit for the fit, the weights included. Threads are `jobs`; they do not change the weights.
-    `cage_solve` solves cages, and measures errors, with the weights before the fit or others.
+    Parameters
+    ----------
+    binding : Binding
+        Its weights, harmonic or not, are what the fitted ones are pulled to.
+    vertex_weights : (m,) float64, optional
+        From `normalize_weights`; a vertex of weight 0 is missing data.
+    memory : int
+        Limit in bytes for the fit, the weights included.
+    jobs : int
+        Threads. They do not change the weights.
+    max_rounds : int
+        Rounds of weights and cages by turns.
+
+    Attributes
+    ----------
+    cage_solve : CageSolve
+        Solves cages, and measures errors, with the weights before the fit or others.
 
     Raises
     ------
@@ -98,7 +111,10 @@ class Fitter:
     def fit(self, clips: Sequence[FrameReader], skips_bad_frames: bool = False) -> FittedWeights:
         """Fit the weights to `clips`, and measure them.
 
-        The record of the fit does not describe the clips.
+        Returns
+        -------
+        FittedWeights
+            The record of the fit does not describe the clips.
 
         Raises
         ------

@@ -32,11 +32,30 @@ AddGradients = Callable[[Floats, Floats], None]
 class PointMotion:
     """Moves points with a cage, and what turns with them.
 
-    The binding is of the places of m points, and has harmonic weights: others have no gradients
-    here, and are refused with a `SettingError`. Gradients take 32 m n bytes; more than `memory` go
-    to a temporary file, for which the disk may have no room (a `FileAccessError`). What was added
-    to the harmonic weights has gradients that `add_gradients` adds. `progress` is called with
-    (points done, points). The points of each of the `blocks` are moved together.
+    Parameters
+    ----------
+    binding : Binding
+        Of the places of m points, with harmonic weights.
+    memory : int
+        Bytes for gradients, 32 m n. More go to a temporary file.
+    jobs : int
+        Threads.
+    progress : callable
+        Called with (points done, points).
+    add_gradients : callable, optional
+        Adds the gradients of what was added to the harmonic weights.
+
+    Attributes
+    ----------
+    blocks : list of slice
+        The points that are moved together.
+
+    Raises
+    ------
+    SettingError
+        When the weights are not harmonic, and so have no gradients here.
+    FileAccessError
+        When the disk has no room for the temporary file.
     """
 
     def __init__(

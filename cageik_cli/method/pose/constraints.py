@@ -102,10 +102,11 @@ def find_reach(
 ) -> tuple[NDArray[np.bool_], Integers, NDArray[np.bool_]]:
     """Find the cage vertices to lock, so that nothing moves beyond the radii of l anchors.
 
-    Radii, (l,), are in the units of the rest pose; nan for an anchor without one, which has to be
-    one that stays. They hold around the mirror images of anchors, too. An anchor for which too
-    little of the cage is left to move is refused with a `HandlesError`, which names it, and the
-    smallest radius that works.
+    Parameters
+    ----------
+    radii : (l,) float64
+        In the units of the rest pose; nan for an anchor without one, which has to be one that
+        stays. They hold around the mirror images of anchors, too.
 
     Returns
     -------
@@ -116,6 +117,12 @@ def find_reach(
         the largest motion of a cage vertex.
     held : (l,) bool
         Anchors beyond, which stay because of that, and not by forces of their own.
+
+    Raises
+    ------
+    HandlesError
+        When too little of the cage is left to move an anchor; the message names it, and the
+        smallest radius that works.
     """
     search = _ReachSearch(binding, anchors, mirror)
     is_beyond = search.find_beyond(radii, binding.rest.vertices)

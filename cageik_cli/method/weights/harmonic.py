@@ -111,8 +111,12 @@ def harmonic_weights(
 class HarmonicSolution:
     """The boundary equation of a cage, solved to a tolerance at points inside.
 
-    It is solved in the cage's own units: centred, with a diagonal of one. Arguments are as of
-    `harmonic_weights`.
+    It is solved in the cage's own units: centred, with a diagonal of one.
+
+    Parameters
+    ----------
+    cage, points, accuracy, jobs
+        As of `harmonic_weights`; the points are inside.
 
     Attributes
     ----------
