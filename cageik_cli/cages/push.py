@@ -53,12 +53,18 @@ def push(
     """Move the cage until nothing is missing, or pushes stop helping.
 
     Each push is a least-squares problem in all vertices: what is missing along the directions of
-    contacts, against the moves themselves and their differences between neighbours. Those cost
-    `stiffness` and `smoothness`, relative to the distance that one point misses. Pushes end when no
-    contact misses more than `enough`, file units, or what is missing most does not shrink.
+    contacts, against the moves themselves and their differences between neighbours.
 
-    Contacts are found of the cage, and of how far its vertices moved at most since the last call;
-    they are None if no point is too near.
+    Parameters
+    ----------
+    find_contacts : callable
+        Of the cage, and of how far its vertices moved at most since the last call; None if no
+        point is too near.
+    smoothness, stiffness : float
+        The cost of differences between the moves of neighbours, and of moves, relative to that of
+        the distance that one point misses.
+    enough : float
+        Pushes end when no contact misses more, file units; or what is missing most does not shrink.
     """
     form = make_form(cage, smoothness, stiffness)
     longest, deepest = 0.0, [np.inf] * MAX_FRUITLESS_PUSHES

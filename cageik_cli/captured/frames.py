@@ -76,12 +76,22 @@ def complete_frames(
 def measure_tolerances(
     robust: RobustSolver, frames: Iterable[tuple[Floats, Floats | None]]
 ) -> Floats:
-    """Measure the tolerances of all vertices on some frames, (m,), file units.
+    """Measure the tolerances of all vertices on some frames.
 
     The residual of a vertex is the median over the frames, and then over its neighbours in the
-    mesh, so that a vertex that is off in all frames is found too. The solver has the tolerances
-    that are known so far, if any are. Frames are those of `complete_frames`, one each, so that the
-    result does not depend on the size of blocks.
+    mesh, so that a vertex that is off in all frames is found too.
+
+    Parameters
+    ----------
+    robust : RobustSolver
+        With the tolerances that are known so far, if any are.
+    frames : iterable of ((1, m, 3), (1, m) or None)
+        From `complete_frames`, one frame each, so that the result does not depend on the size of
+        blocks.
+
+    Returns
+    -------
+    (m,) float64, file units
     """
     rest = robust.solver.binding.rest
     rows = []

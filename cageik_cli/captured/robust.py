@@ -348,14 +348,19 @@ def has_outlier_vertices(mesh: TriMesh, frames: Iterable[Floats]) -> bool:
 def find_torn_vertices(mesh: TriMesh, residuals: Floats, limits: Floats, is_data: Mask) -> Mask:
     """Return which vertices, (m,), are torn from the surface in a frame.
 
-    The cage is smooth, so that residuals, (m, 3), jump only where the data do. Where it cannot
-    follow a quick motion, they are large, but grow from vertex to vertex. So an edge is torn if
-    residuals differ by more than the mean of its limits along it, and vertices are if all ways to
-    the largest part of their component have a torn edge. A lone vertex has no edge that tells: it
-    is.
+    The cage is smooth, so that residuals jump only where the data do. Where it cannot follow a
+    quick motion, they are large, but grow from vertex to vertex. So an edge is torn if residuals
+    differ by more than the mean of its limits along it, and vertices are if all ways to the
+    largest part of their component have a torn edge. A lone vertex has no edge that tells: it is.
 
-    Limits, (m,), are lengths of residuals above which a vertex may be an outlier. The surface ends
-    at vertices that are no data; they are not torn.
+    Parameters
+    ----------
+    residuals : (m, 3) float64
+        v − H c.
+    limits : (m,) float64
+        Lengths of residuals above which a vertex may be an outlier.
+    is_data : (m,) bool
+        The surface ends at vertices that are not; they are not torn.
     """
     count, ends, components = len(limits), mesh.edges.ends, mesh.components
     if not is_data.all():

@@ -299,7 +299,10 @@ def find_partners(vertices: Floats, axis: int) -> Integers:
 def pair_exactly(vertices: Floats, axis: int) -> Floats:
     """Return vertices that are mirror images up to rounding, as they are to the last bit.
 
-    Those that are not, as where they were rounded far from the origin, raise a `NumericalError`.
+    Raises
+    ------
+    NumericalError
+        When they are not, as where they were rounded far from the origin.
     """
     partners = Mirror(np.eye(3)[axis], np.zeros(3)).find_pairs(vertices)
     if partners is None:

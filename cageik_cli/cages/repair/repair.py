@@ -137,10 +137,22 @@ def repair_cage(
 ) -> RepairedCage:
     """Repair a cage: its faces first, then its place, then its shape.
 
-    The cage is returned fit for the model, which it must hold, or with the faults that are left.
-    Its polygons, as it was read, are fans at their first corners; they have `corner_counts`, (p,),
-    in the order of the fans, and are triangles by default. Quads stay quads. `progress` is called
-    with (rounds done, rounds) while vertices move.
+    Parameters
+    ----------
+    cage : TriMesh
+        As it was read; its polygons are fans at their first corners.
+    model : TriMesh
+        What it must hold.
+    corner_counts : (p,) int64, optional
+        How many corners each polygon of the cage has, in the order of the fans; all are triangles
+        by default. Quads stay quads.
+    progress : callable
+        Called with (rounds done, rounds) while vertices move.
+
+    Returns
+    -------
+    RepairedCage
+        Fit, or with the faults that are left.
 
     Raises
     ------

@@ -145,8 +145,12 @@ class BlockSolver(Generic[Clip]):
     def solve_block(self, block: Block) -> SolvedBlock:
         """Solve and measure a block.
 
-        A frame that could not be read, or has too few data, is refused with an `InputError` if it
-        must not become a gap; and numbers that are not finite or too large with a `NumericalError`.
+        Raises
+        ------
+        InputError
+            When a frame could not be read, or has too few data, and must not become a gap.
+        NumericalError
+            When the solve gives numbers that are not finite or too large.
         """
         if not self.skips_bad_frames:
             block.raise_read_errors(ignore_missing=True)

@@ -101,15 +101,26 @@ def measure(
     workspace: Workspace | None = None,
     is_kept: Mask | None = None,
 ) -> tuple[FrameMetrics, Floats]:
-    """Measure the errors of reconstructions of frames, (k, m, 3) each, over data.
+    """Measure the errors of reconstructions over data.
 
-    The faces of the rest pose define the volume. Data are vertices of all frames, or a mask, (k,
-    m), of each: all in a face but those of weight 0. Where vertices of frames count differently,
-    `is_kept`, (k, m), is data that was not rejected; volumes are then with the reconstruction where
-    a vertex was rejected.
+    Parameters
+    ----------
+    rest : TriMesh
+        Its faces define the volume.
+    frames, reconstructions : (k, m, 3)
+    data : slice, (c,) int64, or (k, m) bool
+        Vertices that are data, of all frames or of each: all in a face but those of weight 0.
+    workspace : Workspace, optional
+        Memory to reuse.
+    is_kept : (k, m) bool, optional
+        Data that was not rejected, if vertices of frames count differently. Volumes are then with
+        the reconstruction where a vertex was rejected.
 
-    Returned are the metrics, and the squared errors |v̂_i − v_i|², (k, m), nan for vertices that
-    were not kept; in the memory of the workspace, if one was given.
+    Returns
+    -------
+    metrics : FrameMetrics
+    squared_errors : (k, m) float64
+        |v̂_i − v_i|², nan for vertices that were not kept; in workspace memory, if one was given.
     """
     if is_kept is None and compiled.kernel is not None:
         return _measure_compiled(rest, frames, reconstructions, data, workspace or Workspace())

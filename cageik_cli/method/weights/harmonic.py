@@ -77,13 +77,25 @@ def harmonic_weights(
     jobs: int | None = None,
     progress: Callable[[int, int], None] = ignore_progress,
 ) -> Weights:
-    """Compute harmonic coordinates of points inside or on a cage, (m, 3), file units.
+    """Compute harmonic coordinates of points inside or on a cage.
 
-    The cage is closed, manifold, outward, and of one component
-    (`cages.check.faults.validate_cage`). A point on it gets barycentric weights. Rows sum to 1 and
-    reproduce the points to rounding, whatever the accuracy is: one of `ACCURACIES`, or limits of
-    another. Threads are `jobs`, the number of processors by default; they do not change the result.
-    `progress` is called with (points done, points) after every block.
+    Parameters
+    ----------
+    cage : TriMesh
+        Closed, manifold, outward, of one component (`cages.check.faults.validate_cage`).
+    points : (m, 3)
+        Inside or on the cage, file units. A point on it gets barycentric weights.
+    accuracy : str or Accuracy
+        One of `ACCURACIES`, or limits of another.
+    jobs : int, optional
+        Threads; the number of processors by default. They do not change the result.
+    progress : callable
+        Called with (points done, points) after every block.
+
+    Returns
+    -------
+    Weights
+        Rows sum to 1 and reproduce the points to rounding, whatever the accuracy.
 
     Raises
     ------

@@ -74,12 +74,16 @@ class BoundarySolution:
 
 
 def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
-    """Solve the boundary integral equation for all basis functions of the cage.
+    """Solve the boundary integral equation for all basis functions of the cage; threads of `pool`
+    do the work.
 
-    Threads of `pool` do the work. Single precision halves memory and time. It changes the weights
-    of sound cages in the sixth digit at most; the densities of affine functions are known, and are
-    corrected exactly. Equations without a solution, as for faces without area, are refused with a
-    `NumericalError`.
+    Single precision halves memory and time. It changes the weights of sound cages in the sixth
+    digit at most; the densities of affine functions are known, and are corrected exactly.
+
+    Raises
+    ------
+    NumericalError
+        When the equations have no solution, as for faces without area.
     """
     count = len(mesh.solved_unknowns)
     matrix = np.zeros((count, count), np.float32)
