@@ -34,10 +34,18 @@ def bind(
     jobs: int | None = None,
     progress: Callable[[int, int], None] = ignore_progress,
 ) -> Binding:
-    """Compute the weights of a rest model (m vertices) in a cage (n vertices), harmonic by default.
+    """Compute the weights of a rest model in a cage, harmonic by default.
 
-    Threads are `jobs`, the number of processors by default; they do not change the result.
-    `progress` is called with (points done, points) after every block.
+    Parameters
+    ----------
+    rest : TriMesh
+        m vertices.
+    cage : TriMesh
+        n vertices.
+    jobs : int, optional
+        Threads; the number of processors by default. They do not change the result.
+    progress : callable
+        Called with (points done, points) after every block.
 
     Raises
     ------

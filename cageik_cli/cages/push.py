@@ -98,7 +98,10 @@ def make_form(cage: TriMesh, smoothness: float, stiffness: float) -> sparse.csc_
 def solve_moves(contacts: Contacts, weight: Floats, form: sparse.csc_array) -> Floats:
     """Solve for the move of every vertex, (n, 3): least squares of what is missing, and `form`.
 
-    Each contact has a weight, (k,).
+    Parameters
+    ----------
+    weight : (k,)
+        Of each contact.
     """
     count, size = len(contacts.missing), form.shape[0]
     rows = np.repeat(np.arange(count), 9)
@@ -111,9 +114,14 @@ def solve_moves(contacts: Contacts, weight: Floats, form: sparse.csc_array) -> F
 
 
 def move_to_neighbours(cage: TriMesh, chosen: Integers, step: float) -> Floats:
-    """Return the vertices (n, 3), the chosen (k,) ones moved towards the mean of their neighbours.
+    """Return the vertices (n, 3), the chosen ones moved towards the mean of their neighbours.
 
-    They go a share of the way to the mean, `step`.
+    Parameters
+    ----------
+    chosen : (k,) int64
+        Numbers of vertices.
+    step : float
+        The share of the way to the mean.
     """
     ends = cage.edges.ends
     both = np.concatenate([ends, ends[:, ::-1]])

@@ -12,11 +12,19 @@ MAX_BLOCK_POINTS = 1_000_000
 
 
 def sample_surface(surface: TriMesh, spacing: float = 0.015, max_points: int = 60_000) -> Floats:
-    """Return the vertices of a surface, and points on its large faces: (s, 3).
+    """Return the vertices of a surface, and points on faces with longer sides than the spacing.
 
-    The vertices come first. On faces with longer sides than the spacing, in diagonals, points are
-    no further apart than it; or further, where the area has room for more than `max_points`.
-    Needles may have more, as they have hardly any area.
+    Parameters
+    ----------
+    spacing : float
+        Points on a face are no further apart than this, in diagonals.
+    max_points : int
+        They are further apart where the area has room for more than so many. Needles may have more,
+        as they have hardly any area.
+
+    Returns
+    -------
+    (s, 3), the vertices first.
     """
     return np.concatenate(list(sample_in_blocks(surface, spacing * surface.diagonal, max_points)))
 

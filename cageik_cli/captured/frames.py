@@ -143,8 +143,17 @@ def take_ring_medians(mesh: TriMesh, values: Floats) -> Floats:
 class CapturedBlockSolver(BlockSolver[Clip]):
     """Solver and measurement of blocks whose vertices may count differently in each frame.
 
-    Missing vertices have the weight 0. If `accepts_gaps`, frames of too few data become gaps;
-    otherwise they are refused. All parameters are attributes too, and those of `BlockSolver`.
+    Missing vertices have the weight 0.
+
+    Parameters
+    ----------
+    robust : RobustSolver
+    frame_weights : FrameWeights, optional
+        Of each frame of the clip.
+    accepts_gaps : bool
+        Whether frames of too few data become gaps; otherwise they are refused.
+
+    All parameters are attributes too, and those of `BlockSolver`.
     """
 
     def __init__(

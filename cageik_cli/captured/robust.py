@@ -100,8 +100,12 @@ class RobustSolver:
 class _WeighedBlock:
     """A block of frames: their weights, corrections of their cages, and what is left.
 
-    Vertices may count by `given`, and do by `weights`, (k, m) each. `plain_residuals`, (k, m, 3),
-    are v − H c of the plain solve.
+    Attributes
+    ----------
+    given, weights : (k, m) float64
+        How much vertices may count, and how much they do.
+    plain_residuals : (k, m, 3) float64
+        v − H c of the plain solve.
     """
 
     def __init__(
@@ -173,7 +177,10 @@ class _WeighedBlock:
     def _solve_frame(self, place: int, limits: Floats | None) -> None:
         """Weigh the followed vertices of a frame and solve it, in turn.
 
-        Limits are those of `_measure_limits`.
+        Parameters
+        ----------
+        limits : (m,) float64, optional
+            From `_measure_limits`.
         """
         frame = _FollowedVertices(self, place, np.flatnonzero(self._followed[place]))
         given = self.given[place, frame.rows]
@@ -259,7 +266,10 @@ class _FollowedVertices:
     def solve(self, weights: Floats) -> None:
         """Solve the cage with these weights, (c,).
 
-        A `NumericalError` says that the vertices that are left do not determine it.
+        Raises
+        ------
+        NumericalError
+            When the vertices that are left do not determine the cage.
         """
         lost = (1 - weights) * self._vertex_weights
         total = float(self._solver.vertex_weights.sum())
@@ -326,8 +336,12 @@ def has_outlier_vertices(mesh: TriMesh, frames: Iterable[Floats]) -> bool:
 
     The data alone tells, before any solve: all edges of such a vertex change their length by far
     more than some edge of each neighbour does. Limbs that bend, and surfaces that stretch as a
-    whole, do not count. Nor do neighbours that are outliers together. The frames are compared with
-    a pose, `mesh`, whose vertex may be the outlier.
+    whole, do not count. Nor do neighbours that are outliers together.
+
+    Parameters
+    ----------
+    mesh : TriMesh
+        A pose that the frames are compared with; its vertex may be the outlier.
     """
     first, second = mesh.edges.ends.T
     before = np.linalg.norm(mesh.vertices[first] - mesh.vertices[second], axis=1)

@@ -131,9 +131,14 @@ class TimeSmoother:
     def measure_validation(self, cages: Floats, is_known: Mask) -> tuple[Floats, Floats]:
         """Return what smoothing filled cages, (F, n, 3), with each of `STRENGTHS` takes and leaves.
 
-        Only frames with data count, three of them at least. What is taken, (2 + n, s), is the sum
-        over frames of the squared change of each track; the freedom, (s,), is how many numbers, per
-        coordinate, a smoothed track still has.
+        Only frames with data count, three of them at least.
+
+        Returns
+        -------
+        taken : (2 + n, s) float64
+            Sum over frames of the squared change of each track.
+        freedom : (s,) float64
+            Number of numbers, per coordinate, that a smoothed track still has.
         """
         from scipy.linalg import eigh
 

@@ -118,13 +118,21 @@ def sample_frames(
 ) -> Sample:
     """Sample at most so many frames of clips, and align them with the rest pose by the solver.
 
-    All frames are read once if they fit in memory, the limit in bytes for the fit, the weights
-    included. Otherwise only a few vertices of each are kept, and the chosen frames are read again.
+    All frames are read once if they fit in memory. Otherwise only a few vertices of each are kept,
+    and the chosen frames are read again.
+
+    Parameters
+    ----------
+    memory : int
+        Limit in bytes for the fit, the weights included.
+    skips_bad_frames : bool
+        Whether frames that cannot be read are left out, as missing ones are; otherwise they are
+        refused.
 
     Raises
     ------
     InputError
-        When a frame cannot be read and must not be skipped as missing ones are, or no frame can be.
+        When a frame cannot be read and must not be skipped, or no frame can be read.
     """
     m, n = solver.binding.weights.shape
     least = estimate_memory(m, n, jobs=1)

@@ -36,7 +36,12 @@ def compute_fade(distances: Floats) -> tuple[Floats, Floats]:
 class TransferPlaces:
     """The closest points on a model of m others.
 
-    They have shares b, (m, 3), of the `corners`, (m, 3), which are vertices of the model.
+    Attributes
+    ----------
+    corners : (m, 3) int64
+        Vertices of the model.
+    shares : (m, 3) float64
+        b of these.
     """
 
     nearest: ClosestPoints
@@ -59,8 +64,12 @@ class TransferPlaces:
 class TransferredChange:
     """The change that a fit has made to the weights of a model, as a function of a point.
 
-    The model of the fitted binding has m vertices, faces and the weights W. H, `computed` (m, n),
-    is as the weights of others in the cage are computed.
+    Parameters
+    ----------
+    fitted : Binding
+        The model, of m vertices and with faces, and its weights W.
+    computed : (m, n) float64
+        H, as the weights of others in the cage are computed.
     """
 
     def __init__(self, fitted: Binding, computed: Floats) -> None:
@@ -86,10 +95,15 @@ class TransferredChange:
         return TransferPlaces(nearest, self.model.faces[nearest.face], shares)
 
     def add_to(self, binding: Binding, places: TransferPlaces) -> Binding:
-        """Return computed weights of points in the cage, which have these places, with the change.
+        """Return computed weights of points in the cage with the change.
 
         Points at vertices of the model have its fitted weights, to the bit. The weights of
         `binding` are changed in place, because they may take most of the memory.
+
+        Parameters
+        ----------
+        places : TransferPlaces
+            Of its points.
         """
         weights, points = binding.weights, binding.rest.vertices
         fade, _ = compute_fade(places.distances / MAX_TRANSFER_DISTANCE)
@@ -128,8 +142,12 @@ class TransferredChange:
     def predict_left_out(self, motions: Floats) -> Floats:
         """Return what is transferred to each vertex of the model if its own faces are not there.
 
-        It then comes from the closest point on the sides across from it. Motions, (m, c), are what
-        is transferred, at the vertices. It is 0 at vertices that are in no face.
+        It then comes from the closest point on the sides across from it.
+
+        Parameters
+        ----------
+        motions : (m, c)
+            What is transferred, at the vertices. It is 0 at vertices that are in no face.
         """
         turns = np.concatenate([np.roll(self.model.faces, -k, axis=1) for k in range(3)])
         corner, start, end = self.model.vertices[turns].swapaxes(0, 1)

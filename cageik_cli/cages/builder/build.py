@@ -166,9 +166,12 @@ class BuiltCage:
 class Clip:
     """The animation that a cage is built for.
 
-    `frames`, (k, m, 3), are poses of the model's vertices, file units; rigid motions between them
-    do not matter. `measure` returns the error of a cage in file units on the animation: the less
-    the better, in any unit.
+    Attributes
+    ----------
+    frames : (k, m, 3) float64
+        Poses of the model's vertices, file units; rigid motions between them do not matter.
+    measure : callable
+        Of a cage in file units: its error on the animation, the less the better, in any unit.
     """
 
     frames: Floats

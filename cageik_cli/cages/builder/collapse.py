@@ -121,9 +121,15 @@ def collapse_edges(
     """Collapse edges until there are `count` vertices, or none is left that may be collapsed.
 
     The cost of a collapse is the sum over the rest pose and those of the motion, each with its own
-    best place, so that vertices stay where any pose bends. The first vertices, `fixed` ones, stay
-    where they are. With the `axis` across its plane, a cage stays its own mirror image, and has
-    `count` vertices or one less; such a cage has no motion and no fixed vertices.
+    best place, so that vertices stay where any pose bends.
+
+    Parameters
+    ----------
+    fixed : int
+        So many vertices, the first ones, stay where they are.
+    axis : int, optional
+        That across the plane of a cage that is its own mirror image, and stays so; vertices are
+        then `count`, or one less. Such a cage has no motion and no fixed vertices.
     """
     for limits in COLLAPSE_LIMITS:
         if len(cage.vertices) <= count:
@@ -138,7 +144,12 @@ def collapse_edges(
 class Collapser:
     """A mesh in all poses, its quadrics, and a queue of the collapses that are possible.
 
-    Limits are a row of `COLLAPSE_LIMITS`. The first vertices, `fixed` ones, stay where they are.
+    Parameters
+    ----------
+    limits : tuple
+        A row of `COLLAPSE_LIMITS`.
+    fixed : int
+        So many vertices, the first ones, stay where they are.
     """
 
     def __init__(
@@ -339,10 +350,19 @@ def vertex_quadrics(mesh: TriMesh) -> Floats:
 def collapse_costs(
     quadrics: Floats, places: Floats, ends: Integers, evenness: float = MIN_EVENNESS
 ) -> tuple[Floats, Floats]:
-    """Return the cost of every collapse, (e,), summed over poses, and its best places in them.
+    """Return the cost of every collapse, summed over poses, and its best places in them.
 
-    Quadrics are (p, n, 4, 4), and places of vertices (p, n, 3). `ends`, (e, 2), are the vertices
-    that are merged; the best places are (e, p, 3).
+    Parameters
+    ----------
+    quadrics : (p, n, 4, 4) float64
+    places : (p, n, 3) float64
+        Of the vertices.
+    ends : (e, 2) int64
+        Vertices that are merged.
+
+    Returns
+    -------
+    (e,), (e, p, 3)
     """
     total = quadrics[:, ends[:, 0]] + quadrics[:, ends[:, 1]]
     start, stop = places[:, ends[:, 0]], places[:, ends[:, 1]]
@@ -376,12 +396,17 @@ def list_stages(count: int) -> list[int]:
 
 
 def simplify_shell(shell: TriMesh, count: int) -> tuple[TriMesh, float]:
-    """Thin a shell to `count` vertices by libigl's quick collapses; return the evenness, too.
+    """Thin a shell to `count` vertices by libigl's quick collapses, which are not tested.
 
-    That is the evenness to go on with. The collapses are not tested. Quadrics leave needles along
-    tubes and straight edges, which no later collapse can mend: the shortest edges are collapsed
-    there instead, and the rest is to be even, too. A shell that has hardly more vertices is
-    returned as it is.
+    Quadrics leave needles along tubes and straight edges, which no later collapse can mend: the
+    shortest edges are collapsed there instead, and the rest is to be even, too.
+
+    Returns
+    -------
+    TriMesh
+        The shell itself, if it has hardly more vertices.
+    float
+        The evenness to go on with.
     """
     if len(shell.vertices) <= 1.5 * count:
         return shell, MIN_EVENNESS

@@ -30,8 +30,16 @@ MIN_KEPT_ANGLE = 10.0
 class Edit:
     """Faces of a cage that others replace, and a vertex that moves.
 
-    The `removed` faces, (r,) numbers, and those that are `added`, (a, 3) vertices, have the same
-    border: together they bound a volume. The `vertex` moves to `position`, (3,).
+    Attributes
+    ----------
+    removed : (r,) int64
+        Numbers of faces.
+    added : (a, 3) int64
+        Their vertices. With the removed faces they bound a volume: both have the same border.
+    vertex : int
+        Which moves,
+    position : (3,) float64
+        and where to.
     """
 
     removed: Integers
@@ -200,8 +208,12 @@ class Draft:
     def offsets(self, edit: Edit, samples: Floats) -> tuple[Floats, Floats]:
         """Return how the moved vertex moves the faces at it against samples, and what they lack.
 
-        The first, (k, 3), is the outward direction at the nearest point, times the vertex's share
-        in that point; the other, (k,), the clearance less the distance, which is negative outside.
+        Returns
+        -------
+        (k, 3)
+            The outward direction at the nearest point, times the vertex's share in that point.
+        (k,)
+            The clearance less the distance, which is negative outside.
         """
         if len(samples) == 0:
             return np.empty((0, 3)), np.empty(0)
@@ -254,8 +266,7 @@ class Draft:
 class PairedDraft(Draft):
     """A draft that makes every edit on both sides of the plane, or on none.
 
-    The cage and the samples are their own mirror images, across the plane where the coordinate of
-    `axis` is 0; partners are mirror images to the last bit.
+    Parameters are those of `Draft`; the cage and the samples are their own mirror images.
     """
 
     def __init__(self, cage: TriMesh, samples: Floats, clearance: float, axis: int) -> None:

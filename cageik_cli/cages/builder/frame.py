@@ -73,7 +73,12 @@ class Frame:
 
     Axes are permuted and turned over, as the surface is spread along them and leans to one side,
     and stay right-handed. A model that is moved, scaled or turned by 90 degrees has the same
-    coordinates in it, unless it is symmetric. A `unit`, in file units, replaces the diagonal.
+    coordinates in it, unless it is symmetric.
+
+    Parameters
+    ----------
+    unit : float, optional
+        In place of the diagonal, file units.
     """
 
     def __init__(self, model: TriMesh, unit: float | None = None) -> None:
@@ -144,8 +149,11 @@ def break_ties(points: Floats) -> Floats:
 def find_symmetry(model: TriMesh, wanted: str) -> Mirror | None:
     """Return the plane that a cage is to be symmetric about, if any.
 
-    What is wanted is "off"; "x", "y" or "z" for a plane across that axis, whatever the model is; or
-    "auto" for the plane across which the model is its own mirror image, if there is one.
+    Parameters
+    ----------
+    wanted : str
+        "off"; "x", "y" or "z" for a plane across that axis, whatever the model is; or "auto" for
+        the plane across which the model is its own mirror image, if there is one.
     """
     if wanted == "off" or not model.diagonal > 0:
         return None
@@ -237,10 +245,15 @@ def measure_moments(surface: TriMesh) -> tuple[Floats, Floats]:
 
 
 class MirrorFrame:
-    """The frame of a model together with its mirror image; its `axis` is across the plane, at 0.
+    """The frame of a model together with its mirror image; one of its axes is across the plane.
 
     Coordinates of mirror images differ in the sign of that axis alone, to the last bit; in file
     units, too, where the plane is a coordinate plane through 0, and elsewhere up to rounding.
+
+    Attributes
+    ----------
+    axis : int
+        The one across the plane, which is at 0.
     """
 
     def __init__(self, model: TriMesh, mirror: Mirror) -> None:
@@ -313,7 +326,10 @@ def pair_exactly(vertices: Floats, axis: int) -> Floats:
 def average_sides(mesh: TriMesh, before: TriMesh, axis: int) -> TriMesh:
     """Return a mesh whose two sides are the mean of both, and keep apart.
 
-    `before` is the mesh before its vertices were moved, its own mirror image.
+    Parameters
+    ----------
+    before : TriMesh
+        The mesh before its vertices were moved, its own mirror image.
     """
     partners = find_partners(before.vertices, axis)
     vertices = (mesh.vertices + reflect(mesh.vertices[partners], axis)) / 2

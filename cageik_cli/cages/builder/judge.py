@@ -127,11 +127,19 @@ def _widen_slivers(mesh: TriMesh) -> TriMesh:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The figures of a cage, and its faults: none if it may be handed out.
+    """The figures and the faults of a cage.
 
-    The smallest distance of the surface from the cage, `clearance`, is infinite beyond twice what
-    was asked for, and 0 if the cage itself is faulty. `looseness` is the mean distance of the
-    samples from the cage. Lengths are in units of the surface, angles in degrees.
+    Attributes
+    ----------
+    faults : tuple of str
+        Empty for a cage that may be handed out.
+    clearance : float
+        Smallest distance of the surface from the cage, units of the surface; infinite beyond twice
+        what was asked for, 0 if the cage itself is faulty.
+    smallest_angle : float
+        Degrees.
+    looseness : float
+        Mean distance of the samples from the cage, units of the surface.
     """
 
     faults: tuple[str, ...]
@@ -190,9 +198,15 @@ def find_near_points(surface: TriMesh, cage: TriMesh, limit: float) -> tuple[Flo
     """Find where a surface is nearer to the cage than `limit`, anywhere on its faces.
 
     Two surfaces that do not cross are nearest to each other at a vertex of one of them, or at an
-    edge of each: looking at those is enough. Returned are the distances, (k,), ascending, and the
-    points of the surface, (k, 3): its vertices, and the places on its edges and faces that are
-    nearest to the cage's.
+    edge of each: looking at those is enough.
+
+    Returns
+    -------
+    (k,) float64
+        Distances, ascending.
+    (k, 3) float64
+        Points of the surface: its vertices, and the places on its edges and faces that are nearest
+        to the cage's.
     """
     of_vertex = closest_points(cage, surface.vertices).distance
     back = closest_points(surface, cage.vertices)
@@ -209,7 +223,10 @@ def _find_near_edges(
 ) -> tuple[Floats, Floats]:
     """Return distances of edges below the limit, (k,), and their places on the surface, (k, 3).
 
-    `of_vertex`, (m,), are distances of the surface's vertices from the cage.
+    Parameters
+    ----------
+    of_vertex : (m,)
+        Distances of the surface's vertices from the cage.
     """
     ends = surface.edges.ends
     start, stop = surface.vertices[ends[:, 0]], surface.vertices[ends[:, 1]]

@@ -64,8 +64,11 @@ LINE_POINTS = 24
 class Loops:
     """The loops of a cage.
 
-    `tubes` are the vertices, (l, k), of the loops of each limb, from its base to its tip; together
-    they are the first ones of the cage.
+    Attributes
+    ----------
+    tubes : tuple of (l, k) int64
+        The vertices of the loops of each limb, from its base to its tip; together they are the
+        first ones of the cage.
     """
 
     tubes: tuple[Integers, ...]
@@ -101,7 +104,12 @@ def place_edge_loops(shell: TriMesh, count: int, motion: Motion | None) -> tuple
 
 
 class CentreLine:
-    """A polyline, (j, 3), that goes on straight at both ends. Heights are lengths along it."""
+    """A polyline that goes on straight at both ends. Heights are lengths along it from its start.
+
+    Parameters
+    ----------
+    points : (j, 3) float64
+    """
 
     def __init__(self, points: Floats) -> None:
         self._points, self._sides = points[:-1], np.diff(points, axis=0)
@@ -376,9 +384,12 @@ def _make_loops(sections: list[Floats], centres: Floats, ways: Floats, sides: in
 
 
 def _circumscribe(points: Floats, sides: int) -> tuple[Floats, Floats]:
-    """Return polygons of equal angles around points, (k, 2), in all turns, and their areas.
+    """Return polygons of equal angles around points, (k, 2), in `LOOP_TURNS` turns.
 
-    There are `LOOP_TURNS` turns, t. Corners are (t, sides, 2), counter-clockwise, and areas (t,).
+    Returns
+    -------
+    (t, sides, 2), (t,)
+        Corners, counter-clockwise, and areas.
     """
     angle = 2 * np.pi / sides
     turns = angle * (np.arange(sides) + np.arange(LOOP_TURNS)[:, None] / LOOP_TURNS)

@@ -398,10 +398,18 @@ def find_failing(cage: TriMesh, quads: Integers, demand: Demand, angle: float) -
 
 @dataclass(frozen=True, slots=True)
 class _Option:
-    """A quad, or two that a flip makes of four triangles, and what it counts for.
+    """A quad, or two that a flip makes of four triangles.
 
-    It takes `faces`; edges that are `gone` are none any more, the last one being that which is
-    flipped; `others` are the other diagonals, and `added` the one that a flip adds.
+    Attributes
+    ----------
+    faces : tuple of int
+        The triangles that it takes.
+    gone : tuple of Edge
+        Edges that are none any more; the last one is that which is flipped.
+    others : tuple of Edge
+        The other diagonals.
+    added : Edge, optional
+        The one that a flip adds.
     """
 
     value: float
@@ -414,9 +422,12 @@ class _Option:
 class Pairing:
     """The quads that pairs of triangles of a cage would be.
 
-    The cosine between the normals of two triangles that are paired is at least `cosine`: sharper
-    edges stay. With the mirror images of vertices, `partners`, (n,), a quad is chosen with its
-    mirror image.
+    Parameters
+    ----------
+    cosine : float
+        Between the normals of two triangles that are paired, at least: sharper edges stay.
+    partners : (n,) int64, optional
+        The mirror images of vertices: a quad is chosen with its mirror image.
     """
 
     def __init__(self, cage: TriMesh, cosine: float, partners: Integers | None = None) -> None:
@@ -437,8 +448,12 @@ class Pairing:
 
         The diagonal that the cage has is from the first corner to the third. This is the matching
         of greatest value in the graph of triangles that share an edge; vertices keep three edges,
-        and no edge is the other diagonal of two quads. Quads with `banned` diagonals are not
-        chosen, those with `held` ones hold the model already.
+        and no edge is the other diagonal of two quads.
+
+        Parameters
+        ----------
+        banned, held : set of Edge
+            Diagonals of quads that are not to be chosen, and of those that hold the model already.
         """
         at = {edge: k for k, edge in enumerate(name_diagonals(self._quads))}
         chosen = self._solve(self._list_pairs(banned, held))

@@ -111,7 +111,12 @@ def complete_clearance(
 ) -> tuple[TriMesh, Floats]:
     """Push off the points of faces that are too near although the samples are not.
 
-    Returned are the cage, and the samples, (s, 3), with those points.
+    Returns
+    -------
+    TriMesh
+        The cage.
+    (s, 3) float64
+        The samples, with those points.
     """
     for _ in range(rounds):
         _, near = find_near_points(demand.surface, cage, 1.01 * demand.clearance)
@@ -126,11 +131,17 @@ def complete_clearance(
 
 
 class ContactSearch:
-    """The samples, (s, 3), that a cage is too near to, while it is pushed off them.
+    """The samples that a cage is too near to, while it is pushed off them.
 
-    Those are nearer than the clearance, or outside. Each has a contact at its nearest face. Around
-    a thin part of a model a second sheet of the cage is near: the face that was the nearest before,
-    on the other side, stays a contact, too. Pushes would move both sheets to and fro otherwise.
+    Each has a contact at its nearest face. Around a thin part of a model a second sheet of the cage
+    is near: the face that was the nearest before, on the other side, stays a contact, too. Pushes
+    would move both sheets to and fro otherwise.
+
+    Parameters
+    ----------
+    samples : (s, 3) float64
+    clearance : float
+        Samples that are nearer, or outside, are too near.
     """
 
     def __init__(self, samples: Floats, clearance: float) -> None:

@@ -86,10 +86,18 @@ class DistanceGrid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shell:
-    """A shell, closed, of one component and outward, and the places that it closes, (k, 3) each.
+    """A shell, and the places that it closes.
 
-    At `bridges` parts that lie apart were joined, and at `webs` parts that lie near each other, the
-    largest first; `hollows` were filled because their openings are narrow.
+    Attributes
+    ----------
+    surface : TriMesh
+        Closed, of one component, outward.
+    bridges : (b, 3) float64
+        Places where parts that lie apart were joined.
+    hollows : (h, 3) float64
+        Places in hollows that were filled because their openings are narrow.
+    webs : (w, 3) float64
+        Places where parts that lie near each other were joined, the largest first.
     """
 
     surface: TriMesh
@@ -99,10 +107,14 @@ class Shell:
 
 
 def make_shell(grid: DistanceGrid, offset: float, closing: float) -> Shell | None:
-    """Make a shell at a distance from the model, if the grid can carry it as a closed manifold.
+    """Make a shell, if the grid can carry it as a closed manifold.
 
-    The distance is `offset`. Gaps that are narrower than twice the sum of offset and closing are
-    closed.
+    Parameters
+    ----------
+    offset : float
+        Distance of the shell from the model.
+    closing : float
+        Gaps that are narrower than twice the sum of both are closed.
     """
     # A body ends within a cell of the nodes that decide where; marching cubes look at no others.
     grid.measure(offset + closing + 2 * grid.cell)

@@ -38,8 +38,14 @@ def shift_vertices(
     """Collapse the edges that a motion needs least, and split as many where it gains most.
 
     The first round moves 8 % of the vertices; a round that fails halves that. Rounds count in which
-    the error falls, and sheets of the cage that nearly touch come no nearer to each other. Returned
-    are the cage, in the units of the demand, and how many vertices moved.
+    the error falls, and sheets of the cage that nearly touch come no nearer to each other.
+
+    Returns
+    -------
+    TriMesh
+        The cage, in the units of the demand.
+    int
+        How many vertices moved.
     """
     cage, samples = complete_clearance(cage, demand, demand.samples, rounds=2)
     gains = EditGains(cage, motion, EditGains(cage, motion).squares)

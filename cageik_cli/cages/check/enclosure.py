@@ -137,7 +137,10 @@ class Placement:
 def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Placement:
     """Check the cage, turn it outward, and check that it encloses the rest pose.
 
-    What to do with vertices `outside` is one of `OUTSIDE_POLICIES`.
+    Parameters
+    ----------
+    outside : str
+        What to do with vertices outside: one of `OUTSIDE_POLICIES`.
 
     Raises
     ------
@@ -200,7 +203,12 @@ def make_swap_finding(cage: TriMesh, rest: TriMesh) -> Finding:
 
 
 def refuse_other_unit(cage: TriMesh, rest: TriMesh) -> None:
-    """Refuse a cage that holds its model because it is in a smaller unit, with a `MisfitError`."""
+    """Refuse a cage that holds its model because it is in a smaller unit.
+
+    Raises
+    ------
+    MisfitError
+    """
     if cage.diagonal <= MAX_SIZE_RATIO * rest.diagonal:
         return
     transform = find_transform(cage, rest)

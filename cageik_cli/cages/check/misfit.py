@@ -216,10 +216,18 @@ class Misfit:
 
 
 def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> Misfit:
-    """Find what would make a cage, closed and turned outward, hold its model.
+    """Find what would make a cage hold its model.
 
-    The `worst` vertex is so many percent of the diagonal outside, as is the `share` of the
-    vertices. The time is bounded: only points of large models are tried.
+    The time is bounded: only points of large models are tried.
+
+    Parameters
+    ----------
+    cage : TriMesh
+        Closed, turned outward.
+    worst : float
+        How far the worst vertex is outside, percent of the diagonal.
+    share : float
+        Share of the vertices that are outside.
     """
     if transform := find_transform(cage, rest):
         left = ""
@@ -278,8 +286,15 @@ def _describe_misplaced(cage: TriMesh, rest: TriMesh) -> str:
 def find_transform(cage: TriMesh, model: TriMesh) -> Transform | None:
     """Find the simplest transform after which a cage holds a model that it does not hold now.
 
-    The cage is closed and turned outward. None if it holds the model, or nearly, as it is, or if no
-    transform makes it so.
+    Parameters
+    ----------
+    cage : TriMesh
+        Closed, turned outward.
+
+    Returns
+    -------
+    Transform, optional
+        None if the cage holds the model, or nearly, as it is, or if no transform makes it so.
     """
     points = take_evenly(model.vertices, 400)
     depth = _measure_depth(cage, points)
@@ -421,9 +436,16 @@ def _is_of_size(transform: Transform, cage: TriMesh, model: TriMesh) -> bool:
 def measure_inflation(cage: TriMesh, model: TriMesh) -> float | None:
     """Find the smallest offset of the cage along its normals that takes the model inside.
 
-    The cage is closed and turned outward. The offset, in percent of the model's diagonal, is found
-    to hold points all over the model; 0 if the cage holds them as it is, None if `MAX_INFLATION`
-    does not, or the cage then crosses itself.
+    Parameters
+    ----------
+    cage : TriMesh
+        Closed and turned outward.
+
+    Returns
+    -------
+    float, optional
+        Percent of the model's diagonal, found to hold points all over the model; 0 if the cage
+        holds them as it is, None if `MAX_INFLATION` does not, or the cage then crosses itself.
     """
     samples = take_evenly(sample_surface(model), 50_000)
     outside = samples[winding_numbers(cage, samples) < 0.5]

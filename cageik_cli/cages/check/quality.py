@@ -246,10 +246,16 @@ class SharedSection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Loop:
-    """A loop in which a plane across an axis, 0 to 2 for x to z, cuts a mesh.
+    """A loop in which a plane across an axis cuts a mesh.
 
-    `segments`, (s, 2, 3), are the ends of the segment in each face that is cut; the inside is on
-    the same side of all. `vertex` is one of the mesh beside the loop.
+    Attributes
+    ----------
+    axis : int
+        0, 1, 2 for x, y, z.
+    segments : (s, 2, 3) float64
+        Ends of the segment in each face that is cut; the inside is on the same side of all.
+    vertex : int
+        A vertex of the mesh beside the loop.
     """
 
     axis: int
@@ -322,12 +328,21 @@ class Slicer:
 def find_shared_sections(
     cage: TriMesh, model: TriMesh, near: Floats | None = None
 ) -> list[SharedSection]:
-    """Find where two or more limbs of the model go through one loop of the cage that holds it.
+    """Find where two or more limbs of the model go through one loop of the cage.
 
-    Of each place there is one section, the longest first. Limbs are of one connected body: loops of
-    another component, or inside others, are none, and loops that the surface joins near the plane
-    are one limb. With points `near`, (k, 3), only the sections within a step of these are made,
-    which is faster.
+    Parameters
+    ----------
+    cage, model : TriMesh
+        The cage holds the model.
+    near : (k, 3) float64, optional
+        Only the sections within a step of these points are made, which is faster; all by default.
+
+    Returns
+    -------
+    list of SharedSection
+        One of each place, the longest first. Limbs are of one connected body: loops of another
+        component, or inside others, are none, and loops that the surface joins near the plane are
+        one limb.
     """
     found: list[list[SharedSection]] = []
     for axis in range(3):

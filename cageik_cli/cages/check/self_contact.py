@@ -51,9 +51,14 @@ class ContactMeter:
     reach: float
 
     def measure(self, frame: Floats) -> float:
-        """Return how much of the surface touches another part in a pose, (m, 3), from 0 to 1.
+        """Return how much of the surface touches another part, from 0 to 1.
 
         A point counts fully at distance 0 from another part, and less up to the reach.
+
+        Parameters
+        ----------
+        frame : (m, 3)
+            Positions of the model's vertices, file units.
         """
         points = np.asarray(self.points @ frame)
         pairs = cKDTree(points).query_pairs(self.reach, output_type="ndarray")
@@ -68,9 +73,13 @@ class ContactMeter:
 
 
 def make_contact_meter(model: TriMesh) -> ContactMeter | None:
-    """Sample the surface of a model, and find which samples are near along it; None without area.
+    """Sample the surface of a model, and find which samples are near along it.
 
     Vertices at one place count as joined, so that seams do not part the surface.
+
+    Returns
+    -------
+    The meter, or None for a model without area.
     """
     _, first, places = np.unique(model.vertices, axis=0, return_index=True, return_inverse=True)
     faces = places.reshape(-1)[model.faces]
@@ -108,8 +117,11 @@ def _divide_edges(
 ) -> tuple[sparse.csr_array, Integers]:
     """Divide each face in four until edges are short, up to `MAX_DIVIDED_EDGE` diagonals.
 
-    Returned are the weights of the vertices after that in those of the model, (k, m), and the
-    faces.
+    Returns
+    -------
+    weights : (k, m) sparse
+        The vertices after that, from those of the model.
+    faces : (t, 3) int64
     """
     while 4 * len(faces) <= MAX_DIVIDED_FACES:
         edges = Edges.from_faces(faces)

@@ -192,8 +192,12 @@ def judge_cage(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
     """Test a cage alone, and around every vertex, face and sample of the model.
 
-    Returned are the findings why it does not hold the model, none of a cage that is fit; and those
-    of what is poor about it, all the same.
+    Returns
+    -------
+    tuple of Finding
+        Why it does not hold the model; none of a cage that is fit.
+    tuple of Finding
+        What is poor about it, all the same.
     """
     if faults := find_cage_faults(cage):
         return faults, ()
@@ -218,10 +222,23 @@ def judge_cage(
 
 
 class Repair:
-    """A cage under repair, given as in `repair_cage`.
+    """A cage under repair.
 
-    `mesh` is the cage as it is now; `vertex_map`, (n,), the number of each vertex of the cage
-    given, −1 if it has gone; `steps` what was done so far.
+    Parameters
+    ----------
+    cage : TriMesh
+        As it was read; its polygons are fans at their first corners.
+    corner_counts : (p,) int64, optional
+        Of the polygons; all are triangles by default.
+
+    Attributes
+    ----------
+    mesh : PolygonMesh
+        The cage as it is now.
+    vertex_map : (n,) int64
+        The number of each vertex of the cage given, −1 if it has gone.
+    steps : list of RepairStep
+        What was done so far.
     """
 
     def __init__(self, cage: TriMesh, corner_counts: Integers | None) -> None:
@@ -241,7 +258,10 @@ class Repair:
     def tidy_faces(self, samples: Floats) -> None:
         """Run every step that changes faces but moves nothing: causes come before their effects.
 
-        Samples, (s, 3), are points of the model, which decide what parts of the cage are for.
+        Parameters
+        ----------
+        samples : (s, 3)
+            Points of the model, which decide what parts of the cage are for.
         """
         self._merge_vertices()
         self._drop_faces(find_repeated(self.mesh), "that repeat others")

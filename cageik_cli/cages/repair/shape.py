@@ -45,9 +45,12 @@ MAX_MOVE_CANDIDATES = 24
 class Shape:
     """Positions of a cage, and the moves that led to them.
 
-    Each vertex was moved by the sum of `untangled` and `pushed`, (n, 3), for either end, file
-    units. `faults` are crossings of the cage, points outside and crossing faces of the model; 0 if
-    it fits.
+    Attributes
+    ----------
+    untangled, pushed : (n, 3) float64
+        How far each vertex was moved for either end, file units; their sum is the whole move.
+    faults : int
+        Crossings of the cage, points outside and crossing faces of the model; 0 if it fits.
     """
 
     cage: TriMesh
@@ -77,10 +80,16 @@ class Effort:
 
 
 class ShapeFit:
-    """Moves vertices of cages until they hold a model, of whose surface the samples, (s, 3), are.
+    """Moves vertices of cages until they hold a model.
 
-    Points nearer to the cage than `least`, or outside, are pushed for, to the distance `target`;
-    both are in file units.
+    Parameters
+    ----------
+    samples : (s, 3) float64
+        Points of the model's surface.
+    least : float
+        Points nearer to the cage than this, or outside, are pushed for, file units,
+    target : float
+        to this distance.
     """
 
     def __init__(self, model: TriMesh, samples: Floats, least: float, target: float) -> None:
@@ -94,8 +103,12 @@ class ShapeFit:
         """Untangle and push in turn until nothing crosses and the model is inside.
 
         The work is bounded, and a cage is given up after `MAX_FRUITLESS_ROUNDS` in a row that found
-        none with fewer faults. Returned is the best shape that was met; the cage as it was if
-        nothing is better.
+        none with fewer faults.
+
+        Returns
+        -------
+        Shape
+            The best that was met; the cage as it was if nothing is better.
         """
         nothing = np.zeros_like(cage.vertices)
         shape = best = Shape(cage, nothing, nothing, self.count_faults(cage))
@@ -272,9 +285,11 @@ def _make_contacts(
 
 
 def find_self_intersecting_faces(cage: TriMesh) -> Integers:
-    """Find the faces that cross others, and those without a plane, (k,).
+    """Find the faces that cross others, and those without a plane.
 
-    A face is there once for each face that it crosses.
+    Returns
+    -------
+    (k,), a face once for each face that it crosses; none for a cage that is free of that.
     """
     flat = np.flatnonzero(degenerate_face_mask(cage))
     return np.concatenate([self_intersections(cage).ravel(), np.repeat(flat, 2)])

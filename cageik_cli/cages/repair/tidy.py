@@ -51,8 +51,12 @@ class PolygonMesh:
     def from_fans(mesh: TriMesh, corner_counts: Integers | None = None) -> "PolygonMesh":
         """Find the rings of polygons that were cut into fans at their first corners.
 
-        The fans follow one another, as `formats` gives them before it mends folded ones. Polygons
-        have `corner_counts`, (p,), or are triangles.
+        Parameters
+        ----------
+        mesh : TriMesh
+            The fans follow one another, as `formats` gives them before it mends folded ones.
+        corner_counts : (p,) int64, optional
+            Of the polygons; all are triangles by default.
 
         Raises
         ------

@@ -387,8 +387,10 @@ def _higher_gradients(
 ) -> Floats:
     """Return ∇ ∫ ψ/r of the panels `terms.high_panels[near]`, (3, d − 3, k, q).
 
-    Moments, linear (3, p, q) and higher (d − 3, k, q), are those of `linear_moments` and
-    `higher_moments`.
+    Parameters
+    ----------
+    linear, higher : (3, p, q) and (d − 3, k, q)
+        From `linear_moments` and `higher_moments`.
     """
     panels, chosen = terms.panels, terms.high_panels[near]
     k, q = len(near), linear.shape[2]
@@ -415,8 +417,13 @@ def _evaluate_higher_densities(
 ) -> Floats:
     """Return the terms beyond linear of densities at points on panels, (q, n).
 
-    The densities, ((d − 3) k, n), are their coefficients; each point is on a chosen panel, (q,), at
-    `barycentric`, (3, q).
+    Parameters
+    ----------
+    densities : ((d − 3) k, n)
+        Their coefficients.
+    chosen : (q,) int64
+        The panel of each point.
+    barycentric : (3, q)
     """
     total = np.zeros((len(chosen), densities.shape[1]))
     on_high = np.flatnonzero(np.isin(chosen, terms.high_panels))

@@ -111,9 +111,16 @@ class PointMotion:
         """Move the points of one of the `blocks` with cages, (k, n, 3).
 
         The rotations of the rest pose to each frame, (k, 3, 3), turn the offsets of weights that
-        have them; else these stay as at rest. Returned are the places of the b points in the k
-        frames, (k, 3, b); what turns with them, in each frame; and the faults of all frames, as
-        `count_map_faults` counts.
+        have them; else these stay as at rest.
+
+        Returns
+        -------
+        (k, 3, b) float64
+            Places of the b points in the k frames.
+        list of Oriented
+            What turns with them, in each frame.
+        Counter
+            Of all frames, as `count_map_faults` counts.
         """
         turns = None
         if self._has_offsets:

@@ -283,10 +283,13 @@ def _samples(degree: int) -> tuple[Floats, Floats]:
 def rotate_harmonics(
     coefficients: NDArray[np.float32], rotations: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Return the coefficients of turned functions, by rotations (3, 3, m) float32.
+    """Return the coefficients of turned functions.
 
-    The coefficients, (3, c, m) float32, are of three colours; c is one of `REST_COUNTS`: whole
-    bands from the first on.
+    Parameters
+    ----------
+    coefficients : (3, c, m) float32
+        Of three colours; c is one of `REST_COUNTS`: whole bands from the first on.
+    rotations : (3, 3, m) float32
     """
     turned = np.empty_like(coefficients)
     start = 0

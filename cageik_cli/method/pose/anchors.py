@@ -27,8 +27,12 @@ COINCIDENT_TOL = 1e-9
 class SurfacePoint:
     """A point of a mesh, which moves with the mesh.
 
-    `corners`, (3,), are the vertices of its face, or three times the same one for a point at a
-    vertex; `barycentric`, (3,), is γ, of sum one.
+    Attributes
+    ----------
+    corners : (3,) int64
+        Vertices of its face; three times the same one for a point at a vertex.
+    barycentric : (3,) float64
+        γ; the sum is one.
     """
 
     corners: Integers
@@ -173,13 +177,16 @@ def closest_point(mesh: TriMesh, position: Floats) -> SurfacePoint:
 def pick(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
     """Return the front-most point of the surface that is visible in a pixel, (2,).
 
-    Faces are hit from both sides, and no ray passes between two adjacent faces, which share their
-    edge functions bit for bit (Woop, Benthin and Wald 2013).
+    Faces are hit from both sides, and no ray passes between two adjacent faces.
 
     Raises
     ------
     HandlesError
         When nothing is visible there between the near and the far plane.
+
+    References
+    ----------
+    Woop, Benthin and Wald 2013: edge functions that adjacent faces share bit for bit.
     """
     origins, directions, lengths = camera.cast_rays(np.asarray(pixel, np.float64)[None])
     # Along the ray, and in two directions across it.

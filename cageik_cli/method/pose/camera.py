@@ -87,11 +87,18 @@ class Camera:
         width: float,
         height: float,
     ) -> Self:
-        """Make a perspective camera without a far plane, at a position, which looks at a target.
+        """Make a perspective camera without a far plane, which looks at a point.
 
-        The target is in the middle of the picture, and `up` the direction that is up in it. The
-        angle between its upper and lower edge is above 0 and below 180; width and height are
-        pixels.
+        Parameters
+        ----------
+        position, target : (3,) float64
+            Of the viewer, and the point in the middle of the picture.
+        up : (3,) float64
+            The direction that is up in the picture.
+        fov_degrees : float
+            Angle between the upper and the lower edge of the picture, above 0 and below 180.
+        width, height : float
+            Pixels.
         """
         away = position - target
         distance = float(np.linalg.norm(away))
@@ -118,7 +125,10 @@ class Camera:
     def project(self, points: Floats) -> Floats:
         """Project points, (…, 3), to x and y in pixels and a depth from −1 to 1, (…, 3).
 
-        A point behind the viewer, or as near as the eye, is refused with a `SettingError`.
+        Raises
+        ------
+        SettingError
+            When a point is behind the viewer, or as near as the eye.
         """
         homogeneous = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
         clip = homogeneous @ (self.projection @ self.view).T

@@ -34,10 +34,15 @@ MAX_REACH_ROWS = 4096
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CageConstraints:
-    """Constraints on the vertices of a cage: `locked` ones do not move.
+    """Constraints on the vertices of a cage.
 
-    With a mirror, each vertex moves as the mirror image of its partner, which is the vertex closest
-    to its mirror image in the rest cage.
+    Attributes
+    ----------
+    locked : tuple of int
+        Cage vertices that do not move.
+    mirror : Mirror, optional
+        Each vertex moves as the mirror image of its partner, which is the vertex closest to its
+        mirror image in the rest cage.
     """
 
     locked: tuple[int, ...] = ()
@@ -45,7 +50,13 @@ class CageConstraints:
 
 
 def require_mirror(cage: TriMesh) -> Mirror:
-    """Return the plane across which a cage is its own mirror image; refuse a cage without one."""
+    """Return the plane across which a cage is its own mirror image.
+
+    Raises
+    ------
+    HandlesError
+        When there is none.
+    """
     mirror = find_mirror(cage.vertices, MAX_ASYMMETRY)
     if mirror is None:
         raise HandlesError(
@@ -58,7 +69,10 @@ def require_mirror(cage: TriMesh) -> Mirror:
 def mirror_pairs(cage: TriMesh, mirror: Mirror) -> Integers:
     """Return the partner of each cage vertex, (n,); a vertex on the plane is its own partner.
 
-    A cage that is not symmetric is refused; the message lists vertices.
+    Raises
+    ------
+    HandlesError
+        When the cage is not symmetric; the message lists vertices.
     """
     images = mirror.reflect(cage.vertices)
     distances = np.linalg.norm(images[:, None] - cage.vertices, axis=2)

@@ -296,8 +296,11 @@ class Response:
 class CageResponseSolver:
     """Solver for one coordinate of all cage vertices, factored once per cage.
 
-    The Laplacian is (n, n); orthonormal columns of the basis, (n, r), are what may move, from
-    `constraints.free_basis`.
+    Parameters
+    ----------
+    laplacian : (n, n) float64
+    basis : (n, r) float64
+        Orthonormal columns: what may move, from `constraints.free_basis`.
     """
 
     def __init__(self, cage: TriMesh, laplacian: Floats, basis: Floats) -> None:
@@ -364,8 +367,10 @@ class CageResponseSolver:
 class MirroredMap:
     """A linear map of points, which may differ for the coordinate across a mirror.
 
-    It is made of one or two maps, (p, q): for all coordinates; or for those along the mirror, and
-    for the one across it.
+    Parameters
+    ----------
+    maps : one or two (p, q) float64
+        For all coordinates; or for those along the mirror, and for the one across it.
     """
 
     def __init__(self, maps: Sequence[Floats], mirror: Mirror | None) -> None:

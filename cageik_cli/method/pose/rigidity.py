@@ -24,7 +24,13 @@ from cageik_cli.util.arrays import Floats
 
 
 class Neighbours:
-    """The neighbours of every cage vertex, by the uniform Laplacian L, (n, n), in all its poses."""
+    """The neighbours of every cage vertex, which are the same in all poses of the cage.
+
+    Parameters
+    ----------
+    laplacian : (n, n) float64
+        The uniform Laplacian L.
+    """
 
     def __init__(self, laplacian: Floats) -> None:
         self.rows, self.columns = np.nonzero(laplacian)  # i and j, by i

@@ -16,9 +16,22 @@ def centroids(frames: Floats, weights: Floats) -> Floats:
 def best_rotations(centred: Floats, rest: Floats, weights: Floats) -> Floats:
     """Return the rotations R that minimise Σ_j weights_j |R v_j − rest_j|², for each frame.
 
-    Frames are `centred`, (k, m, 3), relative to their weighted centroids, and so is the rest pose,
-    (m, 3). Weights, (m,), are not negative. R is (k, 3, 3): `points @ R.T` rotates the points of a
-    frame to the rest pose, `points @ R` back (Kabsch 1976).
+    Parameters
+    ----------
+    centred : (k, m, 3)
+        Frames relative to their weighted centroids.
+    rest : (m, 3)
+        With its weighted centroid at the origin.
+    weights : (m,)
+        Not negative.
+
+    Returns
+    -------
+    (k, 3, 3); `points @ R.T` rotates the points of a frame to the rest pose, `points @ R` back.
+
+    References
+    ----------
+    Kabsch 1976.
     """
     covariances = (rest * weights[:, None]).T @ centred
     return nearest_rotations_by_svd(covariances)

@@ -126,8 +126,13 @@ class SolvedBlock:
 class BlockSolver(Generic[Clip]):
     """Solver and measurement of the blocks of a clip whose vertices count alike in all frames.
 
-    Frames that cannot be read become gaps if `skips_bad_frames`, as missing ones do; otherwise they
-    are refused. All parameters are attributes too.
+    Parameters
+    ----------
+    skips_bad_frames : bool
+        Whether frames that cannot be read become gaps, as missing ones do; otherwise they are
+        refused.
+
+    All parameters are attributes too.
     """
 
     def __init__(

@@ -157,11 +157,16 @@ class DualLaplacianSolver:
     def align(
         self, frames: Floats, workspace: Workspace | None = None
     ) -> tuple[Floats, Floats, Floats]:
-        """Move `frames`, (k, m, 3), onto the rest pose; return their displacements and motions.
+        """Move `frames`, (k, m, 3), onto the rest pose.
 
-        The displacements from the rest pose, R (v − centre) − (rest − origin), are columns (m, 3k);
-        with `workspace`, they are valid until it is used again. The motions are centres, (k, 3),
-        and rotations R, (k, 3, 3); `points @ R` turns points of the rest pose to the frame.
+        Returns
+        -------
+        columns : (m, 3k) float64
+            R (v − centre) − (rest − origin) of each frame: its displacements from the rest pose.
+            With `workspace`, they are valid until it is used again.
+        centres : (k, 3) float64
+        rotations : (k, 3, 3) float64
+            R; `points @ R` turns points of the rest pose to the frame.
         """
         workspace = workspace or Workspace()
         centres = np.tile(self._origin, (len(frames), 1))

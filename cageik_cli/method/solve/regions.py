@@ -127,16 +127,20 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Connected vertices of the model that deviate much; lengths in file units.
+    """Connected vertices of the model that deviate much.
 
     Attributes
     ----------
-    centre, size : tuple of float, float
-        Mean of the vertices in the rest pose, and the diagonal of the box around them.
+    centre : tuple of float
+        Mean of its vertices in the rest pose, file units.
+    size : float
+        Diagonal of the box around them, file units.
     vertices : int
         How many they are.
     frame : int
         The frame of the largest deviation, by its number in the clip.
+    max_deviation : float
+        File units.
     cage_faces : tuple of int
         The cage's faces nearest to the region, that of the worst vertex first.
     """

@@ -168,8 +168,14 @@ class HarmonicSolution:
     ) -> None:
         """Call `visit` with blocks of the chosen points, neighbours together, in threads.
 
-        The points, (m, 3), are in file units; the chosen ones, (k,), inside. `visit` is given
-        numbers of points, and their places in the units of the solution.
+        Parameters
+        ----------
+        points : (m, 3)
+            File units.
+        chosen : (k,) int64
+            Numbers of points inside.
+        visit : callable
+            Of numbers of points, and their places in the units of the solution.
         """
         if len(chosen) == 0:
             return
@@ -262,8 +268,13 @@ def _choose_degrees(panels: Panels, order: int, radii: float) -> tuple[Integers,
 
     The recurrences of higher terms are unstable at distances from thin panels, the sooner the
     higher their degree: where `order` does not reach 1.5 radii, a lower one down to 3 is used.
-    Rounding errors grow by 1e10 at most, as higher terms need few digits. Degrees are (p,), and so
-    are reaches: `radii` times those of the panels, or less where the terms are unstable.
+    Rounding errors grow by 1e10 at most, as higher terms need few digits.
+
+    Returns
+    -------
+    (p,) int64
+    (p,) float64
+        `radii` times those of the panels, or less where the terms are unstable.
     """
     degree = np.zeros(len(panels.corners), np.int64)
     reach = np.zeros(len(panels.corners))

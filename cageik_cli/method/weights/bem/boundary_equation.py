@@ -54,9 +54,12 @@ SUBSTITUTED_COLUMNS = 64
 
 @dataclass(frozen=True, eq=False)
 class BoundarySolution:
-    """The normal derivatives q_k of all harmonic coordinates of one cage.
+    """The normal derivatives of all harmonic coordinates of one cage.
 
-    The densities, (u, n), are their coefficients of the mesh's unknowns.
+    Attributes
+    ----------
+    densities : (u, n) float64
+        q_k, as coefficients of the mesh's unknowns.
     """
 
     mesh: BoundaryMesh
@@ -247,7 +250,10 @@ def _run_all(pool: ThreadPoolExecutor, work: Callable[[Part], None], parts: Iter
 class _Elimination:
     """Equations matrix (u, u) · x = rhs (u, n), changed in place.
 
-    `inverses` are those of blocks on the diagonal, by their first unknown.
+    Attributes
+    ----------
+    inverses : dict
+        The inverses of blocks on the diagonal, by their first unknown.
     """
 
     def __init__(self, matrix: Float32s, rhs: Float32s) -> None:

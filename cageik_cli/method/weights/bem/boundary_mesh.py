@@ -66,8 +66,11 @@ class BasisFunctions:
     def evaluate(self, corners: Integers, barycentric: Floats) -> Floats:
         """Return the basis functions, (..., n), between three of the points.
 
-        `corners`, (..., 3), are the numbers of points, between which each place is at
-        `barycentric`, (..., 3).
+        Parameters
+        ----------
+        corners : (..., 3) int64
+            Numbers of points.
+        barycentric : (..., 3) float64
         """
         basis_functions = np.zeros((*barycentric.shape[:-1], self.count))
         places = tuple(np.indices(basis_functions.shape[:-1])[..., None])

@@ -37,7 +37,12 @@ _ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
 class HigherTerms:
     """Panels with density terms beyond linear: those of `orthogonal_basis` from the fourth on.
 
-    The order is two or more, on the panels of the numbers `high_panels`, (k,).
+    Attributes
+    ----------
+    high_panels : (k,) int64
+        Numbers of the panels.
+    order : int
+        Two or more.
     """
 
     panels: Panels
@@ -100,8 +105,14 @@ def higher_moments(terms: HigherTerms, near: Integers, view: PanelView, linear: 
     """Return ∫ ψ / r dA of the panels `terms.high_panels[near]`, (d − 3, k, q), in the workspace.
 
     The recurrences lose digits like (distance / panel size) to the power 2 `order`: they are for
-    points near the panel. The view is of all panels, and `linear`, (3, p, q), are its linear
-    moments.
+    points near the panel.
+
+    Parameters
+    ----------
+    view : PanelView
+        Of all panels.
+    linear : (3, p, q)
+        Its linear moments.
     """
     order = terms.order
     recurrences = _Recurrences(terms, near, view, linear)
@@ -122,7 +133,10 @@ def higher_moments(terms: HigherTerms, near: Integers, view: PanelView, linear: 
 class _Recurrences:
     """K and R of the monomials on k panels, for q points, from low degrees to higher ones.
 
-    `single`, (d, k, q), is K_P of the monomials; those up to linear are given.
+    Attributes
+    ----------
+    single : (d, k, q)
+        K_P of the monomials; those up to linear are given.
     """
 
     def __init__(self, terms: HigherTerms, near: Integers, view: PanelView, linear: Floats) -> None:
