@@ -1,4 +1,4 @@
-"""Settings of cages that are built or repaired. This module imports no numerics."""
+"""Settings of cages that are built. This module imports no numerics."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -27,19 +27,8 @@ DEFAULT_SYMMETRY: SymmetryChoice = "off"
 class BuildSettings:
     """The size, the clearance and the symmetry of a cage that is built.
 
-    Attributes
-    ----------
-    vertices : int
-        Vertices of the cage, at most; it has at least nine tenths of them.
-    clearance : float
-        Its smallest distance from the model, in diagonals of the model.
-    symmetric : {"auto", "x", "y", "z", "off"}
-        About the plane across an axis; about the plane of a model that is its own mirror image; or
-        about none.
-    quads : bool
-        Whether pairs of triangles become quads, which hold the model by either diagonal.
-    loops : bool
-        Whether loops of a few vertices go around limbs.
+    Quads hold the model by either diagonal. The plane of a symmetric cage is across an axis; or
+    that of a model that is its own mirror image.
     """
 
     vertices: int = declare_setting(
@@ -104,22 +93,3 @@ class BuildSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
-
-
-@dataclass(frozen=True, slots=True)
-class RepairSettings:
-    """The limits of a repair.
-
-    Attributes
-    ----------
-    clearance : float
-        How far parts of the cage that must move are moved off the model, in its diagonals.
-    max_hole_edges : int
-        Holes with more edges are not closed.
-    allow_transform : bool
-        Whether a cage in another unit, or with other axes, is brought to the model.
-    """
-
-    clearance: float = 0.002
-    max_hole_edges: int = 16
-    allow_transform: bool = True

@@ -16,7 +16,7 @@ has it: acceleration alone would let it fly.
 Vertices that are occluded are put where the surface around them has them, as rigidly as possible.
 With the rest pose p, the positions x of the vertices that are seen, and a rotation R_i per vertex,
 
-    minimise  Σ_ij |x_i − x_j − R_i (p_i − p_j)|²  over the hidden x and all R,
+    minimise  Σ_ij |x_i − x_j − R_i (p_i − p_j)|²  over the occluded x and all R,
 
 in turn (Sorkine and Alexa 2007, with the weight 1 per edge). A cage that is solved without a piece
 follows the rest so closely that there it may be anywhere; a surface bends, and does not stretch.
@@ -33,7 +33,7 @@ import numpy as np
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.rotations import nearest_rotations_by_entry
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
-from cageik_cli.util.arrays import Floats, Integers, Mask
+from cageik_cli.util.arrays import Floats, Mask
 
 MAX_CONJUGATE_STEPS = 200
 """Steps of conjugate gradients, at most."""
@@ -74,24 +74,13 @@ class FrameTerms:
 class TimeFiller:
     """Solver over time of the cages of one binding, which fills parts without data.
 
-    Parameters
-    ----------
-    bridge_length : float
-        As `BRIDGE_LENGTH`.
-    tolerance : float
-        As `CONJUGATE_TOL`.
+    The tolerance is as `CONJUGATE_TOL`.
     """
 
-    def __init__(
-        self,
-        solver: DualLaplacianSolver,
-        *,
-        bridge_length: float = BRIDGE_LENGTH,
-        tolerance: float = CONJUGATE_TOL,
-    ) -> None:
+    def __init__(self, solver: DualLaplacianSolver, *, tolerance: float = CONJUGATE_TOL) -> None:
         from scipy.linalg import eigh
 
-        self._bridge_length, self._tolerance = bridge_length, tolerance
+        self._tolerance = tolerance
         self._normal = solver.normal
         self._weights, self._modes = eigh(solver.normal)
         self._scale = solver.data_scale * len(solver.rest) / len(self._weights)
@@ -119,7 +108,7 @@ class TimeFiller:
 
     def _solve_conjugate(self, right: Floats, terms: FrameTerms) -> Floats:
         """Solve with the matrix A − E_t of each frame."""
-        gamma = self.convert_length(self._bridge_length)
+        gamma = self.convert_length(BRIDGE_LENGTH)
         # With the same matrix A in all known frames.
         modes = _ModeSolver(self._weights, self._modes, terms.is_known, gamma)
 
@@ -192,12 +181,21 @@ class RigidFiller:
     """Filler of frames of a mesh; the factors of the last occluded vertices are kept."""
 
     def __init__(self, mesh: TriMesh) -> None:
+        from scipy import sparse
+
         ends = mesh.edges.ends
         both = np.concatenate([ends, ends[:, ::-1]])
         self._pairs = both[np.argsort(both[:, 0], kind="stable")]
         self._rest, self._is_occluded = mesh.vertices, np.zeros(len(mesh.vertices), bool)
         self._factor: Any = None
-        self._bending = _make_bending(ends, len(mesh.vertices))
+        # The matrix of Σ_i |Σ_j (r_i − r_j)|² / d_i.
+        first, second = both.T
+        shape = (len(mesh.vertices),) * 2
+        joined = sparse.coo_array((np.ones(len(first)), (first, second)), shape=shape)
+        degrees = np.bincount(first, minlength=len(mesh.vertices)).astype(float)
+        laplacian = sparse.diags_array(degrees) - joined
+        means = sparse.diags_array(1 / np.maximum(degrees, 1))
+        self._bending = (laplacian @ means @ laplacian).tocsr()
 
     def extend(self, values: Floats, is_occluded: Mask) -> Floats:
         """Return values (m, 3) whose occluded ones, (m,), continue the others; they may be any."""
@@ -263,15 +261,3 @@ class RigidFiller:
         held = HOLD_WEIGHT * sparse.eye_array(rows.shape[0])
         self._bend_factor = splu((rows[:, is_occluded] + held).tocsc())
         self._across = rows[:, ~is_occluded]
-
-
-def _make_bending(ends: Integers, count: int) -> Any:
-    """Return the matrix of Σ_i |Σ_j (r_i − r_j)|² / d_i, sparse (m, m), for edges (e, 2)."""
-    from scipy import sparse
-
-    first, second = np.concatenate([ends, ends[:, ::-1]]).T
-    joined = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
-    degrees = np.bincount(first, minlength=count).astype(float)
-    laplacian = sparse.diags_array(degrees) - joined
-    means = sparse.diags_array(1 / np.maximum(degrees, 1))
-    return (laplacian @ means @ laplacian).tocsr()

@@ -58,32 +58,24 @@ def complete_frames(
         return positions, given
     weights = np.ones(is_missing.shape) if given is None else given.copy()
     weights[is_missing] = 0
-    completed = positions.copy()
+    completed, rest = positions.copy(), solver.binding.rest.vertices
     for place in np.flatnonzero(is_missing.any(axis=1)):
-        completed[place] = _complete_frame(solver, positions[place], weights[place])
+        frame, missing = completed[place], is_missing[place]
+        known = np.flatnonzero((weights[place] > 0) & (solver.vertex_weights > 0) & ~missing)
+        if not solver.is_aligned or not len(known):
+            frame[missing] = rest[missing]
+            continue
+        centre, origin = frame[known].mean(axis=0), rest[known].mean(axis=0)
+        turn = np.eye(3)
+        if len(known) >= 3:  # fewer do not tell how the frame is turned
+            ones = np.ones(len(known))
+            turn = best_rotations((frame[known] - centre)[None], rest[known] - origin, ones)[0]
+        frame[missing] = (rest[missing] - origin) @ turn + centre
     return completed, weights
 
 
-def _complete_frame(solver: DualLaplacianSolver, frame: Floats, weights: Floats) -> Floats:
-    is_missing = np.isnan(frame[:, 0])
-    rest = solver.binding.rest.vertices
-    known = np.flatnonzero((weights > 0) & (solver.vertex_weights > 0) & ~is_missing)
-    filled = frame.copy()
-    if not solver.is_aligned or not len(known):
-        filled[is_missing] = rest[is_missing]
-        return filled
-    centre, origin = frame[known].mean(axis=0), rest[known].mean(axis=0)
-    turn = np.eye(3)
-    if len(known) >= 3:  # fewer do not tell how the frame is turned
-        ones = np.ones(len(known))
-        turn = best_rotations((frame[known] - centre)[None], rest[known] - origin, ones)[0]
-    filled[is_missing] = (rest[is_missing] - origin) @ turn + centre
-    return filled
-
-
 def measure_tolerances(
-    robust: RobustSolver,
-    frames: Iterable[tuple[Floats, Floats | None]],
+    robust: RobustSolver, frames: Iterable[tuple[Floats, Floats | None]]
 ) -> Floats:
     """Measure the tolerances of all vertices on some frames.
 

@@ -13,11 +13,11 @@ a piece is missing.
 
 Weights of outliers follow the residual in tolerances, u = |r_j| / t_j: 1 up to u = 1, then 1/u in
 the first rounds (Huber 1964) and exp(1 − u²) in the others (Welsch; Holland and Welsch 1977), if
-the vertex is torn from the surface (`captured.robust`). A frame without outliers keeps the plain
-solution, to the last bit.
+the vertex is torn from the surface. A frame without outliers keeps the plain solution, to the last
+bit.
 
-Vertices are thrown if their neighbours are not: `has_outlier_vertices` compares frames before any
-solve, `find_torn_vertices` the residuals of one.
+A vertex is an outlier by itself if its neighbours are none: `has_outlier_vertices` compares frames
+before any solve, `find_torn_vertices` the residuals of one.
 """
 
 from collections.abc import Iterable
@@ -45,8 +45,8 @@ MIN_OUTLIER_RATIO = 8.0
 
 MIN_OUTLIER_EDGE_CHANGE = 5.0
 """Percent of the diagonal; edges of outlier vertices change by more. In clean clips of a dancer, a
-horse and a cartoon chicken no vertex does so by itself by more than 2.9 %. A vertex that is thrown
-by 9 % of the diagonal is seen in 70 to 100 % of tries there, one thrown by 5 % or less hardly ever:
+horse and a cartoon chicken no vertex does so by itself by more than 2.9 %. A vertex that is off
+by 9 % of the diagonal is seen in 70 to 100 % of tries there, one off by 5 % or less hardly ever:
 clean vertices come too near to that."""
 
 
@@ -277,7 +277,11 @@ class _FollowedVertices:
         if left <= 1e-12 * total:
             raise NumericalError("no vertex of it is data")
         if self._solver.is_aligned:
-            self.rotation = self._align(lost, left)
+            # The rotation of the rest pose to the frame without what is lost.
+            moved, rest = lost @ self._vertices, lost @ self._rest
+            lost_part = (lost[:, None] * self._rest).T @ self._vertices
+            covariance = self._covariance - lost_part - np.outer(rest, moved) / left
+            self.rotation = np.asarray(nearest_rotations_by_svd(covariance[None])[0])
         turned = self.rotation - self._turn
         residuals = self._plain
         if len(self._robust.offsets):
@@ -289,13 +293,6 @@ class _FollowedVertices:
         roots = np.sqrt(lost[some, None]) * self._weights[some]
         self.correction = solve_definite(self._matrix - scale * (roots.T @ roots), right)
         self.residuals = residuals - self._weights @ self.correction
-
-    def _align(self, lost: Floats, left: float) -> Floats:
-        """Return the rotation of the rest pose to the frame without what is lost."""
-        moved, rest = lost @ self._vertices, lost @ self._rest
-        lost_part = (lost[:, None] * self._rest).T @ self._vertices
-        covariance = self._covariance - lost_part - np.outer(rest, moved) / left
-        return np.asarray(nearest_rotations_by_svd(covariance[None])[0])
 
 
 def weigh(relative: Floats, is_huber: bool) -> Floats:
@@ -346,23 +343,20 @@ def has_outlier_vertices(mesh: TriMesh, frames: Iterable[Floats]) -> bool:
     mesh : TriMesh
         A pose that the frames are compared with; its vertex may be the outlier.
     """
-    return any(_has_outlier_vertex(mesh, frame) for frame in frames)
-
-
-def _has_outlier_vertex(mesh: TriMesh, frame: Floats) -> bool:
     first, second = mesh.edges.ends.T
-    before, after = (
-        np.linalg.norm(points[first] - points[second], axis=1) for points in (mesh.vertices, frame)
-    )
-    least = np.full(len(mesh.vertices), np.inf)  # by how much an edge of each vertex changes
-    for ends in (first, second):
-        np.minimum.at(least, ends, np.abs(after - before))
-    least[~np.isfinite(least)] = 0.0
-    is_large = 100 * least > MIN_OUTLIER_EDGE_CHANGE * mesh.diagonal
-    if not is_large.any():
-        return False
-    around = average_neighbours(mesh, least)
-    return bool((is_large & (least > MIN_OUTLIER_RATIO * around)).any())
+    before = np.linalg.norm(mesh.vertices[first] - mesh.vertices[second], axis=1)
+    for frame in frames:
+        change = np.abs(np.linalg.norm(frame[first] - frame[second], axis=1) - before)
+        least = np.full(len(mesh.vertices), np.inf)  # by how much an edge of each vertex changes
+        for ends in (first, second):
+            np.minimum.at(least, ends, change)
+        least[~np.isfinite(least)] = 0.0
+        is_large = 100 * least > MIN_OUTLIER_EDGE_CHANGE * mesh.diagonal
+        if is_large.any():
+            around = average_neighbours(mesh, least)
+            if (is_large & (least > MIN_OUTLIER_RATIO * around)).any():
+                return True
+    return False
 
 
 def find_torn_vertices(mesh: TriMesh, residuals: Floats, limits: Floats, is_data: Mask) -> Mask:

@@ -21,15 +21,9 @@ rounding moves the cages by 1e-7 of the model's size, at 1000 by 1e-5, and at 10
 class CaptureSettings:
     """What is done for clips from scanners and trackers; nothing by default.
 
-    Attributes
-    ----------
-    robust : bool
-        Let vertices that are far from where the cage can have them count less, or not at all.
-    smooth : float or "auto", optional
-        Smooth the cages over time: motions with this period, in seconds, are halved, and quicker
-        ones nearly vanish; what turns steadily stays. Not smoothed by default.
-    fill_gaps : bool
-        Fill frames that are skipped, or have no data, from those around them in time.
+    Vertices that are far from where the cage can have them count less, or not at all. Smoothing
+    halves motions with its period, in seconds; quicker ones nearly vanish, and what turns steadily
+    stays.
     """
 
     robust: bool = declare_setting(

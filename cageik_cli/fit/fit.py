@@ -1,16 +1,15 @@
 """From a binding and clips to fitted weights, and a report that is honest about them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cageik_cli.fit.alternate import Alternator, CageSolve
 from cageik_cli.fit.fitted import FittedWeights
 from cageik_cli.fit.problem import (
     AFFINE_FUNCTIONS,
-    Displacements,
+    SurfaceLaplacian,
     WeightProblem,
     complement_basis,
     estimate_memory,
@@ -24,11 +23,10 @@ from cageik_cli.fit.settings import (
     FitReport,
     FitSettings,
 )
-from cageik_cli.fit.systems import SurfaceLaplacian
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
 from cageik_cli.method.weights.binding import Binding, Correction
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Mask
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.threads import OrderedMap, limit_blas_threads
@@ -47,9 +45,6 @@ MAX_BEST_RATIO = 1.05
 
 Curve = list[tuple[float, float]]
 """Regularizations and their errors on held-out frames, in percent of the diagonal."""
-
-HeldOutCase = tuple[NDArray[np.bool_], Callable[[Displacements], Binding]]
-"""Which frames of a sample, (k,), are held out, and a fit to the others."""
 
 
 class Fitter:
@@ -175,25 +170,24 @@ class Fitter:
         """
         return self.make_alternator(sample, strength).fit(sample.target, self._settings)
 
-    def make_alternator(self, sample: Sample, strength: float) -> Alternator:
+    def make_alternator(
+        self, sample: Sample, strength: float, is_trial: bool = False
+    ) -> Alternator:
         """Make what fits to a sample with a given regularization, in the threads there is room for.
 
-        It also fits weights for joints, see `rigs.turning`.
+        It also fits weights for joints, see `rigs.turning`. A trial is one of the fits whose frames
+        held out are measured: it shares the threads with those that are made at once, and has at
+        most `MAX_HELD_OUT_ROUNDS`.
         """
-        return self._make_alternator(strength, self._count_threads(sample))
-
-    def _make_alternator(self, strength: float, jobs: int, most: int | None = None) -> Alternator:
-        """Make what fits with `jobs` threads, in `most` rounds if that is fewer."""
-        problem = replace(self._problem, regularization=strength, jobs=jobs)
-        rounds = self._max_rounds if most is None else min(most, self._max_rounds)
-        return Alternator(problem, self.cage_solve, rounds)
-
-    def _count_threads(self, sample: Sample) -> int:
-        """Count the threads of a fit that there is memory for beside the sample; one at least."""
         m, n = self._binding.weights.shape
         left = self._find_memory_left(sample)
         fitting = (k for k in range(self._jobs, 1, -1) if estimate_memory(m, n, k) <= left)
-        return next(fitting, 1)
+        jobs, rounds = next(fitting, 1), self._max_rounds
+        if is_trial:
+            jobs = max(1, jobs // self._count_fits(sample))
+            rounds = min(rounds, MAX_HELD_OUT_ROUNDS)
+        problem = replace(self._problem, regularization=strength, jobs=jobs)
+        return Alternator(problem, self.cage_solve, rounds)
 
     def _count_fits(self, sample: Sample) -> int:
         """Count the fits to parts of the sample that are made at once: one or two."""
@@ -215,7 +209,7 @@ class Fitter:
         curve: Curve = []
         for start in range(0, len(TRIED_REGULARIZATIONS), 2):
             pair = TRIED_REGULARIZATIONS[start : start + 2]
-            cases = [self._make_case(sample.in_held_out_block, s, sample) for s in pair]
+            cases = [(sample.in_held_out_block, s) for s in pair]
             for strength, found in zip(pair, self._compare_held_out(sample, cases), strict=True):
                 if found is None:
                     return choose_regularization([]), []
@@ -231,38 +225,27 @@ class Fitter:
         third, third_strength = sample.in_last_third, strength
         if is_strength_chosen and third.any() and not third.all():
             third_strength, _ = self._choose_regularization(sample.take(np.flatnonzero(~third)))
-        cases = [
-            self._make_case(sample.in_held_out_block, strength, sample),
-            self._make_case(third, third_strength, sample),
-        ]
+        cases = [(sample.in_held_out_block, strength), (third, third_strength)]
         return self._compare_held_out(sample, cases)
 
-    def _make_case(
-        self, is_held: NDArray[np.bool_], strength: float, sample: Sample
-    ) -> HeldOutCase:
-        """Make a case of a mask of its held-out frames, and of the fit to the others.
-
-        The threads are shared by the fits that are made at once.
-        """
-        jobs = max(1, self._count_threads(sample) // self._count_fits(sample))
-        alternator = self._make_alternator(strength, jobs, MAX_HELD_OUT_ROUNDS)
-        return is_held, lambda target: alternator.fit(target, self._settings)[0]
-
     def _compare_held_out(
-        self, sample: Sample, cases: Sequence[HeldOutCase]
+        self, sample: Sample, cases: Sequence[tuple[Mask, float]]
     ) -> list[Comparison | None]:
-        """Fit to the frames that are not held out, and measure those that are, for each case.
+        """Fit to the frames that are not held out, and measure those that are.
 
-        None where all or no frames are held out.
+        Each case is which frames of the sample, (k,), are held out, and the regularization. None
+        where all or no frames are held out.
         """
 
-        def compare(case: HeldOutCase) -> Comparison | None:
-            is_held, fit = case
+        def compare(case: tuple[Mask, float]) -> Comparison | None:
+            is_held, strength = case
             if is_held.all() or not is_held.any():
                 return None
             seen = sample.target.take(np.flatnonzero(~is_held))
             held_out = sample.target.take(np.flatnonzero(is_held))
-            return self.cage_solve.compare(fit(seen).weights, held_out)
+            alternator = self.make_alternator(sample, strength, is_trial=True)
+            fitted, _ = alternator.fit(seen, self._settings)
+            return self.cage_solve.compare(fitted.weights, held_out)
 
         fits = self._count_fits(sample)
         with OrderedMap(compare, cases, fits, fits) as found:

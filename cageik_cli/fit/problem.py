@@ -21,6 +21,10 @@ is the fit of a few columns. For given U, the rows of Vᵀ separate in the same 
 The displacements are in memory once. Sums of squares over the frames do not change when the columns
 of D are turned by an orthogonal matrix, and a linear solve for the cages turns with them. In the
 eigenvectors of DᵀD, the last columns are nearly 0; a fit to the others is the same, and faster.
+
+The sparse systems of the columns are solved by conjugate gradients. All columns of a block take
+their steps together, each with its own step lengths. The blocks do not depend on the number of
+threads, so neither does the result.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,8 +33,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.fit.systems import SurfaceLaplacian, count_columns
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import sparse_laplacian
 from cageik_cli.method.weights.binding import Correction
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
@@ -50,6 +54,101 @@ FRAMES_PER_PART = 16
 
 COMPRESSION_TOL = 2e-3
 """What a compression leaves out, relative to D, as root mean squares."""
+
+MAX_BLOCK_COLUMNS = 20
+"""Columns that are solved together, at most: they all take the steps of the slowest of them."""
+
+
+def count_columns(m: int) -> int:
+    """Return how many columns of `m` entries are solved together: of a long surface, fewer."""
+    max_entries = 1 << 21  # 16 MiB
+    return max(1, min(MAX_BLOCK_COLUMNS, max_entries // m))
+
+
+class SurfaceLaplacian:
+    """The operator ΛᵀΛ of a surface, with Λ the uniform Laplacian of its edges, (m, m) sparse."""
+
+    def __init__(self, mesh: TriMesh) -> None:
+        from scipy import sparse
+
+        self.forward = sparse_laplacian(mesh)
+        self._backward = sparse.csr_array(self.forward.T)
+        self._diagonal = np.asarray(self.forward.power(2).sum(axis=0), np.float64)  # of ΛᵀΛ
+
+    def apply(self, columns: Floats) -> Floats:
+        """Return ΛᵀΛ times columns (m, b)."""
+        return np.asarray(self._backward @ (self.forward @ columns))
+
+    def measure(self, weights: Floats) -> float:
+        """Return the Frobenius norm of Λ times weights (m, n): their roughness."""
+        width = count_columns(len(weights))
+        starts = range(0, weights.shape[1], width)
+        parts = [np.square(self.forward @ weights[:, s : s + width]).sum() for s in starts]
+        return float(np.sqrt(np.sum(parts)))
+
+    def solve(
+        self,
+        right: Floats,
+        start: Floats | None,
+        *,
+        smoothness: float,
+        shifts: Floats,
+        tolerance: float,
+        max_steps: int,
+    ) -> Floats:
+        """Return the solutions, (m, b), for right-hand sides (m, b), from a first guess.
+
+        Preconditioned with the diagonal. Columns that have converged take further steps with the
+        others of their block.
+
+        Parameters
+        ----------
+        smoothness : float
+            μ.
+        shifts : (1, b) or (m, b) float64
+            s_i, above 0.
+        tolerance : float
+            The steps end when the residual of each column, relative to its right-hand side and in
+            the preconditioned norm, is at most this.
+        """
+        inverse = 1 / (shifts + smoothness * self._diagonal[:, None])
+        if not smoothness:
+            return right * inverse
+
+        def multiply(columns: Floats) -> Floats:
+            image = self.apply(columns)
+            image *= smoothness
+            image += shifts * columns
+            return image
+
+        found = np.zeros_like(right) if start is None else start.copy()
+        residual = right.copy() if start is None else right - multiply(start)
+        conditioned = residual * inverse
+        search = conditioned.copy()
+        size = _dot_columns(residual, conditioned)
+        goal = tolerance**2 * _dot_columns(right, right * inverse)
+        for _ in range(max_steps):
+            if (size <= goal).all():
+                break
+            image = multiply(search)
+            length = _divide(size, _dot_columns(search, image))
+            found += length * search
+            image *= length
+            residual -= image
+            np.multiply(residual, inverse, out=conditioned)
+            before, size = size, _dot_columns(residual, conditioned)
+            search *= _divide(size, before)
+            search += conditioned
+        return found
+
+
+def _dot_columns(left: Floats, right: Floats) -> Floats:
+    return np.asarray(np.einsum("jb,jb->b", left, right))
+
+
+def _divide(above: Floats, below: Floats) -> Floats:
+    """Return the quotients; 0 where a column has nothing left to solve."""
+    return np.divide(above, below, out=np.zeros_like(above), where=below > 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +236,11 @@ class Displacements:
         rows = max(1, max_entries // count)
         product = np.zeros((count, count))
         for start in range(0, len(self.parts[0]), rows):
-            block = self._read_rows(slice(start, start + rows))
+            chosen = [
+                part[start : start + rows, self._choose_columns(first, part)]
+                for first, part in zip(self._starts(), self.parts, strict=True)
+            ]
+            block = np.hstack(chosen).astype(np.float64, copy=False)
             if row_weights is not None:
                 block *= np.sqrt(row_weights[start : start + rows, None])
             product += block.T @ block
@@ -160,14 +263,6 @@ class Displacements:
         parts = [self.multiply(kept[:, s : s + width]) for s in starts]
         parts = [part.astype(self.parts[0].dtype, copy=False) for part in parts]
         return Displacements(tuple(parts), np.arange(count), np.full(count, self.weight / count))
-
-    def _read_rows(self, rows: slice) -> Floats:
-        """Return rows of D, (r, 3k) float64."""
-        chosen = [
-            part[rows][:, self._choose_columns(first, part)]
-            for first, part in zip(self._starts(), self.parts, strict=True)
-        ]
-        return np.hstack(chosen).astype(np.float64, copy=False)
 
     def _starts(self) -> range:
         return range(0, FRAMES_PER_PART * len(self.parts), FRAMES_PER_PART)
@@ -274,19 +369,26 @@ class WeightProblem:
             return Correction(np.zeros((len(self.rest_weights), basis.shape[1])), basis)
 
         m, width = len(self.rest_weights), count_columns(len(self.rest_weights))
+        row_weights = None if self.vertex_weights is None else self.vertex_weights[:, None]
 
         def solve_columns(first: int) -> Correction:
             block = slice(first, first + width)
-            right = self._project_residual(motion, basis[:, block])
+            along = motion.cages.T @ basis[:, block]
+            right = motion.target.multiply(along)
+            right -= self.rest_weights @ (motion.cages @ along)
+            if row_weights is not None:
+                right *= row_weights
             right /= scale
             reached = np.square(right).sum(axis=0) / (gains[block] / scale + self.regularization)
             kept = np.flatnonzero(reached * len(basis) > self.negligible**2 * m)
-            directions = basis[:, first + kept]
+            directions, shifts = basis[:, first + kept], gains[None, first + kept] / scale
+            if row_weights is not None:
+                shifts = row_weights * shifts
             columns = self.surface.solve(
                 np.ascontiguousarray(right[:, kept]),
                 None if start is None else start.express(directions),
                 smoothness=self.smoothness,
-                shifts=self._shift(gains[first + kept] / scale),
+                shifts=shifts + self.regularization,
                 tolerance=self.tolerance,
                 max_steps=self.max_steps,
             )
@@ -326,22 +428,6 @@ class WeightProblem:
         rows = np.linalg.solve(matrices, right[:, :, None])[:, :, 0]
         subspace, factor = np.linalg.qr(basis @ rows)
         return Correction(left @ factor.T, subspace)
-
-    def _shift(self, gains: Floats) -> Floats:
-        """Return g_i Ω + λ, (1, b) or (m, b), for the g_i (b,)."""
-        shifts = gains[None]
-        if self.vertex_weights is not None:
-            shifts = self.vertex_weights[:, None] * shifts
-        return shifts + self.regularization
-
-    def _project_residual(self, motion: Motion, basis: Floats) -> Floats:
-        """Return Ω (D − H B) Bᵀ times basis vectors (n, b), as (m, b)."""
-        along = motion.cages.T @ basis
-        right = motion.target.multiply(along)
-        right -= self.rest_weights @ (motion.cages @ along)
-        if self.vertex_weights is not None:
-            right *= self.vertex_weights[:, None]
-        return right
 
 
 def estimate_memory(m: int, n: int, jobs: int) -> int:

@@ -143,10 +143,7 @@ class Distances:
 class Comparison:
     """The errors of fitted weights, and of the weights they were fitted from, on the same frames.
 
-    Attributes
-    ----------
-    frames : int
-        Frames of the sample that were measured.
+    So many `frames` of the sample were measured.
     """
 
     fitted: Distances
@@ -249,14 +246,9 @@ class FitReport:
 
 @dataclass(frozen=True, slots=True)
 class FittedClip:
-    """A clip that weights were fitted to.
+    """A clip that weights were fitted to: the name of its file, or of its first and last file.
 
-    Attributes
-    ----------
-    name : str
-        Of its file, or of its first and last file.
-    sha256 : str
-        The digest of its files.
+    The digest is that of its files.
     """
 
     name: str
@@ -270,15 +262,7 @@ class FittedClip:
 
 @dataclass(frozen=True, slots=True)
 class FitRecord:
-    """The record of a fit.
-
-    Attributes
-    ----------
-    settings : FitSettings
-        As they were asked for.
-    solve : SolveSettings
-        Of the cages that the weights were fitted with.
-    """
+    """The record of a fit: its settings as they were asked for, and those of the cages."""
 
     settings: FitSettings
     solve: SolveSettings

@@ -76,7 +76,12 @@ class TransferredChange:
         self._fitted = fitted
         self._change = fitted.weights - computed
         if not fitted.has_offsets:
-            _make_affine_exact(self._change, fitted.cage)
+            # What it does to 1 and to the cage's coordinates is rounding, and more for a vertex
+            # outside the cage, which was at another point before.
+            places = fitted.cage.vertices
+            affine = np.column_stack([np.ones(len(places)), places - places.mean(axis=0)])
+            basis = np.linalg.qr(affine)[0]
+            self._change -= (self._change @ basis) @ basis.T
 
     @property
     def model(self) -> TriMesh:
@@ -118,26 +123,21 @@ class TransferredChange:
     def add_gradients_to(self, gradients: Floats, points: Floats) -> None:
         """Add the gradients of the change at points, (m, 3), to those of their weights, (m, n, 3).
 
-        They are exact derivatives. On the surface, they are those along the closest face.
+        They are exact derivatives: those of f Σ_j b_j ΔW_j are f ∇b_j + b_j ∇f, times ΔW_j. On the
+        surface, they are those along the closest face.
         """
 
         def fill(rows: slice) -> None:
-            gradients[rows] += self._compute_gradients(points[rows])
+            places = self.locate(points[rows])
+            fade, slope = compute_fade(places.distances / MAX_TRANSFER_DISTANCE)
+            away, distance = points[rows] - places.nearest.position, places.nearest.distance
+            slope = slope / np.where(distance > 0, distance, 1)  # is 0 where the distance is
+            by_fade = (slope / (MAX_TRANSFER_DISTANCE * self.model.diagonal))[:, None] * away
+            factors = fade[:, None, None] * places.nearest.differentiate_coordinates(places.shares)
+            factors += places.shares[:, :, None] * by_fade[:, None]
+            gradients[rows] += np.matmul(self._change[places.corners].swapaxes(1, 2), factors)
 
         run_blocks(fill, len(points), 1024)  # points at once
-
-    def _compute_gradients(self, points: Floats) -> Floats:
-        """Return the gradients of f Σ_j b_j ΔW_j, (m, n, 3): f ∇b_j + b_j ∇f, times ΔW_j."""
-        places = self.locate(points)
-        fade, slope = compute_fade(places.distances / MAX_TRANSFER_DISTANCE)
-        away, distance = points - places.nearest.position, places.nearest.distance
-        slope = slope / np.where(distance > 0, distance, 1)  # is 0 where the distance is
-        by_fade = (slope / (MAX_TRANSFER_DISTANCE * self.model.diagonal))[:, None] * away
-        by_shares = places.nearest.differentiate_coordinates(places.shares)
-        factors = fade[:, None, None] * by_shares
-        factors += places.shares[:, :, None] * by_fade[:, None]
-        change = self._change[places.corners]
-        return np.asarray(np.matmul(change.swapaxes(1, 2), factors))
 
     def predict_left_out(self, motions: Floats) -> Floats:
         """Return what is transferred to each vertex of the model if its own faces are not there.
@@ -149,10 +149,21 @@ class TransferredChange:
         motions : (m, c)
             What is transferred, at the vertices. It is 0 at vertices that are in no face.
         """
-        rows, ends, shares, distances = _find_sides_across(self.model)
-        fade, _ = compute_fade(distances / (MAX_TRANSFER_DISTANCE * self.model.diagonal))
+        turns = np.concatenate([np.roll(self.model.faces, -k, axis=1) for k in range(3)])
+        corner, start, end = self.model.vertices[turns].swapaxes(0, 1)
+        side = end - start
+        squares = np.einsum("ix,ix->i", side, side)
+        along = np.einsum("ix,ix->i", corner - start, side)
+        share = np.divide(along, squares, out=np.zeros_like(along), where=squares > 0).clip(0, 1)
+        distances = np.linalg.norm(start + share[:, None] * side - corner, axis=1)
+        # Of the sides across from each vertex, the closest.
+        order = np.lexsort((distances, turns[:, 0]))
+        rows, first = np.unique(turns[order, 0], return_index=True)
+        chosen = order[first]
+        shares = np.stack([1 - share[chosen], share[chosen]], axis=1)
+        fade, _ = compute_fade(distances[chosen] / (MAX_TRANSFER_DISTANCE * self.model.diagonal))
         found = np.zeros_like(motions)
-        found[rows] = _make_rows(ends, fade[:, None] * shares, len(motions)) @ motions
+        found[rows] = _make_rows(turns[chosen, 1:], fade[:, None] * shares, len(motions)) @ motions
         return found
 
 
@@ -160,42 +171,3 @@ def _make_rows(places: Integers, shares: Floats, count: int) -> csr_array:
     """Return a matrix (m, count) with the shares (m, k) at the places (m, k) of each row."""
     starts = np.arange(0, places.size + 1, places.shape[1])
     return csr_array((shares.ravel(), places.ravel(), starts), shape=(len(places), count))
-
-
-def _make_affine_exact(change: Floats, cage: TriMesh) -> None:
-    """Take from the change, (m, n), what it does to 1 and to the cage's coordinates, in place.
-
-    That is rounding, and more for a vertex outside the cage, which was at another point before.
-    """
-    n = len(cage.vertices)
-    affine = np.column_stack([np.ones(n), cage.vertices - cage.vertices.mean(axis=0)])
-    basis = np.linalg.qr(affine)[0]
-    change -= (change @ basis) @ basis.T
-
-
-def _find_sides_across(mesh: TriMesh) -> tuple[Integers, Integers, Floats, Floats]:
-    """Find, for each vertex of a face, the closest point on the sides across from it in its faces.
-
-    Returns
-    -------
-    (k,) int64
-        The vertices.
-    (k, 2) int64
-        The ends of the side.
-    (k, 2) float64
-        Their shares in the closest point.
-    (k,) float64
-        Its distance, file units.
-    """
-    turns = np.concatenate([np.roll(mesh.faces, -k, axis=1) for k in range(3)])
-    corner, start, end = mesh.vertices[turns].swapaxes(0, 1)
-    side = end - start
-    squares = np.einsum("ix,ix->i", side, side)
-    along = np.einsum("ix,ix->i", corner - start, side)
-    share = np.divide(along, squares, out=np.zeros_like(along), where=squares > 0).clip(0, 1)
-    distances = np.linalg.norm(start + share[:, None] * side - corner, axis=1)
-    order = np.lexsort((distances, turns[:, 0]))
-    rows, first = np.unique(turns[order, 0], return_index=True)
-    chosen = order[first]
-    shares = np.stack([1 - share[chosen], share[chosen]], axis=1)
-    return rows, turns[chosen, 1:], shares, distances[chosen]

@@ -9,7 +9,7 @@ from cageik_cli.fit.settings import FitRecord
 from cageik_cli.geometry.points import smallest_enclosing_sphere
 from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.method.solve.dual_laplacian import SolveQuality
-from cageik_cli.method.solve.vertex_bound import VertexBound
+from cageik_cli.method.solve.summary import VertexBound
 from cageik_cli.report.figures import (
     ClipRecord,
     FrameRecord,

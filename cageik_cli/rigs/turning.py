@@ -15,8 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cageik_cli.fit.alternate import Alternator, CageSolve
-from cageik_cli.fit.influences import Influences, solve_rows
+from cageik_cli.fit.alternate import Alternator, CageSolve, Influences, solve_rows
 from cageik_cli.fit.problem import ROUNDING_TOL, Displacements, WeightProblem
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.rigs.joints import MAX_ROW_ENTRIES, NORMAL_LENGTH, JointSolver

@@ -245,7 +245,7 @@ def repair_cage_file(
         attributes = cage.mesh.attributes
         counts = None if attributes is None else attributes.corner_counts
         fans = cage.mesh.fan_triangulated
-        repaired = repair_cage(fans, model.mesh, settings.repair, counts, progress.update)
+        repaired = repair_cage(fans, model.mesh, counts, progress.update)
         if not repaired.is_fit:
             left = join_texts("; ", (finding.sentence for finding in repaired.faults))
             raise CageError("cannot be repaired, what is left: " + left)

@@ -1,9 +1,9 @@
 """The settings of commands that build, repair or check a cage. This module imports no numerics."""
 
-from dataclasses import MISSING, dataclass, field
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 
-from cageik_cli.cages.settings import BuildSettings, RepairSettings
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.inputs.settings import (
     CLIP,
@@ -63,7 +63,6 @@ class RepairCageSettings(CommandSettings):
     )
     model: Path = repeat_setting(CageSettings, "model", role="read")
     output: Path = repeat_setting(CageSettings, "output")
-    repair: RepairSettings = field(default_factory=RepairSettings)
     given_in: SceneHints = repeat_setting(CageSettings, "given_in")
     overwrite: bool = declare_overwrite()
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.cages.check.quality import is_too_loose
-from cageik_cli.cages.check.sections import find_shared_sections
+from cageik_cli.cages.check.quality import find_shared_sections, is_too_loose
 from cageik_cli.captured.frames import CapturedBlockSolver
 from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.fit.settings import FitSettings

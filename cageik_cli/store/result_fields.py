@@ -22,7 +22,7 @@ from cageik_cli.method.solve.metrics import (
     find_invalid_metric,
 )
 from cageik_cli.method.solve.regions import MAX_CAGE_FACES, MAX_REGIONS, Region
-from cageik_cli.method.solve.vertex_bound import VertexBound
+from cageik_cli.method.solve.summary import VertexBound
 from cageik_cli.store.hdf5_fields import (
     parse_record,
     read_floats,

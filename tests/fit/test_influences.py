@@ -4,14 +4,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cageik_cli.fit.influences import (
+from cageik_cli.fit.alternate import (
     Influences,
     minimize_on_simplex,
     project_to_simplex,
     refit_influences,
 )
-from cageik_cli.fit.problem import Displacements, Motion, WeightProblem, complement_basis
-from cageik_cli.fit.systems import SurfaceLaplacian
+from cageik_cli.fit.problem import (
+    Displacements,
+    Motion,
+    SurfaceLaplacian,
+    WeightProblem,
+    complement_basis,
+)
 from cageik_cli.geometry.shape import uniform_laplacian
 from tests.fitted import cage_motion, small_binding
 

@@ -5,11 +5,11 @@ from cageik_cli.fit.problem import (
     COMPRESSION_TOL,
     Displacements,
     Motion,
+    SurfaceLaplacian,
     WeightProblem,
     complement_basis,
     restore_affine,
 )
-from cageik_cli.fit.systems import SurfaceLaplacian
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.util.errors import CageError

@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cageik_cli.fit.alternate import CageSolve
-from cageik_cli.fit.influences import Influences
-from cageik_cli.fit.problem import Displacements, WeightProblem, complement_basis
-from cageik_cli.fit.systems import SurfaceLaplacian
+from cageik_cli.fit.alternate import CageSolve, Influences
+from cageik_cli.fit.problem import Displacements, SurfaceLaplacian, WeightProblem, complement_basis
 from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.fit.settings import FitSettings
-from cageik_cli.method.solve.vertex_bound import VertexBound
+from cageik_cli.method.solve.summary import VertexBound
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.store import binding_file
 from cageik_cli.store import result as results

@@ -6,19 +6,14 @@ from functools import partial
 
 import numpy as np
 
+from cageik_cli.cages.builder.collapse import Motion
+from cageik_cli.cages.builder.frame import find_symmetry, pair_exactly
 from cageik_cli.cages.builder.judge import Demand, Verdict, judge
 from cageik_cli.cages.builder.loops import NO_LOOPS, Loops
-from cageik_cli.cages.builder.motion import Motion
 from cageik_cli.cages.builder.quads import describe_few_quads, make_quads
 from cageik_cli.cages.builder.refine import refine_shell, replace_weak_vertices, wrap_ellipsoid
-from cageik_cli.cages.builder.shell import (
-    DistanceGrid,
-    describe_closings,
-    joins_parts,
-    make_shell,
-)
+from cageik_cli.cages.builder.shell import DistanceGrid, describe_closings, joins_parts, make_shell
 from cageik_cli.cages.builder.shift import shift_vertices
-from cageik_cli.cages.builder.symmetry import find_symmetry, pair_exactly
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
@@ -287,10 +282,10 @@ class _Builder:
             self._try_ellipsoids()
         best = self._ranked[:shifts]
         for step in self._try_shifts(best):
-            progress(rungs + step, rungs + shifts)
+            report(rungs + step)
         if self._settings.quads and self._valid:
             self._make_quads()
-        progress(rungs + shifts, rungs + shifts)
+        report(rungs + shifts)
         return self._choose_best()
 
     def _try_shells(self, rungs: range, progress: Callable[[int], None]) -> None:
@@ -305,7 +300,11 @@ class _Builder:
 
     def _try_shell(self, offset: float, closing: float) -> None:
         """Try a cage made of a shell, if the grid carries it; a motion keeps vertices it needs."""
-        shell = make_shell(self._find_grid(offset), offset, closing)
+        # A shell on the coarse grid is further away than a cell, so that the grid resolves it.
+        cell, reach = COARSE_GRID if offset > COARSE_GRID[0] else FINE_GRID
+        if cell not in self._grids:
+            self._grids[cell] = DistanceGrid(self._demand.surface, cell, reach)
+        shell = make_shell(self._grids[cell], offset, closing)
         if shell is None:
             return
         cage, loops = refine_shell(
@@ -328,11 +327,9 @@ class _Builder:
             if stronger is not cage:
                 replaced = self._make_candidate(name, stronger, offset, notes)
                 candidate = replaced if replaced.verdict.is_valid else candidate
-        candidate = replace(candidate, loops=loops)
         holes = max(0, candidate.verdict.genus - self._demand.holes)
-        self._add(
-            replace(candidate, joined_holes=joins_parts(shell, self._demand.is_closed) * holes)
-        )
+        joined = joins_parts(shell, self._demand.is_closed) * holes
+        self._add(candidate, loops=loops, joined_holes=joined)
 
     def _try_ellipsoids(self) -> None:
         """Try loose cages: an ellipsoid drawn in, and where that fails, as it is."""
@@ -358,7 +355,7 @@ class _Builder:
         for step, (candidate, (cage, moved)) in enumerate(zip(candidates, shifted, strict=True)):
             recipe = f"{candidate.recipe}, {moved} vertices shifted"
             made = self._make_candidate(recipe, cage, candidate.offset, candidate.notes)
-            self._add(replace(made, loops=candidate.loops))
+            self._add(made, loops=candidate.loops)
             yield step + 1
 
     def _make_quads(self) -> None:
@@ -375,7 +372,7 @@ class _Builder:
         else:
             kept = replace(best, notes=(*best.notes, NO_QUADS))
             self._tried = [kept if c is best else c for c in self._tried]
-        self._add(replace(made, loops=best.loops, joined_holes=best.joined_holes))
+        self._add(made, loops=best.loops, joined_holes=best.joined_holes)
 
     def _make_candidate(
         self, recipe: str, cage: TriMesh, offset: float, notes: tuple[str, ...]
@@ -385,19 +382,12 @@ class _Builder:
         back = TriMesh(self._demand.frame.to_units(placed.vertices), cage.faces)
         return Candidate(recipe, placed, judge(back, self._demand), offset, notes=notes)
 
-    def _add(self, candidate: Candidate) -> None:
-        """Add a candidate, with its error if it is valid and there is a clip."""
+    def _add(self, candidate: Candidate, loops: Loops = NO_LOOPS, joined_holes: int = 0) -> None:
+        """Add a candidate with its loops, and its error if it is valid and there is a clip."""
+        error = None
         if self._clip is not None and candidate.verdict.is_valid:
-            candidate = replace(candidate, error=self._clip.measure(candidate.cage))
-        self._tried.append(candidate)
-
-    def _find_grid(self, offset: float) -> DistanceGrid:
-        """Return the grid on which a shell is made, measured when it is first needed."""
-        # A shell on the coarse grid is further away than a cell, so that the grid resolves it.
-        cell, reach = COARSE_GRID if offset > COARSE_GRID[0] else FINE_GRID
-        if cell not in self._grids:
-            self._grids[cell] = DistanceGrid(self._demand.surface, cell, reach)
-        return self._grids[cell]
+            error = self._clip.measure(candidate.cage)
+        self._tried.append(replace(candidate, loops=loops, joined_holes=joined_holes, error=error))
 
     def _choose_best(self) -> BuiltCage:
         """Take the valid candidate of the least error, or else from the tightest shell."""

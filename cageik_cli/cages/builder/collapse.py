@@ -6,13 +6,15 @@ differ, the two are one.
 
 import heapq
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import igl
 import numpy as np
+from scipy.spatial import cKDTree
 
-from cageik_cli.cages.builder.motion import Motion
+from cageik_cli.cages.builder.frame import MIN_PLANE_DISTANCE, add_image, take_half
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.points import choose_farthest
 from cageik_cli.geometry.shape import cross, measure_angles
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -29,52 +31,137 @@ MAX_SLIMMED_VERTICES = 10_000
 """Vertices of a shell from which quadrics thin it. Of twice as many or more, short edges are
 collapsed first, in half the time, and the surface stays the same to 0.2 % of its volume."""
 
+COLLAPSE_LIMITS = ((6.0, 10, 0.2), (3.0, 11, 0.0), (0.5, 14, -0.3))
+"""What collapses leave: degrees that angles of faces keep, unless they had less; edges at a vertex,
+at most; and the cosine between the normals of a face before and after, at least. Each row is for
+what collapses within those before cannot do."""
 
-class CollapseLimits(NamedTuple):
-    """What collapses leave.
+POSE_TOL = 1e-9
+"""Frames that differ by a smaller root mean square, in diagonals, are one pose: moves round."""
+
+
+class Motion:
+    """A model in its rest pose and in others, each moved rigidly onto the rest pose.
+
+    Parameters
+    ----------
+    rest : (m, 3) float64
+    frames : (k, m, 3) float64
+        In any place.
 
     Attributes
     ----------
-    angle : float
-        Degrees that faces keep, unless they had less.
-    valence : int
-        Edges at a vertex, at most.
-    cosine : float
-        Between the normals of a face before and after, at least.
+    poses : (p, m, 3) float64
+        The frames that differ most from the rest pose and from each other.
+    points : (s, 3) float64
+        Some of the vertices, in the rest pose.
+    displacements : (s, r) float64
+        Displacements of these in all frames, reduced to their main directions: left singular
+        vectors times their singular values.
     """
 
-    angle: float
-    valence: int
-    cosine: float
+    def __init__(self, rest: Floats, frames: Floats) -> None:
+        self._rest = rest
+        # Each frame is moved rigidly onto the rest pose.
+        centre = rest.mean(axis=0)
+        centred = frames - frames.mean(axis=1, keepdims=True)
+        turns = _find_turns(np.einsum("kmx,my->kxy", centred, rest - centre))
+        aligned = np.einsum("kmx,kxy->kmy", centred, turns) + centre
+
+        def measure(pose: Floats) -> Floats:
+            squares = ((aligned - pose) ** 2).sum(axis=2).mean(axis=1)
+            return np.where(squares > POSE_TOL**2, squares, 0.0)
+
+        chosen = choose_farthest(min(8, len(frames)), measure(rest), lambda k: measure(aligned[k]))
+        self.poses = aligned[chosen]
+        step = max(1, -(-len(rest) // 1200))
+        self.points = rest[::step]
+        moves = (aligned[:, ::step] - self.points).transpose(1, 0, 2).reshape(len(self.points), -1)
+        left, size, _ = np.linalg.svd(moves, full_matrices=False)
+        self.displacements = left[:, :40] * size[:40]
+
+    def carry(self, points: Floats) -> Floats:
+        """Return where points beside the rest pose go in the poses, (p, n, 3).
+
+        Each follows the best rigid motion of the model's vertices near it (Müller et al. 2005).
+        """
+        distance, near = cKDTree(self._rest).query(points, min(24, len(self._rest)))
+        near = near.reshape(len(points), -1)
+        # Vertices around that are no further than this, in diagonals, count about equally.
+        weight = 1 / (distance.reshape(len(points), -1) + 0.01) ** 2
+        weight /= weight.sum(axis=1, keepdims=True)
+        source = self._rest[near]
+        centre = np.einsum("pn,pnx->px", weight, source)
+        spread = source - centre[:, None]
+        carried = np.empty((len(self.poses), len(points), 3))
+        for k, pose in enumerate(self.poses):
+            target = pose[near]
+            middle = np.einsum("pn,pnx->px", weight, target)
+            turn = _find_turns(np.einsum("pn,pnx,pny->pxy", weight, spread, target))
+            carried[k] = middle + np.einsum("px,pxy->py", points - centre, turn)
+        return carried
 
 
-COLLAPSE_LIMITS = tuple(
-    CollapseLimits(*row) for row in ((6.0, 10, 0.2), (3.0, 11, 0.0), (0.5, 14, -0.3))
-)
-"""Each is for what collapses within those before cannot do."""
+def _find_turns(products: Floats) -> Floats:
+    """Return the rotations R with rows x R nearest to y, from Σ xᵀy, (p, 3, 3) (Kabsch 1976)."""
+    left, _, right = np.linalg.svd(products)
+    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    return np.asarray(left @ right)
 
 
 def collapse_edges(
-    cage: TriMesh, count: int, motion: Motion | None, evenness: float = MIN_EVENNESS
+    cage: TriMesh,
+    count: int,
+    motion: Motion | None,
+    evenness: float = MIN_EVENNESS,
+    *,
+    fixed: int = 0,
+    axis: int | None = None,
 ) -> TriMesh:
     """Collapse edges until there are `count` vertices, or none is left that may be collapsed.
 
     The cost of a collapse is the sum over the rest pose and those of the motion, each with its own
     best place, so that vertices stay where any pose bends.
+
+    Parameters
+    ----------
+    fixed : int
+        So many vertices, the first ones, stay where they are.
+    axis : int, optional
+        That across the plane of a cage that is its own mirror image, and stays so; vertices are
+        then `count`, or one less. Such a cage has no motion and no fixed vertices.
     """
     for limits in COLLAPSE_LIMITS:
-        if len(cage.vertices) > count:
-            cage = Collapser(cage, motion, evenness, limits).run(count)
+        if len(cage.vertices) <= count:
+            break
+        if axis is None:
+            cage = Collapser(cage, motion, evenness, limits, fixed).run(count)
+        else:
+            cage = add_image(_HalfCollapser(cage, axis, evenness, limits).run(count), axis)
     return cage
 
 
 class Collapser:
-    """A mesh in all poses, its quadrics, and a queue of the collapses that are possible."""
+    """A mesh in all poses, its quadrics, and a queue of the collapses that are possible.
+
+    Parameters
+    ----------
+    limits : tuple
+        A row of `COLLAPSE_LIMITS`.
+    fixed : int
+        So many vertices, the first ones, stay where they are.
+    """
 
     def __init__(
-        self, cage: TriMesh, motion: Motion | None, evenness: float, limits: CollapseLimits
+        self,
+        cage: TriMesh,
+        motion: Motion | None,
+        evenness: float,
+        limits: tuple[float, int, float],
+        fixed: int = 0,
     ) -> None:
-        self._evenness, self._limits = evenness, limits
+        self._evenness, self._fixed = evenness, fixed
+        self._min_angle, self._max_valence, self._min_cosine = limits
         carried = [] if motion is None else [motion.carry(cage.vertices)]
         self._places = np.concatenate([cage.vertices[None], *carried])
         self._quadrics = np.array([vertex_quadrics(TriMesh(p, cage.faces)) for p in self._places])
@@ -104,6 +191,7 @@ class Collapser:
 
     def _push(self, ends: Integers) -> None:
         """Queue the collapses of edges, (e, 2)."""
+        ends = ends[ends.max(axis=1) >= self._fixed]
         costs, targets = self._weigh(ends)
         for (a, b), cost, target in zip(ends.tolist(), costs.tolist(), targets, strict=True):
             item = (cost, a, b, int(self._age[a]), int(self._age[b]), len(self._targets))
@@ -112,13 +200,23 @@ class Collapser:
 
     def _weigh(self, ends: Integers) -> tuple[Floats, Floats]:
         """Return the costs of collapses, (e,), and the best places in all poses, (e, p, 3)."""
-        return collapse_costs(self._quadrics, self._places, ends, self._evenness)
+        costs, targets = collapse_costs(self._quadrics, self._places, ends, self._evenness)
+        if self._fixed:
+            is_fixed = ends < self._fixed
+            one = is_fixed.any(axis=1)
+            targets[one] = self._places[:, ends[is_fixed]].transpose(1, 0, 2)
+            total = self._quadrics[:, ends[one]].sum(axis=2)
+            places = np.concatenate([targets[one], np.ones((*targets[one].shape[:2], 1))], axis=2)
+            costs[one] = np.einsum("epi,peij,epj->e", places, total, places)
+        return costs, targets
 
     def _collapse(self, a: int, b: int, places: Floats) -> None:
         """Merge b into a if the surface stays manifold and its faces keep their shape.
 
-        `places` (p, 3) is where the vertex goes in the poses.
+        `places` (p, 3) is where the vertex goes in the poses. Of two, a fixed one is left.
         """
+        if b < self._fixed:
+            a, b = b, a
         if self._stays_manifold(a, b) and self._keeps_shape(a, b, places[0]):
             self._merge(a, b, places)
 
@@ -128,7 +226,7 @@ class Collapser:
         valence = len(self._around[a]) + len(self._around[b]) - 4
         if len(common) != 2 or min(len(self._around[c]) for c in common) <= 3:
             return False
-        return valence <= self._limits.valence
+        return valence <= self._max_valence
 
     def _keeps_shape(self, a: int, b: int, place: Floats) -> bool:
         """Return whether faces neither turn over nor become needles in the rest pose."""
@@ -141,10 +239,10 @@ class Collapser:
         normals = [cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (old, moved)]
         lengths = [np.linalg.norm(normal, axis=1) for normal in normals]
         cosine = (normals[0] * normals[1]).sum(axis=1)
-        if (cosine < self._limits.cosine * lengths[0] * lengths[1]).any() or lengths[1].min() == 0:
+        if (cosine < self._min_cosine * lengths[0] * lengths[1]).any() or lengths[1].min() == 0:
             return False
         angle = measure_angles(moved).min()
-        return bool(angle >= self._limits.angle or angle >= measure_angles(old).min())
+        return bool(angle >= self._min_angle or angle >= measure_angles(old).min())
 
     def _merge(self, a: int, b: int, places: Floats) -> None:
         self._left -= 1
@@ -166,6 +264,73 @@ class Collapser:
         self._age[[a, b]] += 1
         ring = sorted(self._around[a])
         self._push(np.array([[min(a, other), max(a, other)] for other in ring]))
+
+
+class _HalfCollapser(Collapser):
+    """The part of a cage above the plane where the coordinate of `axis` is 0; its border stays.
+
+    The cage is its own mirror image to the last bit, and no edge crosses the plane: it is cut along
+    edges on it. Vertices and edges are counted in the whole cage.
+    """
+
+    def __init__(
+        self, cage: TriMesh, axis: int, evenness: float, limits: tuple[float, int, float]
+    ) -> None:
+        half = take_half(cage, axis)
+        self._axis, self._on_plane = axis, half.vertices[:, axis] == 0
+        super().__init__(half, None, evenness, limits)
+        self._left = 2 * len(half.vertices) - int(self._on_plane.sum())
+
+    def _weigh(self, ends: Integers) -> tuple[Floats, Floats]:
+        costs, targets = super()._weigh(ends)
+        count = self._on_plane[ends].sum(axis=1)
+        if (at := count > 0).any():
+            # Collapses onto the plane are weighed by quadrics that have no terms mixed with its
+            # axis: those are the mean of a quadric and its mirror image.
+            quadrics, places = self._quadrics[:, ends[at]], self._places[:, ends[at]]
+            others = np.arange(4) != self._axis
+            quadrics[..., self._axis, others] = quadrics[..., others, self._axis] = 0
+            height = places[..., self._axis].max(axis=2)
+            places[..., self._axis] = 0
+            numbers = np.arange(2 * int(at.sum())).reshape(-1, 2)
+            flat = (quadrics.reshape(1, -1, 4, 4), places.reshape(1, -1, 3))
+            costs[at], targets[at] = collapse_costs(*flat, numbers, self._evenness)
+            size = np.trace(quadrics.sum(axis=2)[..., :3, :3], axis1=2, axis2=3)
+            targets[at, :, self._axis] = 0
+            costs[at] += (self._evenness * size * height**2).sum(axis=0)
+        # What a pair of vertices costs is that of one, twice: on the plane only one is saved.
+        return np.where(count == 2, 2 * costs, costs), targets
+
+    def _collapse(self, a: int, b: int, places: Floats) -> None:
+        if self._on_plane[b]:
+            a, b = b, a
+        if self._on_plane[a] or places[0, self._axis] > MIN_PLANE_DISTANCE:
+            super()._collapse(a, b, places)
+
+    def _stays_manifold(self, a: int, b: int) -> bool:
+        """Return whether a merge leaves a manifold, seen in the whole cage."""
+        common = self._around[a] & self._around[b]
+        is_border = self._on_plane[b]
+        if len(common) != (1 if is_border else 2):
+            return False
+        ring = (self._around[a] | self._around[b]) - {a, b}
+        if self._on_plane[a] and self._count_on_plane(ring) != 2:
+            return False  # an edge that crosses the plane, or lies on it twice
+        if min(self._count_edges(c, self._around[c]) for c in common) <= 3:
+            return False
+        return self._count_edges(a, ring) <= self._max_valence
+
+    def _count_on_plane(self, vertices: set[int]) -> int:
+        return int(self._on_plane[list(vertices)].sum())
+
+    def _count_edges(self, vertex: int, ring: set[int]) -> int:
+        """Return edges of the whole cage at a vertex, by the ring of its neighbours in the half."""
+        on_plane = self._count_on_plane(ring)
+        return 2 * len(ring) - on_plane if self._on_plane[vertex] else len(ring)
+
+    def _merge(self, a: int, b: int, places: Floats) -> None:
+        self._left -= 0 if self._on_plane[b] else 1
+        super()._merge(a, b, places)
 
 
 def vertex_quadrics(mesh: TriMesh) -> Floats:

@@ -9,6 +9,7 @@ import igl
 import igl.predicates
 import numpy as np
 
+from cageik_cli.cages.builder.frame import MIN_PLANE_DISTANCE, find_partners, reflect
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import cross, measure_angles
@@ -20,6 +21,9 @@ MIN_FOLD_COSINE = -0.94
 
 Edge = tuple[int, int]
 """Two vertices, the lower first."""
+
+MIN_KEPT_ANGLE = 10.0
+"""Degrees that new faces keep where vertices are taken away, unless the old ones had less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,11 +71,7 @@ class Draft:
     """
 
     def __init__(
-        self,
-        cage: TriMesh,
-        samples: Floats,
-        clearance: float,
-        kept: frozenset[Edge] = frozenset(),
+        self, cage: TriMesh, samples: Floats, clearance: float, kept: frozenset[Edge] = frozenset()
     ) -> None:
         self.volume = cage.volume
         self.vertices = cage.vertices.copy()
@@ -134,12 +134,28 @@ class Draft:
         return True
 
     def allows(self, edit: Edit) -> bool:
-        """Return whether the cage stays sound by an edit."""
+        """Return whether the cage stays sound by an edit.
+
+        No edge that is kept is taken away, no two faces at a side are folded onto each other more
+        than before, and new faces meet others only at the vertices and edges that they share.
+        """
+        if self._kept:
+            before, after = (
+                {name_edge(face[k - 1], face[k]) for face in faces.tolist() for k in range(3)}
+                for faces in (self.faces[edit.removed], edit.added)
+            )
+            if (before & self._kept) - after:
+                return False
+        vertices = self.vertices.copy()
+        vertices[edit.vertex] = edit.position
+        rest = np.delete(self.faces, edit.removed, axis=0)
+        beside = rest[np.isin(rest, edit.added).sum(axis=1) >= 2]
+        fold = _find_sharpest_fold(vertices, edit.added, beside)
+        is_open = fold >= MIN_FOLD_COSINE or fold >= _find_sharpest_fold(
+            self.vertices, self.faces[edit.removed], beside
+        )
         return (
-            self._keeps_edges(edit)
-            and self._stays_open(edit)
-            and self.keeps_clear(edit)
-            and self._stays_intersection_free(edit)
+            is_open and self.keeps_clear(edit) and are_intersection_free(vertices, edit.added, rest)
         )
 
     def is_divisible(self, start: int, stop: int) -> bool:
@@ -240,39 +256,126 @@ class Draft:
         faces = np.concatenate([added, self.faces[edit.removed][:, ::-1]])
         return np.abs(measure_winding(vertices, faces, samples)) >= 0.5
 
-    def _keeps_edges(self, edit: Edit) -> bool:
-        """Return whether no edge that is kept is taken away."""
-        if not self._kept:
-            return True
-        before, after = (
-            {name_edge(face[k - 1], face[k]) for face in faces.tolist() for k in range(3)}
-            for faces in (self.faces[edit.removed], edit.added)
-        )
-        return not (before & self._kept) - after
-
     def _place_corners(self, edit: Edit) -> Floats:
         """Return the corners of the faces that an edit adds, (a, 3, 3)."""
         corners = self.vertices.take(edit.added, axis=0)
         corners[edit.added == edit.vertex] = edit.position
         return corners
 
-    def _stays_open(self, edit: Edit) -> bool:
-        """Return whether no two faces at a side are folded onto each other, more than before."""
-        vertices = self.vertices.copy()
-        vertices[edit.vertex] = edit.position
-        rest = np.delete(self.faces, edit.removed, axis=0)
-        beside = rest[np.isin(rest, edit.added).sum(axis=1) >= 2]
-        after = _find_sharpest_fold(vertices, edit.added, beside)
-        if after >= MIN_FOLD_COSINE:
-            return True
-        return after >= _find_sharpest_fold(self.vertices, self.faces[edit.removed], beside)
 
-    def _stays_intersection_free(self, edit: Edit) -> bool:
-        """Return whether new faces meet no face but at the vertices and edges that they share."""
-        vertices = self.vertices.copy()
-        vertices[edit.vertex] = edit.position
-        rest = np.delete(self.faces, edit.removed, axis=0)
-        return are_intersection_free(vertices, edit.added, rest)
+class PairedDraft(Draft):
+    """A draft that makes every edit on both sides of the plane, or on none.
+
+    Parameters are those of `Draft`; the cage and the samples are their own mirror images.
+    """
+
+    def __init__(self, cage: TriMesh, samples: Floats, clearance: float, axis: int) -> None:
+        super().__init__(cage, samples, clearance)
+        self._axis = axis
+        self._partner = find_partners(cage.vertices, axis)
+
+    def take(self, edit: Edit) -> bool:
+        """Make the edit and its mirror image if the cage stays sound; return whether it did."""
+        before = self.vertices, self.faces
+        self.vertices = self.vertices.copy()
+        if self._take_both(edit):
+            return True
+        self.vertices, self.faces = before
+        return False
+
+    def split(self, start: int, stop: int) -> int:
+        """Put vertices on the middles of an edge and of its mirror image."""
+        first, second = self._partner[[start, stop]].tolist()
+        middle = super().split(start, stop)
+        self._partner = np.append(self._partner, middle)
+        if self.count_split(start, stop) == 2:
+            image = super().split(first, second)
+            self._partner[middle] = image
+            self._partner = np.append(self._partner, middle)
+        return middle
+
+    def count_split(self, start: int, stop: int) -> int:
+        """Return 1 for an edge on the plane, else 2: its mirror image is split, too."""
+        return 1 if {*self._partner[[start, stop]].tolist()} == {start, stop} else 2
+
+    def _take_both(self, edit: Edit) -> bool:
+        """Make the edit and then its image; what was made stays if the other is not sound."""
+        vertex, partner = edit.vertex, int(self._partner[edit.vertex])
+        gone = np.setdiff1d(self.faces[edit.removed], edit.added)
+        if partner == vertex:
+            position = np.where(np.arange(3) == self._axis, 0.0, edit.position)
+            edit = Edit(edit.removed, edit.added, vertex, position)
+            if self.angles(edit).min() < min(MIN_KEPT_ANGLE, self.angles_before(edit).min()):
+                return False
+        else:
+            side = np.sign(self.vertices[vertex, self._axis])
+            leaves_side = side * edit.position[self._axis] < MIN_PLANE_DISTANCE
+            if leaves_side or (self._partner[gone] == gone).any():
+                return False
+        images = self._partner[self.faces[edit.removed]]
+        is_own_image = set(_find_rows(self.faces, images)) == set(edit.removed.tolist())
+        if is_own_image and len(edit.removed) == 2:
+            return False  # an edge on the plane that is flipped crosses it
+        is_move = np.array_equal(edit.added, self.faces[edit.removed])
+        if not super().take(edit):
+            return False
+        if is_own_image:
+            return True
+        position = reflect(edit.position, self._axis)
+        if is_move:
+            return super().take(move_vertex(self, partner, position))
+        if len(gone):
+            image = collapse_edge(self, partner, int(self._partner[gone[0]]), position)
+        else:
+            added = self._partner[edit.added][:, ::-1]
+            removed = np.array(_find_rows(self.faces, images))
+            image = Edit(removed, added, partner, position)
+        if image is None or not super().take(image):
+            return False
+        edges = TriMesh(self.vertices, self.faces).edges
+        return bool((edges.face_counts == 2).all() and edges.is_balanced.all())
+
+
+def _find_rows(faces: Integers, wanted: Integers) -> list[int]:
+    """Return numbers of the faces that have the vertices of those wanted, in any order."""
+    known = {tuple(face): number for number, face in enumerate(np.sort(faces, axis=1).tolist())}
+    return [known[tuple(face)] for face in np.sort(wanted, axis=1).tolist()]
+
+
+def move_vertex(draft: Draft, vertex: int, position: Floats) -> Edit:
+    """Move a vertex."""
+    around = draft.faces_at(vertex)
+    return Edit(around, draft.faces[around], vertex, position)
+
+
+def flip_edge(draft: Draft, start: int, stop: int) -> Edit | None:
+    """Put the other diagonal in the place of an edge; None if that is an edge already."""
+    beside = draft.faces_at_edge(start, stop)
+    if len(beside) != 2:
+        return None
+    corners = draft.faces[beside]
+    across = corners[(corners != start) & (corners != stop)].tolist()
+    if across[0] == across[1] or across[1] in draft.neighbours(across[0]):
+        return None
+    # The first face has the edge forward or backward; its orientation is handed on.
+    face = draft.faces[beside[0]].tolist()
+    forward = face[(face.index(start) + 1) % 3] == stop
+    a, b = (start, stop) if forward else (stop, start)
+    added = np.array([[across[0], a, across[1]], [across[1], b, across[0]]])
+    return Edit(beside, added, start, draft.vertices[start])
+
+
+def collapse_edge(draft: Draft, start: int, stop: int, position: Floats) -> Edit | None:
+    """Merge the end of an edge into its start; None if the surface would not stay manifold."""
+    common = np.intersect1d(draft.neighbours(start), draft.neighbours(stop))
+    if len(common) != 2 or len(draft.faces) <= 4:
+        return None
+    if min(len(draft.faces_at(vertex)) for vertex in common) <= 3:
+        return None
+    removed = np.union1d(draft.faces_at(start), draft.faces_at(stop))
+    added = np.where(draft.faces[removed] == stop, start, draft.faces[removed])
+    added = added[(added == start).sum(axis=1) == 1]
+    return Edit(removed, added, start, position)
 
 
 def name_edge(start: int, stop: int) -> Edge:
@@ -304,24 +407,24 @@ def are_intersection_free(vertices: Floats, added: Integers, others: Integers) -
     near = (low[:count, None] <= high).all(axis=2) & (low <= high[:count, None]).all(axis=2)
     near &= np.arange(count)[:, None] < np.arange(len(faces))
     first, second = np.nonzero(near)
-    shared = (faces[first][:, :, None] == faces[second][:, None]).any(axis=2).sum(axis=1)
-    return not (
-        (shared == 3).any()
-        or _any_folds_flat(vertices, faces, first[shared == 2], second[shared == 2])
-        or _any_pierces(vertices, faces, first[shared < 2], second[shared < 2])
-    )
-
-
-def _any_folds_flat(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
-    """Return whether faces that share a side lie in a plane, on one side of it."""
-    a, b = vertices[faces[first]], faces[second]
-    alone = ~(b[:, :, None] == faces[first][:, None]).any(axis=2)
-    tip = vertices[b[alone]]
-    flat = _orient(a[:, 0], a[:, 1], a[:, 2], tip) == 0
-    if not flat.any():
+    shared = _shares_corner(faces[first], faces[second]).sum(axis=1)
+    if (shared == 3).any():
         return False
-    normal = [np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (a[flat], vertices[b[flat]])]
-    return bool(((normal[0] * normal[1]).sum(axis=1) <= 0).any())
+    # Faces that share a side may not lie in a plane, on one side of it.
+    beside, others = faces[first[shared == 2]], faces[second[shared == 2]]
+    a, tip = vertices[beside], vertices[others[~_shares_corner(others, beside)]]
+    flat = _orient(a[:, 0], a[:, 1], a[:, 2], tip) == 0
+    if flat.any():
+        pair = a[flat], vertices[others[flat]]
+        one, other = (np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in pair)
+        if ((one * other).sum(axis=1) <= 0).any():
+            return False
+    return not _any_pierces(vertices, faces, first[shared < 2], second[shared < 2])
+
+
+def _shares_corner(faces: Integers, others: Integers) -> Mask:
+    """Return which corners of faces, (k, c), are vertices of others, (k, 3), row by row."""
+    return np.asarray((faces[:, :, None] == others[:, None]).any(axis=2))
 
 
 def _any_pierces(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
@@ -330,7 +433,7 @@ def _any_pierces(vertices: Floats, faces: Integers, first: Integers, second: Int
     for one, other in ((faces[first], faces[second]), (faces[second], faces[first])):
         for k in range(3):
             side = one[:, [k, k - 1]]
-            free = ~(side[:, :, None] == other[:, None]).any(axis=(1, 2))
+            free = ~_shares_corner(side, other).any(axis=1)
             sides.append(side[free])
             triangles.append(other[free])
     p, q = (vertices[np.concatenate(sides)[:, k]] for k in range(2))
@@ -340,19 +443,16 @@ def _any_pierces(vertices: Floats, faces: Integers, first: Integers, second: Int
     if not doubtful.any():
         return False
     if ((before == 0) & (behind == 0)).any():
-        return _any_meets(vertices, faces[first], faces[second])
+        # Some share a plane.
+        both = np.concatenate([faces[first], faces[second]])
+        both, number = np.unique(both, axis=0, return_inverse=True)
+        used, local = np.unique(both, return_inverse=True)
+        pairs = self_intersections(TriMesh(vertices[used], local.reshape(-1, 3)))
+        asked = np.sort(number.reshape(2, -1).T)
+        return bool((pairs[:, None] == asked).all(axis=2).any())
     p, q, a, b, c = (points[doubtful] for points in (p, q, a, b, c))
     turns = np.stack([_orient(p, q, *pair) for pair in ((a, b), (b, c), (c, a))])
     return bool(((turns.min(axis=0) >= 0) | (turns.max(axis=0) <= 0)).any())
-
-
-def _any_meets(vertices: Floats, first: Integers, second: Integers) -> bool:
-    """Return whether pairs of faces, (k, 3) each, meet improperly; also if they share a plane."""
-    both, number = np.unique(np.concatenate([first, second]), axis=0, return_inverse=True)
-    used, local = np.unique(both, return_inverse=True)
-    pairs = self_intersections(TriMesh(vertices[used], local.reshape(-1, 3)))
-    asked = np.sort(number.reshape(2, -1).T)
-    return bool((pairs[:, None] == asked).all(axis=2).any())
 
 
 def _orient(a: Floats, b: Floats, c: Floats, d: Floats) -> Integers:

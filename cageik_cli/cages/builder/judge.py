@@ -6,8 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.cages.builder.collapse import euler_characteristic
-from cageik_cli.cages.builder.frame import Frame, round_places, sort_mesh
-from cageik_cli.cages.builder.symmetry import MirrorFrame, add_image, mirror_points
+from cageik_cli.cages.builder.frame import (
+    Frame,
+    MirrorFrame,
+    add_image,
+    mirror_points,
+    round_places,
+    sort_mesh,
+)
 from cageik_cli.cages.check.faults import find_cage_faults
 from cageik_cli.cages.check.quality import MIN_ANGLE, find_thin_parts
 from cageik_cli.cages.settings import BuildSettings
@@ -150,13 +156,20 @@ class Verdict:
 
 
 def judge(cage: TriMesh, demand: Demand) -> Verdict:
-    """Test a cage against what it must do."""
+    """Test a cage against what it must do: alone, and if it is sound, around the model."""
     faults = _list_own_faults(cage, demand)
     clearance = 0.0
     if not faults:
         distances, _ = find_near_points(demand.surface, cage, 2 * demand.clearance)
         clearance = float(distances.min(initial=np.inf))
-        faults = _list_holding_faults(cage, demand, clearance)
+        count = len(demand.samples)
+        if outside := np.count_nonzero(winding_numbers(cage, demand.samples) < 0.5):
+            faults = (f"leaves {outside} of {count} surface points outside",)
+        elif len(pairs := crossing_face_pairs(demand.surface, cage, 0.0)):
+            faults = (f"is crossed by {len(np.unique(pairs[:, 0]))} faces of the model",)
+        elif clearance < demand.clearance:
+            share = clearance / demand.clearance
+            faults = (f"is nearer to the model than asked for, {share:.2g} of the clearance",)
     return Verdict(
         faults=faults,
         genus=1 - euler_characteristic(cage) // 2,
@@ -179,19 +192,6 @@ def _list_own_faults(cage: TriMesh, demand: Demand) -> tuple[str, ...]:
             return (f"has an angle of {angle:.2g} degrees, expected {MIN_ANGLE:g} or more",)
         findings = tuple(find_thin_parts(cage))
     return tuple(finding.message.removeprefix("the cage ") for finding in findings)
-
-
-def _list_holding_faults(cage: TriMesh, demand: Demand, clearance: float) -> tuple[str, ...]:
-    """Return the faults of the cage around the model."""
-    outside = np.count_nonzero(winding_numbers(cage, demand.samples) < 0.5)
-    if outside:
-        return (f"leaves {outside} of {len(demand.samples)} surface points outside",)
-    if len(pairs := crossing_face_pairs(demand.surface, cage, 0.0)):
-        return (f"is crossed by {len(np.unique(pairs[:, 0]))} faces of the model",)
-    if clearance < demand.clearance:
-        share = clearance / demand.clearance
-        return (f"is nearer to the model than asked for, {share:.2g} of the clearance",)
-    return ()
 
 
 def find_near_points(surface: TriMesh, cage: TriMesh, limit: float) -> tuple[Floats, Floats]:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import igl
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
 
-from cageik_cli.cages.builder.collapse import COLLAPSE_LIMITS, CollapseLimits, Collapser
+from cageik_cli.cages.builder.collapse import Motion
 from cageik_cli.cages.builder.draft import Edge, name_edge
-from cageik_cli.cages.builder.limbs import Limb, find_centre, find_limbs, measure_length
-from cageik_cli.cages.builder.motion import Motion
 from cageik_cli.geometry.mesh import Edges, TriMesh
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
@@ -40,6 +40,24 @@ no other loop is needed; above the second, loops are added while others are apar
 EXPECTED_BEND = 0.15
 """How far a limb will bend off the tube where no animation is known, over the distance from the
 nearest loop."""
+
+MIN_LIMB_LENGTH = 0.06
+"""How far a limb goes, in diagonals, at least."""
+
+MIN_LIMB_SLENDERNESS = 1.1
+"""The length of a limb over its mean width, at least."""
+
+BASE_MARGIN = 0.05
+"""What part of a limb is left between its base and what it meets, which may be another limb."""
+
+MAX_DEPTH_SOURCES = 100
+"""Vertices from which distances over a shell are measured, at most."""
+
+DEPTH_SMOOTHINGS = 3
+"""How often depths are averaged with those beside them: distances along edges are uneven."""
+
+LINE_POINTS = 24
+"""Points of the centre line of a limb."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,6 +101,159 @@ def place_edge_loops(shell: TriMesh, count: int, motion: Motion | None) -> tuple
     plans = [LoopPlan(shell, limb, motion, count) for limb in find_limbs(shell)]
     chosen = _choose_limbs(shell, plans, int(MAX_LOOP_SHARE * count))
     return (shell, NO_LOOPS) if not chosen else _replace_limbs(shell, chosen)
+
+
+class CentreLine:
+    """A polyline that goes on straight at both ends. Heights are lengths along it from its start.
+
+    Parameters
+    ----------
+    points : (j, 3) float64
+    """
+
+    def __init__(self, points: Floats) -> None:
+        self._points, self._sides = points[:-1], np.diff(points, axis=0)
+        self._lengths = np.linalg.norm(self._sides, axis=1)
+        self._starts = np.concatenate([[0], np.cumsum(self._lengths)[:-1]])
+
+    def measure_heights(self, points: Floats) -> Floats:
+        """Return the heights of the places on the line that are nearest to points, (k,)."""
+        between = points[:, None] - self._points
+        share = (between * self._sides).sum(axis=2) / self._lengths**2
+        low, high = np.zeros(len(self._sides)), np.ones(len(self._sides))
+        low[0], high[-1] = -np.inf, np.inf
+        share = np.clip(share, low, high)
+        away = np.linalg.norm(between - share[..., None] * self._sides, axis=2)
+        heights = self._starts + share * self._lengths
+        return np.asarray(heights[np.arange(len(points)), away.argmin(axis=1)])
+
+    def place(self, heights: Floats) -> Floats:
+        """Return places on the line, (k, 3)."""
+        k = np.clip(np.searchsorted(self._starts, heights) - 1, 0, len(self._sides) - 1)
+        share = (heights - self._starts[k]) / self._lengths[k]
+        return np.asarray(self._points[k] + share[:, None] * self._sides[k])
+
+    def find_directions(self, heights: Floats, step: float) -> Floats:
+        """Return unit directions of the line, (k, 3), between places a step below and above."""
+        ways = self.place(heights + step) - self.place(heights - step)
+        return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
+
+
+class Limb:
+    """A part of a shell up to a tip.
+
+    Parameters
+    ----------
+    members : (k,) int64
+        Vertices of the shell.
+    depth : (m,) float64
+        Of all vertices: its level sets go around the limb.
+
+    Attributes
+    ----------
+    line : CentreLine
+    beyond : (k,) int64
+        The vertices beyond the base.
+    base, tip : float
+        The heights between which its sections are closed.
+    diameter : float
+        Mean, from the girths.
+    """
+
+    def __init__(self, shell: TriMesh, members: Integers, depth: Floats) -> None:
+        self._shell = shell
+        self._faces = shell.faces[np.isin(shell.faces, members).any(axis=1)]
+        levels = np.linspace(depth[members].min(), depth[members].max(), 2 * LINE_POINTS + 1)[1::2]
+        centres = np.array([find_centre(part) for part in self._cut(depth, levels) if len(part)])
+        for _ in range(2):
+            centres[1:-1] = (centres[:-2] + 2 * centres[1:-1] + centres[2:]) / 4
+        self.line = CentreLine(centres)
+        self._heights = self.line.measure_heights(shell.vertices)
+        border = float(self._heights[np.setdiff1d(self._faces, members)].max())
+        self.tip = float(self._heights[members].max())
+        self.base = border + BASE_MARGIN * (self.tip - border)
+        self.beyond = members[self._heights[members] > self.base]
+        middle = np.linspace(self.base, self.tip, 9)[1:-2]
+        sections = [part for part in self._cut(self._heights, middle) if len(part)]
+        self.diameter = float(np.mean([measure_length(part) for part in sections]) / np.pi)
+        radii = [np.linalg.norm(part - find_centre(part), axis=2).max() for part in sections]
+        self._width = 2 * float(np.mean(radii))
+
+    @property
+    def is_slender(self) -> bool:
+        """Return whether it is a limb rather than a bump."""
+        least = max(MIN_LIMB_LENGTH, MIN_LIMB_SLENDERNESS * self._width)
+        return self.tip - self.base >= least
+
+    def cut(self, heights: Floats) -> list[Floats]:
+        """Return the segments of the sections at heights, (s, 2, 3) each."""
+        return self._cut(self._heights, heights)
+
+    def _cut(self, values: Floats, levels: Floats) -> list[Floats]:
+        points, ends, level = igl.isolines(self._shell.vertices, self._faces, values, levels)
+        return [points[ends[level == k]] for k in range(len(levels))]
+
+
+def measure_length(segments: Floats) -> float:
+    """Return the total length of segments (s, 2, 3)."""
+    return float(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum())
+
+
+def find_centre(segments: Floats) -> Floats:
+    """Return the centre of the length of segments (s, 2, 3)."""
+    lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
+    return np.asarray(lengths @ segments.mean(axis=1) / max(lengths.sum(), 1e-300))
+
+
+def find_limbs(shell: TriMesh) -> list[Limb]:
+    """Find the limbs of a shell, the thinnest first.
+
+    The depth of a place is its mean distance over the surface from all of the shell (Hilaga et al.
+    2001): it is least in the middle of the shell, and equal all around a limb.
+    """
+    ends, count = shell.edges.ends, len(shell.vertices)
+    lengths = np.linalg.norm(shell.vertices[ends[:, 0]] - shell.vertices[ends[:, 1]], axis=1)
+    graph = sparse.csr_array((lengths, (ends[:, 0], ends[:, 1])), shape=(count, count))
+    graph = sparse.csr_array(graph + graph.T)
+    sources = np.arange(0, count, -(-count // MAX_DEPTH_SOURCES))
+    depth = dijkstra(graph, indices=sources).mean(axis=0)
+    beside = sparse.csr_array(graph > 0, dtype=np.float64)
+    degree = beside.sum(axis=1)
+    for _ in range(DEPTH_SMOOTHINGS):
+        depth = (depth + (beside @ depth) / degree) / 2
+    limbs = [Limb(shell, members, depth) for members in _find_branches(shell, depth)]
+    return sorted((limb for limb in limbs if limb.is_slender), key=lambda limb: limb.diameter)
+
+
+def _find_branches(shell: TriMesh, depth: Floats) -> list[Integers]:
+    """Return the vertices of each branch of the join tree of depths that ends in a tip.
+
+    Vertices are added from the deepest. A branch grows until it meets another, where both are
+    longer than `MIN_LIMB_LENGTH`; shorter ones are part of what they meet.
+    """
+    around: list[list[int]] = [[] for _ in depth]
+    for a, b in shell.edges.ends.tolist():
+        around[a].append(b)
+        around[b].append(a)
+    branch = np.full(len(depth), -1)  # numbered by the tip
+    members: dict[int, list[int]] = {}
+    joined: set[int] = set()
+    found: list[list[int]] = []
+    for vertex in np.argsort(-depth, kind="stable").tolist():
+        meeting = set(branch[around[vertex]].tolist()) - {-1}
+        first, *others = sorted(meeting, key=lambda tip: -depth[tip]) or [vertex]
+        long = [tip for tip in meeting if depth[tip] - depth[vertex] >= MIN_LIMB_LENGTH]
+        if len(long) > 1:
+            found += [list(members[tip]) for tip in sorted(long) if tip not in joined]
+            joined.add(first)
+        elif meeting & joined:
+            joined.add(first)
+        for tip in others:
+            branch[members[tip]] = first
+            members[first] += members.pop(tip)
+        branch[vertex] = first
+        members.setdefault(first, []).append(vertex)
+    return [np.array(branch) for branch in found]
 
 
 class LoopPlan:
@@ -180,6 +351,71 @@ class LoopPlan:
         self._worst, self.misfit = int(misfit.argmax()), float(misfit.max()) / self._edge
 
 
+def _trace(sections: list[Floats], motion: Motion | None) -> Floats:
+    """Return what a tube is to follow: centres in the rest pose and others, and radii.
+
+    (p + 2, places, 3); a radius is the length of a vector.
+    """
+    centres = np.array([find_centre(section) for section in sections])
+    poses = [] if motion is None else list(motion.carry(centres))
+    radii = np.zeros_like(centres)
+    radii[:, 0] = [measure_length(section) / (2 * np.pi) for section in sections]
+    return np.array([centres, *poses, radii])
+
+
+def _make_loops(sections: list[Floats], centres: Floats, ways: Floats, sides: int) -> Floats:
+    """Return loops around sections, (places, sides, 3), in the turn in which they are smallest.
+
+    They go counter-clockwise about the directions, and turn about them as little as can be. Their
+    planes go through the centres.
+    """
+    across, side = np.empty_like(ways), np.eye(3)[np.abs(ways[0]).argmin()]
+    for k, way in enumerate(ways):  # each the last one turned with them
+        side = side - (side @ way) * way
+        across[k] = side = side / np.linalg.norm(side)
+    axes = np.stack([across, np.cross(ways, across)], axis=1)
+    found = [
+        _circumscribe((section.reshape(-1, 3) - centre) @ plane.T, sides)
+        for section, centre, plane in zip(sections, centres, axes, strict=True)
+    ]
+    corners = np.array([corners for corners, _ in found])
+    best = np.sum([areas for _, areas in found], axis=0).argmin()
+    return np.asarray(centres[:, None] + corners[:, best] @ axes)
+
+
+def _circumscribe(points: Floats, sides: int) -> tuple[Floats, Floats]:
+    """Return polygons of equal angles around points, (k, 2), in `LOOP_TURNS` turns.
+
+    Returns
+    -------
+    (t, sides, 2), (t,)
+        Corners, counter-clockwise, and areas.
+    """
+    angle = 2 * np.pi / sides
+    turns = angle * (np.arange(sides) + np.arange(LOOP_TURNS)[:, None] / LOOP_TURNS)
+    normals = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+    along = np.stack([-np.sin(turns), np.cos(turns)], axis=-1)
+    reach = (normals @ points.T).max(axis=2)
+    following = np.roll(reach, -1, axis=1)
+    # Where a side meets the next one, which is turned by the angle.
+    far = (following - reach * np.cos(angle)) / np.sin(angle)
+    corners = reach[..., None] * normals + far[..., None] * along
+    x, y = corners[..., 0], corners[..., 1]
+    areas = (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1) / 2
+    return corners, areas
+
+
+def find_border(faces: Integers) -> Integers | None:
+    """Return the vertices around faces, (b,), in their direction; None if they are no disk."""
+    border: Integers = igl.boundary_loop(faces)
+    edges = Edges.from_faces(faces)
+    is_one_border = len(border) == np.count_nonzero(edges.face_counts == 1)
+    if not is_one_border or len(np.unique(faces)) - len(edges.ends) + len(faces) != 1:
+        return None
+    sides = {tuple(side) for k in range(3) for side in faces[:, [k, k - 2]].tolist()}
+    return border if tuple(border[:2].tolist()) in sides else border[::-1].copy()
+
+
 def _choose_limbs(shell: TriMesh, plans: list[LoopPlan], most: int) -> list[LoopPlan]:
     """Choose limbs, the first ones first, and add loops where they miss most.
 
@@ -215,21 +451,15 @@ def _replace_limbs(shell: TriMesh, plans: list[LoopPlan]) -> tuple[TriMesh, Loop
         assert plan.border is not None
         tube = np.arange(first, stop).reshape(-1, plan.sides)
         border = bounds[-1] + np.searchsorted(kept, plan.border)
-        faces += [_join_rings(places, border, tube[0]), *_list_faces(tube)]
+        faces.append(_join_rings(places, border, tube[0]))
+        # Between the loops, and over the last one.
+        low, high, end = tube[:-1], tube[1:], tube[-1]
+        low_next, high_next = (np.roll(rings, -1, axis=1) for rings in (low, high))
+        faces.append(np.stack([low, low_next, high_next], axis=-1).reshape(-1, 3))
+        faces.append(np.stack([low, high_next, high], axis=-1).reshape(-1, 3))
+        faces.append(np.stack([np.repeat(end[0], len(end) - 2), end[1:-1], end[2:]], axis=1))
         tubes.append(tube)
     return TriMesh(places, np.concatenate(faces)), Loops(tuple(tubes))
-
-
-def _list_faces(tube: Integers) -> list[Integers]:
-    """Return the faces between the loops of a tube, and over the last one."""
-    low, high = tube[:-1], tube[1:]
-    low_next, high_next = (np.roll(rings, -1, axis=1) for rings in (low, high))
-    end = tube[-1]
-    return [
-        np.stack([low, low_next, high_next], axis=-1).reshape(-1, 3),
-        np.stack([low, high_next, high], axis=-1).reshape(-1, 3),
-        np.stack([np.repeat(end[0], len(end) - 2), end[1:-1], end[2:]], axis=1),
-    ]
 
 
 def _join_rings(places: Floats, border: Integers, loop: Integers) -> Integers:
@@ -246,117 +476,3 @@ def _join_rings(places: Floats, border: Integers, loop: Integers) -> Integers:
         step[ring] += 1
         faces.append([a, rings[ring][step[ring] % len(rings[ring])], c])
     return np.array(faces)
-
-
-def collapse_around(
-    cage: TriMesh, count: int, motion: Motion | None, evenness: float, loops: Loops
-) -> TriMesh:
-    """Collapse edges until there are `count` vertices, as `collapse_edges` does; loops stay."""
-    for limits in COLLAPSE_LIMITS:
-        if len(cage.vertices) > count:
-            collapser = _CollapserAround(cage, motion, evenness, limits, loops.vertex_count)
-            cage = collapser.run(count)
-    return cage
-
-
-class _CollapserAround(Collapser):
-    """A collapser that leaves the first vertices of a mesh, `fixed` ones, where they are."""
-
-    def __init__(
-        self,
-        cage: TriMesh,
-        motion: Motion | None,
-        evenness: float,
-        limits: CollapseLimits,
-        fixed: int,
-    ) -> None:
-        self._fixed = fixed
-        super().__init__(cage, motion, evenness, limits)
-
-    def _push(self, ends: Integers) -> None:
-        super()._push(ends[ends.max(axis=1) >= self._fixed])
-
-    def _weigh(self, ends: Integers) -> tuple[Floats, Floats]:
-        costs, targets = super()._weigh(ends)
-        is_fixed = ends < self._fixed
-        one = is_fixed.any(axis=1)
-        targets[one] = self._places[:, ends[is_fixed]].transpose(1, 0, 2)
-        total = self._quadrics[:, ends[one]].sum(axis=2)
-        places = np.concatenate([targets[one], np.ones((*targets[one].shape[:2], 1))], axis=2)
-        costs[one] = np.einsum("epi,peij,epj->e", places, total, places)
-        return costs, targets
-
-    def _collapse(self, a: int, b: int, places: Floats) -> None:
-        super()._collapse(*((b, a) if b < self._fixed else (a, b)), places)
-
-
-def _trace(sections: list[Floats], motion: Motion | None) -> Floats:
-    """Return what a tube is to follow: centres in the rest pose and others, and radii.
-
-    (p + 2, places, 3); a radius is the length of a vector.
-    """
-    centres = np.array([find_centre(section) for section in sections])
-    poses = [] if motion is None else list(motion.carry(centres))
-    radii = np.zeros_like(centres)
-    radii[:, 0] = [measure_length(section) / (2 * np.pi) for section in sections]
-    return np.array([centres, *poses, radii])
-
-
-def _make_loops(sections: list[Floats], centres: Floats, ways: Floats, sides: int) -> Floats:
-    """Return loops around sections, (places, sides, 3), in the turn in which they are smallest.
-
-    They go counter-clockwise about the directions, and turn about them as little as can be. Their
-    planes go through the centres.
-    """
-    across = _turn_along(ways)
-    axes = np.stack([across, np.cross(ways, across)], axis=1)
-    found = [
-        _circumscribe((section.reshape(-1, 3) - centre) @ plane.T, sides)
-        for section, centre, plane in zip(sections, centres, axes, strict=True)
-    ]
-    corners = np.array([corners for corners, _ in found])
-    best = np.sum([areas for _, areas in found], axis=0).argmin()
-    return np.asarray(centres[:, None] + corners[:, best] @ axes)
-
-
-def _turn_along(ways: Floats) -> Floats:
-    """Return unit vectors across directions, (k, 3), each the last one turned with them."""
-    across = np.empty_like(ways)
-    side = np.eye(3)[np.abs(ways[0]).argmin()]
-    for k, way in enumerate(ways):
-        side = side - (side @ way) * way
-        across[k] = side = side / np.linalg.norm(side)
-    return across
-
-
-def _circumscribe(points: Floats, sides: int) -> tuple[Floats, Floats]:
-    """Return polygons of equal angles around points, (k, 2), in `LOOP_TURNS` turns.
-
-    Returns
-    -------
-    (t, sides, 2), (t,)
-        Corners, counter-clockwise, and areas.
-    """
-    angle = 2 * np.pi / sides
-    turns = angle * (np.arange(sides) + np.arange(LOOP_TURNS)[:, None] / LOOP_TURNS)
-    normals = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
-    along = np.stack([-np.sin(turns), np.cos(turns)], axis=-1)
-    reach = (normals @ points.T).max(axis=2)
-    following = np.roll(reach, -1, axis=1)
-    # Where a side meets the next one, which is turned by the angle.
-    far = (following - reach * np.cos(angle)) / np.sin(angle)
-    corners = reach[..., None] * normals + far[..., None] * along
-    x, y = corners[..., 0], corners[..., 1]
-    areas = (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1) / 2
-    return corners, areas
-
-
-def find_border(faces: Integers) -> Integers | None:
-    """Return the vertices around faces, (b,), in their direction; None if they are no disk."""
-    border: Integers = igl.boundary_loop(faces)
-    edges = Edges.from_faces(faces)
-    is_one_border = len(border) == np.count_nonzero(edges.face_counts == 1)
-    if not is_one_border or len(np.unique(faces)) - len(edges.ends) + len(faces) != 1:
-        return None
-    sides = {tuple(side) for k in range(3) for side in faces[:, [k, k - 2]].tolist()}
-    return border if tuple(border[:2].tolist()) in sides else border[::-1].copy()

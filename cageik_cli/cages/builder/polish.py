@@ -4,13 +4,19 @@ An edit moves a vertex, flips an edge or collapses one.
 """
 
 from collections.abc import Iterable, Iterator
-from itertools import pairwise
 
 import igl
 import numpy as np
 from scipy.optimize import nnls
 
-from cageik_cli.cages.builder.draft import Draft, Edit
+from cageik_cli.cages.builder.draft import (
+    MIN_KEPT_ANGLE,
+    Draft,
+    Edit,
+    collapse_edge,
+    flip_edge,
+    move_vertex,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import cross, measure_angles
 from cageik_cli.geometry.surface import closest_points
@@ -21,9 +27,6 @@ MAX_VALENCE = 10
 
 MIN_WANTED_ANGLE = 14.0
 """Degrees at which an angle is left alone."""
-
-MIN_KEPT_ANGLE = 10.0
-"""Degrees that new faces keep where vertices are taken away, unless the old ones had less."""
 
 MIN_ANGLE_GAIN = 0.3
 """Degrees that an edit for the angles must win."""
@@ -58,42 +61,50 @@ def improve_angles(draft: Draft, fewest: int) -> int:
 
 
 def lower_valences(draft: Draft) -> int:
-    """Flip edges at vertices that have too many; return how many were flipped."""
+    """Flip edges at vertices that have too many; return how many were flipped.
+
+    Of the edges at a vertex, that goes first which leaves the best angles.
+    """
     made = 0
-    for vertex in np.flatnonzero(draft.count_faces() > MAX_VALENCE):
+    for vertex in np.flatnonzero(draft.count_faces() > MAX_VALENCE).tolist():
         for _ in range(6):
-            if draft.count_faces()[vertex] <= MAX_VALENCE or not _flip_off(draft, int(vertex)):
+            valence = draft.count_faces()
+            if valence[vertex] <= MAX_VALENCE:
+                break
+            flips = [flip_edge(draft, vertex, int(other)) for other in draft.neighbours(vertex)]
+            kept = [flip for flip in flips if flip is not None and _has_room(flip, valence)]
+            kept.sort(key=lambda flip: -float(draft.angles(flip).min()))
+            needed = 0.5 * MIN_WANTED_ANGLE
+            if not any(draft.angles(f).min() >= needed and draft.take(f) for f in kept):
                 break
             made += 1
     return made
 
 
+def _has_room(flip: Edit, valence: Integers) -> bool:
+    """Return whether the vertices that a flip joins may have one more edge."""
+    return bool(valence[flip.added[:, [0, 2]]].max() < MAX_VALENCE)
+
+
 def tighten(draft: Draft, samples: Floats, chosen: Iterable[int] | None = None) -> int:
     """Move vertices, all or those chosen, towards the samples beside them; return how many moved.
 
-    They move as far as the clearance allows.
+    They move as far as the clearance allows. Samples are beside a vertex whose nearest points on
+    the cage move with it: at an edge, that does not hang on which of its two faces is found.
     """
-    beside = _list_nearby_samples(TriMesh(draft.vertices, draft.faces), samples)
-    return sum(
-        _pull(draft, vertex, beside[vertex])
-        for vertex in (range(len(beside)) if chosen is None else sorted(chosen))
-    )
-
-
-def _list_nearby_samples(cage: TriMesh, samples: Floats) -> list[Floats]:
-    """Return the samples (k, 3) for each vertex whose nearest points on the cage move with it.
-
-    At an edge, that does not hang on which of its two faces is found.
-    """
+    cage = TriMesh(draft.vertices, draft.faces)
     nearest = closest_points(cage, samples)
     corners = cage.faces[nearest.face]
     a, b, c = (cage.vertices[corners[:, k]] for k in range(3))
     shares = igl.barycentric_coordinates(nearest.position.copy(), a, b, c)
     sample, corner = np.nonzero(shares.reshape(-1, 3) > MIN_MOVED_SHARE)
     vertex = corners[sample, corner]
-    order = np.argsort(vertex, kind="stable")
-    bounds = np.searchsorted(vertex[order], np.arange(len(cage.vertices) + 1))
-    return [samples[sample[order[first:last]]] for first, last in pairwise(bounds)]
+    by_vertex = sample[np.argsort(vertex, kind="stable")]
+    bounds = np.searchsorted(np.sort(vertex), np.arange(len(cage.vertices) + 1))
+    return sum(
+        _pull(draft, k, samples[by_vertex[bounds[k] : bounds[k + 1]]])
+        for k in (range(len(cage.vertices)) if chosen is None else sorted(chosen))
+    )
 
 
 def refill(draft: Draft, count: int) -> None:
@@ -204,7 +215,7 @@ def _angle_edits(draft: Draft, face: Integers, fewest: int) -> Iterator[Edit]:
     for k in range(3):
         start, stop = int(face[k]), int(face[k - 2])
         flip = flip_edge(draft, start, stop)
-        if flip is not None and valence[flip.added[:, [0, 2]]].max() < MAX_VALENCE:
+        if flip is not None and _has_room(flip, valence):
             yield flip
         yield from _moves(draft, start)
     short = int(lengths.argmin())
@@ -235,56 +246,6 @@ def _moves(draft: Draft, vertex: int) -> Iterator[Edit]:
             way = np.cos(turn) * across + np.sin(turn) * along
             yield move_vertex(draft, vertex, here + step * length * way)
         yield move_vertex(draft, vertex, here + step * length * normal)
-
-
-def _flip_off(draft: Draft, vertex: int) -> bool:
-    """Flip an edge away from a vertex, the one that leaves the best angles."""
-    flips = [flip_edge(draft, vertex, int(other)) for other in draft.neighbours(vertex)]
-    valence = draft.count_faces()
-    kept = [
-        flip
-        for flip in flips
-        if flip is not None and valence[flip.added[:, [0, 2]]].max() < MAX_VALENCE
-    ]
-    kept.sort(key=lambda flip: -float(draft.angles(flip).min()))
-    needed = 0.5 * MIN_WANTED_ANGLE
-    return any(draft.angles(f).min() >= needed and draft.take(f) for f in kept)
-
-
-def move_vertex(draft: Draft, vertex: int, position: Floats) -> Edit:
-    """Move a vertex."""
-    around = draft.faces_at(vertex)
-    return Edit(around, draft.faces[around], vertex, position)
-
-
-def flip_edge(draft: Draft, start: int, stop: int) -> Edit | None:
-    """Put the other diagonal in the place of an edge; None if that is an edge already."""
-    beside = draft.faces_at_edge(start, stop)
-    if len(beside) != 2:
-        return None
-    corners = draft.faces[beside]
-    across = corners[(corners != start) & (corners != stop)].tolist()
-    if across[0] == across[1] or across[1] in draft.neighbours(across[0]):
-        return None
-    # The first face has the edge forward or backward; its orientation is handed on.
-    face = draft.faces[beside[0]].tolist()
-    forward = face[(face.index(start) + 1) % 3] == stop
-    a, b = (start, stop) if forward else (stop, start)
-    added = np.array([[across[0], a, across[1]], [across[1], b, across[0]]])
-    return Edit(beside, added, start, draft.vertices[start])
-
-
-def collapse_edge(draft: Draft, start: int, stop: int, position: Floats) -> Edit | None:
-    """Merge the end of an edge into its start; None if the surface would not stay manifold."""
-    common = np.intersect1d(draft.neighbours(start), draft.neighbours(stop))
-    if len(common) != 2 or len(draft.faces) <= 4:
-        return None
-    if min(len(draft.faces_at(vertex)) for vertex in common) <= 3:
-        return None
-    removed = np.union1d(draft.faces_at(start), draft.faces_at(stop))
-    added = np.where(draft.faces[removed] == stop, start, draft.faces[removed])
-    added = added[(added == start).sum(axis=1) == 1]
-    return Edit(removed, added, start, position)
 
 
 def settle(draft: Draft, edit: Edit) -> Edit:

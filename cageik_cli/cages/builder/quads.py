@@ -8,23 +8,34 @@ The cage is triangles throughout: quads are (q, 4) corners, cut by one diagonal,
 corner to the third, which the cage has, or by the other, or by both.
 """
 
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
 
-from cageik_cli.cages.builder.contacts import find_contacts
-from cageik_cli.cages.builder.draft import Draft, Edit
+import numpy as np
+from scipy import sparse
+from scipy.optimize import Bounds, LinearConstraint, milp
+
+from cageik_cli.cages.builder.draft import (
+    Draft,
+    Edge,
+    Edit,
+    PairedDraft,
+    flip_edge,
+    move_vertex,
+    name_edge,
+)
+from cageik_cli.cages.builder.frame import average_sides, find_partners, reflect
 from cageik_cli.cages.builder.judge import Demand, find_near_points, judge, keep_one_per_cell
 from cageik_cli.cages.builder.loops import NO_LOOPS, Loops
-from cageik_cli.cages.builder.paired import PairedDraft
-from cageik_cli.cages.builder.pairing import HALVES, MIN_QUAD_ANGLE, Pairing, name_diagonals
-from cageik_cli.cages.builder.polish import flip_edge, move_vertex, settle, tighten
-from cageik_cli.cages.builder.refine import make_draft
-from cageik_cli.cages.builder.symmetry import average_sides, find_partners, reflect
+from cageik_cli.cages.builder.polish import settle, tighten
+from cageik_cli.cages.builder.refine import find_contacts, make_draft
 from cageik_cli.cages.check.quality import MIN_SHEET_RATIO
 from cageik_cli.cages.push import Contacts, make_form, push, solve_moves
 from cageik_cli.geometry.attributes import SurfaceAttributes
 from cageik_cli.geometry.intersections import crossing_face_pairs, self_intersections
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import corner_angles, thin_face_pairs
+from cageik_cli.geometry.shape import corner_angles, cross, measure_angles, thin_face_pairs
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
@@ -52,6 +63,28 @@ MAX_PULLED = 1.0
 
 WALKS = 3
 """How often each vertex is moved towards its place: others may have been in its way."""
+
+MIN_QUAD_ANGLE = 5.0
+"""Degrees that the triangles of a quad have, by either diagonal."""
+
+PAIR_VALUE = 0.5
+"""What a quad counts for whatever its shape, which counts for at most one."""
+
+KEPT_PAIR_VALUE = 0.25
+"""What a quad counts for in addition that holds the model already: it gives way to two others."""
+
+RIDGE_COST = 0.35
+"""What the volume costs that a quad loses by its other diagonal, over the cage's volume for each
+two triangles: the cage must grow until that one holds the model, too."""
+
+FLIP_COST = 0.3
+"""What a flip costs: a cage is flipped for quads that it would not have otherwise."""
+
+HALVES = ((0, 1, 2), (0, 2, 3), (1, 2, 3), (1, 3, 0))
+"""Corners of the triangles of a quad by one diagonal, and by the other."""
+
+Corners = tuple[int, int, int, int]
+"""The vertices of a quad; its diagonal in the cage is from the first to the third."""
 
 
 def make_quads(cage: TriMesh, demand: Demand, loops: Loops = NO_LOOPS) -> TriMesh:
@@ -108,23 +141,22 @@ class QuadDraft(Draft):
     def walk(self, places: Floats, angle: float) -> None:
         """Move vertices towards places, (n, 3), as far as the cage stays sound.
 
-        Angles do not become smaller than this, degrees, or than they are.
+        Each goes all of the way or half of it. Angles do not become smaller than this, degrees, or
+        than they are.
         """
         for _ in range(WALKS):
             for vertex in np.flatnonzero((self.vertices != places).any(axis=1)).tolist():
-                self._step(vertex, places[vertex], angle)
+                here = self.vertices[vertex].copy()
+                for share in (1.0, 0.5):
+                    edit = move_vertex(self, vertex, here + share * (places[vertex] - here))
+                    if self._take_in_shape(edit, angle):
+                        break
+                    if self._take_in_shape(settle(self, edit), angle):
+                        break
 
     def apply(self, edit: Edit) -> None:
         """Move a vertex, untested; the faces stay in their order."""
         self.vertices[edit.vertex] = edit.position
-
-    def _step(self, vertex: int, place: Floats, angle: float) -> None:
-        """Move a vertex to a place, or half of the way."""
-        here = self.vertices[vertex].copy()
-        for share in (1.0, 0.5):
-            edit = move_vertex(self, vertex, here + share * (place - here))
-            if self._take_in_shape(edit, angle) or self._take_in_shape(settle(self, edit), angle):
-                return
 
     def _take_in_shape(self, edit: Edit, angle: float) -> bool:
         needed = min(angle, float(self.angles_before(edit).min()))
@@ -140,6 +172,10 @@ class QuadDraft(Draft):
             moved = Edit(edit.removed[of_cut], edit.added[of_cut], edit.vertex, edit.position)
             swept |= super()._find_swept(moved, samples)
         return swept
+
+
+class PairedQuadDraft(PairedDraft, QuadDraft):
+    """A draft of a cage with quads that is its own mirror image, and stays so."""
 
 
 class _Maker:
@@ -317,10 +353,8 @@ def find_near_cuts(cage: TriMesh, quads: Integers, demand: Demand) -> Floats:
 def find_near_quads(cage: TriMesh, quads: Integers, demand: Demand) -> Mask:
     """Return which quads are nearer to the model than allowed by their other diagonals, (q,)."""
     halves = TriMesh(cage.vertices, quads[:, HALVES[2:]].reshape(-1, 3)).drop_unused_vertices()
-    near = _find_nearest_faces(
-        halves, find_near_points(demand.surface, halves, demand.clearance)[1]
-    )
-    return np.isin(np.arange(len(quads)), near // 2)
+    _, near = find_near_points(demand.surface, halves, demand.clearance)
+    return np.isin(np.arange(len(quads)), closest_points(halves, near).face // 2)
 
 
 def find_failing(cage: TriMesh, quads: Integers, demand: Demand, angle: float) -> Mask:
@@ -328,51 +362,224 @@ def find_failing(cage: TriMesh, quads: Integers, demand: Demand, angle: float) -
 
     It fails, too, if a triangle has a smaller angle than this, degrees.
     """
-    failing = np.zeros(len(quads), bool)
-    for cut in (join_quads(cage, quads), turn_diagonals(cage, quads)):
+    failing, count = np.zeros(len(quads), bool), 2 * len(quads)
+    cuts = join_quads(cage, quads), turn_diagonals(cage, quads)
+    for cut in cuts:
         verdict = judge(TriMesh(cut.vertices, cut.faces), demand)
         if verdict.is_valid and verdict.smallest_angle >= angle:
             continue
-        bad = _find_bad_faces(cut, demand, angle)
-        of_quad = bad[bad < 2 * len(quads)] // 2
+        # Faces that cross others, are needles, or are too near to the model or in it.
+        _, near = find_near_points(demand.surface, cut, demand.clearance)
+        outside = demand.samples[winding_numbers(cut, demand.samples) < 0.5]
+        found = [
+            self_intersections(cut).ravel(),
+            closest_points(cut, np.concatenate([near, outside])).face,
+            crossing_face_pairs(demand.surface, cut, 0.0)[:, 1],
+            np.flatnonzero(corner_angles(cut).min(axis=1) < angle),
+            thin_face_pairs(cut, MIN_SHEET_RATIO)[0].ravel(),
+        ]
+        bad = np.unique(np.concatenate(found))
+        of_quad = bad[bad < count] // 2
         if len(of_quad) == 0:  # what is at fault is beside quads
             of_quad = np.flatnonzero(np.isin(quads, cut.faces[bad]).any(axis=1))
         if len(of_quad) == 0:
             return np.ones(len(quads), bool)
         failing[of_quad] = True
-    failing[_find_crossing(cage, quads)] = True
-    return failing
-
-
-def _find_bad_faces(cage: TriMesh, demand: Demand, angle: float) -> Integers:
-    """Return the faces that cross others, are needles, or are too near to the model or in it."""
-    crossing = self_intersections(cage)
-    _, near = find_near_points(demand.surface, cage, demand.clearance)
-    outside = demand.samples[winding_numbers(cage, demand.samples) < 0.5]
-    nearest = _find_nearest_faces(cage, np.concatenate([near, outside]))
-    crossed = crossing_face_pairs(demand.surface, cage, 0.0)[:, 1]
-    needles = np.flatnonzero(corner_angles(cage).min(axis=1) < angle)
-    sheets, _ = thin_face_pairs(cage, MIN_SHEET_RATIO)
-    return np.unique(np.concatenate([crossing.ravel(), nearest, crossed, needles, sheets.ravel()]))
-
-
-def _find_crossing(cage: TriMesh, quads: Integers) -> Integers:
-    """Return the quads whose halves, by either diagonal, cross other faces by either diagonal."""
-    own, turned = join_quads(cage, quads).faces, turn_diagonals(cage, quads).faces
-    count = 2 * len(quads)
+    # Halves by either diagonal that cross other faces by either diagonal.
+    own, turned = (cut.faces for cut in cuts)
     pairs = self_intersections(TriMesh(cage.vertices, np.concatenate([own, turned[:count]])))
     owner = np.full(len(own) + count, -1)
     owner[:count] = owner[len(own) :] = np.repeat(np.arange(len(quads)), 2)
     one, other = owner[pairs].T
-    found = np.unique(np.concatenate([one, other])[np.tile(one != other, 2)])
-    return np.asarray(found[found >= 0])
+    crossing = np.concatenate([one, other])[np.tile(one != other, 2)]
+    failing[crossing[crossing >= 0]] = True
+    return failing
 
 
-def _find_nearest_faces(cage: TriMesh, points: Floats) -> Integers:
-    if len(points) == 0:
-        return np.empty(0, np.int64)
-    return np.asarray(closest_points(cage, points).face)
+@dataclass(frozen=True, slots=True)
+class _Option:
+    """A quad, or two that a flip makes of four triangles.
+
+    Attributes
+    ----------
+    faces : tuple of int
+        The triangles that it takes.
+    gone : tuple of Edge
+        Edges that are none any more; the last one is that which is flipped.
+    others : tuple of Edge
+        The other diagonals.
+    added : Edge, optional
+        The one that a flip adds.
+    """
+
+    value: float
+    faces: tuple[int, ...]
+    gone: tuple[Edge, ...]
+    others: tuple[Edge, ...]
+    added: Edge | None = None
 
 
-class PairedQuadDraft(PairedDraft, QuadDraft):
-    """A draft of a cage with quads that is its own mirror image, and stays so."""
+class Pairing:
+    """The quads that pairs of triangles of a cage would be.
+
+    Parameters
+    ----------
+    cosine : float
+        Between the normals of two triangles that are paired, at least: sharper edges stay.
+    partners : (n,) int64, optional
+        The mirror images of vertices: a quad is chosen with its mirror image.
+    """
+
+    def __init__(self, cage: TriMesh, cosine: float, partners: Integers | None = None) -> None:
+        self._cage, self._cosine, self._partners = cage, cosine, partners
+        self._beside = {  # the face, and its third corner, where a side goes from one to the other
+            (face[k - 2], face[k - 1]): (number, face[k])
+            for number, face in enumerate(cage.faces.tolist())
+            for k in range(3)
+        }
+        ends = cage.edges.ends.tolist()
+        self._quads = np.array(
+            [(a, self._beside[b, a][1], b, self._beside[a, b][1]) for a, b in ends], np.int64
+        )
+        self._values, self._is_usable = self._weigh(self._quads)
+
+    def choose(self, banned: set[Edge], held: set[Edge]) -> Integers:
+        """Choose quads, as many and as well shaped ones as can be: (q, 4) corners.
+
+        The diagonal that the cage has is from the first corner to the third. This is the matching
+        of greatest value in the graph of triangles that share an edge; vertices keep three edges,
+        and no edge is the other diagonal of two quads.
+
+        Parameters
+        ----------
+        banned, held : set of Edge
+            Diagonals of quads that are not to be chosen, and of those that hold the model already.
+        """
+        at = {edge: k for k, edge in enumerate(name_diagonals(self._quads))}
+        chosen = self._solve(self._list_pairs(banned, held))
+        return np.asarray(self._quads[sorted(at[option.gone[0]] for option in chosen)])
+
+    def choose_flips(self, banned: set[Edge]) -> list[Edge]:
+        """Choose the edges whose flips give more quads, apart from those that are banned."""
+        chosen = self._solve([*self._list_pairs(set(), set()), *self._list_flips(banned)])
+        return [option.gone[-1] for option in chosen if option.added is not None]
+
+    def _weigh(self, quads: Integers) -> tuple[Floats, list[bool]]:
+        """Return what quads count for, and which may be chosen: those whose diagonal is no edge."""
+        vertices = self._cage.vertices
+        scores = score_quads(vertices, quads, self._cosine)
+        is_free = [(start, stop) not in self._beside for start, stop in quads[:, [1, 3]].tolist()]
+        volume = 2 * abs(self._cage.volume) / len(self._cage.faces)
+        growth = np.maximum(measure_ridges(vertices, quads), 0) / volume
+        usable = (scores > 0) & np.array(is_free, bool)
+        return PAIR_VALUE + scores - RIDGE_COST * growth, usable.tolist()
+
+    def _list_pairs(self, banned: set[Edge], held: set[Edge]) -> list[_Option]:
+        """List the quads around edges."""
+        options = []
+        for (a, d, b, c), value, usable in zip(
+            self._quads.tolist(), self._values.tolist(), self._is_usable, strict=True
+        ):
+            edge = name_edge(a, b)
+            if (usable or edge in held) and edge not in banned:
+                faces = self._beside[a, b][0], self._beside[b, a][0]
+                value += KEPT_PAIR_VALUE * (edge in held)
+                options.append(_Option(value, faces, (edge,), (name_edge(c, d),)))
+        return options
+
+    def _list_flips(self, banned: set[Edge]) -> list[_Option]:
+        """List two quads for each flip, each of a new triangle and one beside it."""
+        flips: list[tuple[Edge, Edge, tuple[int, ...]]] = []  # what goes, what comes, four faces
+        made: list[list[Corners]] = []
+        for a, d, b, c in self._quads[self._is_usable].tolist():
+            if name_edge(a, b) in banned:
+                continue
+            # The new triangles are a, d, c and d, b, c: a side of each, and its third corner.
+            for sides in product(((a, d, c), (c, a, d)), ((d, b, c), (b, c, d))):
+                beside = [self._beside[stop, start] for start, stop, _ in sides]
+                faces = beside[0][0], beside[1][0], self._beside[a, b][0], self._beside[b, a][0]
+                if len({*faces}) == 4:
+                    flips.append((name_edge(a, b), name_edge(c, d), faces))
+                    made.append([(p, beside[k][1], q, tip) for k, (p, q, tip) in enumerate(sides)])
+        if not flips:
+            return []
+        quads = np.array(made, np.int64)
+        values, usable = self._weigh(quads.reshape(-1, 4))
+        options = []
+        for k, (edge, added, taken) in enumerate(flips):
+            if usable[2 * k] and usable[2 * k + 1]:
+                value = float(values[2 * k : 2 * k + 2].sum()) - FLIP_COST
+                gone = (*sorted(name_diagonals(quads[k])), edge)
+                others = name_diagonals(np.roll(quads[k], 1, axis=1))
+                options.append(_Option(value, taken, gone, (*others,), added))
+        return options
+
+    def _solve(self, options: list[_Option]) -> list[_Option]:
+        """Choose the options of the greatest value that go together."""
+        if not options:
+            return []
+        count, faces = len(self._cage.vertices), self._cage.faces
+        lost = _count([sum(option.gone, ()) for option in options], count)
+        gained = _count([option.added or () for option in options], count)
+        at: dict[Edge, int] = {}
+        others = [[at.setdefault(edge, len(at)) for edge in option.others] for option in options]
+        constraints = [
+            LinearConstraint(_count([option.faces for option in options], len(faces)), ub=1),
+            LinearConstraint(lost - gained, ub=np.bincount(faces.ravel(), minlength=count) - 3),
+            LinearConstraint(_count(others, len(at)), ub=1),
+        ]
+        if self._partners is not None:
+            # The differences between options and their mirror images, or those without one.
+            places = {option.gone: k for k, option in enumerate(options)}
+            ties = sparse.lil_array((len(options), len(options)))
+            for k, option in enumerate(options):
+                ends = [name_edge(*edge) for edge in self._partners[list(option.gone)].tolist()]
+                image = places.get((*sorted(ends[:-1]), ends[-1]))
+                ties[k, k] = 0 if image == k else 1
+                if image is not None and image != k:
+                    ties[k, image] = -1
+            constraints.append(LinearConstraint(sparse.csr_array(ties), lb=0, ub=0))
+        found = milp(
+            [-option.value for option in options],
+            integrality=np.ones(len(options)),
+            bounds=Bounds(0, 1),
+            constraints=constraints,
+        )
+        return [option for option, x in zip(options, found.x, strict=True) if x > 0.5]
+
+
+def name_diagonals(quads: Integers) -> list[Edge]:
+    """Return the diagonals of quads from their first corners to their third."""
+    return [name_edge(start, stop) for start, stop in quads[:, [0, 2]].tolist()]
+
+
+def _count(uses: Sequence[Sequence[int]], count: int) -> sparse.csr_array:
+    """Return the matrix that counts how often each of `count` things is used, (count, k)."""
+    columns = np.repeat(np.arange(len(uses)), [len(used) for used in uses])
+    rows = np.array([row for used in uses for row in used], np.int64)
+    return sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, len(uses)))
+
+
+def score_quads(vertices: Floats, quads: Integers, min_cosine: float) -> Floats:
+    """Return how square and flat quads are, (q,), 0 to 1; 0 for those that may not be."""
+    corners = vertices[quads]
+    angles = np.stack([measure_angles(corners[:, half]).min(axis=1) for half in map(list, HALVES)])
+    a, b, c = corners[:, HALVES].transpose(2, 1, 0, 3)
+    normals = cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-300)
+    whole = normals[0] + normals[1]
+    is_convex = ((normals * whole).sum(axis=2) > 0.1).all(axis=0)
+    cosine = (normals[0] * normals[1]).sum(axis=1)
+    usable = is_convex & (cosine > min_cosine) & (angles.min(axis=0) > MIN_QUAD_ANGLE)
+    ahead = np.roll(corners, -1, axis=1) - corners
+    back = np.roll(corners, 1, axis=1) - corners
+    turn = (ahead * back).sum(axis=2)
+    turn /= np.linalg.norm(ahead, axis=2) * np.linalg.norm(back, axis=2)
+    squareness = 1 - np.abs(turn).max(axis=1)
+    return np.where(usable, squareness * np.maximum(cosine, 0), 0.0)
+
+
+def measure_ridges(vertices: Floats, quads: Integers) -> Floats:
+    """Return the volume that quads lose by their other diagonal, (q,); negative for valleys."""
+    a, d, b, c = vertices[quads].transpose(1, 0, 2)
+    return np.asarray((cross(b - a, d - a) * (c - a)).sum(axis=1) / 6)

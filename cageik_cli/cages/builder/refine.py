@@ -3,16 +3,15 @@
 If no shell gives a valid cage, an ellipsoid is drawn in.
 """
 
+import igl
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from cageik_cli.cages.builder.collapse import collapse_edges, list_stages, simplify_shell
-from cageik_cli.cages.builder.contacts import ContactSearch
-from cageik_cli.cages.builder.draft import Draft
+from cageik_cli.cages.builder.collapse import Motion, collapse_edges, list_stages, simplify_shell
+from cageik_cli.cages.builder.draft import Draft, PairedDraft
+from cageik_cli.cages.builder.frame import add_image, average_sides, cut_half, reflect
 from cageik_cli.cages.builder.judge import Demand, find_near_points, keep_one_per_cell
-from cageik_cli.cages.builder.loops import NO_LOOPS, Loops, collapse_around, place_edge_loops
-from cageik_cli.cages.builder.motion import Motion
-from cageik_cli.cages.builder.paired import PairedDraft, collapse_pairs
+from cageik_cli.cages.builder.loops import NO_LOOPS, Loops, place_edge_loops
 from cageik_cli.cages.builder.polish import (
     collapse_in_shape,
     improve_angles,
@@ -20,18 +19,13 @@ from cageik_cli.cages.builder.polish import (
     refill,
     tighten,
 )
-from cageik_cli.cages.builder.symmetry import (
-    add_image,
-    average_sides,
-    cut_half,
-    reflect,
-)
-from cageik_cli.cages.push import move_to_neighbours, push
+from cageik_cli.cages.push import Contacts, move_to_neighbours, push
 from cageik_cli.cages.surface_points import take_evenly
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import winding_numbers
 from cageik_cli.method.weights.harmonic import harmonic_weights
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 
 MAX_RELAXED_PUSHES = 5
 """Rounds of pushing a cage and relaxing the faces that then cross."""
@@ -41,6 +35,9 @@ MAX_CROSSING_PAIRS = 60
 
 MIN_SAFE_WEIGHT = 0.08
 """Vertices with smaller weights everywhere are weak; it is safely above `MIN_INFLUENCE`."""
+
+MAX_OPPOSITE_COSINE = -0.99
+"""Between the outward directions of two sheets of a cage around a thin part of a model, at most."""
 
 
 def refine_shell(
@@ -56,12 +53,9 @@ def refine_shell(
     if has_loops:
         cage, loops = place_edge_loops(cage, demand.most, motion)
     for count in stages:
-        if loops.count:
-            cage = collapse_around(cage, count, motion, evenness, loops)
-        elif demand.axis is None:
-            cage = collapse_edges(cage, count, motion, evenness)
-        else:
-            cage = collapse_pairs(cage, count, demand.axis, evenness)
+        cage = collapse_edges(
+            cage, count, motion, evenness, fixed=loops.vertex_count, axis=demand.axis
+        )
         cage = _push_and_relax(cage, demand)
     # What crosses now is not disentangled by any edit that follows.
     if len(cage.vertices) > demand.most or len(self_intersections(cage)):
@@ -77,11 +71,39 @@ def refine_shell(
     return complete_clearance(draft.to_mesh(), demand, samples)[0], loops
 
 
-def make_draft(cage: TriMesh, demand: Demand, samples: Floats, loops: Loops = NO_LOOPS) -> Draft:
-    """Return a draft of the cage, whose edits keep a little more than the clearance."""
-    if demand.axis is not None:
-        return PairedDraft(cage, samples, 1.01 * demand.clearance, demand.axis)
-    return Draft(cage, samples, 1.01 * demand.clearance, loops.edges)
+def _push_and_relax(cage: TriMesh, demand: Demand) -> TriMesh:
+    """Push, and relax what then crosses, in turn, until nothing crosses or the rounds are over.
+
+    A cage with more than `MAX_CROSSING_PAIRS` of crossing faces is not worth it.
+    """
+    cage = push_off(cage, demand.samples, demand)
+    before = MAX_CROSSING_PAIRS + 1
+    for _ in range(MAX_RELAXED_PUSHES):
+        pairs = self_intersections(cage)
+        if len(pairs) == 0 or len(pairs) >= before:
+            break
+        before = len(pairs)
+        relaxed = cage.move(move_to_neighbours(cage, np.unique(cage.faces[pairs]), 0.5))
+        if demand.axis is not None:
+            relaxed = average_sides(relaxed, cage, demand.axis)
+        cage = push_off(relaxed, demand.samples, demand)
+    return cage
+
+
+def push_off(cage: TriMesh, samples: Floats, demand: Demand) -> TriMesh:
+    """Push the cage off samples; aim at a little more than the clearance, and end with less of it.
+
+    The stiffness is low, so that parts of the cage move as a whole.
+    """
+    clearance = demand.clearance
+    pushed = push(
+        cage,
+        ContactSearch(samples, 1.03 * clearance).find,
+        smoothness=0.05,
+        stiffness=0.005,
+        enough=(1.03 - 1.015) * clearance,
+    )
+    return pushed if demand.axis is None else average_sides(pushed, cage, demand.axis)
 
 
 def complete_clearance(
@@ -108,39 +130,87 @@ def complete_clearance(
     return cage, samples
 
 
-def push_off(cage: TriMesh, samples: Floats, demand: Demand) -> TriMesh:
-    """Push the cage off samples; aim at a little more than the clearance, and end with less of it.
+class ContactSearch:
+    """The samples that a cage is too near to, while it is pushed off them.
 
-    The stiffness is low, so that parts of the cage move as a whole.
+    Each has a contact at its nearest face. Around a thin part of a model a second sheet of the cage
+    is near: the face that was the nearest before, on the other side, stays a contact, too. Pushes
+    would move both sheets to and fro otherwise.
+
+    Parameters
+    ----------
+    samples : (s, 3) float64
+    clearance : float
+        Samples that are nearer, or outside, are too near.
     """
-    clearance = demand.clearance
-    pushed = push(
-        cage,
-        ContactSearch(samples, 1.03 * clearance).find,
-        smoothness=0.05,
-        stiffness=0.005,
-        enough=(1.03 - 1.015) * clearance,
+
+    def __init__(self, samples: Floats, clearance: float) -> None:
+        self._samples, self._clearance = samples, clearance
+        self._depths = np.full(len(samples), -np.inf)
+        # Of the last contact of each sample, and of the last one on the other side of that.
+        self._corners = np.zeros((2, len(samples), 3), np.int64)
+        self._weights, self._directions = np.zeros((2, 2, len(samples), 3))
+
+    def find(self, cage: TriMesh, longest: float) -> Contacts | None:
+        """Return the contacts of the cage, whose vertices moved as far as `longest` at most."""
+        # No point of the cage moves further than its vertices: what is deeper is no contact.
+        self._depths -= longest
+        near = np.flatnonzero(self._depths < self._clearance)
+        if len(near) == 0:
+            return None
+        contacts, self._depths[near] = find_contacts(cage, self._samples[near], self._clearance)
+        touched = near[self._depths[near] < self._clearance]
+        turned = touched[_are_opposite(self._directions[0, touched], contacts.direction)]
+        for kept, found in (
+            (self._corners, contacts.corners),
+            (self._weights, contacts.weights),
+            (self._directions, contacts.direction),
+        ):
+            kept[1, turned] = kept[0, turned]
+            kept[0, touched] = found
+        # Those of the other sheets that are too near to these samples are contacts, too.
+        corners, weights = self._corners[1, touched], self._weights[1, touched]
+        direction = self._directions[1, touched]
+        place = (weights[:, :, None] * cage.vertices[corners]).sum(axis=1)
+        missing = self._clearance - ((place - self._samples[touched]) * direction).sum(axis=1)
+        added = (missing > 0) & _are_opposite(direction, contacts.direction)
+        return Contacts(
+            np.concatenate([contacts.corners, corners[added]]),
+            np.concatenate([contacts.weights, weights[added]]),
+            np.concatenate([contacts.direction, direction[added]]),
+            np.concatenate([contacts.missing, missing[added]]),
+        )
+
+
+def _are_opposite(first: Floats, second: Floats) -> Mask:
+    return np.asarray((first * second).sum(axis=1) < MAX_OPPOSITE_COSINE)
+
+
+def find_contacts(cage: TriMesh, samples: Floats, clearance: float) -> tuple[Contacts, Floats]:
+    """Return the samples with less than the clearance; and how deep inside each sample is, (s,)."""
+    signed, face, nearest, normal = igl.signed_distance(
+        samples, cage.vertices, cage.faces, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
     )
-    return pushed if demand.axis is None else average_sides(pushed, cage, demand.axis)
+    # libigl counts the inside negative. Where a cage crosses itself its normals mislead.
+    doubtful = np.flatnonzero(signed > 0)
+    if len(doubtful):
+        inside = winding_numbers(cage, samples[doubtful]) > 0.5
+        signed[doubtful[inside]] *= -1
+    close = np.flatnonzero(signed > -clearance)
+    corners = cage.faces[face[close]]
+    a, b, c = (cage.vertices[corners[:, k]] for k in range(3))
+    weights = igl.barycentric_coordinates(nearest[close].copy(), a, b, c).reshape(-1, 3)
+    direction = (samples[close] - nearest[close]) * np.sign(signed[close])[:, None]
+    length = np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = np.where(length > 1e-9, direction / np.maximum(length, 1e-9), normal[close])
+    return Contacts(corners, weights, direction, signed[close] + clearance), -signed
 
 
-def _push_and_relax(cage: TriMesh, demand: Demand) -> TriMesh:
-    """Push, and relax what then crosses, in turn, until nothing crosses or the rounds are over.
-
-    A cage with more than `MAX_CROSSING_PAIRS` of crossing faces is not worth it.
-    """
-    cage = push_off(cage, demand.samples, demand)
-    before = MAX_CROSSING_PAIRS + 1
-    for _ in range(MAX_RELAXED_PUSHES):
-        pairs = self_intersections(cage)
-        if len(pairs) == 0 or len(pairs) >= before:
-            break
-        before = len(pairs)
-        relaxed = cage.move(move_to_neighbours(cage, np.unique(cage.faces[pairs]), 0.5))
-        if demand.axis is not None:
-            relaxed = average_sides(relaxed, cage, demand.axis)
-        cage = push_off(relaxed, demand.samples, demand)
-    return cage
+def make_draft(cage: TriMesh, demand: Demand, samples: Floats, loops: Loops = NO_LOOPS) -> Draft:
+    """Return a draft of the cage, whose edits keep a little more than the clearance."""
+    if demand.axis is not None:
+        return PairedDraft(cage, samples, 1.01 * demand.clearance, demand.axis)
+    return Draft(cage, samples, 1.01 * demand.clearance, loops.edges)
 
 
 def replace_weak_vertices(cage: TriMesh, demand: Demand, loops: Loops = NO_LOOPS) -> TriMesh:
@@ -180,7 +250,15 @@ def wrap_ellipsoid(demand: Demand, draws: int) -> TriMesh:
     """
     low, high = demand.surface.vertices.min(axis=0), demand.surface.vertices.max(axis=0)
     axes = np.maximum(high - low, 0.3 * (high - low).max()) / 2
-    unit, faces = _divide_sphere(demand.most)
+    # Points on a spiral over the unit sphere, and their outward faces.
+    k = np.arange(demand.most) + 0.5
+    z, turn = 1 - 2 * k / demand.most, np.pi * (1 + np.sqrt(5)) * k
+    radius = np.sqrt(1 - z**2)
+    unit = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
+    faces = ConvexHull(unit).simplices.astype(np.int64)
+    a, b, c = (unit[faces[:, k]] for k in range(3))
+    inward = (np.cross(b - a, c - a) * a).sum(axis=1) < 0
+    faces[inward] = faces[inward][:, ::-1]
     a, b, c = (unit[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     inner = np.min(np.abs((normal * a).sum(axis=1)) / np.linalg.norm(normal, axis=1))
@@ -193,17 +271,3 @@ def wrap_ellipsoid(demand: Demand, draws: int) -> TriMesh:
         if tighten(draft, demand.samples) == 0:
             break
     return complete_clearance(draft.to_mesh(), demand, demand.samples)[0]
-
-
-def _divide_sphere(count: int) -> tuple[Floats, Integers]:
-    """Spread points over the unit sphere on a spiral; return them and their outward faces."""
-    k = np.arange(count) + 0.5
-    z = 1 - 2 * k / count
-    turn = np.pi * (1 + np.sqrt(5)) * k
-    radius = np.sqrt(1 - z**2)
-    points = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
-    faces = ConvexHull(points).simplices.astype(np.int64)
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    inward = (np.cross(b - a, c - a) * a).sum(axis=1) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    return points, faces

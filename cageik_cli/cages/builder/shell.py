@@ -20,6 +20,9 @@ from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import join_truncated
 
+MAX_GRID_NODES = 1_500_000
+"""Nodes of a grid, at most."""
+
 MIN_NAMED_NODES = 8
 """Grid nodes of a place that is worth naming."""
 
@@ -37,7 +40,7 @@ class DistanceGrid:
     Parameters
     ----------
     cell : float
-        Side of a cell, at least: cells are made larger to keep to `max_nodes`.
+        Side of a cell, at least: cells are made larger to keep to `MAX_GRID_NODES`.
     reach : float
         The grid leaves this and two cells around the surface.
 
@@ -51,15 +54,21 @@ class DistanceGrid:
         Side of a cell.
     """
 
-    def __init__(
-        self, surface: TriMesh, cell: float, reach: float, max_nodes: int = 1_500_000
-    ) -> None:
+    def __init__(self, surface: TriMesh, cell: float, reach: float) -> None:
         low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
         size = high - low + 2 * reach
-        self.cell = cell = max(cell, float(np.cbrt(size.prod() / max_nodes)))
+        self.cell = cell = max(cell, float(np.cbrt(size.prod() / MAX_GRID_NODES)))
         self.origin = low - reach - 2 * cell
         self._surface = surface
-        self.distance = self._measure_coarsely(np.ceil(size / cell).astype(np.int64) + 5)
+        # What every node is from the surface at least, by the nodes nearest to its samples: these
+        # are half the diagonal of a cell from a sample, at most; and samples are the corners of
+        # triangles that cover the surface, with sides up to their spacing.
+        free = np.ones(tuple(np.ceil(size / cell).astype(np.int64) + 5), bool)
+        for samples in sample_in_blocks(surface):
+            node = np.rint((samples - self.origin) / cell).astype(np.int64)
+            free[tuple(node.T)] = False
+        slack = np.sqrt(3) / 2 * cell + find_spacing(surface) / np.sqrt(3)
+        self.distance = np.asarray(cell * ndimage.distance_transform_edt(free) - slack)
         self._is_exact = np.zeros(self.distance.shape, bool)
 
     def measure(self, reach: float) -> None:
@@ -73,19 +82,6 @@ class DistanceGrid:
     def positions(self, nodes: Integers) -> Floats:
         """Return places of nodes (k, 3)."""
         return np.asarray(self.origin + self.cell * nodes)
-
-    def _measure_coarsely(self, shape: Integers) -> Floats:
-        """Return what every node is from the surface at least, by the nodes nearest to its samples.
-
-        These are half the diagonal of a cell from a sample, at most; and samples are the corners of
-        triangles that cover the surface, with sides up to their spacing.
-        """
-        free = np.ones(tuple(shape), bool)
-        for samples in sample_in_blocks(self._surface):
-            node = np.rint((samples - self.origin) / self.cell).astype(np.int64)
-            free[tuple(node.T)] = False
-        slack = np.sqrt(3) / 2 * self.cell + find_spacing(self._surface) / np.sqrt(3)
-        return np.asarray(self.cell * ndimage.distance_transform_edt(free) - slack)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +134,6 @@ def make_shell(grid: DistanceGrid, offset: float, closing: float) -> Shell | Non
     is_wide = grid.distance > offset + closing
     beyond = offset + MIN_NAMED_DEPTH * grid.cell
     hollows, webs = (_find_centres(grid, added & w, beyond) for w in (is_wide, ~is_wide))
-    surface = _take_outermost(surface)
     surface = TriMesh(break_ties(surface.vertices), surface.faces)
     return Shell(surface, bridges.mean(axis=1), hollows, webs)
 
@@ -212,7 +207,10 @@ def _find_centres(grid: DistanceGrid, chosen: Mask, beyond: float) -> Floats:
 
 
 def _march(grid: DistanceGrid, field: Floats) -> TriMesh | None:
-    """Return the surface where the field is zero, by marching cubes; None if it is not manifold."""
+    """Return the outermost surface where the field is zero, by marching cubes, outward.
+
+    It is the component with the largest box. None if the surface is not manifold.
+    """
     # A node on the surface would make faces without area.
     field = np.where(np.abs(field) < 1e-3 * grid.cell, 1e-3 * grid.cell, field)
     # libigl counts nodes with x first.
@@ -225,15 +223,10 @@ def _march(grid: DistanceGrid, field: Floats) -> TriMesh | None:
     surface = TriMesh(vertices, faces) if len(faces) else None
     if surface is None or not bounds_volume(surface) or not igl.is_vertex_manifold(faces).all():
         return None
-    return surface
-
-
-def _take_outermost(surface: TriMesh) -> TriMesh:
-    """Return the component with the largest box, faces turned outward."""
     part = surface.components
-    size = np.zeros(part.max() + 1)
-    for k in range(len(size)):
-        size[k] = np.ptp(surface.vertices[part == k], axis=0).sum()
+    size = np.array(
+        [np.ptp(surface.vertices[part == k], axis=0).sum() for k in range(part.max() + 1)]
+    )
     kept = part == size.argmax()
     number = np.cumsum(kept) - 1
     faces = number[surface.faces[kept[surface.faces[:, 0]]]]
@@ -244,22 +237,17 @@ def _take_outermost(surface: TriMesh) -> TriMesh:
 def find_bridges(grid: DistanceGrid, body: Mask) -> Floats | None:
     """Return segments (b, 2, 3) that make one part of a body's parts, of the least total length.
 
-    None when there is nothing to join, or more than `MAX_JOINED_PARTS`: the time is their square.
+    They are the tree of shortest segments (Prim 1957). None when there is nothing to join, or more
+    than `MAX_JOINED_PARTS`: the time is their square.
     """
-    parts, count = ndimage.label(body)
+    labels, count = ndimage.label(body)
     if not 1 <= count <= MAX_JOINED_PARTS:
         return None
-    surface = body & ~ndimage.binary_erosion(body)
-    nodes = np.argwhere(surface)
-    of_node = parts[tuple(nodes.T)]
-    return _span_tree([grid.positions(nodes[of_node == part]) for part in range(1, count + 1)])
-
-
-def _span_tree(parts: list[Floats]) -> Floats:
-    """Return the tree of shortest segments between sets of points (Prim 1957)."""
-    nearest = np.full(len(parts), np.inf)
-    segments = np.zeros((len(parts), 2, 3))
-    left = np.arange(len(parts)) > 0
+    nodes = np.argwhere(body & ~ndimage.binary_erosion(body))
+    of_node = labels[tuple(nodes.T)]
+    parts = [grid.positions(nodes[of_node == part]) for part in range(1, count + 1)]
+    nearest, segments = np.full(count, np.inf), np.zeros((count, 2, 3))
+    left = np.arange(count) > 0
     last, found = 0, []
     while left.any():
         tree = cKDTree(parts[last])

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cageik_cli.cages.check.enclosure import (
-    Placement,
     are_swapped,
     check_enclosure,
     describe_unused_vertices,
@@ -30,7 +29,6 @@ from cageik_cli.geometry.parts import PartShare
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
 from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES, harmonic_weights
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.messages import spell
 from cageik_cli.util.text import format_count
 
 UNREPAIRABLE = {"point", "too-many-faces", "swapped", "no-volume"}
@@ -175,8 +173,8 @@ def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None
             message = (
                 f"the cage has {len(cage.vertices)} vertices and the model {len(rest.vertices)}"
             )
-            value = float(len(cage.vertices))
-            findings.append(Finding("swapped", "note", message, "are they swapped?", value=value))
+            remedy, value = "are they swapped?", len(cage.vertices)
+            findings.append(Finding("swapped", "note", message, remedy, value=value))
     is_of_another = misfit is not None and not misfit.is_repairable
     # To mend the other faults of such a cage would not help.
     findings.sort(
@@ -226,9 +224,9 @@ def _diagnose_rest(
     unused, remedy = rest.unused_vertices, "delete them if they are left-overs"
     findings = [
         Finding(
-            "unreferenced-vertex", "note", spell(note.text), remedy, value=float(len(unused))
-        ).at("vertices", unused, "rest")
-        for note in describe_unused_vertices(rest)
+            "unreferenced-vertex", "note", text, remedy, "vertices", unused, len(unused), "rest"
+        )
+        for text in map(str, describe_unused_vertices(rest))
     ]
     findings += find_surface_crossings(placement)
     if len(placement.outside_indices):
@@ -239,26 +237,18 @@ def _diagnose_rest(
         findings.append(placement.find_outside(misfit.remedy))
     else:
         findings += [*find_looseness_faults(placement.cage, rest), *find_low_clearance(placement)]
-    return _add_clearance(facts, placement), misfit, findings
-
-
-def _add_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
-    facts = replace(
-        facts,
-        outside=len(placement.outside_indices),
-        outside_parts=tuple(placement.outside_parts),
-    )
-    distance = placement.clearance
-    distance[placement.outside_indices] = np.inf
+    outside, distance = placement.outside_indices, placement.clearance
+    facts = replace(facts, outside=len(outside), outside_parts=tuple(placement.outside_parts))
+    distance[outside] = np.inf
     vertex = int(distance.argmin())
-    if not np.isfinite(distance[vertex]):
-        return facts
-    return replace(
-        facts,
-        clearance=float(100 * distance[vertex] / facts.diagonal),
-        clearance_vertex=vertex,
-        clearance_face=int(placement.closest.face[vertex]),
-    )
+    if np.isfinite(distance[vertex]):
+        facts = replace(
+            facts,
+            clearance=float(100 * distance[vertex] / facts.diagonal),
+            clearance_vertex=vertex,
+            clearance_face=int(placement.closest.face[vertex]),
+        )
+    return facts, misfit, findings
 
 
 def _measure_influence(
@@ -282,4 +272,4 @@ def _find_too_many_faces(cage: TriMesh) -> Iterator[Finding]:
     if count > MAX_HARMONIC_FACES:
         message = f"the cage has {count} faces, at most {MAX_HARMONIC_FACES} fit in memory"
         remedy = "use a coarser cage"
-        yield Finding("too-many-faces", "unfit", message, remedy, value=float(count))
+        yield Finding("too-many-faces", "unfit", message, remedy, value=count)

@@ -5,12 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.cages.check.faults import (
-    Finding,
-    find_cage_faults,
-    format_elements,
-    validate_cage,
-)
+from cageik_cli.cages.check.faults import Finding, find_cage_faults, format_elements, validate_cage
 from cageik_cli.cages.check.misfit import (
     MAX_DENTED_SHARE,
     MAX_OUTSIDE_SHARE,
@@ -21,12 +16,7 @@ from cageik_cli.cages.check.misfit import (
     find_transform,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.parts import (
-    PartShare,
-    count_by_part,
-    describe_by_part,
-    name_vertex,
-)
+from cageik_cli.geometry.parts import PartShare, count_by_part, describe_by_part, name_vertex
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.geometry.surface import (
     SURFACE_ROUNDING_TOL,
@@ -43,25 +33,13 @@ TOUCH_TOL = 1e-8
 
 
 class MisfitError(CageError):
-    """A cage does not fit its model.
-
-    Attributes
-    ----------
-    misfit : Misfit, optional
-        Why, if it is known.
-    """
+    """A cage does not fit its model, for the reason `misfit`, if it is known."""
 
     misfit: Misfit | None = None
 
 
 class OutsideError(MisfitError):
-    """Vertices of a model are outside the cage.
-
-    Attributes
-    ----------
-    placement : Placement, optional
-        Where they are, if it is known.
-    """
+    """Vertices of a model are outside the cage, in a `placement`, if it is known."""
 
     placement: "Placement | None" = None
 
@@ -153,9 +131,8 @@ class Placement:
     def find_outside(self, remedy: Said) -> Finding:
         """Make the finding that these vertices are outside."""
         message, numbers = self.describe_outside("the rest pose"), self.outside_indices
-        percent = self.worst_percent
-        found = Finding("outside", "unfit", message, remedy, value=percent)
-        return found.at("vertices", numbers, "rest")
+        place = "vertices", numbers, self.worst_percent, "rest"
+        return Finding("outside", "unfit", message, remedy, *place)
 
 
 def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Placement:
@@ -223,7 +200,7 @@ def make_swap_finding(cage: TriMesh, rest: TriMesh) -> Finding:
         f"other, of {len(rest.vertices)}"
     )
     remedy = say("give the other as `cage=`, and this as the model")
-    return Finding("swapped", "unfit", message, remedy, value=float(len(cage.vertices)))
+    return Finding("swapped", "unfit", message, remedy, value=len(cage.vertices))
 
 
 def refuse_other_unit(cage: TriMesh, rest: TriMesh) -> None:

@@ -4,7 +4,7 @@ Each is a finding: a sentence for users, and numbers for programs.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,39 @@ MIN_THICKNESS = 1e-9
 
 Point = tuple[float, float, float]
 """A place, file units."""
+
+_FAULTS = {
+    "repeated-vertex": ("face", "has a vertex twice in a face:", "delete {it}"),
+    "degenerate-face": (
+        "face",
+        "is degenerate, corners on a line, at",
+        "move or merge vertices there",
+    ),
+    "duplicate-face": ("face", "has faces that repeat others:", "delete {it}"),
+    "unreferenced-vertex": (
+        "vertex",
+        "has vertices in no face, which can move nothing:",
+        "delete {it}",
+    ),
+    "non-manifold-edge": (
+        "edge",
+        "is not manifold: more than two faces meet at",
+        "remove the inner faces",
+    ),
+    "open-edge": ("edge", "is open: no second face at", "close the hole"),
+    "orientation": ("edge", "has neighbours facing opposite ways at", "recalculate its normals"),
+    "pinched-vertex": (
+        "vertex",
+        "is not manifold: its parts touch in a point at",
+        "separate them there",
+    ),
+    "self-intersection": (
+        "face pair",
+        "crosses or touches itself at",
+        "move vertices until faces meet only at common edges and corners",
+    ),
+}
+"""The faults that have elements: what these are, what is wrong with the cage, and what to do."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,48 +97,13 @@ class Finding:
     mesh: str = "cage"
     place: Point | None = None
 
-    def at(self, elements: str, numbers: Integers, mesh: str = "cage") -> "Finding":
-        """Return the finding with the elements of a mesh where it is."""
-        return replace(self, elements=elements, numbers=numbers, mesh=mesh)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", float(self.value))
 
     @property
     def sentence(self) -> Said:
         """Return the message and the remedy."""
         return f"{self.message}; " + self.remedy
-
-
-_FAULTS = {
-    "repeated-vertex": ("face", "has a vertex twice in a face:", "delete {it}"),
-    "degenerate-face": (
-        "face",
-        "is degenerate, corners on a line, at",
-        "move or merge vertices there",
-    ),
-    "duplicate-face": ("face", "has faces that repeat others:", "delete {it}"),
-    "unreferenced-vertex": (
-        "vertex",
-        "has vertices in no face, which can move nothing:",
-        "delete {it}",
-    ),
-    "non-manifold-edge": (
-        "edge",
-        "is not manifold: more than two faces meet at",
-        "remove the inner faces",
-    ),
-    "open-edge": ("edge", "is open: no second face at", "close the hole"),
-    "orientation": ("edge", "has neighbours facing opposite ways at", "recalculate its normals"),
-    "pinched-vertex": (
-        "vertex",
-        "is not manifold: its parts touch in a point at",
-        "separate them there",
-    ),
-    "self-intersection": (
-        "face pair",
-        "crosses or touches itself at",
-        "move vertices until faces meet only at common edges and corners",
-    ),
-}
-"""The faults that have elements: what these are, what is wrong with the cage, and what to do."""
 
 
 def validate_cage(cage: TriMesh) -> tuple[TriMesh, tuple[Note, ...]]:
@@ -148,9 +146,17 @@ def find_cage_faults(cage: TriMesh) -> tuple[Finding, ...]:
     kept = np.flatnonzero(~(repeats_corner | is_duplicate))
     if len(kept):
         surface = TriMesh(cage.vertices, cage.faces[kept])
-        # Vertices of an open cage may not be merged yet: coincident vertices are then taken as one.
-        joined = surface if surface.is_closed else _merge_coincident_vertices(surface)
-        found += _find_edge_faults(surface, joined)
+        joined, remedy, edges = surface, "", surface.edges
+        if not surface.is_closed:
+            # Its vertices may not be merged yet: coincident ones are then taken as the first.
+            places = np.unique(surface.vertices, axis=0, return_index=True, return_inverse=True)
+            joined = TriMesh(surface.vertices, places[1][places[2].ravel()][surface.faces])
+            if not np.array_equal(joined.faces, surface.faces):
+                remedy = "merge coincident vertices, then close the remaining holes"
+        found += _find("non-manifold-edge", edges.ends[edges.face_counts > 2])
+        found += _find("open-edge", edges.ends[edges.face_counts < 2], remedy)
+        is_turned = (edges.face_counts == 2) & ~edges.is_balanced
+        found += _find("orientation", edges.ends[is_turned])
         found += _find("pinched-vertex", np.flatnonzero(count_fans(surface) > 1))
         found += [*_find_loose_components(joined), *_find_volume_faults(surface)]
         found += _find("self-intersection", kept[_find_self_intersections(joined, is_flat[kept])])
@@ -164,17 +170,8 @@ def _find(kind: str, numbers: Integers, remedy: str = "") -> Iterator[Finding]:
     noun, what, usual_remedy = _FAULTS[kind]
     message = f"the cage {what} {format_elements(noun, numbers)}"
     remedy = remedy or usual_remedy.format(it="it" if len(numbers) == 1 else "them")
-    numbers, value = numbers.astype(np.int64), float(len(numbers))
-    yield Finding(kind, "unfit", message, remedy, value=value).at(pluralize(noun), numbers)
-
-
-def _find_edge_faults(surface: TriMesh, joined: TriMesh) -> Iterator[Finding]:
-    edges = surface.edges
-    yield from _find("non-manifold-edge", edges.ends[edges.face_counts > 2])
-    is_merged = np.array_equal(joined.faces, surface.faces)
-    remedy = "" if is_merged else "merge coincident vertices, then close the remaining holes"
-    yield from _find("open-edge", edges.ends[edges.face_counts < 2], remedy)
-    yield from _find("orientation", edges.ends[(edges.face_counts == 2) & ~edges.is_balanced])
+    numbers, elements = numbers.astype(np.int64), pluralize(noun)
+    yield Finding(kind, "unfit", message, remedy, elements, numbers, len(numbers))
 
 
 def count_fans(surface: TriMesh) -> Integers:
@@ -205,8 +202,8 @@ def _find_loose_components(surface: TriMesh) -> Iterator[Finding]:
             f"the cage has {len(parts)} components (of {join_truncated(sizes)} vertices), expected "
             "one connected surface"
         )
-        remedy, value = "join them or delete the loose ones", float(len(parts))
-        yield Finding("components", "unfit", message, remedy, value=value).at("vertices", small)
+        remedy = "join them or delete the loose ones"
+        yield Finding("components", "unfit", message, remedy, "vertices", small, len(parts))
 
 
 def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
@@ -230,12 +227,6 @@ def _find_self_intersections(surface: TriMesh, is_degenerate: Mask) -> Integers:
     if len(judged) == 0:
         return np.empty((0, 2), np.int64)
     return judged[self_intersections(TriMesh(surface.vertices, faces[judged]))]
-
-
-def _merge_coincident_vertices(surface: TriMesh) -> TriMesh:
-    """Return the same vertices, with faces that use the first of coincident vertices."""
-    _, first, place_of = np.unique(surface.vertices, axis=0, return_index=True, return_inverse=True)
-    return TriMesh(surface.vertices, first[place_of.ravel()][surface.faces])
 
 
 def format_elements(noun: str, numbers: ArrayLike) -> str:

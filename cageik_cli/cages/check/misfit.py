@@ -241,7 +241,17 @@ def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> 
     project = say("take the nearest points of the cage with `outside=project`")
     if worst < MAX_NEAR_PERCENT:
         otherwise = ", or " + project if share <= MAX_OUTSIDE_SHARE else ""
-        return _explain_small_cage(cage, rest, otherwise)
+        if not (inflation := measure_inflation(cage, rest)):
+            return Misfit(
+                "the cage is too small there, and to inflate it evenly does not help: move it "
+                "outward there" + otherwise
+            )
+        percent = round_up(inflation)
+        return Misfit(
+            f"the cage is not inflated: inflate it by {percent:g} % of the diagonal "
+            f"({percent / 100 * rest.diagonal:.3g}) along its normals" + otherwise,
+            inflation=percent,
+        )
     is_dented = share <= MAX_DENTED_SHARE or worst < 2 * MAX_NEAR_PERCENT
     if is_dented and share <= MAX_OUTSIDE_SHARE:
         return Misfit("enlarge the cage there, give the rest pose it was made for, or " + project)
@@ -249,21 +259,6 @@ def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> 
         remedy = OTHER_POSE_REMEDY + say(", or the frame that it was made for as `rest=`")
         return Misfit(remedy, is_repairable=False)
     return Misfit(_describe_misplaced(cage, rest), is_repairable=False)
-
-
-def _explain_small_cage(cage: TriMesh, rest: TriMesh, otherwise: Said) -> Misfit:
-    inflation = measure_inflation(cage, rest)
-    if not inflation:
-        return Misfit(
-            "the cage is too small there, and to inflate it evenly does not help: move it outward "
-            "there" + otherwise
-        )
-    percent = round_up(inflation)
-    return Misfit(
-        f"the cage is not inflated: inflate it by {percent:g} % of the diagonal "
-        f"({percent / 100 * rest.diagonal:.3g}) along its normals" + otherwise,
-        inflation=percent,
-    )
 
 
 def round_up(percent: float) -> float:
@@ -323,7 +318,13 @@ def find_transform(cage: TriMesh, model: TriMesh) -> Transform | None:
     for candidate in sorted(candidates, key=lambda c: c.complexity):
         if found and candidate.complexity > min(cost for cost, _ in found):
             break
-        fitted = _fit_to_points(_centre(candidate, cage, model), cage, points)
+        if candidate.is_moved:  # centred on the model first
+            inner, outer = (
+                (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+                for mesh in (model, cage)
+            )
+            candidate = replace(candidate, offset=inner - candidate.matrix @ outer)
+        fitted = _fit_to_points(candidate, cage, points)
         moved = fitted.apply_to_mesh(cage)
         left = _measure_depth(moved, points)
         is_near = left < min(limit, _find_max_percent(fitted) / 100 * model.diagonal)
@@ -378,14 +379,6 @@ def _list_transforms(cage: TriMesh, model: TriMesh) -> Iterator[Transform]:
         if (scale * outer <= most).all():
             yield Transform(rotation, scale, np.zeros(3), is_scaled=True)
             yield Transform(rotation, scale, np.zeros(3), is_scaled=True, is_moved=True)
-
-
-def _centre(transform: Transform, cage: TriMesh, model: TriMesh) -> Transform:
-    """Centre a cage that may move on the model."""
-    if not transform.is_moved:
-        return transform
-    centres = [(m.vertices.min(axis=0) + m.vertices.max(axis=0)) / 2 for m in (model, cage)]
-    return replace(transform, offset=centres[0] - transform.matrix @ centres[1])
 
 
 def _fit_to_points(transform: Transform, cage: TriMesh, points: Floats) -> Transform:

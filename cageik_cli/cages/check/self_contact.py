@@ -89,18 +89,31 @@ def make_contact_meter(model: TriMesh) -> ContactMeter | None:
     weights = sparse.csr_array(sparse.eye_array(len(model.vertices), format="csr")[first])
     weights, faces = _divide_edges(model, weights, faces)
     surface = TriMesh(np.asarray(weights @ model.vertices), faces)
-    samples, shares = _sample_vertices(surface)
-    if len(samples) == 0:
+    areas = np.cumsum(surface.face_areas)
+    if not areas[-1] > 0:
         return None
-    links = _link_samples(surface, samples)
-    joined = _find_near_pairs(links, MIN_SURFACE_DISTANCE * model.diagonal)
-    return ContactMeter(weights[samples], shares, joined, MAX_CONTACT_DISTANCE * model.diagonal)
+    # Up to `MAX_CONTACT_SAMPLES` vertices evenly by area, and the share that each stands for.
+    steps = (np.arange(MAX_CONTACT_SAMPLES) + 0.5) / MAX_CONTACT_SAMPLES
+    chosen = np.searchsorted(areas, steps * areas[-1])
+    samples, counts = np.unique(surface.faces[chosen, 0], return_counts=True)
+    links, count, joined = _link_samples(surface, samples), len(samples), []
+    for start in range(0, count, MAX_SOURCES):
+        sources = np.arange(start, min(start + MAX_SOURCES, count))
+        limit = MIN_SURFACE_DISTANCE * model.diagonal
+        distances = csgraph.dijkstra(links, False, sources, limit=limit)
+        first, second = np.nonzero(np.isfinite(distances))
+        first += start
+        joined.append((first * count + second)[first < second])
+    return ContactMeter(
+        weights[samples],
+        counts / MAX_CONTACT_SAMPLES,
+        np.concatenate(joined),
+        MAX_CONTACT_DISTANCE * model.diagonal,
+    )
 
 
 def _divide_edges(
-    model: TriMesh,
-    weights: sparse.csr_array,
-    faces: Integers,
+    model: TriMesh, weights: sparse.csr_array, faces: Integers
 ) -> tuple[sparse.csr_array, Integers]:
     """Divide each face in four until edges are short, up to `MAX_DIVIDED_EDGE` diagonals.
 
@@ -126,22 +139,6 @@ def _divide_edges(
     return weights, faces
 
 
-def _sample_vertices(surface: TriMesh) -> tuple[Integers, Floats]:
-    """Choose up to `MAX_CONTACT_SAMPLES` vertices evenly by area.
-
-    Returns
-    -------
-    (s,), their numbers, and (s,), the share of the surface that each stands for.
-    """
-    areas = np.cumsum(surface.face_areas)
-    if not areas[-1] > 0:
-        return np.zeros(0, np.int64), np.zeros(0)
-    steps = (np.arange(MAX_CONTACT_SAMPLES) + 0.5) / MAX_CONTACT_SAMPLES
-    chosen = np.searchsorted(areas, steps * areas[-1])
-    samples, counts = np.unique(surface.faces[chosen, 0], return_counts=True)
-    return samples, counts / MAX_CONTACT_SAMPLES
-
-
 def _link_samples(surface: TriMesh, samples: Integers) -> sparse.csr_array:
     """Return the graph of the samples: those whose regions meet, and the way between them."""
     ends = surface.edges.ends
@@ -162,18 +159,6 @@ def _link_samples(surface: TriMesh, samples: Integers) -> sparse.csr_array:
     linked, first = np.unique(linked, axis=0, return_index=True)
     apart = linked[:, 0] != linked[:, 1]
     return _make_graph(linked[apart], lengths[first[apart]], len(samples))
-
-
-def _find_near_pairs(links: sparse.csr_array, limit: float) -> Integers:
-    """Return the pairs of samples at most `limit` apart, as `ContactMeter.joined` has them."""
-    count, found = links.shape[0], []
-    for start in range(0, count, MAX_SOURCES):
-        sources = np.arange(start, min(start + MAX_SOURCES, count))
-        distances = csgraph.dijkstra(links, False, sources, limit=limit)
-        first, second = np.nonzero(np.isfinite(distances))
-        first += start
-        found.append((first * count + second)[first < second])
-    return np.concatenate(found)
 
 
 def _make_graph(ends: Integers, lengths: Floats, count: int) -> sparse.csr_array:

@@ -22,7 +22,6 @@ from cageik_cli.cages.repair.shape import ShapeFit
 from cageik_cli.cages.repair.tidy import (
     PolygonMesh,
     close_hole,
-    count_edge_uses,
     count_topology_faults,
     drop_unreferenced,
     find_boundary_vertices,
@@ -35,7 +34,6 @@ from cageik_cli.cages.repair.tidy import (
     label_patches,
     replace_corners,
 )
-from cageik_cli.cages.settings import RepairSettings
 from cageik_cli.cages.surface_points import sample_surface
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.geometry.shape import bounds_volume
@@ -44,6 +42,12 @@ from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import CageError
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.text import format_count
+
+REPAIR_CLEARANCE = 0.002
+"""How far parts of the cage that must move are moved off the model, in its diagonals."""
+
+MAX_HOLE_EDGES = 16
+"""Holes with more edges are not closed."""
 
 MAX_INNER_WALLS = 30
 """Patches of a cage with edges of more than two faces, above which none is tried as a wall."""
@@ -128,7 +132,6 @@ class RepairedCage:
 def repair_cage(
     cage: TriMesh,
     model: TriMesh,
-    settings: RepairSettings | None = None,
     corner_counts: Integers | None = None,
     progress: Callable[[int, int], None] = ignore_progress,
 ) -> RepairedCage:
@@ -156,21 +159,20 @@ def repair_cage(
     CageError
         When nothing of the cage would be left, or the model is one point.
     """
-    settings = settings or RepairSettings()
     if point := find_missing_extent(model):
         raise CageError(point.sentence)
     samples = sample_surface(model)
     repair = Repair(cage, corner_counts)
-    repair.tidy_faces(samples, settings.max_hole_edges)
+    repair.tidy_faces(samples)
     transform = None
-    if settings.allow_transform and bounds_volume(repair.mesh.triangles):
+    if bounds_volume(repair.mesh.triangles):
         transform = repair.undo_transform(model)
     start = repair.mesh.vertices
     repair.unfold()
     if bounds_volume(repair.mesh.triangles):
         # Points are pushed for when they are hardly nearer than a good cage has them.
-        least = min(1.1 * MIN_CLEARANCE, settings.clearance) * model.diagonal
-        fit = ShapeFit(model, samples, least, settings.clearance * model.diagonal)
+        least = 1.1 * MIN_CLEARANCE * model.diagonal
+        fit = ShapeFit(model, samples, least, REPAIR_CLEARANCE * model.diagonal)
         repair.fit_shape(fit, model.diagonal, progress)
         repair.unfold()
     faults, warnings = judge_cage(repair.mesh.triangles, model, samples)
@@ -211,7 +213,7 @@ def judge_cage(
                 f"{len(outside)} of {len(samples)} points of the model's surface are outside the "
                 f"cage, the first at ({x:.4g}, {y:.4g}, {z:.4g})"
             )
-            remedy, count = "move the cage outward there", float(len(outside))
+            remedy, count = "move the cage outward there", len(outside)
             holding.append(Finding("surface-outside", "unfit", message, remedy, value=count))
     warnings = [*find_needle_faces(cage), *find_thin_parts(cage)]
     if not is_outside:
@@ -253,7 +255,7 @@ class Repair:
         origins[self.vertex_map[::-1][kept]] = numbers[kept]
         return origins
 
-    def tidy_faces(self, samples: Floats, max_hole_edges: int) -> None:
+    def tidy_faces(self, samples: Floats) -> None:
         """Run every step that changes faces but moves nothing: causes come before their effects.
 
         Parameters
@@ -262,11 +264,16 @@ class Repair:
             Points of the model, which decide what parts of the cage are for.
         """
         self._merge_vertices()
-        self._drop_repeated_faces()
+        self._drop_faces(find_repeated(self.mesh), "that repeat others")
+        counts = self.mesh.corner_counts
+        numbers = self.mesh.polygon_numbers[self.mesh.edge_uses == 1]
+        loose = np.bincount(numbers, minlength=len(counts)) == counts
+        if not loose.all():
+            self._drop_faces(loose, "that touch no others")
         self._drop_faces(find_fins(self.mesh), "that stand on an edge of two others")
         self._drop_inner_walls()
         self._turn_faces()
-        self._close_holes(max_hole_edges)
+        self._close_holes()
         self._drop_loose_parts(samples)
         self._turn_faces()
         self._drop_vertices()
@@ -346,16 +353,6 @@ class Repair:
         self.mesh, self.vertex_map = merged, target[self.vertex_map]
         self._note("merge", " and ".join(parts), max(len(gone), lost), gone)
 
-    def _drop_repeated_faces(self) -> None:
-        """Delete faces on the vertices of others, and faces that touch nothing else."""
-        self._drop_faces(find_repeated(self.mesh), "that repeat others")
-        uses, _ = count_edge_uses(self.mesh)
-        counts = self.mesh.corner_counts
-        numbers = self.mesh.polygon_numbers[uses == 1]
-        loose = np.bincount(numbers, minlength=len(counts)) == counts
-        if not loose.all():
-            self._drop_faces(loose, "that touch no others")
-
     def _drop_inner_walls(self) -> None:
         """Delete a patch of faces whose edges two others share; the largest volume stays.
 
@@ -363,9 +360,8 @@ class Repair:
         """
         while True:
             mesh = self.mesh
-            uses, _ = count_edge_uses(mesh)
             labels = label_patches(mesh)
-            if not (uses > 2).any() or labels.max() >= MAX_INNER_WALLS:
+            if not (mesh.edge_uses > 2).any() or labels.max() >= MAX_INNER_WALLS:
                 return
             before = count_topology_faults(mesh)
             best, most = None, 0.0
@@ -393,12 +389,12 @@ class Repair:
         what = "all faces" if turned.all() else format_elements("face", numbers)
         self._note("turn", f"turned {what} to face outward", len(numbers))
 
-    def _close_holes(self, max_edges: int) -> None:
-        """Put faces over holes that have few edges and pass no vertex twice."""
+    def _close_holes(self) -> None:
+        """Put faces over holes of up to `MAX_HOLE_EDGES` edges that pass no vertex twice."""
         for loop in find_holes(self.mesh):
             closed = close_hole(self.mesh, loop)
             fits = count_topology_faults(closed) < count_topology_faults(self.mesh)
-            if len(loop) <= max_edges and fits and not find_repeated(closed).any():
+            if len(loop) <= MAX_HOLE_EDGES and fits and not find_repeated(closed).any():
                 at = format_elements("vertex", self.origins[loop])
                 self.mesh = closed
                 self._note("close-hole", f"closed a hole of {len(loop)} edges at {at}", 1)
@@ -410,8 +406,8 @@ class Repair:
         count = labels.max() + 1
         if count == 1:
             return
-        uses, _ = count_edge_uses(mesh)
-        is_open = np.bincount(labels[mesh.polygon_numbers[uses == 1]], minlength=count) > 0
+        bordered = mesh.polygon_numbers[mesh.edge_uses == 1]
+        is_open = np.bincount(labels[bordered], minlength=count) > 0
         parts = [mesh.keep(labels == patch) for patch in range(count)]
         held = [np.abs(winding_numbers(part.triangles, samples)) > 0.5 for part in parts]
         order = [(not is_open[k], held[k].sum(), _measure_volume(parts[k])) for k in range(count)]

@@ -71,24 +71,12 @@ class Effort:
     """
 
     def __init__(self, left: float = np.inf) -> None:
-        self._left = left
+        self.left = left
 
     @property
     def is_spent(self) -> bool:
-        """Return whether no further piece of work may begin."""
-        return self._left <= 0
-
-    def spend(self, amount: float) -> None:
-        """Count some work; the last piece may be larger than what was left."""
-        self._left -= amount
-
-    def spend_on_tangle(self, faces: int) -> None:
-        """Count a search for crossings among faces."""
-        self.spend(2000.0 + 50.0 * faces)
-
-    def spend_on_samples(self, samples: int, faces: int) -> None:
-        """Count the measurement of samples in a cage of so many faces: side and distance."""
-        self.spend(0.03 * samples * (faces + 100))
+        """Return whether no further piece of work may begin; the last may have been too large."""
+        return self.left <= 0
 
 
 class ShapeFit:
@@ -111,11 +99,7 @@ class ShapeFit:
         # clearance, for what crosses lies between them.
         self._firm = np.empty((0, 3))
 
-    def run(
-        self,
-        cage: TriMesh,
-        progress: Callable[[int, int], None],
-    ) -> Shape:
+    def run(self, cage: TriMesh, progress: Callable[[int, int], None]) -> Shape:
         """Untangle and push in turn until nothing crosses and the model is inside.
 
         The work is bounded, and a cage is given up after `MAX_FRUITLESS_ROUNDS` in a row that found
@@ -137,7 +121,13 @@ class ShapeFit:
                 shape = step(shape, effort)
                 if shape.faults < best.faults:
                     best, failures = shape, 0
-            self._add_firm_points(shape.cage)
+            # Firm points are on faces of the model that cross the cage, their sides divided.
+            corners = self._find_crossing_faces(shape.cage)
+            if len(corners):
+                side = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+                parts = int(np.clip(np.ceil(side / self._target), 2, MAX_SIDE_PARTS))
+                points = [self._firm, corners.reshape(-1, 3), divide_triangles(corners, parts)]
+                self._firm = np.unique(np.concatenate(points), axis=0)
             progress(done + 1, MAX_SHAPE_ROUNDS)
         return self._return_vertices(best, cage) if best.faults == 0 else best
 
@@ -166,15 +156,6 @@ class ShapeFit:
         """Return corners of the model's faces that cross the cage, (k, 3, 3)."""
         pairs = crossing_face_pairs(self._model, cage, 0.0)
         return self._model.vertices[self._model.faces[np.unique(pairs[:, 0])]]
-
-    def _add_firm_points(self, cage: TriMesh) -> None:
-        """Add firm points on the faces of the model that cross the cage, their sides divided."""
-        corners = self._find_crossing_faces(cage)
-        if len(corners):
-            side = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
-            parts = int(np.clip(np.ceil(side / self._target), 2, MAX_SIDE_PARTS))
-            points = [self._firm, corners.reshape(-1, 3), divide_triangles(corners, parts)]
-            self._firm = np.unique(np.concatenate(points), axis=0)
 
     def _return_vertices(self, shape: Shape, original: TriMesh) -> Shape:
         """Move vertices back to where they were, as many and as far as the cage stays fit."""
@@ -210,7 +191,7 @@ class ShapeFit:
         self, shape: Shape, original: TriMesh, group: Integers, share: float, effort: Effort
     ) -> Shape | None:
         """Move vertices back by a share of their moves; return None if that shape is not fit."""
-        effort.spend(15e3)
+        effort.left -= 15e3
         scale = np.ones((len(shape.moves), 1))
         scale[group] = 1 - share
         moved = replace(shape, untangled=shape.untangled * scale, pushed=shape.pushed * scale)
@@ -267,7 +248,7 @@ def push_outward(
         near = depths < least
         if effort.is_spent or not near.any():
             return None
-        effort.spend_on_samples(int(near.sum()), len(cage.faces))
+        effort.left -= 0.03 * near.sum() * (len(cage.faces) + 100)  # the side, and the distance
         depths[near], closest = measure_depths(cage, samples[near])
         return _make_contacts(closest, samples[near], depths[near], least[near], target)
 
@@ -289,24 +270,18 @@ def _make_contacts(
     corners, nearest = cage.faces[closest.face[chosen]], closest.position[chosen]
     a, b, c = (cage.vertices[corners[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
-    weights = _weigh_corners(nearest, (a, b, c), normal)
+    # Barycentric weights of the nearest points; 1/3 where a face has no area.
+    a, b, c = a - nearest, b - nearest, c - nearest
+    parts = [np.einsum("kx,kx->k", np.cross(p, q), normal) for p, q in ((b, c), (c, a), (a, b))]
+    weights = np.stack(parts, axis=1)
+    total = weights.sum(axis=1, keepdims=True)
+    weights = np.where(total > 0, weights / np.where(total > 0, total, 1.0), 1 / 3)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
     away = (nearest - samples[chosen]) * np.sign(depths[chosen])[:, None]
     length = np.linalg.norm(away, axis=1, keepdims=True)
     short = length < 1e-9 * cage.diagonal  # on the cage: its normal says where to
     direction = np.where(short, normal, away / np.where(short, 1.0, length))
     return Contacts(corners, weights, direction, target - depths[chosen])
-
-
-def _weigh_corners(
-    points: Floats, corners: tuple[Floats, Floats, Floats], normal: Floats
-) -> Floats:
-    """Return barycentric weights of points in triangles, (k, 3); 1/3 where there is no area."""
-    a, b, c = (corner - points for corner in corners)
-    parts = [np.einsum("kx,kx->k", np.cross(p, q), normal) for p, q in ((b, c), (c, a), (a, b))]
-    weights = np.stack(parts, axis=1)
-    total = weights.sum(axis=1, keepdims=True)
-    return np.where(total > 0, weights / np.where(total > 0, total, 1.0), 1 / 3)
 
 
 def find_self_intersecting_faces(cage: TriMesh) -> Integers:
@@ -333,7 +308,7 @@ def find_local_self_intersecting_faces(
     if len(numbers) == 0:
         return numbers
     if effort is not None:
-        effort.spend_on_tangle(len(numbers))
+        effort.left -= 2000 + 50 * len(numbers)
     return numbers[find_self_intersecting_faces(TriMesh(cage.vertices, cage.faces[near]))]
 
 

@@ -107,6 +107,17 @@ class PolygonMesh:
         return self.corners[self.next_places]
 
     @cached_property
+    def edge_numbers(self) -> Integers:
+        """Return the number of the edge that begins at each corner, (c,)."""
+        ends = np.sort(np.stack([self.corners, self.next_corners], axis=1), axis=1)
+        return np.unique(ends, axis=0, return_inverse=True)[1].ravel()
+
+    @cached_property
+    def edge_uses(self) -> Integers:
+        """Return how many polygons the edge that begins at each corner has, (c,)."""
+        return np.bincount(self.edge_numbers)[self.edge_numbers]
+
+    @cached_property
     def triangles(self) -> TriMesh:
         """Return the fans of the polygons at their first corners."""
         return TriMesh(self.vertices, fan_triangulate(self.corners, self.corner_counts))
@@ -144,7 +155,14 @@ class PolygonMesh:
             return self
         rings: list[Integers] = []
         for ring, folded in zip(self.rings, self.is_folded, strict=True):
-            rings += _unfold_ring(self.vertices, ring) if folded else [ring]
+            if not folded:
+                rings.append(ring)
+                continue
+            turned = (np.roll(ring, -k) for k in range(1, len(ring)))
+            meshes = (PolygonMesh.from_rings(self.vertices, [other]) for other in turned)
+            whole = next((mesh.corners for mesh in meshes if not mesh.is_folded.any()), None)
+            fan = PolygonMesh.from_rings(self.vertices, [ring]).triangles.faces
+            rings += list(fan) if whole is None else [whole]
         return PolygonMesh.from_rings(self.vertices, rings)
 
 
@@ -177,17 +195,9 @@ def drop_unreferenced(mesh: PolygonMesh) -> tuple[PolygonMesh, Integers]:
     return PolygonMesh(mesh.vertices[used], numbers[mesh.corners], mesh.corner_counts), numbers
 
 
-def count_edge_uses(mesh: PolygonMesh) -> tuple[Integers, Integers]:
-    """Count the polygons at the edge that begins at each corner, (c,); return its number, too."""
-    ends = np.sort(np.stack([mesh.corners, mesh.next_corners], axis=1), axis=1)
-    _, edge = np.unique(ends, axis=0, return_inverse=True)
-    edge = edge.ravel()
-    return np.bincount(edge)[edge], edge
-
-
 def count_topology_faults(mesh: PolygonMesh) -> int:
     """Return edges that have not two polygons, and parts of vertices that touch in a point."""
-    uses, edge = count_edge_uses(mesh)
+    edge = mesh.edge_numbers
     _, first = np.unique(edge, return_index=True)
     # Corners of one vertex on one edge are joined; a vertex has one such group for each fan.
     size, after = len(mesh.corners), mesh.next_places
@@ -198,13 +208,13 @@ def count_topology_faults(mesh: PolygonMesh) -> int:
     same = np.diff(key[order]) == 0
     joined = np.stack([place[order][:-1][same], place[order][1:][same]], axis=1)
     fans = len(np.unique(find_groups(joined, size)))
-    return int(np.count_nonzero(uses[first] != 2)) + fans - len(np.unique(mesh.corners))
+    return int(np.count_nonzero(mesh.edge_uses[first] != 2)) + fans - len(np.unique(mesh.corners))
 
 
 def find_boundary_vertices(mesh: PolygonMesh) -> Integers:
     """Return vertices on edges that have not two polygons."""
-    uses, _ = count_edge_uses(mesh)
-    return np.unique(np.concatenate([mesh.corners[uses != 2], mesh.next_corners[uses != 2]]))
+    is_border = mesh.edge_uses != 2
+    return np.unique(np.concatenate([mesh.corners[is_border], mesh.next_corners[is_border]]))
 
 
 def find_fins(mesh: PolygonMesh) -> Mask:
@@ -212,10 +222,9 @@ def find_fins(mesh: PolygonMesh) -> Mask:
     fins = np.zeros(len(mesh.corner_counts), bool)
     while True:
         rest = mesh.keep(~fins)
-        uses, _ = count_edge_uses(rest)
         numbers, count = rest.polygon_numbers, len(rest.corner_counts)
-        crowded = np.bincount(numbers[uses > 2], minlength=count) > 0
-        open_sides = np.bincount(numbers[uses == 1], minlength=count)
+        crowded = np.bincount(numbers[rest.edge_uses > 2], minlength=count) > 0
+        open_sides = np.bincount(numbers[rest.edge_uses == 1], minlength=count)
         is_fin = crowded & (open_sides > 0)
         if fins.any():
             is_fin |= open_sides == rest.corner_counts
@@ -251,22 +260,20 @@ def find_misoriented(mesh: PolygonMesh) -> Mask:
 
 def find_inward_facing(mesh: PolygonMesh) -> Mask:
     """Return which polygons belong to closed components of negative volume, (p,)."""
-    uses, _ = count_edge_uses(mesh)
     label = label_patches(mesh)
     inward = np.zeros(len(label), bool)
     for patch in range(label.max() + 1):
         chosen = label == patch
         faces = mesh.triangles.faces[chosen[mesh.triangle_polygons]]
-        if (uses[chosen[mesh.polygon_numbers]] == 2).all():
+        if (mesh.edge_uses[chosen[mesh.polygon_numbers]] == 2).all():
             inward |= chosen & (signed_volumes(mesh.vertices[None], faces)[0] < 0)
     return inward
 
 
 def _find_neighbours(mesh: PolygonMesh) -> tuple[Integers, Mask]:
     """Find pairs of polygons, (p, 2), that alone share an edge; and which pass it oppositely."""
-    uses, edge = count_edge_uses(mesh)
-    chosen = np.flatnonzero(uses == 2)
-    sides = chosen[np.argsort(edge[chosen], kind="stable")].reshape(-1, 2)
+    chosen = np.flatnonzero(mesh.edge_uses == 2)
+    sides = chosen[np.argsort(mesh.edge_numbers[chosen], kind="stable")].reshape(-1, 2)
     starts = mesh.corners[sides]
     return mesh.polygon_numbers[sides], starts[:, 0] != starts[:, 1]
 
@@ -276,8 +283,8 @@ def find_holes(mesh: PolygonMesh) -> list[Integers]:
 
     Loops that pass a vertex twice are left out.
     """
-    uses, _ = count_edge_uses(mesh)
-    starts, stops = mesh.next_corners[uses == 1], mesh.corners[uses == 1]
+    is_open = mesh.edge_uses == 1
+    starts, stops = mesh.next_corners[is_open], mesh.corners[is_open]
     departures, arrivals = (np.bincount(v, minlength=len(mesh.vertices)) for v in (starts, stops))
     follow = dict(zip(starts.tolist(), stops.tolist(), strict=True))
     simple = (departures == 1) & (arrivals == 1)
@@ -296,22 +303,17 @@ def find_holes(mesh: PolygonMesh) -> list[Integers]:
 def close_hole(mesh: PolygonMesh, loop: Integers) -> PolygonMesh:
     """Add the faces of least area over a loop: a quad as one face in cages that have quads."""
     if len(loop) == 4 and (mesh.corner_counts == 4).any():
-        added = [loop]
-    else:
-        added = list(loop[_fill_polygon(mesh.vertices[loop], _find_joined(mesh, loop))])
-    closed = PolygonMesh.from_rings(mesh.vertices, [*mesh.rings, *added])
-    return closed.unfold() if len(loop) == 4 else closed
-
-
-def _find_joined(mesh: PolygonMesh, loop: Integers) -> Mask:
-    """Return which vertices of a loop an edge joins, (k, k)."""
+        return PolygonMesh.from_rings(mesh.vertices, [*mesh.rings, loop]).unfold()
+    # Which vertices of the loop an edge joins already.
     place = np.full(len(mesh.vertices), -1)
     place[loop] = np.arange(len(loop))
-    sides = np.concatenate([np.stack([ring, np.roll(ring, -1)], axis=1) for ring in mesh.rings])
-    start, stop = place[sides][(place[sides] >= 0).all(axis=1)].T
+    sides = place[np.stack([mesh.corners, mesh.next_corners], axis=1)]
+    start, stop = sides[(sides >= 0).all(axis=1)].T
     joined = np.zeros((len(loop), len(loop)), bool)
     joined[start, stop] = joined[stop, start] = True
-    return joined
+    added = loop[_fill_polygon(mesh.vertices[loop], joined)]
+    closed = PolygonMesh.from_rings(mesh.vertices, [*mesh.rings, *added])
+    return closed.unfold() if len(loop) == 4 else closed
 
 
 def _fill_polygon(points: Floats, joined: Mask) -> Integers:
@@ -341,11 +343,3 @@ def _list_triangles(middle: Integers, i: int, k: int) -> list[list[int]]:
     j = int(middle[i, k])
     below = [t for low, high in pairwise((i, j, k)) for t in _list_triangles(middle, low, high)]
     return [[i, j, k], *below]
-
-
-def _unfold_ring(vertices: Floats, ring: Integers) -> list[Integers]:
-    for start in range(1, len(ring)):
-        turned = np.roll(ring, -start)
-        if not PolygonMesh.from_rings(vertices, [turned]).is_folded.any():
-            return [turned]
-    return list(PolygonMesh.from_rings(vertices, [ring]).triangles.faces)

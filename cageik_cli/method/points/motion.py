@@ -68,7 +68,8 @@ class PointMotion:
         progress: Callable[[int, int], None] = ignore_progress,
         add_gradients: AddGradients | None = None,
     ) -> None:
-        if COORDINATES[binding.settings.coordinates].field is None:
+        kind = COORDINATES[binding.settings.coordinates]
+        if kind.field is None:
             raise SettingError(
                 f"splats need gradients of weights, which {binding.settings.coordinates} "
                 "weights do not have here; " + say("use `coordinates=harmonic`")
@@ -83,7 +84,25 @@ class PointMotion:
         self._cage_count = n
         self._rest, self._has_offsets = binding.cage.vertices, binding.has_offsets
         self._points = binding.rest.vertices
-        self._fill(binding, jobs, progress, add_gradients)
+        # Weights of points outside the cage are those of the nearest points on it.
+        points, cage = binding.rest.vertices, binding.cage
+        is_outside = winding_numbers(cage, points) < 0.5
+        points = np.where(is_outside[:, None], closest_points(cage, points).position, points)
+        assert kind.field is not None
+        solve = kind.load(kind.field, binding.settings.accuracy)
+        field = solve(cage, points, jobs=jobs)
+        together = max(1, MAX_GRADIENT_BYTES // (24 * n * MAX_MOVED_POINTS))
+        for first in range(0, len(self.blocks), together):
+            group = self.blocks[first : first + together]
+            start, stop = group[0].start, group[-1].stop
+            gradients = field.gradient(points[start:stop], jobs)
+            if add_gradients is not None:
+                add_gradients(gradients, self._points[start:stop])
+            for chosen in group:
+                block = self._block(chosen)
+                block[0] = binding.weights[chosen].T
+                block[1:] = gradients[chosen.start - start : chosen.stop - start].T
+            progress(stop, count)
 
     @property
     def moves_splats(self) -> bool:
@@ -133,31 +152,3 @@ class PointMotion:
         size = 4 * self._cage_count
         held = self._stored[size * chosen.start : size * chosen.stop]
         return held.reshape(4, self._cage_count, -1)
-
-    def _fill(
-        self,
-        binding: Binding,
-        jobs: int,
-        progress: Callable[[int, int], None],
-        add_gradients: AddGradients | None,
-    ) -> None:
-        # Weights of points outside the cage are those of the nearest points on it.
-        points, cage = binding.rest.vertices, binding.cage
-        is_outside = winding_numbers(cage, points) < 0.5
-        points = np.where(is_outside[:, None], closest_points(cage, points).position, points)
-        kind = COORDINATES[binding.settings.coordinates]
-        assert kind.field is not None
-        solve = kind.load(kind.field, binding.settings.accuracy)
-        field = solve(binding.cage, points, jobs=jobs)
-        together = max(1, MAX_GRADIENT_BYTES // (24 * self._cage_count * MAX_MOVED_POINTS))
-        for first in range(0, len(self.blocks), together):
-            group = self.blocks[first : first + together]
-            start, stop = group[0].start, group[-1].stop
-            gradients = field.gradient(points[start:stop], jobs)
-            if add_gradients is not None:
-                add_gradients(gradients, self._points[start:stop])
-            for chosen in group:
-                block = self._block(chosen)
-                block[0] = binding.weights[chosen].T
-                block[1:] = gradients[chosen.start - start : chosen.stop - start].T
-            progress(stop, len(points))

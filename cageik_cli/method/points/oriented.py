@@ -24,13 +24,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.geometry.rotations import nearest_rotations_by_entry
-from cageik_cli.util.arrays import Floats, Mask
+from cageik_cli.util.arrays import Floats
 
 MIN_AXIS = float(np.exp(-80.0))
 """Shortest semi-axis: the logarithm of each is a number that files of splats may hold."""
 
 REST_COUNTS = {(degree + 1) ** 2 - 1: degree for degree in range(4)}
 """The degree by the number of coefficients beyond the constant one."""
+
+_DIRECTIONS = (
+    ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    ((1, 0, 0), (0, 1, 0), (1, -1, -1), (1, -1, 1), (1, 1, -1)),
+    ((1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, -1, 0), (1, 1, -1)),
+)
+"""Where bands 1, 2 and 3 are sampled; the condition numbers of their values are below 2.4."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,7 +167,11 @@ def move_ellipsoids(axes: Floats, quaternions: Floats, maps: Floats) -> tuple[Fl
     # An axis that is shorter has no direction of its own.
     is_flat = ~(lengths.min(axis=0) > 1e-13 * lengths.max(axis=0))
     if is_flat.any():
-        _replace_flat(columns, lengths, is_flat)
+        # Those get a whole frame by singular value decomposition.
+        with np.errstate(all="ignore"):
+            images = np.nan_to_num(columns[:, :, is_flat]) * lengths[:, is_flat]
+        left, values, _ = np.linalg.svd(images.transpose(2, 0, 1))
+        columns[:, :, is_flat], lengths[:, is_flat] = left.transpose(1, 2, 0), values.T
     columns[:, 2] *= np.where(determinants(columns) < 0, -1.0, 1.0)
     moved = rotations_to_quaternions(columns)
     moved *= np.where((moved * quaternions).sum(axis=0) < 0, -1.0, 1.0)
@@ -195,15 +206,6 @@ def _orthogonalize(columns: Floats) -> None:
 
 def _dot(left: Floats, right: Floats) -> Floats:
     return np.asarray(left[0] * right[0] + left[1] * right[1] + left[2] * right[2])
-
-
-def _replace_flat(columns: Floats, axes: Floats, is_flat: Mask) -> None:
-    """Give ellipsoids with an axis of no length a whole frame, by singular value decomposition."""
-    lengths = axes[:, is_flat]
-    with np.errstate(all="ignore"):
-        moved = np.nan_to_num(columns[:, :, is_flat]) * lengths
-    left, values, _ = np.linalg.svd(moved.transpose(2, 0, 1))
-    columns[:, :, is_flat], axes[:, is_flat] = left.transpose(1, 2, 0), values.T
 
 
 def determinants(matrices: Floats) -> Floats:
@@ -244,37 +246,19 @@ def rotations_to_quaternions(rotations: Floats) -> Floats:
     return np.asarray(found / np.sqrt((found * found).sum(axis=0)))
 
 
-_DIRECTIONS = (
-    ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-    ((1, 0, 0), (0, 1, 0), (1, -1, -1), (1, -1, 1), (1, 1, -1)),
-    ((1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, -1, 0), (1, 1, -1)),
-)
-"""Where bands 1, 2 and 3 are sampled; the condition numbers of their values are below 2.4."""
-
-
 def evaluate_band(degree: int, directions: NDArray[Any]) -> list[NDArray[Any]]:
     """Return the 2 `degree` + 1 harmonics of one band at unit directions, (3, ...), each (...)."""
     x, y, z = directions
-    return (_first_band, _second_band, _third_band)[degree - 1](x, y, z)
-
-
-def _first_band(x: Any, y: Any, z: Any) -> list[Any]:
-    factor = 0.4886025119029199
-    return [-factor * y, factor * z, -factor * x]
-
-
-def _second_band(x: Any, y: Any, z: Any) -> list[Any]:
-    a, b, c = 1.0925484305920792, 0.31539156525252005, 0.5462742152960396
-    xx, yy = x * x, y * y
-    total = xx + yy
-    return [a * x * y, -a * y * z, b * (2 * z * z - total), -a * x * z, c * (xx - yy)]
-
-
-def _third_band(x: Any, y: Any, z: Any) -> list[Any]:
-    a, b, c = 0.5900435899266435, 2.890611442640554, 0.4570457994644658
-    d, e = 0.3731763325901154, 1.445305721320277
+    if degree == 1:
+        factor = 0.4886025119029199
+        return [-factor * y, factor * z, -factor * x]
     xx, yy, zz = x * x, y * y, z * z
     total = xx + yy
+    if degree == 2:
+        a, b, c = 1.0925484305920792, 0.31539156525252005, 0.5462742152960396
+        return [a * x * y, -a * y * z, b * (2 * z * z - total), -a * x * z, c * (xx - yy)]
+    a, b, c = 0.5900435899266435, 2.890611442640554, 0.4570457994644658
+    d, e = 0.3731763325901154, 1.445305721320277
     middle = c * (4 * zz - total)
     return [
         -a * y * (3 * xx - yy),

@@ -189,7 +189,11 @@ def pick(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
     Woop, Benthin and Wald 2013: edge functions that adjacent faces share bit for bit.
     """
     origins, directions, lengths = camera.cast_rays(np.asarray(pixel, np.float64)[None])
-    seen = (mesh.vertices - origins[0]) @ _ray_axes(directions[0]).T
+    # Along the ray, and in two directions across it.
+    across = np.cross(directions[0], np.eye(3)[np.abs(directions[0]).argmin()])
+    across /= np.linalg.norm(across)
+    axes = np.stack([across, np.cross(directions[0], across), directions[0]])
+    seen = (mesh.vertices - origins[0]) @ axes.T
     x, y, depth = (np.ascontiguousarray(column)[mesh.faces].T for column in seen.T)
     edges = np.roll(x, -2, axis=0) * np.roll(y, -1, axis=0)
     edges = np.roll(x, -1, axis=0) * np.roll(y, -2, axis=0) - edges
@@ -224,11 +228,3 @@ def _suggest_visible_pixels(mesh: TriMesh, camera: Camera) -> str:
     return (
         f"choose a pixel that shows it: x {left:.0f} to {right:.0f}, y {upper:.0f} to {lower:.0f}"
     )
-
-
-def _ray_axes(direction: Floats) -> Floats:
-    """Return orthonormal axes, (3, 3), the last of which is `direction`, of length one."""
-    start = np.eye(3)[np.abs(direction).argmin()]
-    first = np.cross(direction, start)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(direction, first), direction])

@@ -46,14 +46,23 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name in ("view", "projection"):
-            object.__setattr__(self, name, _validate_matrix(name, getattr(self, name)))
+            matrix = np.array(getattr(self, name), np.float64)
+            if matrix.shape != (4, 4):
+                raise SettingError(f"{name} has shape {matrix.shape}, expected (4, 4)")
+            if not np.isfinite(matrix).all():
+                raise SettingError(f"{name} holds numbers that are not finite")
+            matrix.flags.writeable = False
+            object.__setattr__(self, name, matrix)
         if not _is_row(self.view[3], (0, 0, 0, 1)):
             raise SettingError(
                 f"the last row of view is {_format_row(self.view[3])}, expected 0, 0, 0, 1; "
                 f"matrices {_TRANSPOSE_HINT}"
             )
         for name, matrix in (("view", self.view[:3, :3]), ("projection", self.projection)):
-            if not np.linalg.cond(_normalize_rows(matrix)) < MAX_CAMERA_CONDITION:
+            # Rows have length one, so that units and far planes do not make a matrix singular.
+            sizes = np.linalg.norm(matrix, axis=1, keepdims=True)
+            rows = np.divide(matrix, sizes, out=np.zeros_like(matrix), where=sizes > 0)
+            if not np.linalg.cond(rows) < MAX_CAMERA_CONDITION:
                 raise SettingError(f"{name} is singular; expected a matrix that can be inverted")
         last = self.projection[3]
         if not (_is_row(last, (0, 0, -1, 0)) or _is_row(last, (0, 0, 0, 1))):
@@ -91,12 +100,22 @@ class Camera:
         width, height : float
             Pixels.
         """
-        view = _look_at(position, target, up)
+        away = position - target
+        distance = float(np.linalg.norm(away))
+        if not distance > 0:
+            raise SettingError("position and look_at are the same point; move one of them")
+        if not np.linalg.norm(np.cross(away, up)) > 1e-9 * distance * np.linalg.norm(up):
+            raise SettingError("up is parallel to the viewing direction; choose another up")
+        back = _normalize(away)
+        right = _normalize(np.cross(up, back))
+        axes = np.stack([right, np.cross(back, right), back])
+        view = np.eye(4)
+        view[:3, :3], view[:3, 3] = axes, -axes @ position
         if not 0 < fov_degrees < 180:
             raise SettingError(
                 f"fov_degrees is {fov_degrees:g}, expected more than 0 and less than 180"
             )
-        near = 1e-6 * float(np.linalg.norm(target - position))
+        near = 1e-6 * distance
         scale = 1 / np.tan(np.radians(fov_degrees) / 2)
         projection = np.zeros((4, 4))
         projection[0, 0], projection[1, 1] = scale * height / width, scale
@@ -149,38 +168,6 @@ class Camera:
         normal = self.view[2, :3]
         ahead = (points - origins) @ normal / (directions @ normal)
         return np.asarray(origins + ahead[:, None] * directions)
-
-
-def _look_at(position: Floats, target: Floats, up: Floats) -> Floats:
-    """Return the matrix from world to eye, (4, 4), of a viewer who looks at a target."""
-    away = position - target
-    distance = np.linalg.norm(away)
-    if not distance > 0:
-        raise SettingError("position and look_at are the same point; move one of them")
-    if not np.linalg.norm(np.cross(away, up)) > 1e-9 * distance * np.linalg.norm(up):
-        raise SettingError("up is parallel to the viewing direction; choose another up")
-    back = _normalize(away)
-    right = _normalize(np.cross(up, back))
-    axes = np.stack([right, np.cross(back, right), back])
-    view = np.eye(4)
-    view[:3, :3], view[:3, 3] = axes, -axes @ position
-    return view
-
-
-def _validate_matrix(name: str, values: Floats) -> Floats:
-    matrix = np.array(values, np.float64)
-    if matrix.shape != (4, 4):
-        raise SettingError(f"{name} has shape {matrix.shape}, expected (4, 4)")
-    if not np.isfinite(matrix).all():
-        raise SettingError(f"{name} holds numbers that are not finite")
-    matrix.flags.writeable = False
-    return matrix
-
-
-def _normalize_rows(matrix: Floats) -> Floats:
-    """Scale rows to length one, so that units and far planes do not make a matrix singular."""
-    sizes = np.linalg.norm(matrix, axis=1, keepdims=True)
-    return np.asarray(np.divide(matrix, sizes, out=np.zeros_like(matrix), where=sizes > 0))
 
 
 def _is_row(row: Floats, expected: tuple[int, ...]) -> bool:

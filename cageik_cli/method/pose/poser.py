@@ -8,27 +8,49 @@ over l anchors with targets q, whose rows in cage space are a_j (Savoye and Fran
 means instead of sums). In displacements d = c − c_rest and t = q − A c_rest everything is linear in
 t, and nothing large cancels: d = R t and H d = (H R) t, with responses R that are computed once.
 
+With the forces λ by which anchors cause displacements t, this minimum is where
+
+    LᵀL d = Aᵀ λ,        A d + E λ = t.
+
+LᵀL does not depend on the anchors: it is factored once per cage. G is its inverse outside the free
+modes P (components of the cage that move as one). Then d = G Aᵀ λ + P u, and
+
+    (A G Aᵀ + E) λ + A P u = t,        (A P)ᵀ λ = 0
+
+is a system of the size of the anchors. It gives the same minimum as the normal matrix of both
+terms, and stays well conditioned however small E is: hard anchors are the limit E = 0.
+
 With `rigidity`, δ turns with the cells of the cage (`method.pose.rigidity`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.linalg
+from scipy.linalg.blas import dgemv
 
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
-from cageik_cli.method.pose.cage_response import CageResponseSolver, MirroredMap, Response
 from cageik_cli.method.pose.constraints import CageConstraints, free_basis
 from cageik_cli.method.pose.rigidity import Cells, Neighbours
 from cageik_cli.method.pose.settings import DEFAULT_POSE_ALPHA, validate_weights
-from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION
+from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION, MIN_REFINED_CONDITION
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, NumericalError
 from cageik_cli.util.messages import Said, say
 from cageik_cli.util.text import format_count
+
+FREE_MODE_TOL = 1e-9
+"""Free modes that couple to all anchors more weakly than this are not decided by them."""
+
+BASIS_TOL = 1e-9
+"""A motion of length one may lose this much when it is projected on the free coordinates."""
 
 
 class Poser:
@@ -220,7 +242,7 @@ class Poser:
         return Cells(self._neighbours, self.binding.cage.vertices)
 
     @cached_property
-    def _mesh_map(self) -> MirroredMap:
+    def _mesh_map(self) -> "MirroredMap":
         return self._cage_map.compose(self.binding.weights)
 
     @cached_property
@@ -228,7 +250,7 @@ class Poser:
         return np.ascontiguousarray(self.binding.rest.vertices.T)
 
 
-def _check_independent(response: Response, anchors: tuple[Anchor, ...]) -> None:
+def _check_independent(response: "Response", anchors: tuple[Anchor, ...]) -> None:
     """Refuse anchors that cannot be met independently of each other, naming the main ones."""
     if response.condition_number <= MAX_CONDITION:
         return
@@ -245,3 +267,166 @@ def _check_independent(response: Response, anchors: tuple[Anchor, ...]) -> None:
         what = f"anchors {', '.join(names[:-1])} and {names[-1]} conflict"
         remedy = say("remove one, make it soft, or raise `alpha=`")
     raise NumericalError(f"{what} (condition number {found}, limit {limit}): " + remedy)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Response:
+    """The linear response of one coordinate of a cage to its anchors.
+
+    Attributes
+    ----------
+    anchor_response : (n, l) float64
+        Displacements of the cage per displacement of an anchor.
+    differential_response : (n, n) float64
+        Displacements of the cage per change of δ, with the anchors' targets fixed.
+    condition_number : float
+        Condition number of the anchors' system, in the 2-norm.
+    weakest_mode : (l,) float64
+        Eigenvector of the smallest eigenvalue, in anchors; of length one.
+    free_modes : int
+        Number of free modes that the anchors do not decide; those motions are minimal.
+    """
+
+    anchor_response: Floats
+    differential_response: Floats
+    condition_number: float
+    weakest_mode: Floats
+    free_modes: int
+
+
+class CageResponseSolver:
+    """Solver for one coordinate of all cage vertices, factored once per cage.
+
+    Parameters
+    ----------
+    laplacian : (n, n) float64
+    basis : (n, r) float64
+        Orthonormal columns: what may move, from `constraints.free_basis`.
+    """
+
+    def __init__(self, cage: TriMesh, laplacian: Floats, basis: Floats) -> None:
+        self._basis, self._laplacian = basis, laplacian
+        self._free_modes = _find_free_modes(cage, basis)
+        self._can_move_as_one = bool(self._free_modes.size) and bool(
+            np.ptp(self._free_modes[:, 0]) < BASIS_TOL
+        )
+        differences, free = laplacian @ basis, basis.T @ self._free_modes
+        self._factor = scipy.linalg.cho_factor(
+            differences.T @ differences + free @ free.T, check_finite=False
+        )
+        self._laplacian_response = self._solve_forces(laplacian.T)
+
+    def solve_response(self, rows: Floats, compliance: Floats) -> Response:
+        """Return the response to anchors with rows A, (l, n), and compliance E, a diagonal (l,)."""
+        influence, rigid_coupling = self._solve_forces(rows.T), rows @ self._free_modes
+        system = rows @ influence + np.diag(compliance)
+        # Forces on anchors, (l, l − rank), that move no component as one.
+        left, sizes, _ = np.linalg.svd(rigid_coupling)
+        balanced = np.asarray(left[:, np.count_nonzero(sizes > FREE_MODE_TOL) :])
+        inner = balanced.T @ system @ balanced
+        values, vectors = np.linalg.eigh(inner)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = balanced @ (vectors / values) @ vectors.T @ balanced.T
+        # The free modes, (p, l), per displacement of an anchor that forces do not cause.
+        free_motions = _invert_rigid_coupling(rigid_coupling)
+        if self._can_move_as_one and len(rows):
+            # Where the anchors leave a choice, components of the cage move relative to each other
+            # as little as possible.
+            centring = np.eye(len(rows)) - 1 / len(rows)
+            apart = _invert_rigid_coupling(centring @ rigid_coupling[:, 1:]) @ centring
+            together = (np.eye(len(rows)) - rigid_coupling[:, 1:] @ apart).mean(axis=0)
+            free_motions = np.concatenate([(together / self._free_modes[0, 0])[None], apart])
+
+        def respond(displacements: Floats) -> tuple[Floats, Floats]:
+            forces = inverse @ displacements
+            motions = free_motions @ (displacements - system @ forces)
+            return influence @ forces + self._free_modes @ motions, forces
+
+        anchor_response, forces = respond(np.eye(len(rows)))
+        least, most = map(float, values[[0, -1]] if len(values) else (1, 1))
+        condition = most / least if least > 0 else float("inf")
+        if MIN_REFINED_CONDITION < condition <= MAX_CONDITION:
+            # What the anchors miss, from the motion itself: the system has lost these digits.
+            missed = np.eye(len(rows)) - rows @ anchor_response - compliance[:, None] * forces
+            anchor_response += respond(missed)[0]
+        return Response(
+            anchor_response=anchor_response,
+            differential_response=self._laplacian_response
+            - anchor_response @ (rows @ self._laplacian_response),
+            condition_number=condition,
+            weakest_mode=balanced @ vectors[:, 0] if len(values) else np.zeros(len(rows)),
+            free_modes=len(self._free_modes.T) - (len(rows) - len(inner)),
+        )
+
+    def _solve_forces(self, forces: Floats) -> Floats:
+        """Return G f, (n, k), for forces f on cage vertices: displacements without free modes."""
+        inside = self._basis.T @ forces
+        moved = scipy.linalg.cho_solve(self._factor, inside, check_finite=False)
+        return np.asarray(self._basis @ moved - self._free_modes @ (self._free_modes.T @ forces))
+
+
+class MirroredMap:
+    """A linear map of points, which may differ for the coordinate across a mirror.
+
+    Parameters
+    ----------
+    maps : one or two (p, q) float64
+        For all coordinates; or for those along the mirror, and for the one across it.
+    """
+
+    def __init__(self, maps: Sequence[Floats], mirror: Mirror | None) -> None:
+        self._mirror, self._along = mirror, maps[0]
+        self._across_difference = maps[0] if mirror is None else maps[1] - maps[0]
+
+    def __call__(self, points: Floats) -> Floats:
+        """Map points (…, q, 3) to (…, p, 3)."""
+        if self._mirror is None:
+            return np.asarray(self._along @ points)
+        normal = self._mirror.normal
+        heights = (self._across_difference @ (points @ normal)[..., None])[..., 0]
+        return np.asarray(self._along @ points + heights[..., None] * normal)
+
+    def add_to(self, columns: Floats, points: Floats) -> None:
+        """Add the mapped points (q, 3) to `columns`, (3, p) float64, in place.
+
+        Each row of `columns` must be contiguous in memory.
+        """
+        if not len(points):
+            return
+        for column, coordinate in zip(columns, points.T, strict=True):
+            # y + A x in one pass is faster than a product of so few columns.
+            dgemv(1.0, self._along, coordinate, beta=1.0, y=column, overwrite_y=True)
+        if self._mirror is not None:
+            normal = self._mirror.normal
+            columns += normal[:, None] * (self._across_difference @ (points @ normal))
+
+    def compose(self, matrix: Floats) -> "MirroredMap":
+        """Return the map followed by a matrix that is the same for all coordinates."""
+        across = [] if self._mirror is None else [self._along + self._across_difference]
+        maps = [np.asfortranarray(matrix @ values) for values in (self._along, *across)]
+        return MirroredMap(maps, self._mirror)
+
+
+def _find_free_modes(cage: TriMesh, basis: Floats) -> Floats:
+    """Return P, (n, p), orthonormal: components of the cage moving as one within the basis.
+
+    If the whole cage can move as one, that is the first column.
+    """
+    components = np.eye(cage.components.max() + 1)[cage.components]
+    components /= np.linalg.norm(components, axis=0)
+    lost = components - basis @ (basis.T @ components)
+    _, sizes, motions = np.linalg.svd(lost, full_matrices=False)
+    free = components @ motions[sizes < BASIS_TOL].T
+    whole = np.full(len(components), len(components) ** -0.5)
+    shares = free.T @ whole
+    if np.linalg.norm(free @ shares - whole) > BASIS_TOL:
+        return np.asarray(free)
+    others = np.linalg.svd(shares[None])[2][1:]
+    return np.column_stack([whole, free @ others.T])
+
+
+def _invert_rigid_coupling(rigid_coupling: Floats) -> Floats:
+    """Return the pseudoinverse, (p, l), with singular values below `FREE_MODE_TOL` taken as 0."""
+    left, sizes, right = np.linalg.svd(rigid_coupling, full_matrices=False)
+    is_coupled = sizes > FREE_MODE_TOL
+    return np.asarray((right[is_coupled].T / sizes[is_coupled]) @ left[:, is_coupled].T)

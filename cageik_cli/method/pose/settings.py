@@ -32,15 +32,9 @@ def validate_weights(alpha: float, beta: float) -> None:
 class PosingSettings:
     """How handles move a cage.
 
-    Attributes
-    ----------
-    alpha, beta : float
-        As in `Poser`; `snap`, `allow_conflicts` and `hard` are those of `place_handles`.
-    rigidity : int
-        Rounds of rigid rotations.
-    mirror : bool
-        Both sides move as mirror images, about the plane of the cage; a handles file that states a
-        plane keeps that.
+    Alpha and beta are as in `Poser`; `snap`, `allow_conflicts` and `hard` are those of
+    `place_handles`. The mirror is about the plane of the cage; a handles file that states a plane
+    keeps that.
     """
 
     alpha: float = declare_setting(

@@ -21,12 +21,11 @@ from cageik_cli.geometry.points import columns_to_frames, frames_to_columns, pla
 from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.solve.alignment import best_motions, centroids, move_to_rest
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.method.solve.vertex_bound import spread_vertices
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
 from cageik_cli.method.weights.binding import Binding, WeightQuality, measure_offsets
-from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.util.arrays import Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import NumericalError
-from cageik_cli.util.messages import Text, say
+from cageik_cli.util.messages import say
 
 MAX_CONDITION = 1e12
 """Normal matrices with a larger condition number are refused."""
@@ -34,16 +33,13 @@ MAX_CONDITION = 1e12
 MIN_REFINED_CONDITION = 1e6
 """Above it, a step of refinement recovers digits that the normal matrix has lost."""
 
+MIN_BOUND_VERTICES, MAX_BOUND_VERTICES = 512, 1024
+"""Vertices on which the best possible error is found; within these limits, 8 per cage vertex."""
+
 
 @dataclass(frozen=True, slots=True)
 class SolveQuality(WeightQuality):
-    """Measures of the quality of the weights and of the system.
-
-    Attributes
-    ----------
-    condition_number : float
-        Condition number of the normal matrix, in the 2-norm.
-    """
+    """Measures of the weights, and the condition number of the normal matrix, in the 2-norm."""
 
     condition_number: float
 
@@ -222,39 +218,35 @@ class DualLaplacianSolver:
         return np.asarray(self._inverse_factor.T @ (self._inverse_factor @ columns))
 
     def _validate_condition(self, data: Floats) -> float:
-        """Return the condition number of the smoothness plus `data`, (n, n)."""
+        """Return the condition number of the smoothness plus `data`, (n, n); refuse a large one."""
         eigenvalues = np.linalg.eigvalsh(self.smoothness + data)
         smallest, largest = float(eigenvalues[0]), float(eigenvalues[-1])
         condition = largest / smallest if smallest > 0 else float("inf")
-        if condition > MAX_CONDITION:
-            weakest = int(np.argmin(np.abs(self._weights).max(axis=0)))
-            raise NumericalError(
-                f"the system is singular (condition number {condition:.1e}, limit "
-                f"{MAX_CONDITION:.0e}; the least influential cage vertex is {weakest}); "
-                + self._find_remedy(data)
-            )
-        return condition
-
-    def _find_remedy(self, data: Floats) -> Text:
-        """Say what makes a singular system regular."""
+        if condition <= MAX_CONDITION:
+            return condition
         n = len(data)
+        remedy = say(
+            "raise `alpha=`, whose default is 1e-3, or remove cage vertices far from the model"
+        )
         if not data.any():
-            return say(
+            remedy = say(
                 "raise `beta=` above 0: without vertices the position of the cage is undefined"
             )
-        if np.trace(self.smoothness) > np.trace(data):
-            return say(
+        elif np.trace(self.smoothness) > np.trace(data):
+            remedy = say(
                 "lower `alpha=`, whose default is 1e-3: the Laplacian outweighs the vertices"
             )
-        if self.data_count < n:
-            return (
+        elif self.data_count < n:
+            remedy = (
                 f"{self.data_count} vertices that are data cannot determine {n} cage "
                 "vertices: "
                 + say("raise `alpha=`, whose default is 1e-3, or take a cage of at most ")
                 + f"{self.data_count} vertices"
             )
-        return say(
-            "raise `alpha=`, whose default is 1e-3, or remove cage vertices far from the model"
+        weakest = int(np.argmin(np.abs(self._weights).max(axis=0)))
+        raise NumericalError(
+            f"the system is singular (condition number {condition:.1e}, limit {MAX_CONDITION:.0e}; "
+            f"the least influential cage vertex is {weakest}); " + remedy
         )
 
     def weigh_data(self, weights: Floats, rows: Integers | None = None) -> Floats:
@@ -271,3 +263,11 @@ class DualLaplacianSolver:
             roots = np.sqrt(weights[block, None]) * chosen
             data += roots.T @ roots
         return np.asarray(self.data_scale * data)
+
+
+def spread_vertices(numbers: Integers, points: int) -> Integers:
+    """Choose vertices for a cage of `points`, spread over the given numbers; all of a few."""
+    count = min(max(MIN_BOUND_VERTICES, 8 * points), MAX_BOUND_VERTICES)
+    if count >= len(numbers):
+        return numbers
+    return np.asarray(numbers[spread_evenly(len(numbers), count)])

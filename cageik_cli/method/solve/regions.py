@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.geometry.mesh import TriMesh, find_groups
+from cageik_cli.geometry.mesh import find_groups
 from cageik_cli.geometry.points import measure_distances
 from cageik_cli.geometry.shape import corner_angles
-from cageik_cli.geometry.surface import ClosestPoints, closest_points
+from cageik_cli.geometry.surface import closest_points
 from cageik_cli.method.solve.metrics import DeviationPeaks
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.util.arrays import Floats, Integers
@@ -178,8 +178,15 @@ def find_worst_regions(
     if threshold is None:
         threshold = 0.5 * float(peaks.deviations.max())
     chosen = peaks.deviations > max(threshold, 0.0)
-    groups = _group_connected(binding.rest, chosen)
-    groups.sort(key=lambda group: -peaks.deviations[group].max())
+    ends = binding.rest.edges.ends
+    ends = ends[chosen[ends].all(axis=1)]
+    label = find_groups(ends, len(chosen))[chosen]
+    order = np.argsort(label, kind="stable")
+    starts = np.flatnonzero(np.diff(label[order])) + 1
+    found = np.split(np.flatnonzero(chosen)[order], starts)
+    groups = sorted(
+        (group for group in found if len(group)), key=lambda group: -peaks.deviations[group].max()
+    )
     return tuple(_describe(binding, peaks, group) for group in groups[:MAX_REGIONS])
 
 
@@ -215,25 +222,29 @@ def attribute_to_smoothing(
     return tuple(judged)
 
 
-def _group_connected(mesh: TriMesh, chosen: np.ndarray) -> list[Integers]:
-    """The chosen vertices, those that edges join together."""
-    ends = mesh.edges.ends
-    ends = ends[chosen[ends].all(axis=1)]
-    label = find_groups(ends, len(mesh.vertices))[chosen]
-    numbers = np.flatnonzero(chosen)
-    order = np.argsort(label, kind="stable")
-    starts = np.flatnonzero(np.diff(label[order])) + 1
-    return [group for group in np.split(numbers[order], starts) if len(group)]
-
-
 def _describe(binding: Binding, peaks: DeviationPeaks, group: Integers) -> Region:
-    points = binding.rest.vertices[group]
+    """Describe the region of connected vertices, (k,), and judge its cause."""
+    points, percent = binding.rest.vertices[group], 100 / binding.rest.diagonal
     x, y, z = points.mean(axis=0)
     worst = int(group[peaks.deviations[group].argmax()])
     nearest = closest_points(binding.cage, points)
-    faces = _find_cage_faces(nearest, group == worst)
+    # The cage faces that are nearest to most points, that of the worst point first.
+    counts = np.bincount(nearest.face, minlength=len(binding.cage.faces))
+    counts[nearest.face[group == worst]] = len(group) + 1
+    faces = np.argsort(-counts, kind="stable")[:MAX_CAGE_FACES]
+    faces = faces[counts[faces] > 0]
+    corners = binding.cage.vertices[binding.cage.faces[faces]]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    evidence = Evidence(
+        cage_distance=float(nearest.distance.mean() * percent),
+        vertex_distance=float(measure_distances(binding.cage.vertices, points).mean() * percent),
+        largest_weight=float(binding.weights[group].max(axis=1).mean()),
+        smallest_angle=float(corner_angles(binding.cage)[faces].min()),
+        edge_length=float(edges.mean() * percent),
+        in_shared_place=False,
+        has_loose_cage=False,
+    )
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    evidence = _gather_evidence(binding, group, nearest, faces)
     return Region(
         centre=(float(x), float(y), float(z)),
         size=size,
@@ -244,30 +255,4 @@ def _describe(binding: Binding, peaks: DeviationPeaks, group: Integers) -> Regio
         cage_faces=tuple(faces.tolist()),
         cause=evidence.judge(100 * size / binding.rest.diagonal),
         evidence=evidence,
-    )
-
-
-def _find_cage_faces(nearest: ClosestPoints, is_worst: np.ndarray) -> Integers:
-    """The cage faces nearest to most points of a region, that of the worst point first."""
-    counts = np.bincount(nearest.face, minlength=len(nearest.mesh.faces))
-    counts[nearest.face[is_worst]] = len(nearest.face) + 1
-    order = np.argsort(-counts, kind="stable")[:MAX_CAGE_FACES]
-    return order[counts[order] > 0].astype(np.int64)
-
-
-def _gather_evidence(
-    binding: Binding, group: Integers, nearest: ClosestPoints, faces: Integers
-) -> Evidence:
-    points, percent = binding.rest.vertices[group], 100 / binding.rest.diagonal
-    corners = binding.cage.vertices[binding.cage.faces[faces]]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    near = measure_distances(binding.cage.vertices, points)
-    return Evidence(
-        cage_distance=float(nearest.distance.mean() * percent),
-        vertex_distance=float(near.mean() * percent),
-        largest_weight=float(binding.weights[group].max(axis=1).mean()),
-        smallest_angle=float(corner_angles(binding.cage)[faces].min()),
-        edge_length=float(edges.mean() * percent),
-        in_shared_place=False,
-        has_loose_cage=False,
     )

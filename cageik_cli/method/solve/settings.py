@@ -11,15 +11,7 @@ AREA = "area"
 
 @dataclass(frozen=True, slots=True)
 class SolveSettings:
-    """Settings of the minimisation.
-
-    Attributes
-    ----------
-    alpha, beta : float
-        Weights of the Laplacian and of the vertices; finite, not negative, not both zero.
-    align : bool
-        Align every frame rigidly with the rest pose, solve there, and move the cage back.
-    """
+    """Settings of the minimisation; alpha and beta are not both zero."""
 
     alpha: float = declare_setting(
         1e-3,

@@ -36,7 +36,7 @@ from cageik_cli.method.weights.bem.panels import LINEAR_TERMS, Panels, exponents
 from cageik_cli.method.weights.bem.potentials import FADE_FACTOR, compute_potentials
 from cageik_cli.method.weights.binding import Weights
 from cageik_cli.method.weights.settings import ACCURACIES, Accuracy
-from cageik_cli.util.arrays import Floats, Integers, Mask, spread_evenly
+from cageik_cli.util.arrays import Floats, Integers, spread_evenly
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.threads import count_processors, limit_blas_threads
@@ -65,6 +65,9 @@ the middle 0.2. With a larger share, estimates of balls and tori are above twice
 
 MAX_GAP_RATIO = 1.0
 """Panels that face another nearer than this, in roots of their area, have a higher degree."""
+
+MAX_MEASURED_PANELS = 250
+"""Panels at which the error on the cage is measured: in a tenth of the time of a bind."""
 
 
 def harmonic_weights(
@@ -216,7 +219,12 @@ def _solve_to_tolerance(
     for _ in range(MAX_REFINEMENTS):
         if error <= accuracy.tolerance:
             break
-        mesh = _raise_order(best.mesh.divide(_worst_panel_mask(shares)), points, accuracy)
+        # Divided are the fewest panels that have `MIN_REFINED_SHARE` of the error.
+        order = np.argsort(-shares, kind="stable")
+        count = np.searchsorted(np.cumsum(shares[order]), MIN_REFINED_SHARE * shares.sum()) + 1
+        chosen = np.zeros(len(shares), bool)
+        chosen[order[:count]] = True
+        mesh = _raise_order(best.mesh.divide(chosen), points, accuracy)
         no_room = mesh.unknowns > accuracy.max_unknowns or len(mesh.high_panels) < len(
             best.mesh.high_panels
         )
@@ -230,15 +238,6 @@ def _solve_to_tolerance(
     return best, error
 
 
-def _worst_panel_mask(shares: Floats) -> Mask:
-    """Return a mask of the fewest panels that have `MIN_REFINED_SHARE` of the error, (p,)."""
-    order = np.argsort(-shares, kind="stable")
-    count = np.searchsorted(np.cumsum(shares[order]), MIN_REFINED_SHARE * shares.sum()) + 1
-    chosen = np.zeros(len(shares), bool)
-    chosen[order[:count]] = True
-    return chosen
-
-
 def _raise_order(mesh: BoundaryMesh, points: Floats, accuracy: Accuracy) -> BoundaryMesh:
     """Raise the order of panels within reach of `points` or of a panel that they face.
 
@@ -247,7 +246,11 @@ def _raise_order(mesh: BoundaryMesh, points: Floats, accuracy: Accuracy) -> Boun
     if accuracy.order == 1:
         return mesh
     panels = mesh.panels
-    distance = np.minimum(measure_distances(points, panels.centroids), _measure_gaps(panels))
+    distance = measure_distances(points, panels.centroids)
+    # The densities of panels that face each other near by vary over the distance between them, also
+    # where no point is near.
+    pairs, ratios = thin_face_pairs(TriMesh(panels.vertices, panels.corners), MAX_GAP_RATIO)
+    np.minimum.at(distance, pairs[:, 0], ratios * np.sqrt(panels.areas[pairs[:, 0]]))
     room = max(0, accuracy.max_unknowns - mesh.linear_unknowns)
     for order in range(accuracy.order, 1, -1):
         extra = len(exponents(order)) - LINEAR_TERMS
@@ -258,17 +261,6 @@ def _raise_order(mesh: BoundaryMesh, points: Floats, accuracy: Accuracy) -> Boun
             near = np.sort(near[nearest[: room // extra]])
             return mesh.raise_order(near, degrees[near], reach[near])
     return mesh
-
-
-def _measure_gaps(panels: Panels) -> Floats:
-    """Return the distance of each panel from one that it faces near by, (p,); infinite for others.
-
-    The densities of such panels vary over the distance between them, also where no point is near.
-    """
-    pairs, ratios = thin_face_pairs(TriMesh(panels.vertices, panels.corners), MAX_GAP_RATIO)
-    gaps = np.full(len(panels.corners), np.inf)
-    np.minimum.at(gaps, pairs[:, 0], ratios * np.sqrt(panels.areas[pairs[:, 0]]))
-    return gaps
 
 
 def _choose_degrees(panels: Panels, order: int, radii: float) -> tuple[Integers, Floats]:
@@ -295,10 +287,6 @@ def _choose_degrees(panels: Panels, order: int, radii: float) -> tuple[Integers,
     return degree, reach
 
 
-MAX_MEASURED_PANELS = 250
-"""Panels at which the error on the cage is measured: in a tenth of the time of a bind."""
-
-
 def estimate_error(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats]:
     """Estimate the mean row L1 error over `sample`, (s, 3), and each panel's share in it, (p,).
 
@@ -316,7 +304,13 @@ def estimate_error(boundary: BoundarySolution, sample: Floats) -> tuple[float, F
     sizes = dict.fromkeys(terms, 0.0)
     term_sums = np.zeros(mesh.unknowns)
     for block in split_points(mesh, len(sample)):
-        potentials = _compute_all_potentials(mesh, sample[block])
+        # ∫ ψ/r of all terms, (u, q); 0 for those that have faded out.
+        found = compute_potentials(mesh, sample[block], is_inside=True)
+        potentials = np.zeros((mesh.unknowns, found.linear.shape[1]))
+        potentials[: mesh.linear_unknowns] = found.linear
+        higher = potentials[mesh.linear_unknowns :]
+        higher = higher.reshape(mesh.extra_terms, len(mesh.high_panels), found.linear.shape[1])
+        higher[:, found.near_panels] = found.higher
         term_sums += np.abs(potentials).sum(axis=1)
         for key, rows in terms.items():
             contributions = boundary.densities[rows].T @ potentials[rows]
@@ -332,18 +326,6 @@ def estimate_error(boundary: BoundarySolution, sample: Floats) -> tuple[float, F
     error = max(series, float(_residual_near_cage(boundary, sample).mean()))
     term_sums *= np.abs(boundary.densities).sum(axis=1)
     return error, np.bincount(panel, term_sums * (degree == highest)).astype(np.float64)
-
-
-def _compute_all_potentials(mesh: BoundaryMesh, points: Floats) -> Floats:
-    """Return ∫ ψ/r of all terms, (u, q); 0 for those that have faded out."""
-    potentials = compute_potentials(mesh, points, is_inside=True)
-    all_terms = np.zeros((mesh.unknowns, len(points)))
-    all_terms[: mesh.linear_unknowns] = potentials.linear
-    higher = all_terms[mesh.linear_unknowns :].reshape(
-        mesh.extra_terms, len(mesh.high_panels), len(points)
-    )
-    higher[:, potentials.near_panels] = potentials.higher
-    return all_terms
 
 
 def _residual_near_cage(boundary: BoundarySolution, sample: Floats) -> Floats:

@@ -41,7 +41,7 @@ from scipy import sparse
 from cageik_cli.geometry.mesh import Edges, TriMesh
 from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.method.weights.binding import Weights
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
@@ -81,7 +81,10 @@ class _Faces:
     """
 
     def __init__(self, mesh: TriMesh) -> None:
-        self.corners = _put_longest_side_first(mesh)
+        corner = mesh.vertices[mesh.faces]
+        lengths = np.linalg.norm(np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1), axis=2)
+        turned = (lengths.argmax(axis=1)[:, None] + np.arange(3)) % 3
+        self.corners = np.take_along_axis(mesh.faces, turned, axis=1)
         self.edges = Edges.from_faces(self.corners)
         start, stop = mesh.vertices[self.edges.ends].swapaxes(0, 1)
         self.edge_lengths = np.linalg.norm(stop - start, axis=1)
@@ -116,7 +119,12 @@ class _Faces:
         height, along, start = forms[:count], forms[4 * count : 5 * count], forms[5 * count :]
         side = forms[count : 4 * count].reshape(3, count, -1)
         products = start * (start + self.edge_lengths[:, None])
-        edges = self._integrate_edges(height, side, products)
+        # ∫ 1/r² ds of every edge, (e, q).
+        face, k = np.divmod(self.edges.first_side, 3)
+        squares = side[k, face] ** 2
+        squares += height[face] ** 2
+        distance = np.maximum(np.sqrt(squares), 1e-200)  # on an edge's line θ/d has its limit
+        edges = np.arctan2(distance * self.edge_lengths[:, None], squares + products) / distance
         edge = [edges[self.edges.side_edges[:, k]] for k in range(3)]
 
         with np.errstate(invalid="ignore", divide="ignore"):  # points in a plane are set next
@@ -129,16 +137,6 @@ class _Faces:
         last = (moment - self.apex * apex) / self.base
         integrals = np.concatenate([apex, total - apex - last, last])
         return np.asarray(self.corner_sums @ integrals)
-
-    def _integrate_edges(self, height: Floats, side: Floats, products: Floats) -> Floats:
-        """Return ∫ 1/r² ds of every edge, (e, q), given s_a s_b, (e, q)."""
-        face, k = np.divmod(self.edges.first_side, 3)
-        squares = side[k, face] ** 2
-        squares += height[face] ** 2
-        distance = np.maximum(np.sqrt(squares), 1e-200)  # on an edge's line θ/d has its limit
-        return np.asarray(
-            np.arctan2(distance * self.edge_lengths[:, None], squares + products) / distance
-        )
 
     def _set_edge_on_totals(
         self, total: Floats, height: Floats, side: Floats, products: Floats
@@ -231,14 +229,6 @@ def _wide_side_strengths(width: Floats, height: Floats, products: Floats, length
     change = np.arctan(height**2 * rate)
     slope = np.divide(change, height**2, out=rate.copy(), where=change != 0)
     return np.asarray((angle / (distance + width) - width * slope) / distance)
-
-
-def _put_longest_side_first(mesh: TriMesh) -> Integers:
-    """Return the faces, (f, 3), rotated so that side 0 is the longest."""
-    corner = mesh.vertices[mesh.faces]
-    lengths = np.linalg.norm(np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1), axis=2)
-    turned = (lengths.argmax(axis=1)[:, None] + np.arange(3)) % 3
-    return np.take_along_axis(mesh.faces, turned, axis=1)
 
 
 def _normalize(vectors: Floats) -> Floats:

@@ -101,18 +101,7 @@ ACCURACIES = {
 
 @dataclass(frozen=True, slots=True)
 class BindSettings:
-    """How weights are computed.
-
-    Attributes
-    ----------
-    coordinates : str
-        One of `COORDINATES`.
-    accuracy : str
-        One of `ACCURACIES`; coordinates in closed form ignore it.
-    outside : str
-        One of `OUTSIDE_POLICIES`: vertices outside the cage are refused, or get the weights of the
-        closest point on it.
-    """
+    """How weights are computed; coordinates in closed form ignore the accuracy."""
 
     coordinates: str = declare_setting(
         "harmonic",

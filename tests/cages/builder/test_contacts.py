@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.builder.contacts import ContactSearch, find_contacts
+from cageik_cli.cages.builder.refine import ContactSearch, find_contacts
 from tests.shapes import ball, box, changed
 
 MIDDLE = np.array([[0.1, 0.05, 0.0]])

@@ -1,16 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.builder.draft import Draft, Edit
-from cageik_cli.cages.builder.polish import (
-    collapse_edge,
-    find_least_move,
-    flip_edge,
-    improve_angles,
-    move_vertex,
-    settle,
-    tighten,
-)
+from cageik_cli.cages.builder.draft import Draft, Edit, collapse_edge, flip_edge, move_vertex
+from cageik_cli.cages.builder.polish import find_least_move, improve_angles, settle, tighten
 from cageik_cli.cages.check.faults import find_cage_faults
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import ball, box, concave, finer, octahedron

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.builder.collapse import simplify_shell
-from cageik_cli.cages.builder.limbs import CentreLine, find_centre, find_limbs, measure_length
+from cageik_cli.cages.builder.loops import CentreLine, find_centre, find_limbs, measure_length
 from cageik_cli.cages.builder.shell import DistanceGrid, make_shell
 from tests.benchmarks.simple_shapes import revolve
 from tests.shapes import ball, box, changed, finer, merged, moved

@@ -5,17 +5,16 @@ import pytest
 
 from cageik_cli.cages.builder import build as build_module
 from cageik_cli.cages.builder.build import NO_LIMBS, NO_LOOPED_CAGE, Candidate, build_cage
+from cageik_cli.cages.builder.collapse import Motion, collapse_edges
+from cageik_cli.cages.builder.draft import flip_edge
 from cageik_cli.cages.builder.judge import Demand, Verdict
 from cageik_cli.cages.builder.loops import (
     MAX_LOOP_SHARE,
     NO_LOOPS,
     Loops,
-    collapse_around,
     find_border,
     place_edge_loops,
 )
-from cageik_cli.cages.builder.motion import Motion
-from cageik_cli.cages.builder.polish import flip_edge
 from cageik_cli.cages.builder.quads import make_quads
 from cageik_cli.cages.builder.refine import make_draft, replace_weak_vertices
 from cageik_cli.cages.builder.shift import shift_vertices
@@ -79,7 +78,7 @@ def test_loops_lie_around_the_limb(rod, laid):
 
 def test_collapses_leave_loops_where_they_are(laid):
     cage, loops = laid
-    small = collapse_around(cage, 45, None, 1e-4, loops)
+    small = collapse_edges(cage, 45, None, 1e-4, fixed=loops.vertex_count)
     assert len(small.vertices) == 45
     assert bounds_volume(small)
     kept = slice(loops.vertex_count)
@@ -104,7 +103,7 @@ def test_an_edge_of_a_loop_is_neither_flipped_nor_split(rod, built):
         flip = flip_edge(draft, *edge)
         assert flip is not None
         assert draft.is_divisible(*edge) != is_refused
-        assert draft._keeps_edges(flip) != is_refused
+        assert draft.allows(flip) != is_refused
 
 
 def test_more_loops_lie_where_an_animation_bends(rod):

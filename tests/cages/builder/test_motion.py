@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.builder import motion as motion_module
-from cageik_cli.cages.builder.motion import EditGains, Motion, split_edges
+from cageik_cli.cages.builder import shift as shift_module
+from cageik_cli.cages.builder.collapse import Motion
+from cageik_cli.cages.builder.shift import EditGains, split_edges
 from cageik_cli.method.weights.harmonic import harmonic_weights
 from tests.shapes import ball
 
@@ -65,10 +66,11 @@ def test_a_collapse_costs_what_tied_vertices_cost(bent):
         assert edits.losses[k] == pytest.approx(after - before, rel=1e-6)
 
 
-def test_a_split_gains_what_a_new_vertex_gains(bent):
+def test_a_split_gains_what_a_new_vertex_gains(bent, monkeypatch):
     cage, motion = bent
     squares = EditGains(cage, motion).squares
-    edits = EditGains(cage, motion, squares, split_share=1 / len(cage.vertices))
+    monkeypatch.setattr(shift_module, "MAX_SPLIT_SHARE", 1 / len(cage.vertices))
+    edits = EditGains(cage, motion, squares)
     assert len(edits.splits) == 1
     divided = split_edges(cage, edits.splits)
     weights = harmonic_weights(divided, motion.points, "preview").values
@@ -83,7 +85,7 @@ def test_a_split_gains_what_a_new_vertex_gains(bent):
 
 def test_no_more_splits_are_measured_than_weights_can_be_computed_of(bent, monkeypatch):
     cage, motion = bent
-    monkeypatch.setattr(motion_module, "MAX_HARMONIC_FACES", len(cage.faces) + 5)
+    monkeypatch.setattr(shift_module, "MAX_HARMONIC_FACES", len(cage.faces) + 5)
     edits = EditGains(cage, motion, EditGains(cage, motion).squares)
     assert len(edits.splits) == 2
 

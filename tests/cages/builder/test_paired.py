@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.builder.paired import PairedDraft, collapse_pairs
-from cageik_cli.cages.builder.polish import collapse_edge, flip_edge, move_vertex
-from cageik_cli.cages.builder.symmetry import add_image, cut_half, find_partners, reflect
+from cageik_cli.cages.builder.collapse import collapse_edges
+from cageik_cli.cages.builder.draft import PairedDraft, collapse_edge, flip_edge, move_vertex
+from cageik_cli.cages.builder.frame import add_image, cut_half, find_partners, reflect
 from cageik_cli.cages.check.faults import find_cage_faults
 from cageik_cli.geometry.mirror import Mirror
 from tests.shapes import ball, moved
@@ -31,7 +31,7 @@ def assert_mirrored(cage):
 @pytest.mark.parametrize("count", [16, 27, 40])
 @pytest.mark.parametrize("evenness", [1e-4, 0.03])
 def test_pairs_collapse_to_a_cage_that_is_its_own_mirror_image(count, evenness):
-    cage = collapse_pairs(make_cage(3), count, axis=0, evenness=evenness)
+    cage = collapse_edges(make_cage(3), count, None, evenness, axis=0)
     assert count - 1 <= len(cage.vertices) <= count
     assert_mirrored(cage)
     assert cage.volume > 0.6 * make_cage(3).volume

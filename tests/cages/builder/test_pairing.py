@@ -5,10 +5,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from cageik_cli.cages.builder.draft import Draft
-from cageik_cli.cages.builder.pairing import Pairing, measure_ridges, name_diagonals
-from cageik_cli.cages.builder.polish import flip_edge
-from cageik_cli.cages.builder.symmetry import find_partners
+from cageik_cli.cages.builder.draft import Draft, flip_edge
+from cageik_cli.cages.builder.frame import find_partners
+from cageik_cli.cages.builder.quads import Pairing, measure_ridges, name_diagonals
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
 from tests.shapes import TETRAHEDRON, ball, box, changed, finer, octahedron

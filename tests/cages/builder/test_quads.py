@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.builder import quads as quads_module
+from cageik_cli.cages.builder.draft import move_vertex
+from cageik_cli.cages.builder.frame import find_partners, reflect
 from cageik_cli.cages.builder.judge import Demand, judge
-from cageik_cli.cages.builder.pairing import Pairing, name_diagonals
-from cageik_cli.cages.builder.polish import move_vertex
 from cageik_cli.cages.builder.quads import (
     PairedQuadDraft,
+    Pairing,
     QuadDraft,
     find_failing,
     find_near_cuts,
@@ -16,10 +17,10 @@ from cageik_cli.cages.builder.quads import (
     fit_cuts,
     join_quads,
     make_quads,
+    name_diagonals,
     push_cuts,
     turn_diagonals,
 )
-from cageik_cli.cages.builder.symmetry import find_partners, reflect
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror

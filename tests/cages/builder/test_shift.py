@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.builder.build import build_cage
+from cageik_cli.cages.builder.collapse import Motion
 from cageik_cli.cages.builder.judge import Demand, judge
-from cageik_cli.cages.builder.motion import EditGains, Motion
-from cageik_cli.cages.builder.shift import count_rounds, shift_vertices
+from cageik_cli.cages.builder.shift import EditGains, count_rounds, shift_vertices
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import box, changed, finer

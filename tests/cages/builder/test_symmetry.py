@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.builder.symmetry import (
+from cageik_cli.cages.builder.frame import (
     MirrorFrame,
     add_image,
     average_sides,

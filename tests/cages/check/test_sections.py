@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.check.sections import Loop, Slicer, find_shared_sections
+from cageik_cli.cages.check.quality import Loop, Slicer, find_shared_sections
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import ball, box, concave, finer, merged, moved, prism
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.check.diagnosis import diagnose
+from cageik_cli.cages.repair import repair as module
 from cageik_cli.cages.repair import shape
 from cageik_cli.cages.repair.repair import repair_cage
-from cageik_cli.cages.settings import RepairSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError
 from tests.cages.damage import DAMAGES
@@ -73,12 +73,6 @@ def test_a_copy_in_another_unit_and_with_other_axes_is_named_and_brought_back():
         "with z up instead of y up, in centimetres instead of metres"
     )
     np.testing.assert_allclose(repaired.cage.vertices, cage.vertices, rtol=0, atol=1e-12)
-
-
-def test_a_transform_can_be_refused():
-    settings = RepairSettings(allow_transform=False)
-    repaired = repair_cage(moved(CAGE, scale=0.001), MODEL, settings)
-    assert repaired.transform is None
 
 
 def test_quads_stay_quads():
@@ -162,10 +156,10 @@ def test_a_repair_ends_when_its_work_is_done(monkeypatch):
     np.testing.assert_array_equal(repaired.cage.vertices, damaged.vertices)
 
 
-def test_a_large_hole_is_left_and_named():
-    settings = RepairSettings(max_hole_edges=3)
+def test_a_large_hole_is_left_and_named(monkeypatch):
+    monkeypatch.setattr(module, "MAX_HOLE_EDGES", 3)
     hub = (CAGE.faces == 0).any(axis=1)
-    repaired = repair_cage(changed(CAGE, faces=CAGE.faces[~hub]), MODEL, settings)
+    repaired = repair_cage(changed(CAGE, faces=CAGE.faces[~hub]), MODEL)
     assert not repaired.is_fit
     assert "open-edge" in {fault.kind for fault in repaired.faults}
     assert repaired.faults[0].numbers.shape == (4, 2)

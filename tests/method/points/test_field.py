@@ -6,7 +6,7 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
-from cageik_cli.method.points import gradients as gradients_module
+from cageik_cli.method.points import field as field_module
 from cageik_cli.method.points.field import HarmonicField
 from cageik_cli.method.weights import harmonic
 from cageik_cli.method.weights.bem.panels import Panels
@@ -86,8 +86,8 @@ def test_a_wrong_term_would_be_noticed(monkeypatch):
     """The fading of higher terms has a slope; without it the gradients miss the differences."""
     field, points = solve("concave")
     expected = differentiate(field, points, 1e-3 * field.cage.diagonal)
-    nothing = gradients_module._strength_slopes
-    monkeypatch.setattr(gradients_module, "_strength_slopes", lambda *a: 0 * nothing(*a))
+    nothing = field_module._strength_slopes
+    monkeypatch.setattr(field_module, "_strength_slopes", lambda *a: 0 * nothing(*a))
     assert abs(field.gradient(points) - expected).max() > 1e-4 * abs(expected).max()
 
 

@@ -3,8 +3,8 @@ import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import uniform_laplacian
-from cageik_cli.method.pose.cage_response import CageResponseSolver
 from cageik_cli.method.pose.constraints import CageConstraints, free_basis
+from cageik_cli.method.pose.poser import CageResponseSolver
 from tests.shapes import ball, concave, finer, octahedron
 
 CAGE = finer(concave(), 1)

@@ -4,8 +4,8 @@ import scipy.linalg
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.mirror import Mirror
-from cageik_cli.method.pose.cage_response import MirroredMap
 from cageik_cli.method.pose.constraints import CageConstraints, free_basis, mirror_pairs
+from cageik_cli.method.pose.poser import MirroredMap
 from cageik_cli.util.errors import HandlesError
 from tests.shapes import ball, box, changed, rotation
 

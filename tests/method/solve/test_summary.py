@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from cageik_cli.method.solve.blocks import KeptBlock
-from cageik_cli.method.solve.metrics import DeviationPeaks
-from cageik_cli.method.solve.summary import OcclusionTracker, summarize_blocks
-from cageik_cli.method.solve.vertex_bound import (
+from cageik_cli.method.solve.dual_laplacian import (
     MAX_BOUND_VERTICES,
     MIN_BOUND_VERTICES,
-    VertexBoundAccumulator,
     spread_vertices,
+)
+from cageik_cli.method.solve.metrics import DeviationPeaks
+from cageik_cli.method.solve.summary import (
+    OcclusionTracker,
+    VertexBoundAccumulator,
+    summarize_blocks,
 )
 from tests.store.test_checkpoint import BLOCKS
 

@@ -43,6 +43,9 @@ Float32s = NDArray[np.float32]
 
 Densities = TypeVar("Densities", Floats, Float32s)
 
+Part = TypeVar("Part")
+"""What one thread works on."""
+
 BLOCK_SIZE = 256
 """Unknowns that are eliminated together; the inverses of their blocks take little time."""
 
@@ -86,7 +89,10 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
     NumericalError
         When the equations have no solution, as for faces without area.
     """
-    matrix, rhs = _assemble(mesh, pool)
+    count = len(mesh.solved_unknowns)
+    matrix = np.zeros((count, count), np.float32)
+    rhs = np.empty((count, mesh.basis_functions.count), np.float32)
+    _run_all(pool, partial(_fill_rows, mesh, matrix=matrix, rhs=rhs), _split_test_panels(mesh))
     try:
         solve_in_place(matrix, rhs, pool)
     except np.linalg.LinAlgError as error:
@@ -99,34 +105,13 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
     del matrix
     densities = np.zeros((mesh.unknowns, rhs.shape[1]), order="F")
     densities[mesh.solved_unknowns] = rhs
-    return BoundarySolution(mesh, _enforce_affine(mesh, densities))
-
-
-def _assemble(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> tuple[Float32s, Float32s]:
-    """Return the matrix, (u, u), and the right hand sides, (u, n), of the solved unknowns."""
-    count = len(mesh.solved_unknowns)
-    matrix = np.zeros((count, count), np.float32)
-    rhs = np.empty((count, mesh.basis_functions.count), np.float32)
-
-    def fill(chosen: Integers) -> None:
-        _fill_rows(mesh, chosen, matrix, rhs)
-
-    for _ in pool.map(fill, _split_test_panels(mesh)):
-        pass
-    return matrix, rhs
-
-
-def _enforce_affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
-    """Correct the densities, (u, n), so that those of affine functions are exact.
-
-    Σ_k q_k = 0 and Σ_k q_k c_k = n with the cage vertices c_k, because the normal derivatives of 1
-    and x are 0 and n.
-    """
+    # The normal derivatives of 1 and x are 0 and n: Σ_k q_k = 0, and Σ_k q_k c_k = n with the cage
+    # vertices c_k.
     affine = affine_values(mesh)
     excess = densities @ affine
     excess[: len(mesh.panels.corners), 1:] -= mesh.panels.normals
     densities -= excess @ np.linalg.pinv(affine)
-    return densities
+    return BoundarySolution(mesh, densities)
 
 
 def affine_values(mesh: BoundaryMesh) -> Floats:
@@ -260,9 +245,7 @@ def _split(count: int, size: int) -> list[slice]:
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]
 
 
-def _run_all(
-    pool: ThreadPoolExecutor, work: Callable[[slice], None], parts: Iterable[slice]
-) -> None:
+def _run_all(pool: ThreadPoolExecutor, work: Callable[[Part], None], parts: Iterable[Part]) -> None:
     for _ in pool.map(work, parts):
         pass
 

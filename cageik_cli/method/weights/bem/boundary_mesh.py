@@ -9,12 +9,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.bem.higher_terms import HigherTerms
-from cageik_cli.method.weights.bem.panels import (
-    LINEAR_TERMS,
-    Panels,
-    exponents,
-    orthogonal_basis,
-)
+from cageik_cli.method.weights.bem.panels import LINEAR_TERMS, Panels, exponents, orthogonal_basis
 from cageik_cli.util.arrays import Floats, Integers, Mask
 
 if TYPE_CHECKING:

@@ -29,6 +29,9 @@ from cageik_cli.method.weights.bem.panels import (
 )
 from cageik_cli.util.arrays import Floats, Integers
 
+_ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
+"""Kinds of side sums."""
+
 
 @dataclass(frozen=True, eq=False)
 class HigherTerms:
@@ -77,9 +80,6 @@ class HigherTerms:
         slopes = panels.slopes[:2][:, :, chosen]
         factors = np.einsum("xsk,sdj,ksj->kxdsj", slopes, along, signs)
         return np.asarray(factors.reshape(len(chosen), 2 * along.shape[1], -1))
-
-
-_ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
 
 
 @cache
@@ -144,7 +144,18 @@ class _Recurrences:
         k, q = len(near), linear.shape[2]
         self._places = monomial_places(terms.order)
         self._sum_places = _side_sum_places(terms.order)
-        self._sums = _compute_side_sums(terms, near, view)
+        sides = terms.panels.edges.side_edges[chosen]
+        edges, place = np.unique(sides, return_inverse=True)
+        powers = _edge_powers(edges, terms.order, view)
+        gathered = workspace.array("powers", 3 * k, terms.order, q)
+        np.take(powers, place.ravel(), axis=0, out=gathered, mode="clip")
+        factors = terms.side_factors[near]
+        # All side sums of `_side_sum_places`, (k, s, q).
+        self._sums = np.matmul(
+            factors,
+            gathered.reshape(k, 3 * terms.order, q),
+            out=workspace.array("sums", k, factors.shape[1], q),
+        )
         self._foot = [workspace.take_rows(f"near_{i}", view.foot[i], chosen) for i in (0, 1)]
         self._square = workspace.take_rows("near_h", view.height, chosen)
         self._square *= self._square
@@ -185,20 +196,6 @@ class _Recurrences:
 
     def _add_product(self, total: Floats, first: Floats, second: Floats) -> None:
         np.add(total, np.multiply(first, second, out=self._product), out=total)
-
-
-def _compute_side_sums(terms: HigherTerms, near: Integers, view: PanelView) -> Floats:
-    """Return all side sums of `_side_sum_places`, (k, s, q)."""
-    workspace = view.workspace
-    sides = terms.panels.edges.side_edges[terms.high_panels[near]]
-    edges, place = np.unique(sides, return_inverse=True)
-    powers = _edge_powers(edges, terms.order, view)
-    k, q = len(near), powers.shape[2]
-    gathered = workspace.array("powers", 3 * k, terms.order, q)
-    np.take(powers, place.ravel(), axis=0, out=gathered, mode="clip")
-    factors = terms.side_factors[near]
-    sums = workspace.array("sums", k, factors.shape[1], q)
-    return np.matmul(factors, gathered.reshape(k, 3 * terms.order, q), out=sums)
 
 
 def _edge_powers(edges: Integers, order: int, view: PanelView) -> Floats:

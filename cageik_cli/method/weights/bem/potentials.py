@@ -25,24 +25,17 @@ from cageik_cli.util.arrays import Floats, Integers, Workspace
 FADE_FACTOR = 1.25
 """Terms beyond linear are full up to `reach` over this, and zero from `reach` times this."""
 
+_THREAD_LOCAL = threading.local()
+
 _LIMITS = np.array(
     [EDGE_ON_TOL, MIN_GAP_RATIO, NEAR_EDGE_RATIO, CLOSED_ANGLE_TOL, INSIDE_ANGLE_TOL, FADE_FACTOR]
 )
 
 
-class _ThreadWorkspace(threading.local):
-    """The workspace of the current thread."""
-
-    def __init__(self) -> None:
-        self.workspace = Workspace()
-
-
-_THREAD_LOCAL = _ThreadWorkspace()
-
-
 def thread_workspace() -> Workspace:
     """Return the workspace of the current thread."""
-    return _THREAD_LOCAL.workspace
+    found: Workspace = _THREAD_LOCAL.__dict__.setdefault("workspace", Workspace())
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +65,18 @@ def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -
     near = find_near_panels(mesh, points)
     workspace = thread_workspace()
     if compiled.kernel is None:
-        return _compute_in_numpy(mesh, points, is_inside, near, workspace)
+        view = PanelView(mesh.panels, points, workspace)
+        if is_inside:
+            view.close_solid_angles()
+        else:
+            view.set_principal_values()
+        linear = view.linear_moments()
+        higher = np.empty((mesh.extra_terms, 0, len(points)))
+        if len(near):
+            higher = higher_moments(mesh.higher_terms, near, view, linear)
+            higher *= compute_strength(mesh, near, points, workspace)
+        double = mesh.double_layer_to_basis @ view.double_layer().reshape(-1, len(points))
+        return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
     p, q = len(mesh.panels.corners), len(points)
     potentials = Potentials(
         workspace.array("moments", 3 * p, q),
@@ -90,24 +94,6 @@ def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -
         (potentials.linear, potentials.higher, potentials.double),
     )
     return potentials
-
-
-def _compute_in_numpy(
-    mesh: BoundaryMesh, points: Floats, is_inside: bool, near: Integers, workspace: Workspace
-) -> Potentials:
-    """Compute the potentials where nothing is compiled: the reference."""
-    view = PanelView(mesh.panels, points, workspace)
-    if is_inside:
-        view.close_solid_angles()
-    else:
-        view.set_principal_values()
-    linear = view.linear_moments()
-    higher = np.empty((mesh.extra_terms, 0, len(points)))
-    if len(near):
-        higher = higher_moments(mesh.higher_terms, near, view, linear)
-        higher *= compute_strength(mesh, near, points, workspace)
-    double = mesh.double_layer_to_basis @ view.double_layer().reshape(-1, len(points))
-    return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
 
 
 def find_near_panels(mesh: BoundaryMesh, points: Floats) -> Integers:

@@ -1,5 +1,5 @@
-// The answer of a cage to its anchors: the minimum of method/pose/poser.py, by the steps of
-// method/pose/cage_response.py, with the constraints of method/pose/constraints.py.
+// The answer of a cage to its anchors: the minimum of method/pose/poser.py, by its steps, with the
+// constraints of method/pose/constraints.py.
 const FREE_TOLERANCE = 1e-9;
 
 // Components of the cage, each of length one; `rings` are the neighbours of its vertices.
