@@ -61,6 +61,14 @@ class Outcome:
     err: str
 
 
+@pytest.fixture(scope="session", autouse=True)
+def unsynced_files() -> Iterator[None]:
+    """No test waits for the disk: `fsync` only asks for the file."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr("os.fsync", os.fstat)
+        yield
+
+
 @pytest.fixture(scope="session")
 def fixtures_folder() -> Path:
     return Path(__file__).resolve().parent.parent / "data_fixtures"
