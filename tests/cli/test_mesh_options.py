@@ -127,7 +127,7 @@ def test_positions_without_faces_are_no_mesh(run, meshes, command, name):
 
 @pytest.mark.parametrize("kind", READ)
 def test_a_cage_is_built_around_every_format(run, meshes, monkeypatch, kind):
-    def build(mesh, *others):
+    def build(mesh, *others, **options):
         raise CageError(f"model of {len(mesh.vertices)} vertices")
 
     monkeypatch.setattr("cageik_cli.cages.builder.build.build_cage", build)
