@@ -25,7 +25,7 @@ unexport PYTHONDONTWRITEBYTECODE
 SANITIZED     := $(OUT)/sanitized
 # As a call, memcpy is checked to the byte; inlined, a word that begins inside an array may end behind it.
 SANITIZE      := -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-builtin-memcpy
-PURE_TESTS    := tests/method tests/captured tests/fit tests/formats/obj tests/formats/test_frame_files.py tests/formats/test_fuzz_readers.py tests/cages/test_bind.py tests/run/test_bind.py tests/run/test_extraction.py tests/geometry tests/test_fixtures.py
+PURE_TESTS    := tests/method tests/captured tests/fit tests/formats/obj tests/formats/test_find_files.py tests/formats/test_fuzz_readers.py tests/cages/test_bind.py tests/run/test_bind.py tests/run/test_extraction.py tests/geometry tests/test_fixtures.py
 SCRIPT_TYPES  := --ignoreConfig --allowJs --checkJs --noEmit --strict false --target es2022 --lib es2022,dom,dom.iterable
 KERNEL_TESTS  := tests/method/weights/bem tests/method/weights/test_harmonic.py tests/formats/obj tests/formats/test_fuzz_readers.py tests/geometry/test_surface.py tests/report/render/test_raster.py tests/method/solve/test_compiled_frames.py tests/method/solve/test_summary.py
 

@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image
 
 from cageik_cli import load_clip, read_result
-from cageik_cli.geometry.normals import compute_vertex_normals
+from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.report.render.model_views import project_surface, view_axes
 from cageik_cli.report.render.raster import ParallelCamera

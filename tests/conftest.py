@@ -1,10 +1,12 @@
 """What several tests share: the fixtures, a little animation, and ways to run the command."""
 
+import importlib
+import itertools
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,12 +26,17 @@ from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.result import Result
 from cageik_cli.util import compiled
+from cageik_cli.util.threads import use_one_blas_thread
 from tests.shapes import ball, box
 
 pytest_plugins = ("tests.results",)
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
 BIND = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-q")
+
+# As in a process of the command. Threads of linear algebra would wait for those of other workers.
+importlib.import_module("scipy.linalg")
+use_one_blas_thread()
 
 # A machine that is busy is not a fault of the code. Tests that need more examples say so.
 settings.register_profile("untimed", settings.default, deadline=None, max_examples=50)
@@ -52,6 +59,14 @@ class Outcome:
     code: int
     out: str
     err: str
+
+
+@pytest.fixture(scope="session", autouse=True)
+def unsynced_files() -> Iterator[None]:
+    """No test waits for the disk: `fsync` only asks for the file."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr("os.fsync", os.fstat)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -89,10 +104,17 @@ def single_frame_blocks(monkeypatch) -> None:
     monkeypatch.setattr(executor, "MAX_BLOCK_FRAMES", 1)
 
 
+@pytest.fixture(scope="session")
+def caches(tmp_path_factory) -> Iterator[Path]:
+    """The folders of caches, one for each test; most tests never make theirs."""
+    folder = tmp_path_factory.mktemp("caches")
+    return (folder / f"{k}" for k in itertools.count())
+
+
 @pytest.fixture(autouse=True)
-def cache(tmp_path_factory, monkeypatch) -> Path:
+def cache(caches, monkeypatch) -> Path:
     """The folder of this test's cache: no test finds what another kept, or the user's own."""
-    folder = tmp_path_factory.mktemp("cache") / "cageik"
+    folder = next(caches)
     monkeypatch.setenv("CAGEIK_CACHE", str(folder))
     return folder
 

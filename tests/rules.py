@@ -5,6 +5,7 @@ import re
 import sys
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "cageik_cli"
@@ -32,9 +33,15 @@ def read_modules(package: Path = PACKAGE) -> list[Module]:
     return [(path.relative_to(package).as_posix(), path.read_text()) for path in paths]
 
 
+@cache
+def list_nodes(source: str) -> list[ast.AST]:
+    """List all nodes of a module, the module itself first."""
+    return list(ast.walk(ast.parse(source)))
+
+
 def list_constants(source: str) -> Iterator[tuple[str, int]]:
     """Yield name and line of each constant of a module."""
-    for node in ast.parse(source).body:
+    for node in list_nodes(source)[0].body:
         targets = node.targets if isinstance(node, ast.Assign) else []
         if isinstance(node, ast.AnnAssign):
             targets = [node.target]
@@ -72,19 +79,14 @@ def find_option_words(modules: list[Module]) -> Iterator[str]:
     for path, source in modules:
         if path.startswith("cli/"):
             continue
-        tree = ast.parse(source)
-        docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-        declared = {
-            id(part)
-            for node in ast.walk(tree)
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "").startswith("declare_")
-            for part in ast.walk(node)
-        }
-        for node in ast.walk(tree):
+        nodes = list_nodes(source)
+        passed = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+        for node in nodes:
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "").startswith("declare_"):
+                passed.update(map(id, ast.walk(node)))
+        for node in nodes:
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                if id(node) in declared:
-                    continue
-                text = "" if id(node) in docstrings else FOREIGN.sub("", node.value)
+                text = "" if id(node) in passed else FOREIGN.sub("", node.value)
                 found = OPTION.search(text)
                 if found and found[0] != node.value:
                     yield f"{path}:{node.lineno}: names {found[0]}; name the parameter in backticks"
@@ -97,7 +99,7 @@ def find_lost_modules(modules: list[Module]) -> Iterator[str]:
     names: dict[tuple[str, ...], set[str]] = {}
     for path, source in modules:
         place = tuple(path.removesuffix(".py").removesuffix("/__init__").split("/"))
-        names[place] = {getattr(node, "name", "") for node in ast.parse(source).body}
+        names[place] = {getattr(node, "name", "") for node in list_nodes(source)[0].body}
     folders = {folder for place in names for folder in place[:-1]}
     ends = {place[k:] for place in names for k in range(len(place))}
     for path, source in modules:
@@ -112,7 +114,7 @@ def find_lost_modules(modules: list[Module]) -> Iterator[str]:
 
 def list_docstrings(source: str) -> Iterator[str]:
     """Yield all docstrings of a module."""
-    for node in ast.walk(ast.parse(source)):
+    for node in list_nodes(source):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
             yield ast.get_docstring(node) or ""
 

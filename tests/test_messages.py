@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.refusals import refused
 from tests.shapes import box
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj")
@@ -216,3 +217,26 @@ def test_a_limit_that_is_exceeded_is_said_with_what_was_found(run, folder):
     assert outcome.err == (
         "cages.h5: over limit: rms 4.5699 %, limit 0.5 %, worst frame frame_5.obj\n"
     )
+
+
+FAULTS = {
+    "of another place": "b.obj: is cut short",
+    "of another fault": "a.obj: is empty",
+    "of several lines": "a.obj: is cut short\nat its end",
+}
+
+
+def test_what_is_expected_passes():
+    with refused(ValueError, "cut short", at="a.obj"):
+        raise ValueError("a.obj: is cut short")
+
+
+@pytest.mark.parametrize("sentence", FAULTS.values(), ids=FAULTS)
+def test_another_sentence_fails(sentence):
+    with pytest.raises(AssertionError), refused(ValueError, "cut short", at="a.obj"):
+        raise ValueError(sentence)
+
+
+def test_no_error_fails():
+    with pytest.raises(pytest.fail.Exception), refused(ValueError, "cut short"):
+        pass

@@ -2,12 +2,17 @@
 
 import math
 import os
+import sys
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager
+from functools import lru_cache
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 Item = TypeVar("Item")
 Output = TypeVar("Output")
@@ -40,9 +45,9 @@ def _read_cgroup_cpu_limit(group: Path) -> float:
 
 def limit_blas_threads(count: int) -> AbstractContextManager[object]:
     """Limit the threads of the linear algebra inside, so that workers have the processors."""
-    from threadpoolctl import threadpool_limits
-
-    limits: AbstractContextManager[object] = threadpool_limits(limits=count, user_api="blas")
+    limits: AbstractContextManager[object] = _find_libraries(len(sys.modules)).limit(
+        limits=count, user_api="blas"
+    )
     return limits
 
 
@@ -51,9 +56,15 @@ def use_one_blas_thread() -> None:
 
     For processes that run beside others: each has its share of the processors.
     """
-    from threadpoolctl import threadpool_limits
+    _find_libraries(len(sys.modules)).limit(limits=1, user_api="blas")
 
-    threadpool_limits(limits=1, user_api="blas")
+
+@lru_cache(maxsize=1)
+def _find_libraries(modules: int) -> "ThreadpoolController":
+    """Find the libraries that have threads: a search through all that modules have brought."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def run_blocks(function: Callable[[slice], object], count: int, size: int) -> None:

@@ -59,13 +59,10 @@ def mesh_files(tmp_path_factory, tiny_files, animation):
 
 
 @pytest.fixture
-def meshes(tmp_path, monkeypatch, mesh_files, coarse_panels):
-    """The current folder, with a copy of them."""
-    folder = tmp_path / "all"
-    shutil.copytree(mesh_files, folder)
-    monkeypatch.chdir(folder)
+def meshes(monkeypatch, mesh_files, coarse_panels):
+    """The current folder, with these files: read only."""
+    monkeypatch.chdir(mesh_files)
     monkeypatch.setattr("cageik_cli.view.run.run_view", _end)
-    return folder
 
 
 def _end(session, port, listener):
@@ -73,20 +70,20 @@ def _end(session, port, listener):
 
 
 COMMANDS = {
-    "extract": "extract frames --rest REST --cage CAGE -o new.h5",
-    "repair": "cage --repair CAGE --rest REST -o new.obj",
+    "extract": "extract frames --rest REST --cage CAGE -o OUT/new.h5",
+    "repair": "cage --repair CAGE --rest REST -o OUT/new.obj",
     "check": "check --cage CAGE --rest REST",
-    "bind": "bind --cage CAGE --rest REST -o new.h5",
-    "pose": "pose REST handles.json --cage CAGE -o new.obj",
-    "deform": "deform cages.h5 --mesh REST -o new.npz",
+    "bind": "bind --cage CAGE --rest REST -o OUT/new.h5",
+    "pose": "pose REST handles.json --cage CAGE -o OUT/new.obj",
+    "deform": "deform cages.h5 --mesh REST -o OUT/new.npz",
     "view": "view REST --cage CAGE",
     "info": "info REST",
 }
 
 
-def words(command, rest, cage):
+def words(command, rest, cage, out="."):
     named = {"REST": rest, "CAGE": cage}
-    return [named.get(word, word) for word in COMMANDS[command].split()]
+    return [named.get(word, word.replace("OUT", str(out))) for word in COMMANDS[command].split()]
 
 
 def is_model(command, kind):
@@ -96,13 +93,13 @@ def is_model(command, kind):
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("kind", READ)
-def test_every_format_is_taken(run, meshes, animation, kind, command):
+def test_every_format_is_taken(run, meshes, tmp_path, animation, kind, command):
     if not is_model(command, kind):
         pytest.skip("a result or a binding is no model there")
-    outcome = run(*words(command, *KINDS[kind]))
+    outcome = run(*words(command, *KINDS[kind], tmp_path))
     assert outcome.code == 0, outcome.err
     if command == "extract":
-        result = read_result(Path("new.h5"))
+        result = read_result(tmp_path / "new.h5")
         np.testing.assert_allclose(result.rest.vertices, animation.rest.vertices, atol=1e-6)
         found, expected = (mesh.vertices[mesh.faces] for mesh in (result.cage, animation.cage))
         np.testing.assert_allclose(found, expected, atol=1e-6)
@@ -130,7 +127,7 @@ def test_positions_without_faces_are_no_mesh(run, meshes, command, name):
 
 @pytest.mark.parametrize("kind", READ)
 def test_a_cage_is_built_around_every_format(run, meshes, monkeypatch, kind):
-    def build(mesh, *others):
+    def build(mesh, *others, **options):
         raise CageError(f"model of {len(mesh.vertices)} vertices")
 
     monkeypatch.setattr("cageik_cli.cages.builder.build.build_cage", build)
@@ -149,12 +146,14 @@ def test_a_mesh_that_is_read_is_not_written_over(run, meshes):
     assert "cages.h5: is read or written by this command already" in outcome.err
 
 
-def test_the_first_of_several_frames_is_said_to_be_taken(run, meshes):
-    outcome = run(*words("bind", "rest.abc", "cage.obj"))
+def test_the_first_of_several_frames_is_said_to_be_taken(run, meshes, tmp_path):
+    outcome = run(*words("bind", "rest.abc", "cage.obj", tmp_path))
     assert "rest.abc: the first of its 2 frames is taken" in outcome.err
 
 
-def test_frames_in_stl_have_the_errors_of_the_same_frames_in_obj(run, meshes, animation):
+def test_frames_in_stl_have_the_errors_of_the_same_frames_in_obj(
+    run, folder, mesh_files, animation
+):
     Path("solids").mkdir()
     for k, vertices in enumerate(animation.frames, start=1):
         solid = trimesh.Trimesh(vertices, animation.rest.faces, process=False)
@@ -162,7 +161,9 @@ def test_frames_in_stl_have_the_errors_of_the_same_frames_in_obj(run, meshes, an
     assert run("extract", "frames", "--cage", "cage.obj", "-o", "obj.h5").code == 0
     expected = read_result(Path("obj.h5"))
     for name, rest in (("welded", ()), ("as rest", ("--rest", "frames/frame_1.obj"))):
-        outcome = run("extract", "solids", *rest, "--cage", "cage.stl", "-o", f"{name}.h5")
+        outcome = run(
+            "extract", "solids", *rest, "--cage", mesh_files / "cage.stl", "-o", f"{name}.h5"
+        )
         assert outcome.code == 0, outcome.err
         result = read_result(Path(f"{name}.h5"))
         tolerance = 1e-6 * expected.rest.diagonal

@@ -8,6 +8,7 @@ them (USD, glTF, .npz) or do not (OBJ, Alembic, PC2).
 import json
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -107,6 +108,23 @@ def is_near(found: np.ndarray, expected: np.ndarray) -> bool:
     return found.shape == expected.shape and np.abs(found - expected).max() <= 1e-6 * diagonal
 
 
+def run_as_typed(run, option: str, *words: str, refused: str = ""):
+    """Run a command; if it needs an option, it is refused first, and says what to type.
+
+    The first cage that is `refused` may be another than the one beside the option.
+    """
+    if option:
+        before = set(Path().rglob("*"))
+        outcome = run(*(refused if refused and word == "same.obj" else word for word in words))
+        assert outcome.code == 1
+        assert option in outcome.err
+        assert "missing" not in outcome.err
+        assert set(Path().rglob("*")) == before
+    done = run(*words, *option.split())
+    assert done.code == 0, done.err
+    return done
+
+
 SCENES = {
     "m,y": Scene(metres_per_unit=1.0, up_axis="Y"),
     "m,z": Scene(metres_per_unit=1.0, up_axis="Z"),
@@ -115,61 +133,62 @@ SCENES = {
     "in,y": Scene(metres_per_unit=0.0254, up_axis="Y"),
 }
 
-EDITS = [
-    *((".usdc", words, "") for words in SCENES),
-    (".npz", "m,y", ""),
-    (".abc", "m,z", "--from m"),
-    (".abc", "m,y", "--from m,y"),
-    (".abc", "cm,y", "--from cm,y"),
-    (".pc2", "in,y", "--from in,y"),
-    (".obj", "mm,z", "--from mm"),
-]
+CONVERTED = {
+    "cages": [
+        *((".usdc", words, "") for words in SCENES),
+        (".npz", "m,y", ""),
+        (".abc", "m,z", "--from m"),
+        (".abc", "m,y", "--from m,y"),
+        (".abc", "cm,y", "--from cm,y"),
+        (".pc2", "in,y", "--from in,y"),
+        (".obj", "mm,z", "--from mm"),
+    ],
+    "rest": [
+        (".usdc", "m,y", ""),
+        (".usdc", "in,z", ""),
+        (".glb", "cm,z", ""),
+        (".obj", "m,z", "--from m"),
+        (".obj", "m,y", "--from m,y"),
+        (".obj", "mm,z", "--from mm"),
+        (".obj", "cm,y", "--from cm,y"),
+    ],
+    "mesh": [
+        (".usdc", "m,y", ""),
+        (".glb", "cm,z", ""),
+        (".obj", "m,z", "--from m"),
+        (".obj", "mm,z", "--from mm"),
+        (".obj", "cm,y", "--from cm,y"),
+    ],
+    "cage": [(".usdc", "in,y", ""), (".obj", "mm,z", "--from mm"), (".obj", "m,z", "--from m")],
+}
+"""What is given beside the clip or its result, in which format and scene, and what to type."""
 
 
-@pytest.mark.parametrize(("suffix", "words", "option"), EDITS)
-def test_edited_cages_are_converted_or_refused_with_what_to_type(here, run, suffix, words, option):
-    """`deform --cages`: the three paths that were wrong are USD in m, Alembic, and OBJ."""
-    out = "edit/edit_####.obj" if suffix == ".obj" else f"edit{suffix}"
-    assert run("export", "cages.h5", out, "--to", words, "-q").code == 0
-    words = ["deform", "cages.h5", "--cages", out.split("/")[0], "-o"]
-    done = run(*words, "moved.npz")
-    if option:
-        assert done.code == 1
-        assert option in done.err
-        assert not (here / "moved.npz").exists()
-        done = run(*words, "moved.npz", *option.split())
-    assert done.code == 0, done.err
-    assert is_near(read_positions("moved.npz"), read_positions("expected.npz"))
-
-
-RESTS = [
-    (".usdc", "m,y", ""),
-    (".usdc", "in,z", ""),
-    (".glb", "cm,z", ""),
-    (".obj", "m,z", "--from m"),
-    (".obj", "m,y", "--from m,y"),
-    (".obj", "mm,z", "--from mm"),
-    (".obj", "cm,y", "--from cm,y"),
-]
-
-
-@pytest.mark.parametrize(("suffix", "words", "option"), RESTS)
-def test_a_rest_pose_is_converted_or_refused_with_what_to_type(here, run, suffix, words, option):
-    scene = SceneHints.parse(words).override(Scene())
-    path = write_mesh(here / f"rest{suffix}", make_rest(), scene)
-    extract = ["extract", "clip.usdc", "--cage", "cage.obj", "--rest", path, "-o", "new.h5"]
-    done = run(*extract, "--max-rms", "90%")
-    if option:
-        assert done.code == 1
-        assert option in done.err
-        assert "missing" not in done.err
-        # What the file is in is not what the cage is in, which is taken as it stands.
-        cage = write_mesh(here / "same.obj", make_cage(), scene)
-        extract[3] = cage
-        done = run(*extract, *option.split())
-    assert done.code == 0, done.err
-    assert run("deform", "new.h5", "-o", "new.npz", "-q").code == 0
-    assert is_near(read_positions("new.npz"), read_positions("expected.npz"))
+@pytest.mark.parametrize(
+    ("role", "suffix", "words", "option"),
+    [(role, *case) for role, cases in CONVERTED.items() for case in cases],
+)
+def test_what_is_given_is_converted_or_refused_with_what_to_type(
+    here, run, role, suffix, words, option
+):
+    if role == "cages":
+        out = "edit/edit_####.obj" if suffix == ".obj" else f"edit{suffix}"
+        assert run("export", "cages.h5", out, "--to", words, "-q").code == 0
+        run_as_typed(run, option, "deform", "cages.h5", "--cages", out.split("/")[0], "-o", "n.npz")
+    else:
+        scene = SceneHints.parse(words).override(Scene())
+        mesh = make_cage() if role == "cage" else make_rest()
+        path = write_mesh(here / f"other{suffix}", mesh, scene)
+        if role == "mesh":
+            run_as_typed(run, option, "deform", "cages.h5", "--mesh", path, "-o", "n.npz")
+        else:
+            # What the file is in is not what the cage is in, which is taken as it stands.
+            write_mesh(here / "same.obj", make_cage(), scene if option else HERE)
+            given = ("--cage", path) if role == "cage" else ("--cage", "same.obj", "--rest", path)
+            words = ("extract", "clip.usdc", *given, "-o", "new.h5")
+            run_as_typed(run, option, *words, refused="cage.obj")
+            assert run("deform", "new.h5", "-o", "n.npz", "-q").code == 0
+    assert is_near(read_positions("n.npz"), read_positions("expected.npz"))
 
 
 @pytest.mark.parametrize(
@@ -186,47 +205,6 @@ def test_a_clip_that_states_no_unit_can_be_given_one(here, run, options, expecte
     assert done.code == 1
     assert "in metres instead of centimetres" in done.err
     assert "--metres-per-unit 0.01 and --from m" in done.err or expected in done.err
-
-
-@pytest.mark.parametrize(
-    ("suffix", "words", "option"),
-    [
-        (".usdc", "m,y", ""),
-        (".glb", "cm,z", ""),
-        (".obj", "m,z", "--from m"),
-        (".obj", "mm,z", "--from mm"),
-        (".obj", "cm,y", "--from cm,y"),
-    ],
-)
-def test_another_mesh_is_converted_or_refused_with_what_to_type(here, run, suffix, words, option):
-    scene = SceneHints.parse(words).override(Scene())
-    path = write_mesh(here / f"other{suffix}", make_rest(), scene)
-    deform = ["deform", "cages.h5", "--mesh", path, "-o", "other.npz"]
-    done = run(*deform)
-    if option:
-        assert done.code == 1
-        assert option in done.err
-        done = run(*deform, *option.split())
-    assert done.code == 0, done.err
-    assert is_near(read_positions("other.npz"), read_positions("expected.npz"))
-
-
-@pytest.mark.parametrize(
-    ("suffix", "words", "option"),
-    [(".usdc", "in,y", ""), (".obj", "mm,z", "--from mm"), (".obj", "m,z", "--from m")],
-)
-def test_a_cage_is_converted_or_refused_with_what_to_type(here, run, suffix, words, option):
-    scene = SceneHints.parse(words).override(Scene())
-    path = write_mesh(here / f"other{suffix}", make_cage(), scene)
-    extract = ["extract", "clip.usdc", "--cage", path, "-o", "new.h5"]
-    done = run(*extract)
-    if option:
-        assert done.code == 1
-        assert option in done.err
-        done = run(*extract, *option.split())
-    assert done.code == 0, done.err
-    assert run("deform", "new.h5", "-o", "new.npz", "-q").code == 0
-    assert is_near(read_positions("new.npz"), read_positions("expected.npz"))
 
 
 def test_several_meshes_may_state_one_unit_in_two_ways(here, run):

@@ -9,6 +9,7 @@ import pytest
 
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.formats.timeline import parse_frames
+from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.run.cage_settings import CheckSettings
 from cageik_cli.run.check import check_cage
 from cageik_cli.run.extraction import extract
@@ -21,7 +22,10 @@ PART = ClipSettings(selection=parse_frames("20-22"))
 
 
 def settings(output: Path) -> ExtractSettings:
-    return ExtractSettings((str(WALKER / "frames"),), WALKER / "cage.obj", output, clip=PART)
+    return ExtractSettings(
+        (str(WALKER / "frames"),), WALKER / "cage.obj", output, clip=PART,
+        bind=BindSettings(accuracy="preview"),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("rest_frame", [0, "1"])
@@ -41,6 +45,7 @@ def test_first_frame_of_the_whole_clip_is_the_rest_pose(
     np.testing.assert_allclose(cages[0], cages[1], rtol=0, atol=1e-12)
 
 
+@pytest.mark.usefixtures("coarse_grids")
 def test_frame_that_is_taken_has_its_index(tmp_path: Path) -> None:
     frame = replace(settings(tmp_path / "own.h5"), cage=None, rest_frame="21", fit=False)
     assert extract(frame).settings["rest_frame"] == 1
@@ -51,6 +56,7 @@ def test_frame_that_the_clip_does_not_have_is_refused(tmp_path: Path) -> None:
         extract(replace(settings(tmp_path / "none.h5"), rest_frame="99"))
 
 
+@pytest.mark.usefixtures("coarse_grids")
 def test_a_cage_is_built_around_the_first_frame_taken(tmp_path: Path) -> None:
     built = extract(replace(settings(tmp_path / "built.h5"), cage=None, fit=False))
     assert built.settings["rest_frame"] == 0

@@ -244,6 +244,25 @@ def test_a_folder_is_replaced_as_a_whole(tmp_path):
     assert [item.name for item in tmp_path.iterdir()] == ["frames"]
 
 
+@pytest.mark.parametrize("kind", ["file", "path", "folder"])
+def test_what_is_written_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch, kind):
+    target, synced = tmp_path / "out", []
+
+    def fsync(descriptor):
+        synced.append((os.fstat(descriptor).st_ino, target.exists()))
+
+    monkeypatch.setattr("os.fsync", fsync)
+    if kind == "file":
+        outputs.write_text(target, "a", overwrite=False)
+    elif kind == "path":
+        with outputs.atomic_path(target, overwrite=False) as path:
+            path.write_text("a")
+    else:
+        write_frames(target, "ab")
+    written = target.iterdir() if kind == "folder" else [target]
+    assert sorted(synced) == sorted((file.stat().st_ino, False) for file in written)
+
+
 def test_an_empty_folder_is_nothing_to_lose(tmp_path):
     (tmp_path / "frames").mkdir()
     outputs.check_folder_writable(tmp_path / "frames", False, numbered)

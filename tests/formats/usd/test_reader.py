@@ -1,15 +1,19 @@
 """Clips in USD: files that usd-core wrote, in every way that scenes differ."""
 
 import hashlib
+import shutil
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.usd import library
-from cageik_cli.util.errors import FormatError
+from cageik_cli.formats.usd.library import capture_diagnostics
+from cageik_cli.geometry.parts import list_part_names
+from cageik_cli.util.errors import FormatError, InputError
+from tests.character import NAMES
 from tests.clips import frames_of
 from tests.formats.scenes import FRAMES, MESH, UsdScene
 from tests.texts import texts
@@ -244,3 +248,104 @@ def test_the_digest_is_over_all_files_that_a_stage_is_made_of(tmp_path, scene):
         "sha256": hashlib.sha256(files).hexdigest(),
         "files": 2,
     }
+
+
+SINGLE = 2e-6
+"""Of the diagonal: sums of joints in single precision."""
+
+
+@pytest.fixture
+def hero(character_result, tmp_path, monkeypatch):
+    """The folder of the result of the character of four parts."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(character_result.path, tmp_path / "cages.h5")
+    return tmp_path
+
+
+def compare(run, command, same, member="", names=None):
+    """Run a command; what its file holds is what `deform` gives, or the cages if that is None."""
+    outcome = run(*command.split(), "--overwrite")
+    assert outcome.code == 0, outcome.err
+    expected = open_sequence(["cages.h5"])
+    if same is not None:
+        words = ("deform", "cages.h5", "-o", "same.npz", "-q", "--overwrite")
+        assert run(*words, *same.split()).code == 0
+        expected = open_sequence(["same.npz"])
+    clip = open_sequence([f"rig.usdc{member}"])
+    np.testing.assert_array_equal(clip.first.faces, expected.first.faces)
+    np.testing.assert_allclose(
+        frames_of(clip), frames_of(expected), rtol=0, atol=SINGLE * expected.first.diagonal
+    )
+    assert clip.scene.start == 1
+    assert names is None or list_part_names(clip.first) == names
+    return clip
+
+
+@pytest.mark.parametrize(
+    ("command", "same", "member"),
+    [
+        ("deform cages.h5 -o rig.usdc", "", ""),
+        ("export cages.h5 rig.usdc --with-model", "", "::/cage/model"),
+        ("export cages.h5 rig.usdc --with-model", None, "::/cage/cage"),
+        ("export cages.h5 rig.usdc --skeleton --influences 4", "--influences 4", ""),
+        (
+            "export cages.h5 rig.usdc --skeleton --influences 4 --with-model",
+            "--influences 4",
+            "::/cage/mesh",
+        ),
+    ],
+)
+def test_what_commands_write_is_read_back(extracted, run, command, same, member):
+    clip = compare(run, command, same, member)
+    mesh = load_mesh(f"rig.usdc{member}").mesh
+    np.testing.assert_array_equal(mesh.vertices, clip.first.vertices)
+
+
+def test_a_guide_is_left_out(extracted, run):
+    command = "export cages.h5 rig.usdc --skeleton --influences 4 --with-model --guide"
+    clip = compare(run, command, "--influences 4")
+    assert "rig.usdc: left out /cage/cage (purpose guide)" in texts(clip.notes)
+
+
+def test_a_character_is_read_back_in_its_parts(hero, run):
+    compare(run, "deform cages.h5 -o rig.usdc", "", names=NAMES)
+    skeleton = "export cages.h5 rig.usdc --skeleton --influences 4"
+    clip = compare(run, skeleton, "--influences 4", names=NAMES)
+    assert "rig.usdc: posed by the skeleton /hero/skeleton" in texts(clip.notes)
+    compare(run, f"{skeleton} --with-model --guide", "--influences 4", names=NAMES)
+    compare(run, "export cages.h5 rig.usdc --with-model --guide", "", names=NAMES)
+
+
+def test_warnings_are_kept_without_folders_and_addresses(capfd):
+    with capture_diagnostics(InputError) as warnings:
+        Tf.Warn("Could not load @/home/me/a.usda@\n (Opening stage on stage @/b@ <0x7f>)")
+        assert warnings == []
+    assert warnings == ["USD warns: Could not load a.usda"]
+    assert capfd.readouterr().err == ""
+
+
+def test_errors_become_the_given_one(capfd):
+    with pytest.raises(InputError) as caught, capture_diagnostics(InputError):
+        Tf.RaiseRuntimeError("@/x/a.usda@:1: parse error matching pxrInternal::Rule at 'x'")
+    assert str(caught.value) == "Python runtime error: a.usda:1: parse error at 'x'"
+    assert capfd.readouterr().err == ""
+
+
+def test_warnings_before_an_error_are_not_printed(capfd):
+    def warn_and_fail():
+        Tf.Warn("first")
+        Tf.RaiseRuntimeError("then")
+
+    with pytest.raises(InputError), capture_diagnostics(InputError):
+        warn_and_fail()
+    assert capfd.readouterr().err == ""
+
+
+def test_names_that_are_not_text_are_an_error_too():
+    with pytest.raises(InputError, match="its text is not UTF-8"), capture_diagnostics(InputError):
+        b"\xb8".decode()
+
+
+def test_other_errors_pass():
+    with pytest.raises(KeyError), capture_diagnostics(InputError):
+        raise KeyError
