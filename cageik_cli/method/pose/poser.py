@@ -305,7 +305,7 @@ class CageResponseSolver:
     """
 
     def __init__(self, cage: TriMesh, laplacian: Floats, basis: Floats) -> None:
-        self._basis, self._laplacian = basis, laplacian
+        self._basis = basis
         self._free_modes = _find_free_modes(cage, basis)
         self._can_move_as_one = bool(self._free_modes.size) and bool(
             np.ptp(self._free_modes[:, 0]) < BASIS_TOL
