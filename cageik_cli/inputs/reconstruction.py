@@ -11,7 +11,7 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.method.solve.alignment import best_rotations
 from cageik_cli.method.weights.binding import Binding, reconstruct_frames
-from cageik_cli.store.result import Result, read_cages
+from cageik_cli.store.result import StoredAnimation, read_cages
 from cageik_cli.util.arrays import Floats, Integers, fill_gaps
 from cageik_cli.util.threads import OrderedMap
 
@@ -38,7 +38,7 @@ class CageFrames:
     blocks: Callable[[int], Iterator[Floats]]
 
     @staticmethod
-    def from_result(result: Result) -> "CageFrames":
+    def from_result(result: StoredAnimation) -> "CageFrames":
         """Return the cages of a result, whose gaps are filled."""
         count = len(result.frames)
         return CageFrames(

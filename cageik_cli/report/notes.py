@@ -14,7 +14,13 @@ from cageik_cli.report.figures import ReportSummary, format_percent
 from cageik_cli.report.fit_rows import list_fit_notes
 from cageik_cli.report.limits import Limits, list_limit_notes, missing_in_baseline
 from cageik_cli.report.regions import list_region_notes
-from cageik_cli.store.result import Result, read_binding, read_cages, read_key_frames
+from cageik_cli.store.result import (
+    Result,
+    StoredAnimation,
+    read_binding,
+    read_cages,
+    read_key_frames,
+)
 from cageik_cli.util.arrays import Floats, Integers, Mask
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Note, Said, say
@@ -61,24 +67,29 @@ MIN_OUTLIER_PERCENT = 1.0
 
 
 def list_notes(
-    result: Result, name: str, summary: ReportSummary, limits: Limits
+    result: StoredAnimation, name: str, summary: ReportSummary, limits: Limits
 ) -> tuple[Note, ...]:
-    """List all notes on a result, first those that it holds; a baseline knows it by `name`."""
+    """List all notes, first those that a file holds; a baseline knows the result by `name`.
+
+    Nothing stands out of an edit: how far it moves what is up to who made it.
+    """
+    clip: list[Said] = []
+    outliers: list[Said] = []
+    if isinstance(result, Result):
+        clip = [*list_clip_notes(result), *list_region_notes(result, summary)]
+        outliers = list_outlier_notes(result)
     found: tuple[Said, ...] = (
         *([] if result.fit is None else list_fit_notes(result.fit)),
-        *list_clip_notes(result),
-        *list_region_notes(result, summary),
+        *clip,
         *list_limit_notes(limits, result.rest.diagonal),
-        *list_outlier_notes(result),
+        *outliers,
         *missing_in_baseline(name, summary, limits),
     )
     return (*result.notes, *map(Note, found))
 
 
 def list_clip_notes(result: Result) -> list[Said]:
-    """List notes on the frames as a whole and on their vertices; none for an edited result."""
-    if result.edited_from is not None:
-        return []
+    """List notes on the frames as a whole and on their vertices."""
     return [
         *_note_mirrored_frames(result),
         *_note_other_size(result),
@@ -88,8 +99,6 @@ def list_clip_notes(result: Result) -> list[Said]:
 
 def list_outlier_notes(result: Result) -> list[Said]:
     """Say which frames and vertices stand out, by how much, and which option would help."""
-    if result.edited_from is not None:
-        return []
     is_long = len(result.frames) - len(result.skipped) >= MIN_OUTLIER_FRAMES
     return [
         *(_note_spikes(result) if is_long else []),

@@ -11,7 +11,7 @@ import numpy as np
 
 from cageik_cli.geometry.parts import format_place, get_parts
 from cageik_cli.report.figures import format_percent
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import StoredAnimation
 from cageik_cli.util.arrays import Floats
 
 MAX_PART_ROWS = 8
@@ -32,7 +32,7 @@ class PartRecord:
     rms_percent: float | None
 
 
-def build_parts(result: Result) -> tuple[PartRecord, ...] | None:
+def build_parts(result: StoredAnimation) -> tuple[PartRecord, ...] | None:
     """Measure each part, in the order of the model; None for a model of one part."""
     parts = get_parts(result.rest)
     if parts is None:

@@ -121,7 +121,7 @@ def build_regions(result: Result) -> tuple[RegionRecord, ...] | None:
 
 def list_region_notes(result: Result, summary: ReportSummary) -> list[str]:
     """List the note on regions that are not known, though the largest deviation is unusual."""
-    is_unknown = result.regions is None and result.edited_from is None
+    is_unknown = result.regions is None
     diagonal = result.rest.diagonal
     if is_unknown and has_bad_regions(summary.rms, summary.max_deviation, diagonal):
         return [REGIONS_UNKNOWN]

@@ -43,13 +43,12 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
     backticks, as in messages, and all that is to be given. Frames are rejected or smoothed only
     where vertices are outliers: quick motion is no fault.
     """
-    if result.edited_from is not None:
-        return None
     if has_outliers(result) and not result.settings.get("robust"):
         return _repeat(say("`robust=True`"))
     if 2 * rms_percent <= MAX_GOOD_RMS and 2 * max_deviation_percent <= MAX_GOOD_DEVIATION:
         return None
-    cause, is_built = _find_worst_cause(result), _has_built_cage(result)
+    region, is_built = result.worst_region, _has_built_cage(result)
+    cause = None if region is None else region.cause
     if cause == Cause.SMOOTHING:
         is_auto = result.settings["smooth"] == AUTO_SMOOTHING
         return None if is_auto else _repeat(Hint("smooth", AUTO_SMOOTHING))
@@ -77,11 +76,6 @@ def _allows_fit(result: Result) -> bool:
     """
     is_long = len(result.frames) - len(result.skipped) > 2
     return is_long and result.kept is None and has_weights(result)
-
-
-def _find_worst_cause(result: Result) -> Cause | None:
-    """Return the likely cause of the worst region; None if there is no such region."""
-    return next((region.cause for region in result.regions or ()), None)
 
 
 def _has_built_cage(result: Result) -> bool:

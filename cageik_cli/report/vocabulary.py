@@ -10,6 +10,7 @@ from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
+from cageik_cli.store.result import Edit, Result, StoredAnimation
 from cageik_cli.util.settings import list_meanings
 
 QUALITY_WORDS = {"good": "good", "fair": "fair", "poor": "poor"}
@@ -319,6 +320,8 @@ EDIT_VOCABULARY = Vocabulary(
 )
 
 
-def choose_vocabulary(*edited_from: str | None) -> Vocabulary:
-    """Choose the words for results: those of edits when every one was edited."""
-    return EDIT_VOCABULARY if edited_from and None not in edited_from else EXTRACTION_VOCABULARY
+VOCABULARIES: Mapping[type[StoredAnimation], Vocabulary] = {
+    Result: EXTRACTION_VOCABULARY,
+    Edit: EDIT_VOCABULARY,
+}
+"""The words for each kind of file."""

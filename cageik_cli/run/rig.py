@@ -28,7 +28,7 @@ from cageik_cli.method.weights.binding import (
 from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
 from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
 from cageik_cli.rigs.turning import group_joints, limit_influences
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.messages import Hint
@@ -131,7 +131,7 @@ class Rig:
 
 
 def make_rig(
-    result: Result,
+    result: StoredAnimation,
     target: Reconstruction,
     progress: ProgressListener,
     *,
@@ -148,7 +148,7 @@ def make_rig(
 
     Parameters
     ----------
-    result : Result
+    result : StoredAnimation
         That the cages are of, or that they were made from.
     influences : int or None
         Joints per vertex, at most, with weights that are fitted again; None keeps the weights of
@@ -240,7 +240,7 @@ def _fit_rig(
         return replace(rig, skin=replace(rig.skin, cage_joints=labels, limbs=limbs))
 
 
-def check_rig(result: Result, influences: int | None, joints: str | int) -> None:
+def check_rig(result: StoredAnimation, influences: int | None, joints: str | int) -> None:
     """Refuse too few joints, and more joints or influences than a cage has vertices."""
     n = len(result.cage.vertices)
     if isinstance(joints, int) and not MIN_JOINTS <= joints <= n:
@@ -257,16 +257,17 @@ def check_rig(result: Result, influences: int | None, joints: str | int) -> None
         )
 
 
-def measure_input_rms(result: Result) -> float | None:
+def measure_input_rms(result: StoredAnimation) -> float | None:
     """Return the rms of a result, percent; None if it is not that of all vertices and frames."""
     rms = result.metrics.rms
-    if result.edited_from or not (np.isfinite(rms).all() and np.isfinite(result.vertex_rms).all()):
+    is_whole = np.isfinite(rms).all() and np.isfinite(result.vertex_rms).all()
+    if not (is_whole and isinstance(result, Result)):
         return None
     return 100 * float(np.sqrt(np.mean(np.square(rms)))) / result.rest.diagonal
 
 
-def _read_solve_settings(result: Result) -> SolveSettings:
-    """Return how the cages of a result were solved; an edited one does not say it."""
+def _read_solve_settings(result: StoredAnimation) -> SolveSettings:
+    """Return how the cages of a result were solved; a missing setting has its default."""
     names = ("alpha", "beta")
     held = {name: result.settings[name] for name in names if name in result.settings}
     if not all(isinstance(value, int | float) for value in held.values()):

@@ -31,7 +31,7 @@ from cageik_cli.report.render.model_views import (
 )
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, downsample, parse_colour
-from cageik_cli.store.result import Result, load_binding, read_cages, read_rotations
+from cageik_cli.store.result import StoredAnimation, load_binding, read_cages, read_rotations
 from cageik_cli.util.arrays import Floats, Integers, count_frames, spread_evenly
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import say
@@ -91,7 +91,7 @@ class Film:
 
     Parameters
     ----------
-    result : Result
+    result : StoredAnimation
         With weights, which are those of `binding`.
 
     Attributes
@@ -107,7 +107,7 @@ class Film:
         When the whole clip is asked for and is too long.
     """
 
-    def __init__(self, result: Result, binding: Binding, settings: FilmSettings) -> None:
+    def __init__(self, result: StoredAnimation, binding: Binding, settings: FilmSettings) -> None:
         self.result, self.binding, self.settings = result, binding, settings
         seconds = settings.film_seconds
         if settings.film_turntable:
@@ -259,7 +259,7 @@ class LaterPictures:
 
 
 def write_film(
-    result: Result,
+    result: StoredAnimation,
     path: Path,
     settings: FilmSettings,
     overwrite: bool,

@@ -44,7 +44,7 @@ from cageik_cli.report.render.model_views import PoseSet, load_poses
 from cageik_cli.report.views.data import format_json
 from cageik_cli.report.views.front import find_worst_frame, format_front, list_verdict_rows
 from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import StoredAnimation
 from cageik_cli.util.files import open_input
 from cageik_cli.util.messages import Hint, Spelling, spell, spell_keyword
 from cageik_cli.util.text import format_count
@@ -208,7 +208,7 @@ def _build_region_values(report: Report, spelling: Spelling) -> dict[str, Any]:
 
 
 def render_result_page(
-    result: Result,
+    result: StoredAnimation,
     report: Report,
     player: PlayerPart | None = None,
     spelling: Spelling = spell_keyword,

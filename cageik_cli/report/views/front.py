@@ -154,7 +154,7 @@ def _describe_clip(report: Report, seconds: float | None) -> str:
         f"{group_digits(clip.vertices)} vertices"
         + (f" in {len(report.parts)} parts" if report.parts else ""),
         f"a cage of {clip.cage_vertices} that was {origin}",
-        *([] if report.edited_from is None else [f"edited from {report.edited_from}"]),
+        *map(" ".join, report.origin_rows),
         *([] if seconds is None else [f"{seconds:.1f} s"]),
     ]
     return f"{report.result}: {', '.join(facts)}"

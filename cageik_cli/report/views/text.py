@@ -39,7 +39,7 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
         "and Gotsman 2004)"
     )
     rows = [
-        *([] if report.edited_from is None else [("edited from", report.edited_from)]),
+        *report.origin_rows,
         *_error_rows(report),
         *format_part_rows(report.parts, words.worst),
         # The first word is the label.

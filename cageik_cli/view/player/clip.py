@@ -14,7 +14,7 @@ from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose_turn
 from cageik_cli.store.result import (
     KeyFrames,
-    Result,
+    StoredAnimation,
     make_weights_error,
     read_binding,
     read_cages,
@@ -123,7 +123,7 @@ def _make_line(text: str) -> str:
     return single_line(to_unicode(text))
 
 
-def require_player_clip(result: Result, user: str) -> PlayerClip:
+def require_player_clip(result: StoredAnimation, user: str) -> PlayerClip:
     """Load what a player shows of a result, which `user` needs.
 
     Raises
@@ -137,7 +137,7 @@ def require_player_clip(result: Result, user: str) -> PlayerClip:
     return clip
 
 
-def load_player_clip(result: Result) -> PlayerClip | None:
+def load_player_clip(result: StoredAnimation) -> PlayerClip | None:
     """Load what a player shows of a result; None if it was written without weights."""
     binding = read_binding(result)
     if binding is None:
@@ -180,11 +180,11 @@ def _collect_input_frames(key_frames: KeyFrames, count: int) -> dict[int, tuple[
     return held
 
 
-def _find_focus(result: Result, key_frames: KeyFrames) -> dict[str, Any]:
+def _find_focus(result: StoredAnimation, key_frames: KeyFrames) -> dict[str, Any]:
     """Find the worst region; if there is none, the largest deviation of the clip."""
     min_extent = 0.15  # of the view of a single vertex, diagonals
     held, poses = key_frames.indices.tolist(), key_frames.reconstructed
-    region = next(iter(result.regions or ()), None)
+    region = result.worst_region
     diagonal = result.rest.diagonal or 1.0
     if region is None:
         frame = int(np.nanargmax(result.metrics.max_deviation))
