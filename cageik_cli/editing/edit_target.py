@@ -8,7 +8,7 @@ import numpy as np
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.timeline import Timeline
 from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
-from cageik_cli.method.weights.binding import Binding, measure_offsets, reconstruct
+from cageik_cli.method.weights.binding import Binding, reconstruct
 from cageik_cli.util.arrays import Floats, Integers
 
 
@@ -67,7 +67,7 @@ class EditTarget:
         mirror planes turn with them.
         """
         m, n = binding.weights.shape
-        base = measure_offsets(binding) if binding.has_offsets else np.zeros((m, 3))
+        base = np.zeros((m, 3)) if binding.offsets is None else binding.offsets
         scene = scene or Scene()
         timeline = scene.make_timeline(len(frame_names))
         still = np.zeros((n, 3))
@@ -93,6 +93,6 @@ class EditTarget:
 
     def _turn(self, points: Floats, frames: Integers) -> Floats:
         """Return points of the base mesh, (p, 3), in each frame: (k, p, 3), or as they are."""
-        if self.rotations is None or not self.binding.has_offsets:
+        if self.rotations is None or self.binding.offsets is None:
             return points
         return np.asarray(points @ self.rotations[frames])

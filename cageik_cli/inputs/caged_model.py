@@ -196,8 +196,7 @@ class CagedModel:
     def read_reconstruction(self, user: str) -> Reconstruction:
         """Read the mesh animation that the cages of a result give; raises as `read_binding`."""
         result, binding = self.require_result("which has no cages"), self.read_binding(user)
-        rotations = result_file.read_rotations(result) if binding.has_offsets else None
-        return Reconstruction(binding, CageFrames.from_result(result), rotations)
+        return Reconstruction(binding, CageFrames.from_result(result, binding))
 
     def build_cage(
         self, settings: BuildSettings, cache: Path | None, progress: ProgressListener

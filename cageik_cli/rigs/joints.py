@@ -30,6 +30,7 @@ from cageik_cli.geometry.points import columns_to_frames, frames_to_columns
 from cageik_cli.geometry.rotations import nearest_rotations_by_entry
 from cageik_cli.geometry.shape import compute_vertex_normals, uniform_laplacian
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
+from cageik_cli.method.weights.binding import Poses
 from cageik_cli.util.arrays import Floats
 
 NORMAL_LENGTH = 0.0075
@@ -55,20 +56,18 @@ ANGLES_PER_DEGREE = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JointPoses:
-    """The joints of k frames, and the mesh that follows them.
+class JointPoses(Poses):
+    """The joints of k frames, at the vertices of their cages, and the mesh that follows them.
 
     Attributes
     ----------
-    places : (k, n, 3) float64
     rotations : (k, 3, 3) float64
-        R of the whole; `points @ R` turns points of the rest pose to the frame.
+        R of the whole.
     meshes : (k, m, 3) float64
     turns : (k, n, 3, 3) float64, optional
         R_j of each joint, in the same sense; joints that only translate have none.
     """
 
-    places: Floats
     rotations: Floats
     meshes: Floats
     turns: Floats | None = None
@@ -103,7 +102,7 @@ class JointSolver:
         places = self.solver.rest_cage + columns_to_frames(moves)
         whole, shift = rotations[:, None], centres[:, None]
         return JointPoses(
-            places=places @ rotations + shift,
+            cages=places @ rotations + shift,
             turns=turns @ whole,
             rotations=rotations,
             meshes=meshes @ rotations + shift,

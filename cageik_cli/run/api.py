@@ -26,7 +26,7 @@ from cageik_cli.inputs.rest_pose import VertexWeights
 from cageik_cli.method.solve.metrics import METRIC_TYPES, FrameMetrics
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
-from cageik_cli.method.weights.binding import Binding, reconstruct_frames
+from cageik_cli.method.weights.binding import Binding, Poses, reconstruct_frames
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.run import extraction as file_extraction
 from cageik_cli.run.extraction import Extraction
@@ -376,8 +376,9 @@ class CageAnimation:
 
     def reconstruct(self, frame: int) -> Floats:
         """Return the mesh that the cage of a frame gives, (m, 3)."""
-        cages, rotations = self.cages[[frame]], self.rotations[[frame]]
-        return np.asarray(reconstruct_frames(self.binding, cages, rotations)[0])
+        chosen = [frame]
+        poses = Poses(self.cages[chosen], self.rotations[chosen])
+        return np.asarray(reconstruct_frames(self.binding, poses)[0])
 
 
 def extract(

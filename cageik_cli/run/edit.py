@@ -25,7 +25,7 @@ from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.blocks import SolvedBlock
 from cageik_cli.method.solve.metrics import METRIC_TYPES, DeviationPeaks, FrameMetrics, check_finite
 from cageik_cli.method.solve.summary import summarize_blocks
-from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.binding import Binding, Poses
 from cageik_cli.run.edit_settings import EditSettings, PoseSettings
 from cageik_cli.run.executor import choose_block_size
 from cageik_cli.store.binding_file import StoredBinding
@@ -136,7 +136,7 @@ class _EditRun:
             with progress.stage("edit"):
                 block = self._edit_block(cages, start)
             with progress.stage("write"):
-                file.append(block.cages, block.rotations, block.metrics)
+                file.append(block, block.metrics)
             yield block
             start += len(cages)
             progress.update(start, len(self._result.frames))
@@ -266,7 +266,7 @@ def _move_points(
             transferred=stored.transferred,
         )
     with limit_blas_threads(1):
-        moved.fill_rows(rows[None], posed.snapshot.cage_after[None])
+        moved.fill_rows(rows[None], Poses(posed.snapshot.cage_after[None]))
     moved.note_faults(len(rows), note)
     return rows
 

@@ -452,13 +452,11 @@ class _ResultComposer:
         key_meshes: dict[int, Floats] = {}
         for block in self._checkpoint.blocks():
             kept = None if block.kept is None else block.kept.metrics
-            result.append(block.cages, block.rotations, block.metrics, kept)
+            result.append(block, block.metrics, kept)
             for k in self._key_frames:
                 if block.start <= k < block.stop:
                     one = slice(k - block.start, k - block.start + 1)
-                    cages, rotations = block.cages[one], block.rotations[one]
-                    rebuilt = reconstruct_frames(self._binding, cages, rotations)
-                    key_meshes[k] = np.asarray(rebuilt[0])
+                    key_meshes[k] = np.asarray(reconstruct_frames(self._binding, block[one])[0])
         return key_meshes
 
     def _reread(self, frame: int) -> Floats:

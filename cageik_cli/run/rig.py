@@ -16,7 +16,7 @@ from cageik_cli.formats.base.skeleton import (
     count_skin_bytes,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.reconstruction import RebuiltFrames, Reconstruction
+from cageik_cli.inputs.reconstruction import Reconstruction
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import (
@@ -37,7 +37,7 @@ from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.text import format_bytes
 from cageik_cli.util.threads import limit_blas_threads
 
-Pose = Callable[[RebuiltFrames], JointPoses]
+Pose = Callable[[JointPoses], JointPoses]
 """Poses the joints of a skin for some frames of the reconstruction."""
 
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
@@ -89,11 +89,11 @@ class Rig:
         """
         skin = replace(self.skin, error=self.total)
         if not turns:
-            return skin, (block.places for block in self.blocks())
+            return skin, (block.cages for block in self.blocks())
         blocks, others = tee(self.blocks())
         every = (block.turns for block in others if block.turns is not None)
         skin = replace(skin, turns=chain.from_iterable(every))
-        return skin, (block.places for block in blocks)
+        return skin, (block.cages for block in blocks)
 
     @property
     def figures(self) -> str:
@@ -230,7 +230,7 @@ def _fit_rig(
         solver = DualLaplacianSolver(_bind_skin(held, weights), solve)
         poser = JointSolver(solver) if turns else None
 
-        def pose(block: RebuiltFrames) -> JointPoses:
+        def pose(block: JointPoses) -> JointPoses:
             if poser is not None:
                 return poser.solve(block.meshes)
             found = solver.solve(block.meshes)
@@ -305,9 +305,8 @@ def _keep_weights(target: Reconstruction) -> Rig:
     weights = compute_skin_weights(target.binding.weights)
     skinned = _bind_skin(target.binding, weights)
 
-    def pose(block: RebuiltFrames) -> JointPoses:
-        meshes = reconstruct_frames(skinned, block.cages, block.rotations)
-        return JointPoses(block.cages, block.rotations, meshes)
+    def pose(block: JointPoses) -> JointPoses:
+        return replace(block, meshes=reconstruct_frames(skinned, block))
 
     return _measure_rig(target, target.binding.cage, weights, pose)
 

@@ -34,7 +34,7 @@ from cageik_cli.method.solve.metrics import (
 )
 from cageik_cli.method.solve.regions import Region
 from cageik_cli.method.solve.summary import VertexBound
-from cageik_cli.method.weights.binding import Binding, Correction, reconstruct_frames
+from cageik_cli.method.weights.binding import Binding, Correction, Poses, reconstruct_frames
 from cageik_cli.store import fit_fields, result_fields
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.fit_fields import MAX_STORED_ERROR, BaselineErrors
@@ -309,6 +309,19 @@ def read_cages(result: StoredAnimation, size: int, first: int = 0) -> Iterator[F
             yield block
 
 
+def read_poses(result: StoredAnimation, size: int, first: int = 0) -> Iterator[Poses]:
+    """Yield what the weights make meshes of, from frame `first` on, in blocks as of `read_cages`.
+
+    Only where weights have offsets, rotations are read.
+    """
+    rotations = read_rotations(result)[first:] if result.has_offsets else None
+    start = 0
+    for cages in read_cages(result, size, first):
+        stop = start + len(cages)
+        yield Poses(cages, None if rotations is None else rotations[start:stop])
+        start = stop
+
+
 def has_weights(result: StoredAnimation) -> bool:
     """Return whether a result was written with its weights."""
     with open_checked(result.path) as file:
@@ -481,7 +494,7 @@ def read_rotations(result: StoredAnimation) -> Floats:
 def read_key_frames(result: StoredAnimation, binding: Binding) -> KeyFrames:
     """Read the frames that are kept in full in a result with weights."""
     m, n, count = *binding.weights.shape, len(result.frames)
-    rotations = read_rotations(result) if binding.has_offsets else None
+    rotations = read_rotations(result) if result.has_offsets else None
     with open_checked(result.path) as file:
         frames = read_array(file, "poses/frame", "iu", (None,)).astype(np.int64)
         if not MIN_KEY_FRAMES <= len(frames) <= MAX_KEY_FRAMES:
@@ -503,8 +516,8 @@ def read_key_frames(result: StoredAnimation, binding: Binding) -> KeyFrames:
             are_lengths(np.abs(posed)).all() and (are_lengths(np.abs(misses)) | is_missing).all()
         ):
             raise FormatError("`poses` are not finite, or too large; extract it again")
-    turns = None if rotations is None else rotations[frames]
-    return KeyFrames(frames, posed, reconstruct_frames(binding, posed, turns), misses)
+    poses = Poses(posed, None if rotations is None else rotations[frames])
+    return KeyFrames(frames, posed, reconstruct_frames(binding, poses), misses)
 
 
 class AnimationWriter:
@@ -556,17 +569,11 @@ class AnimationWriter:
         for name, value in values.items():
             self._fields[name].write(self._file, name, value)
 
-    def append(
-        self,
-        cages: Floats,
-        rotations: Floats,
-        metrics: FrameMetrics,
-        kept: KeptMetrics | None = None,
-    ) -> None:
-        """Write the next k frames: cages (k, n, 3), rotations (k, 3, 3) and metrics, all finite."""
-        done = slice(self._frames_done, self._frames_done + len(cages))
-        self._file["verts"][done] = cages
-        self._file["rotations"][done] = rotations
+    def append(self, poses: Poses, metrics: FrameMetrics, kept: KeptMetrics | None = None) -> None:
+        """Write the poses and the metrics of the next frames, all finite but of skipped ones."""
+        done = slice(self._frames_done, self._frames_done + len(poses))
+        self._file["verts"][done] = poses.cages
+        self._file["rotations"][done] = poses.rotations
         for name, value in (("metrics", metrics), ("kept", kept)):
             for column in (self._fields[name].columns or ()) if value is not None else ():
                 self._file[f"metrics/{column}"][done] = getattr(value, column)

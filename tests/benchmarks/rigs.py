@@ -186,7 +186,7 @@ def pose_joints(binding, frames, *, turns):
         found = solver.solve(block)
         whole = np.repeat(found.rotations[:, None], len(binding.cage.vertices), axis=1)
         blocks.append(JointPoses(found.cages, found.rotations, found.reconstructions, whole))
-    names = ("places", "rotations", "meshes", "turns")
+    names = ("cages", "rotations", "meshes", "turns")
     return JointPoses(*(np.concatenate([getattr(b, name) for b in blocks]) for name in names))
 
 
@@ -205,11 +205,11 @@ def count_bytes(binding, poses, parts, *, turns):
     weights = compute_skin_weights(binding.weights)
     joints = poses.turns if turns else None
     skin = Skin(binding.rest, weights, poses.rotations, joints, parts=parts)
-    animation = Animation(binding.cage, len(poses.places), Scene(), "clip")
+    animation = Animation(binding.cage, len(poses.cages), Scene(), "clip")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "clip.glb"
         writer = SkeletonWriter(path, animation, skin)
-        writer.append(poses.places)
+        writer.append(poses.cages)
         writer.complete()
         return path.stat().st_size
 

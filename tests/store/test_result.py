@@ -13,6 +13,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.method.solve.dual_laplacian import SolveQuality
 from cageik_cli.method.solve.metrics import FrameMetrics, check_finite
+from cageik_cli.method.weights.binding import Poses
 from cageik_cli.store import hdf5_fields
 from cageik_cli.store import result as store
 from cageik_cli.store.binding_file import StoredBinding
@@ -73,7 +74,7 @@ def open_writer(path, header=HEADER, kind=Result, **options):
 def written(path, cuts=(0, 2, 5), summary=ENDING, unfitted=None, **options):
     with open_writer(path, **{"overwrite": False} | options) as result:
         for first, last in pairwise(cuts):
-            result.append(CAGES[first:last], ROTATIONS[first:last], part(slice(first, last)))
+            result.append(Poses(CAGES, ROTATIONS)[first:last], part(slice(first, last)))
         result.complete(summary, **KEY_FRAMES, unfitted=unfitted)
     return path
 
@@ -86,7 +87,7 @@ def written_with_gaps(path, gaps, order=(*range(FRAMES),), **options):
         column[list(gaps)] = -1 if name == "worst_vertex" else np.nan
     cages[list(gaps)] = rotations[list(gaps)] = np.nan
     with open_writer(path, **options) as writer:
-        writer.append(cages, rotations, FrameMetrics(**columns))
+        writer.append(Poses(cages, rotations), FrameMetrics(**columns))
         writer.complete(ENDING | {"skipped": gaps}, **KEY_FRAMES)
     return path
 
@@ -227,7 +228,7 @@ def test_an_old_result_is_replaced_when_the_new_one_is_complete(tmp_path):
     path = tmp_path / "cages.h5"
     path.write_text("old")
     with open_writer(path) as result:
-        result.append(CAGES, ROTATIONS, FIGURES)
+        result.append(Poses(CAGES, ROTATIONS), FIGURES)
         result.complete(ENDING, **KEY_FRAMES)
         assert path.read_text() == "old"
     assert store.read_result(path).frames == NAMES
@@ -239,7 +240,7 @@ def test_a_result_written_by_another_run_is_not_replaced(tmp_path):
 
     def race():
         with open_writer(path, overwrite=False) as result:
-            result.append(CAGES, ROTATIONS, FIGURES)
+            result.append(Poses(CAGES, ROTATIONS), FIGURES)
             result.complete(ENDING, **KEY_FRAMES)
             path.write_text("somebody else's")
 
@@ -256,7 +257,7 @@ def test_an_error_leaves_the_old_result_and_nothing_else(tmp_path, kind):
 
     def fail_in_the_middle():
         with open_writer(path) as result:
-            result.append(CAGES[:2], ROTATIONS[:2], part(slice(2)))
+            result.append(Poses(CAGES, ROTATIONS)[:2], part(slice(2)))
             raise kind("in the middle")
 
     with pytest.raises(kind):
@@ -506,7 +507,7 @@ def test_a_result_cut_short_is_refused(path, share):
 def test_an_interrupted_write_is_not_a_result(tmp_path):
     path = tmp_path / "cages.h5"
     with open_writer(path) as result:
-        result.append(CAGES, ROTATIONS, FIGURES)
+        result.append(Poses(CAGES, ROTATIONS), FIGURES)
         result._file.flush()
         (partial,) = tmp_path.glob("*.partial")
         (tmp_path / "copy.h5").write_bytes(partial.read_bytes())

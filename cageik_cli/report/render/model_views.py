@@ -222,9 +222,7 @@ def load_poses(result: StoredAnimation) -> PoseSet | None:
     if binding is None:
         return None
     rest, cage, diagonal = result.rest, result.cage, result.rest.diagonal
-    reconstruction = binding.weights @ cage.vertices
-    if binding.has_offsets:
-        reconstruction = rest.vertices
+    reconstruction = binding.rebuilt_rest
     deviation = _deviation_percent((reconstruction - rest.vertices) / diagonal)
     poses = [Pose("rest", "rest pose", rest.vertices, reconstruction, cage.vertices, deviation)]
     key_frames = read_key_frames(result, binding)

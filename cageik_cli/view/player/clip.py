@@ -142,15 +142,12 @@ def load_player_clip(result: StoredAnimation) -> PlayerClip | None:
     binding = read_binding(result)
     if binding is None:
         return None
-    base = result.rest.vertices
-    if not binding.has_offsets:
-        base = binding.weights @ binding.cage.vertices
     count = min(len(result.frames), max(1, MAX_CAGE_NUMBERS // binding.cage.vertices.size))
     key_frames = read_key_frames(result, binding)
     focus = _find_focus(result, key_frames)
     return PlayerClip(
         binding=binding,
-        base=base,
+        base=binding.rebuilt_rest,
         cages=next(read_cages(result, count)),
         rotations=read_rotations(result)[:count],
         frames=result.frames[:count],
