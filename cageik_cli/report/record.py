@@ -26,10 +26,14 @@ from cageik_cli.report.fit_rows import (
     measure_gap_closed,
 )
 from cageik_cli.report.limits import LimitCheck, Limits, check_limits
-from cageik_cli.report.notes import list_notes
-from cageik_cli.report.parts import PartRecord, build_parts, sort_parts
-from cageik_cli.report.regions import RegionRecord, build_regions
-from cageik_cli.report.verdict import judge_quality, suggest_step
+from cageik_cli.report.notes import judge_quality, list_notes, suggest_step
+from cageik_cli.report.regions import (
+    PartRecord,
+    RegionRecord,
+    build_parts,
+    build_regions,
+    sort_parts,
+)
 from cageik_cli.report.vocabulary import (
     EDIT_VOCABULARY,
     EXTRACTION_VOCABULARY,

@@ -10,7 +10,6 @@ from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.store.result import Edit, Result, StoredAnimation
 from cageik_cli.util.settings import list_meanings
 
 QUALITY_WORDS = {"good": "good", "fair": "fair", "poor": "poor"}
@@ -320,8 +319,5 @@ EDIT_VOCABULARY = Vocabulary(
 )
 
 
-VOCABULARIES: Mapping[type[StoredAnimation], Vocabulary] = {
-    Result: EXTRACTION_VOCABULARY,
-    Edit: EDIT_VOCABULARY,
-}
-"""The words for each kind of file."""
+VOCABULARIES = {"cageik.result": EXTRACTION_VOCABULARY, "cageik.edit": EDIT_VOCABULARY}
+"""The words for each kind of file, by its format."""

@@ -150,7 +150,7 @@ def _format_polygons(mesh: TriMesh) -> str:
 
 def _result_rows(result: StoredAnimation) -> list[Row]:
     return [
-        ("holds", f"a result of {VOCABULARIES[type(result)].command} {result.version}"),
+        ("holds", f"a result of {VOCABULARIES[result.FORMAT].command} {result.version}"),
         ("frames", f"{len(result.frames)}, {result.frames[0]} to {result.frames[-1]}"),
         ("model", _format_counts(result.rest)),
         *_part_rows(result.rest),

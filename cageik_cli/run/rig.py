@@ -25,9 +25,14 @@ from cageik_cli.method.weights.binding import (
     reconstruct,
     reconstruct_frames,
 )
-from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
+from cageik_cli.rigs.joints import (
+    JointPoses,
+    JointSolver,
+    NormalAngles,
+    group_joints,
+    limit_influences,
+)
 from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
-from cageik_cli.rigs.turning import group_joints, limit_influences
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context

@@ -321,7 +321,7 @@ class _ResultSession(ViewSession):
         self, settings: ViewSettings, result: StoredAnimation, watched: WatchedInput
     ) -> None:
         clip = require_player_clip(result, "a page")
-        super().__init__(settings, clip, VOCABULARIES[type(result)])
+        super().__init__(settings, clip, VOCABULARIES[result.FORMAT])
         self._watched = watched
 
     def _solve(

@@ -75,4 +75,4 @@ def show(shown: Result | Edit | Binding, *, height: int = DEFAULT_HEIGHT) -> Sho
     if isinstance(shown, Binding):
         return ShownPage(render_view_page(make_single_pose(shown)), height)
     clip = require_player_clip(shown, "a page")
-    return ShownPage(render_view_page(clip, words=VOCABULARIES[type(shown)]), height)
+    return ShownPage(render_view_page(clip, words=VOCABULARIES[shown.FORMAT]), height)

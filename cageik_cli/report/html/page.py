@@ -30,15 +30,17 @@ from cageik_cli.report.html.pictures import (
 )
 from cageik_cli.report.html.templating import REPORT_TEMPLATES, PlayerPart, make_data_url
 from cageik_cli.report.limits import PERCENT, LimitCheck, make_overall_verdict
-from cageik_cli.report.parts import label_vertex, place_vertex, sort_parts
 from cageik_cli.report.plots.error_plot import render_page_plot
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import (
     explain_regions,
     format_centre,
     format_size,
+    label_vertex,
     list_remedies,
     name_cause,
+    place_vertex,
+    sort_parts,
 )
 from cageik_cli.report.render.model_views import PoseSet, load_poses
 from cageik_cli.report.views.data import format_json

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.report.notes import MAX_FAIR_DEVIATION
 from cageik_cli.report.render.raster import ParallelCamera, rasterize, rasterize_lines
 from cageik_cli.report.render.shading import (
     MESH_COLOURS,
@@ -21,7 +22,6 @@ from cageik_cli.report.render.shading import (
     rasterize_surface,
     render,
 )
-from cageik_cli.report.verdict import MAX_FAIR_DEVIATION
 from cageik_cli.store.result import KeyFrames, StoredAnimation, read_binding, read_key_frames
 from cageik_cli.util.arrays import Floats, Integers
 

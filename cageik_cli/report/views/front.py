@@ -14,9 +14,8 @@ from cageik_cli.report.figures import (
     format_scene_length,
     group_digits,
 )
-from cageik_cli.report.parts import label_vertex, sort_parts
 from cageik_cli.report.record import Report
-from cageik_cli.report.regions import name_cause
+from cageik_cli.report.regions import label_vertex, name_cause, sort_parts
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.util.messages import Hint, spell
 from cageik_cli.util.text import format_count, format_row, single_line

@@ -19,7 +19,7 @@ from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.pose.settings import DEFAULT_POSE_ALPHA
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.html.templating import PlayerPart, Templates
-from cageik_cli.report.parts import measure_rms
+from cageik_cli.report.regions import measure_rms
 from cageik_cli.report.render.shading import (
     COLOUR_SCALE,
     MESH_COLOURS,
@@ -111,7 +111,7 @@ def render_player(
 def load_player(result: StoredAnimation) -> PlayerPart | None:
     """Read what the page of a report is handed of a player; None of a result without weights."""
     clip = load_player_clip(result)
-    return None if clip is None else build_player(clip, VOCABULARIES[type(result)])
+    return None if clip is None else build_player(clip, VOCABULARIES[result.FORMAT])
 
 
 def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]:
@@ -201,7 +201,7 @@ def render_player_page(result: StoredAnimation) -> str:
     """
     clip = require_player_clip(result, "a player")
     return render_view_page(
-        replace(clip, held={}, max_level=SMALL_MAX_LEVEL), words=VOCABULARIES[type(result)]
+        replace(clip, held={}, max_level=SMALL_MAX_LEVEL), words=VOCABULARIES[result.FORMAT]
     )
 
 
