@@ -65,7 +65,7 @@ def make_pose_settings(
 
 def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        from cageik_cli.editing.handles.schema import read_schema
+        from cageik_cli.editing.handles.reader import read_schema
 
         is_of_cage = param.name == "cage_edits_schema"
         click.echo(read_schema("cage_edits" if is_of_cage else "handles"), nl=False)

@@ -12,6 +12,7 @@ from cageik_cli.method.solve.dual_laplacian import SolveQuality
 from cageik_cli.method.solve.metrics import KeptMetrics
 from cageik_cli.method.solve.summary import VertexBound
 from cageik_cli.report.figures import (
+    REPORT_SCHEMA,
     ClipRecord,
     FrameRecord,
     KeptSummary,
@@ -45,9 +46,6 @@ from cageik_cli.store.result_fields import export_fields
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.messages import Note, Spelling, spell, spell_keyword
 from cageik_cli.util.text import to_unicode
-
-REPORT_SCHEMA = 1
-"""Version of the JSON of a report and of a batch; it changes when a field does."""
 
 MAX_WORST_VERTICES = 10
 """Worst vertices that a report lists."""

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.editing.cage_edits import EditFiles
-from cageik_cli.editing.edit_target import EditTarget
-from cageik_cli.editing.edits import LayeredEdit
+from cageik_cli.editing.edits import EditTarget, LayeredEdit
 from cageik_cli.editing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix

@@ -14,8 +14,7 @@ from typing import Any
 from cageik_cli.editing.cage_edits import CageEditLayer, CageEdits, EditFiles, parse_cage_edits
 from cageik_cli.editing.handles.model import Handles, PosedSurface
 from cageik_cli.editing.handles.placement import place_handles
-from cageik_cli.editing.handles.reader import parse_handles
-from cageik_cli.editing.handles.schema import MAX_HANDLES_BYTES, describe_location
+from cageik_cli.editing.handles.reader import MAX_HANDLES_BYTES, describe_location, parse_handles
 from cageik_cli.editing.summary import PoseResult
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.find_files import split_member
