@@ -349,7 +349,9 @@ def suggest_step(result: Result, rms_percent: float, max_deviation_percent: floa
         return None if is_auto else _repeat(Hint("smooth", AUTO_SMOOTHING))
     if cause == Cause.LOOSE_CAGE and not is_built:
         return _repeat("", ", without " + _name_cage_source(result) + ": a tighter cage is built")
-    if result.fit is None and _allows_fit(result):
+    # The same run takes no fit to missing data, nor one that is not stored, nor to few frames.
+    is_long = len(result.frames) - len(result.skipped) > 2
+    if result.fit is None and is_long and result.kept is None and has_weights(result):
         if "binding" in result.sources:
             return say("bind again with `fit=FRAMES`, then extract with that `binding=`")
         return _repeat(say("`fit=True`"))
@@ -362,15 +364,6 @@ def _repeat(step: Said, condition: Said = "") -> Text:
     """Say how the run that made the result is repeated with a step; the result is replaced."""
     steps = "extract again with " + step + " " if step else "extract again with "
     return steps + say("`overwrite=True`") + condition
-
-
-def _allows_fit(result: Result) -> bool:
-    """Return whether the same run takes a fit, and has frames enough for it.
-
-    It refuses one to data that are missing, and one that is not stored.
-    """
-    is_long = len(result.frames) - len(result.skipped) > 2
-    return is_long and result.kept is None and has_weights(result)
 
 
 def _has_built_cage(result: Result) -> bool:

@@ -110,7 +110,7 @@ class StoredAnimation:
     path: Path
     rest: TriMesh
     cage: TriMesh
-    version: str = declare_field(lambda file, _: read_version(file), write=result_fields.write_text)
+    version: str = declare_field(lambda file, _: read_version(file))
     frames: tuple[str, ...] = declare_field(
         lambda file, sizes: read_texts(file, "frames/name", sizes.frames),
         write=result_fields.write_names,
@@ -122,11 +122,13 @@ class StoredAnimation:
     )
     settings: dict[str, Any] = declare_field(
         lambda file, _: read_json_attr(file, "settings", dict),
-        show=result_fields.show_settings,
+        show=lambda clip: [("settings", ", ".join(f"{k} {v}" for k, v in clip.settings.items()))],
         export="settings",
     )
     sources: dict[str, Any] = declare_field(
-        lambda file, _: read_sources(file), show=result_fields.show_sources, export="sources"
+        lambda file, _: read_sources(file),
+        show=lambda clip: [(f"from {k}", str(v.get("name"))) for k, v in clip.sources.items()],
+        export="sources",
     )
     skipped: dict[int, str] = declare_field(
         lambda _, sizes: sizes.skipped,
@@ -560,8 +562,8 @@ class AnimationWriter:
         for name in ("metrics", "kept") if has_kept else ("metrics",):
             for column, dtype in (self._fields[name].columns or {}).items():
                 file.create_dataset(f"metrics/{column}", (self._frame_count,), dtype)
-        file.attrs.update(format=kind.FORMAT, schema=ANIMATION_SCHEMA)
-        self._write({"version": __version__, **first})
+        file.attrs.update(format=kind.FORMAT, schema=ANIMATION_SCHEMA, version=__version__)
+        self._write(first)
         file.attrs["complete"] = False
 
     def _write(self, values: Mapping[str, Any]) -> None:

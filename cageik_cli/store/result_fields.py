@@ -121,16 +121,6 @@ def show_scene(clip: Any) -> list[Row]:
     return [("scene", text)]
 
 
-def show_settings(clip: Any) -> list[Row]:
-    """List the settings of a run."""
-    return [("settings", ", ".join(f"{key} {value}" for key, value in clip.settings.items()))]
-
-
-def show_sources(clip: Any) -> list[Row]:
-    """Name each file that was read."""
-    return [(f"from {key}", str(source.get("name"))) for key, source in clip.sources.items()]
-
-
 def show_skipped(clip: Any) -> list[Row]:
     """Name the frames that were skipped."""
     if not clip.skipped:

@@ -50,20 +50,17 @@ def describe_location(document: Any, steps: Steps) -> str:
     for step in steps:
         value = value[step]
         if before in ("sets", "handles", "edits", "moves") and isinstance(step, int):
-            name = _describe_named(str(before), value)
-            words.append(name or f"{field}[{step}]")
+            kind = {"handles": "handle", "edits": "edit"}.get(str(before))
+            name = value.get("name") if isinstance(value, dict) and kind else None
+            word = f"{field}[{step}]"
+            if isinstance(name, str) and name:
+                word = f"{kind} {name[:MAX_VALUE_LENGTH]!r}"
+            words.append(word)
             field = ""
         else:
             field = (field + format_step(step)).removeprefix(".")
         before = step
     return ": ".join([*words, field] if field else words)
-
-
-def _describe_named(field: str, value: Any) -> str:
-    """Return what messages call a handle or an edit; nothing if it has no name."""
-    kind = {"handles": "handle", "edits": "edit"}.get(field)
-    name = value.get("name") if isinstance(value, dict) and kind else None
-    return f"{kind} {name[:MAX_VALUE_LENGTH]!r}" if isinstance(name, str) and name else ""
 
 
 HANDLES_FORMAT = JsonFormat("a handles file", MAX_HANDLES_BYTES, describe_location)

@@ -203,13 +203,15 @@ def format_cage_record(record: dict[str, Any]) -> str:
 def list_cage_rows(result: CageResult, is_detailed: bool = False) -> list[Row]:
     """Return the facts of the cage and the warnings; the candidates, too, if asked."""
     built, verdict = result.built, result.built.chosen.verdict
+    valid = sum(known.verdict.is_valid for known in built.candidates)
+    candidates = format_count(len(built.candidates), "candidate")
     rows: list[Row] = [
         ("model", f"{result.model.source['name']}: {_count(result.model.mesh)}"),
         ("cage", f"{_count(built.cage)}, genus {verdict.genus}{_describe_symmetry(built)}"),
         ("clearance", _format_clearance(built.chosen)),
         ("shape", f"smallest angle {verdict.smallest_angle:.3g} degrees, largest valence "
          f"{verdict.largest_valence}"),
-        ("recipe", f"{built.chosen.recipe}, best of {_count_valid(built)}"),
+        ("recipe", f"{built.chosen.recipe}, best of {valid} valid of {candidates}"),
     ]  # fmt: skip
     if built.chosen.error is not None:
         rows.append(("error", f"{built.chosen.error:.4f} % of the diagonal, at preview accuracy"))
@@ -253,7 +255,7 @@ def _describe_symmetry(built: "BuiltCage") -> str:
 
 
 def _candidate_record(candidate: "Candidate") -> dict[str, Any]:
-    verdict = candidate.verdict
+    verdict, error = candidate.verdict, candidate.error
     clearance = 100 * verdict.clearance
     return {
         "recipe": candidate.recipe,
@@ -266,14 +268,10 @@ def _candidate_record(candidate: "Candidate") -> dict[str, Any]:
         "smallest_angle": verdict.smallest_angle,
         "largest_valence": verdict.largest_valence,
         "looseness_percent": 100 * verdict.looseness,
-        "error_percent": _finite_or_none(candidate.error),
+        "error_percent": error if error is not None and np.isfinite(error) else None,
         "is_valid": verdict.is_valid,
         "faults": verdict.faults,
     }
-
-
-def _finite_or_none(value: float | None) -> float | None:
-    return value if value is not None and np.isfinite(value) else None
 
 
 def _count(mesh: TriMesh) -> str:
@@ -286,11 +284,6 @@ def _count(mesh: TriMesh) -> str:
 
 def _count_quads(mesh: TriMesh) -> int:
     return int(np.count_nonzero(mesh.polygons.corner_counts == 4))
-
-
-def _count_valid(built: "BuiltCage") -> str:
-    valid = sum(known.verdict.is_valid for known in built.candidates)
-    return f"{valid} valid of {format_count(len(built.candidates), 'candidate')}"
 
 
 def _format_clearance(candidate: "Candidate") -> str:
@@ -390,8 +383,13 @@ def format_check_text(result: CheckResult) -> str:
 
 
 def format_check_headline(result: CheckResult) -> str:
-    """Return the name of a cage, and the verdict on it."""
-    return f"{result.cage.source['name']}: {_format_verdict(result.diagnosis)}"
+    """Return the name of a cage, and the verdict, with the number of warnings that decide it."""
+    diagnosis = result.diagnosis
+    verdict = CAGE_VERDICT_WORDS[diagnosis.verdict]
+    if diagnosis.verdict == "usable":
+        count = sum(finding.severity == "warning" for finding in diagnosis.findings)
+        verdict += f", {format_count(count, 'warning')}"
+    return f"{result.cage.source['name']}: {verdict}"
 
 
 def list_brief_check_rows(result: CheckResult) -> list[Row]:
@@ -421,26 +419,19 @@ def format_marks_text(result: CheckResult) -> str:
     return "\n".join(map(format_row, rows or [("faults", "none that has a place")]))
 
 
-def _format_verdict(diagnosis: Diagnosis) -> str:
-    """Return the verdict, with the number of warnings if those decide it."""
-    word = CAGE_VERDICT_WORDS[diagnosis.verdict]
-    if diagnosis.verdict != "usable":
-        return word
-    count = sum(finding.severity == "warning" for finding in diagnosis.findings)
-    return f"{word}, {format_count(count, 'warning')}"
-
-
 def format_check_json(result: CheckResult, spelling: Spelling = spell_keyword) -> str:
     """Return the whole record; a finding has all its numbers.
 
     Settings that remedies and notes name are written as `spelling` does.
     """
-    diagnosis = result.diagnosis
+    diagnosis, rest = result.diagnosis, None
+    if result.rest is not None and diagnosis.rest is not None:
+        rest = result.rest.source | asdict(diagnosis.rest)
     return format_cage_record(
         {
             "verdict": diagnosis.verdict,
             "cage": result.cage.source | asdict(diagnosis.cage),
-            "rest": _rest_record(result),
+            "rest": rest,
             "notes": [str(note.spell(spelling)) for note in result.notes],
             "repair_command": result.repair_command,
             "findings": [
@@ -450,12 +441,6 @@ def format_check_json(result: CheckResult, spelling: Spelling = spell_keyword) -
             ],
         }
     )
-
-
-def _rest_record(result: CheckResult) -> dict[str, Any] | None:
-    if result.rest is None or result.diagnosis.rest is None:
-        return None
-    return result.rest.source | asdict(result.diagnosis.rest)
 
 
 def _cage_rows(facts: CageFacts) -> list[Row]:
