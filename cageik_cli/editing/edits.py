@@ -3,12 +3,13 @@
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.editing.cage_edits import CageEditLayer, EditFiles, MirrorImage
-from cageik_cli.editing.handles.model import PosedSurface
+from cageik_cli.editing.handles.model import Handles, PosedSurface
 from cageik_cli.editing.handles.placement import place_handles
 from cageik_cli.editing.handles.schedule import HandleSchedule
 from cageik_cli.formats.settings import Scene
@@ -176,9 +177,9 @@ class Layer:
         return np.where(is_moved, cages + (edited - local) @ turns, cages)
 
 
-def _set_context(name: str) -> AbstractContextManager[None]:
-    """Put the name of a set in front of error messages."""
-    return error_context(name) if name else nullcontext()
+def _set_context(place: Path | str | None) -> AbstractContextManager[None]:
+    """Put a file, or the name of a set, in front of error messages, if there is one."""
+    return error_context(place) if place else nullcontext()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,24 +243,30 @@ class LayeredEdit:
     """
 
     def __init__(self, files: EditFiles, target: EditTarget, settings: PosingSettings) -> None:
-        self.target, self.rigidity, self._files = target, settings.rigidity, files
+        self.target, self.rigidity = target, settings.rigidity
         self.layers: list[Layer] = []
         self.mirror = require_mirror(target.binding.cage) if settings.mirror else None
         image = None
         if self.mirror is not None:
             image = MirrorImage(self.mirror, target.binding.cage, target.rotations)
         count, timeline = len(target.binding.cage.vertices), target.timeline
-        with self._name_cage_edits():
-            edits = files.cage_edits.edits if files.cage_edits else ()
-            self.cage_layers = [CageEditLayer(one, count, timeline, image) for one in edits]
-        with self._name_handles():
-            self._place_handles(settings)
+        edits, handles = files.cage_edits, files.handles
+        self._edits_path = None if edits is None else edits.path
+        self._handles_path = None if handles is None else handles.path
+        with _set_context(self._edits_path):
+            self.cage_layers = [
+                CageEditLayer(one, count, timeline, image) for one in (edits.edits if edits else ())
+            ]
+        with _set_context(self._handles_path):
+            if handles is not None:
+                self._place_handles(handles, settings)
 
-    def _place_handles(self, settings: PosingSettings) -> None:
-        handles, binding = self._files.handles, self.target.binding
-        for k, handle_set in enumerate(handles.sets if handles else ()):
-            surface = PosedSurface(binding.rest, self._pose_at, self.target.timeline)
-            name = f"sets[{k}]" if handles and len(handles.sets) > 1 else ""
+    def _place_handles(self, handles: Handles, settings: PosingSettings) -> None:
+        binding, constraints = self.target.binding, handles.constraints
+        constraints = replace(constraints, mirror=constraints.mirror or self.mirror)
+        surface = PosedSurface(binding.rest, self._pose_at, self.target.timeline)
+        for k, handle_set in enumerate(handles.sets):
+            name = f"sets[{k}]" if len(handles.sets) > 1 else ""
             with _set_context(name):
                 schedule = place_handles(
                     handle_set,
@@ -268,21 +275,8 @@ class LayeredEdit:
                     allow_conflicts=settings.allow_conflicts,
                     hard=settings.hard,
                 )
-                assert handles is not None
-                constraints = handles.constraints
-                constraints = replace(constraints, mirror=constraints.mirror or self.mirror)
                 layer = Layer(name, schedule, binding, constraints, settings)
             self.layers.append(layer)
-
-    def _name_cage_edits(self) -> AbstractContextManager[None]:
-        """Put the file of the cage edits in front of error messages."""
-        found = self._files.cage_edits
-        return _set_context("" if found is None else str(found.path))
-
-    def _name_handles(self) -> AbstractContextManager[None]:
-        """Put the file of the handles in front of error messages."""
-        found = self._files.handles
-        return _set_context("" if found is None else str(found.path))
 
     @property
     def anchors(self) -> list[Anchor]:
@@ -335,10 +329,10 @@ class LayeredEdit:
             Their targets, at the strength that their layer has in each frame.
         """
         starts = targets = [np.zeros((len(frames), 0, 3))]
-        with self._name_cage_edits():
+        with _set_context(self._edits_path):
             for cage_layer in self.cage_layers:
                 cages = cage_layer.apply(frames, cages)
-        with self._name_handles():
+        with _set_context(self._handles_path):
             for layer in self.layers:
                 cages, start, target = layer.apply(self.target, frames, cages)
                 starts, targets = [*starts, start], [*targets, target]

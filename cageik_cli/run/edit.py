@@ -22,7 +22,7 @@ from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction, load_model
 from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.blocks import SolvedBlock
-from cageik_cli.method.solve.metrics import METRIC_TYPES, DeviationPeaks, FrameMetrics, check_finite
+from cageik_cli.method.solve.metrics import DeviationPeaks, check_finite, map_columns
 from cageik_cli.method.solve.summary import summarize_blocks
 from cageik_cli.method.weights.binding import Binding, Poses
 from cageik_cli.run.edit_settings import EditSettings, PoseSettings
@@ -147,20 +147,19 @@ class _EditRun:
         block = self._edit.edit_frames(frames[known], cages[known])
         check_finite(block.frames, block.cages_after, block.metrics)
         self._statistics.update(block)
-        all_cages, columns = np.full_like(cages, np.nan), {}
-        all_cages[known] = block.cages_after
-        rotations = self._rotations[frames]
-        rotations[~known] = np.nan
-        for name in METRIC_TYPES:
-            found = getattr(block.metrics, name)
-            gap = -1 if METRIC_TYPES[name] == "i8" else np.nan
-            columns[name] = np.full(len(cages), gap, found.dtype)
-            columns[name][known] = found
+
+        def spread(values: NDArray[Any]) -> NDArray[Any]:
+            """Return values of the edited frames among all, with gaps for the others."""
+            gap = -1 if np.issubdtype(values.dtype, np.integer) else np.nan
+            held = np.full((len(cages), *values.shape[1:]), gap, values.dtype)
+            held[known] = values
+            return held
+
         return SolvedBlock(
             start=start,
-            cages=all_cages,
-            rotations=rotations,
-            metrics=FrameMetrics(**columns),
+            cages=spread(block.cages_after),
+            rotations=spread(self._rotations[frames[known]]),
+            metrics=map_columns(block.metrics, spread),
             squared_errors=block.squared_displacements.sum(axis=0),
             peaks=DeviationPeaks.of_frames(block.squared_displacements, frames[known]),
             digests=(b"",) * len(cages),

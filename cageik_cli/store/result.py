@@ -151,6 +151,11 @@ class StoredAnimation:
     )
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Return how many vertices the model and the cage have: the shape of the weights."""
+        return len(self.rest.vertices), len(self.cage.vertices)
+
+    @property
     def gaps(self) -> list[int]:
         """Return the skipped frames that have no cage."""
         return sorted(self.skipped)
@@ -161,10 +166,9 @@ class StoredAnimation:
         return None
 
     def __repr__(self) -> str:
-        return (
-            f"<{type(self).__name__}: {self.path.name}, {len(self.frames)} frames of "
-            f"{len(self.rest.vertices)} vertices in a cage of {len(self.cage.vertices)}>"
-        )
+        kind, (m, n) = type(self).__name__, self.shape
+        frames = len(self.frames)
+        return f"<{kind}: {self.path.name}, {frames} frames of {m} vertices in a cage of {n}>"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -332,9 +336,9 @@ def has_weights(result: StoredAnimation) -> bool:
 
 def read_weights(result: StoredAnimation) -> Floats | None:
     """Read the weights of a result, (m, n); None if it was written without."""
-    shape = (len(result.rest.vertices), len(result.cage.vertices))
     with open_checked(result.path) as file:
-        return fit_fields.read_weights(file, *shape) if fit_fields.holds_weights(file) else None
+        is_held = fit_fields.holds_weights(file)
+        return fit_fields.read_weights(file, *result.shape) if is_held else None
 
 
 def is_result(path: Path) -> bool:
@@ -426,16 +430,15 @@ def _suggest_instead(path: Path) -> Said:
 
 def read_low_rank(result: StoredAnimation) -> Correction | None:
     """Read what a fit of low rank added to the computed weights; None if there is no such fit."""
-    shape = len(result.rest.vertices), len(result.cage.vertices)
     with open_checked(result.path) as file:
-        return fit_fields.read_low_rank(file, result.fit, *shape)
+        return fit_fields.read_low_rank(file, result.fit, *result.shape)
 
 
 def read_baseline_errors(result: StoredAnimation) -> BaselineErrors | None:
     """Read what a result keeps of the weights before the fit; None if it keeps nothing."""
-    shape = len(result.rest.vertices), len(result.cage.vertices)
     with open_checked(result.path) as file:
-        return fit_fields.read_baseline_errors(file, shape, len(result.frames), result.skipped)
+        frames = len(result.frames)
+        return fit_fields.read_baseline_errors(file, result.shape, frames, result.skipped)
 
 
 def read_binding(result: StoredAnimation) -> Binding | None:
