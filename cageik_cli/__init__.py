@@ -9,7 +9,7 @@ AMDO 2010. The command-line tool is `cageik`; the names below are the Python API
 - fit weights to clips: `fit_weights`, `FitSettings`, `FittedWeights`
 - build a cage: `build_cage`, `BuiltCage`
 - extract: `extract` to arrays, `CageAnimation`; `extract_to_file`, `read_result`, `read_cages`,
-  `Result`
+  `Result`, `Edit`
 - pose: `Poser`, `Anchor`, `point_at_vertex`, `closest_point`
 - show in a notebook: `show`, `ShownPage`
 - errors: `CageikError`, whose `kind` says what is at fault
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     )
     from cageik_cli.run.cage import build_cage
     from cageik_cli.run.fit import fit_weights
-    from cageik_cli.store.result import Result
+    from cageik_cli.store.result import Edit, Result
     from cageik_cli.util.errors import CageikError
     from cageik_cli.view.show import ShownPage, show
 
@@ -58,6 +58,7 @@ __all__ = [
     "CageAnimation",
     "CageikError",
     "Diagnosis",
+    "Edit",
     "FitSettings",
     "FittedWeights",
     "HarmonicField",
@@ -89,6 +90,7 @@ _HOMES = {
     "CageAnimation": "run.api",
     "CageikError": "util.errors",
     "Diagnosis": "cages.check.diagnosis",
+    "Edit": "store.result",
     "FitSettings": "fit.settings",
     "FittedWeights": "fit.fitted",
     "HarmonicField": "method.points.field",

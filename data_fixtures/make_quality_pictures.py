@@ -17,6 +17,7 @@ import numpy as np
 from PIL import Image
 
 from cageik_cli import load_clip, read_cages, read_result
+from cageik_cli.report.notes import MAX_FAIR_DEVIATION
 from cageik_cli.report.render.model_views import choose_turn, project_surface, view_axes
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import (
@@ -27,7 +28,6 @@ from cageik_cli.report.render.shading import (
     parse_colour,
     render,
 )
-from cageik_cli.report.verdict import MAX_FAIR_DEVIATION
 from cageik_cli.store.result import read_binding
 from cageik_cli.util.arrays import Floats, Integers
 

@@ -17,7 +17,7 @@ from cageik_cli.run.edit import edit
 from cageik_cli.run.edit_settings import EditSettings
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import ExtractSettings
-from cageik_cli.store.result import Result, read_result
+from cageik_cli.store.result import Edit, Result, read_animation
 from cageik_cli.view.player.clip import PlayerClip, load_player_clip
 from tests.fitted import clip_of, small_binding, true_weights
 
@@ -113,22 +113,22 @@ HANDLES = [
 
 
 @pytest.fixture(scope="session")
-def edited(closed) -> Result:
+def edited(closed) -> Edit:
     """The result of all faces with a vertex moved in the last two frames."""
     return _edited(closed.result)
 
 
 @pytest.fixture(scope="session")
-def edited_open(opened) -> Result:
+def edited_open(opened) -> Edit:
     return _edited(opened.result)
 
 
-def _edited(result: Result) -> Result:
+def _edited(result: Result) -> Edit:
     handles: Path = result.path.with_name("handles.json")
     handles.write_text(json.dumps({"handles": HANDLES, "frames": [4, 5]}))
     output = result.path.with_name("edited.h5")
     edit(EditSettings(result.path, handles, output))
-    return read_result(output)
+    return read_animation(output)
 
 
 @pytest.fixture(scope="session")

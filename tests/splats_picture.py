@@ -15,7 +15,7 @@ from cageik_cli.geometry.points import PointCloud
 from cageik_cli.inputs.model_file import PointReconstruction
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented
-from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.binding import Binding, Poses
 from cageik_cli.util.arrays import Floats
 from tests.splat_renderer import Camera, render
 from tests.splats import encode_rows, make_splat_rows
@@ -48,7 +48,7 @@ def main(arguments: list[str]) -> int:
     panels = [points.rows]
     for pose in (walk, stretch_cage(cage.vertices)):
         rows = points.rows.copy()
-        PointReconstruction(motion, 2).fill_rows(rows[None], pose[None])
+        PointReconstruction(motion, 2).fill_rows(rows[None], Poses(pose[None]))
         panels.append(rows)
     kept = panels[2].copy()
     for name in kept.dtype.names:

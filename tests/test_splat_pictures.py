@@ -10,6 +10,7 @@ from cageik_cli.geometry.points import PointCloud
 from cageik_cli.inputs.model_file import PointReconstruction
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented
+from cageik_cli.method.weights.binding import Poses
 from cageik_cli.method.weights.settings import BindSettings
 from tests.shapes import ball
 from tests.splat_renderer import Camera, render
@@ -31,7 +32,7 @@ def scene():
 def move(scene, cage):
     points, motion = scene
     rows = points.rows.copy()
-    PointReconstruction(motion, 1).fill_rows(rows[None], cage[None])
+    PointReconstruction(motion, 1).fill_rows(rows[None], Poses(cage[None]))
     return rows
 
 

@@ -21,7 +21,7 @@ from cageik_cli.formats.find_files import (
 from cageik_cli.formats.open import list_members
 from cageik_cli.report.overview import shorten_names
 from cageik_cli.store.binding_file import is_binding
-from cageik_cli.store.result import is_result
+from cageik_cli.store.result import is_animation
 from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
 from cageik_cli.util.messages import say
 from cageik_cli.util.text import make_file_name
@@ -243,11 +243,11 @@ def _find_clips_in(
 
 
 def _is_cageik_file(path: Path) -> bool:
-    """Return whether it is a result or a binding of cageik, which may lie beside clips."""
+    """Return whether it is a result, an edit or a binding of cageik, which may lie beside clips."""
     if path.suffix.lower() not in HDF5_SUFFIXES:
         return False
     try:
-        return is_result(path) or is_binding(path)
+        return is_animation(path) or is_binding(path)
     except Exception:  # whatever is in the file: opening the clip reports it
         return False
 

@@ -27,7 +27,6 @@ import numpy as np
 from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.method.solve.dual_laplacian import MAX_CONDITION, DualLaplacianSolver, Solution
-from cageik_cli.method.weights.binding import measure_offsets
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
 from cageik_cli.util.errors import NumericalError
 
@@ -65,16 +64,17 @@ class RobustSolver:
     ----------
     rest_pull, offset_pull : (n, 3) float64
         (α/n) LᵀL c_rest, and (β/m) HᵀW times the offsets of the binding.
-    offsets : (m, 3) float64
+    offsets : (m, 3) float64, optional
+        As of `Binding`.
     """
 
     def __init__(self, solver: DualLaplacianSolver, tolerances: Floats | None = None) -> None:
         self.solver, self.tolerances = solver, tolerances
         binding = solver.binding
         self.rest_pull = solver.smoothness @ solver.rest_cage
-        self.offsets = measure_offsets(binding) if binding.has_offsets else np.zeros((0, 3))
+        self.offsets = binding.offsets
         self.offset_pull = np.zeros_like(self.rest_pull)
-        if len(self.offsets):
+        if self.offsets is not None:
             weighted = solver.vertex_weights[:, None] * self.offsets
             self.offset_pull = solver.data_scale * (binding.weights.T @ weighted)
 
@@ -207,7 +207,7 @@ class _WeighedBlock:
         if self._residuals is self.plain_residuals:
             self._residuals = self.plain_residuals.copy()
         self._residuals[places] = self.plain_residuals[places] - moved.transpose(1, 0, 2)
-        if len(self.robust.offsets):
+        if self.robust.offsets is not None:
             turned = self._rotations[places] - self.plain.rotations[places]
             self._residuals[places] -= self.robust.offsets @ turned
 
@@ -284,7 +284,7 @@ class _FollowedVertices:
             self.rotation = np.asarray(nearest_rotations_by_svd(covariance[None])[0])
         turned = self.rotation - self._turn
         residuals = self._plain
-        if len(self._robust.offsets):
+        if self._robust.offsets is not None:
             residuals = residuals - self._robust.offsets[self.rows] @ turned
         scale, robust = self._solver.data_scale, self._robust
         right = (robust.rest_pull - robust.offset_pull) @ turned

@@ -276,7 +276,7 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
         folder is in use.
     """
     from cageik_cli.batch.run import BatchPlan, check_batch_folder, check_folder_empty
-    from cageik_cli.report.baseline import read_baseline
+    from cageik_cli.report.limits import read_baseline
     from cageik_cli.report.overview import ClipEntry
     from cageik_cli.util.text import to_unicode
 

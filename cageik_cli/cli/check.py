@@ -81,7 +81,7 @@ def check_command(
         picture = render_check_png(result.cage.mesh, result.rest_mesh, result.marks)
         write_or_print(picture, plot, overwrite)
     if marked is not None:
-        from cageik_cli.report.marks import encode_marked_ply
+        from cageik_cli.report.views.cage import encode_marked_ply
 
         data = encode_marked_ply(result.cage.mesh, result.rest_mesh, result.marks)
         write_or_print(data, marked, overwrite)

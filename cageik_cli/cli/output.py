@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from cageik_cli.report.overview import Overview
-    from cageik_cli.store.result import Result
+    from cageik_cli.store.result import StoredAnimation
 
 MAX_SUMMARY_BYTES = 1 << 20
 """Largest size of the page of a step; GitHub shows no larger one."""
@@ -210,7 +210,7 @@ def spell_rows(rows: Iterable[Row], command: click.Command | None = None) -> lis
     return [(label, spell_message(text, command)) for label, text in rows]
 
 
-def list_next_steps(result: "Result") -> list[str]:
+def list_next_steps(result: "StoredAnimation") -> list[str]:
     """Return lines with the commands that show a result, and take it to another program."""
     from cageik_cli.report.views.front import format_front_row
     from cageik_cli.store.result import has_weights

@@ -65,7 +65,7 @@ def make_pose_settings(
 
 def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        from cageik_cli.editing.handles.schema import read_schema
+        from cageik_cli.editing.handles.reader import read_schema
 
         is_of_cage = param.name == "cage_edits_schema"
         click.echo(read_schema("cage_edits" if is_of_cage else "handles"), nl=False)
@@ -132,7 +132,7 @@ def pose_command(
         list_brief_pose_rows,
     )
     from cageik_cli.run.edit import edit, pose
-    from cageik_cli.store.result import read_result
+    from cageik_cli.store.result import read_animation
 
     check_views(
         [plot, json_path], settings.inputs(), settings.overwrite, [*settings.outputs(), timings]
@@ -156,7 +156,7 @@ def pose_command(
         rows = [*list_rows(result.summary), *progress.make_rows()]
         written = list_files([*settings.outputs(), plot, json_path])
         is_edit = isinstance(settings, EditSettings)
-        steps = list_next_steps(read_result(settings.output)) if is_edit else []
+        steps = list_next_steps(read_animation(settings.output)) if is_edit else []
         after = [f"wrote {', '.join(written)}", *steps]
         text = format_command_output(str(settings.output), rows, pose_command, len(after))
         click.echo("\n".join([text, *after]), err=True)

@@ -28,7 +28,7 @@ from cageik_cli.report.film.settings import FilmSettings
 if TYPE_CHECKING:
     from cageik_cli.report.overview import Overview
     from cageik_cli.report.record import Report
-    from cageik_cli.store.result import Result
+    from cageik_cli.store.result import StoredAnimation
 
 
 SINGLE_VIEWS = ("html", "plot", "player", "film")
@@ -136,13 +136,13 @@ def report_command(
     from cageik_cli.report.overview import Overview, build_clip_entry
     from cageik_cli.report.record import build_report
     from cageik_cli.report.views.markdown import format_markdown
-    from cageik_cli.store.result import read_result
+    from cageik_cli.store.result import read_animation
 
     check_views(list(targets.named.values()), [*results, limits.baseline], overwrite)
     loaded_limits = limits.load()
     if len(results) > 1:
         loaded_limits = loaded_limits.match_by_name()
-    loaded = [read_result(path) for path in results]
+    loaded = [read_animation(path) for path in results]
     names = _choose_names(results)
     reports = [
         build_report(result, loaded_limits, name, spell_option)
@@ -166,7 +166,7 @@ def report_command(
 def _write_views(
     targets: ReportTargets,
     overwrite: bool,
-    result: "Result",
+    result: "StoredAnimation",
     reports: list["Report"],
     overview: "Overview",
 ) -> None:
@@ -200,7 +200,11 @@ def _check_film(targets: ReportTargets, film: FilmSettings) -> None:
 
 
 def _write_film(
-    path: Path | None, result: "Result", settings: FilmSettings, overwrite: bool, quiet: bool
+    path: Path | None,
+    result: "StoredAnimation",
+    settings: FilmSettings,
+    overwrite: bool,
+    quiet: bool,
 ) -> str:
     """Write the film, if one is asked for; return what it is in words."""
     if path is None:
@@ -241,7 +245,7 @@ def _choose_names(results: tuple[Path, ...]) -> list[str]:
     return names if len(set(names)) == len(names) else [path.as_posix() for path in results]
 
 
-def _render_page(result: "Result", report: "Report", has_player: bool) -> str:
+def _render_page(result: "StoredAnimation", report: "Report", has_player: bool) -> str:
     from cageik_cli.report.html.page import render_result_page
     from cageik_cli.view.player.section import load_player
 
@@ -256,7 +260,7 @@ def _render_plot(report: "Report", path: Path | None) -> str | bytes:
     return render_plot_png(report) if is_png else render_plot_svg(report)
 
 
-def _render_player(result: "Result") -> str:
+def _render_player(result: "StoredAnimation") -> str:
     from cageik_cli.view.player.section import render_player_page
 
     return render_player_page(result)

@@ -7,20 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.editing.edit_target import EditTarget
 from cageik_cli.editing.handles.model import Handles, Motion
 from cageik_cli.editing.handles.placement import check_keyframes, find_full_strength
 from cageik_cli.editing.handles.reader import (
+    MAX_HANDLES_BYTES,
     check_printable,
+    check_schema,
     check_unique_names,
+    describe_location,
     parse_frames,
     parse_motion,
     read_handles,
 )
 from cageik_cli.editing.handles.schedule import blend_frames
-from cageik_cli.editing.handles.schema import MAX_HANDLES_BYTES, check_schema, describe_location
 from cageik_cli.formats.timeline import Timeline, format_frame_number
-from cageik_cli.geometry.mesh import MAX_COORDINATE
+from cageik_cli.geometry.mesh import MAX_COORDINATE, TriMesh
 from cageik_cli.geometry.mirror import Mirror
 from cageik_cli.method.pose.constraints import mirror_pairs
 from cageik_cli.util.arrays import Floats, Integers
@@ -103,11 +104,14 @@ def _parse_edit(raw: dict[str, Any]) -> CageEdit:
 
 
 class MirrorImage:
-    """The mirror images of moves of cage vertices, about a plane that turns with each frame."""
+    """The mirror images of moves of cage vertices, about a plane that turns with each frame.
 
-    def __init__(self, mirror: Mirror, target: EditTarget) -> None:
-        self._normal, self._rotations = mirror.normal, target.rotations
-        self.partners = mirror_pairs(target.binding.cage, mirror)
+    `rotations`, (F, 3, 3), are those of the rest pose to each frame; None for a single pose.
+    """
+
+    def __init__(self, mirror: Mirror, cage: TriMesh, rotations: Floats | None) -> None:
+        self._normal, self._rotations = mirror.normal, rotations
+        self.partners = mirror_pairs(cage, mirror)
 
     def reflect(self, moves: Floats, frames: Integers) -> Floats:
         """Return the mirror images of moves, (k, p, 3), in frames (k,)."""

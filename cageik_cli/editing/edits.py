@@ -1,17 +1,20 @@
-"""Layers of edits on a cage animation: each layer starts from the result of those before it."""
+"""Layers of edits on a pose or a cage animation: each starts from the result of those before it."""
 
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.editing.cage_edits import CageEditLayer, EditFiles, MirrorImage
-from cageik_cli.editing.edit_target import EditTarget
-from cageik_cli.editing.handles.model import PosedSurface
+from cageik_cli.editing.handles.model import Handles, PosedSurface
 from cageik_cli.editing.handles.placement import place_handles
 from cageik_cli.editing.handles.schedule import HandleSchedule
-from cageik_cli.method.pose.anchors import Anchor
+from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.timeline import Timeline
+from cageik_cli.method.pose.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.method.pose.constraints import CageConstraints, find_reach, require_mirror
 from cageik_cli.method.pose.poser import Poser
 from cageik_cli.method.pose.settings import PosingSettings
@@ -19,6 +22,92 @@ from cageik_cli.method.solve.metrics import FrameMetrics, measure
 from cageik_cli.method.weights.binding import Binding, reconstruct
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import error_context
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EditTarget:
+    """The pose or the animation that layers are applied to, and the meshes of its cages.
+
+    A cage gives the mesh `base_mesh + weights @ (cage - base_cage)`. Of a binding that has offsets,
+    the base mesh turns with each frame of an animation.
+
+    Attributes
+    ----------
+    cage_at : callable
+        The cage of a frame, (n, 3), by its index.
+    base_cage : (n, 3) float64
+    base_mesh : (m, 3) float64
+        The mesh that `base_cage` gives exactly, whatever `weights @ base_cage` is. If both are
+        zeros, meshes are `weights @ cages`.
+    rotations : (F, 3, 3) float64, optional
+        Of the rest pose to each frame: `points @ R`. None for frames that do not turn.
+    frame_names : sequence of str, optional
+        None for a single pose, whose only frame is 0.
+    up_axis : str
+        "Y" or "Z", for drawings.
+    timeline : Timeline, optional
+        The numbers of the frames, which are counted from 0 here; None for a single pose.
+    """
+
+    binding: Binding
+    cage_at: Callable[[int], Floats]
+    base_cage: Floats
+    base_mesh: Floats
+    rotations: Floats | None = None
+    frame_names: Sequence[str] | None = None
+    up_axis: str = "Y"
+    timeline: Timeline | None = None
+
+    @classmethod
+    def of_model(cls, binding: Binding) -> "EditTarget":
+        """Return the rest pose of a model, which the rest cage gives bit for bit."""
+        cage = binding.cage.vertices
+        return cls(binding, lambda _: cage, cage, binding.rest.vertices)
+
+    @classmethod
+    def of_animation(
+        cls,
+        binding: Binding,
+        cage_at: Callable[[int], Floats],
+        frame_names: Sequence[str],
+        rotations: Floats | None = None,
+        scene: Scene | None = None,
+    ) -> "EditTarget":
+        """Return an animation whose meshes are the reconstructions of a result, `weights @ cages`.
+
+        With the rotations of its frames, (F, 3, 3), they have the offsets of the binding, too, and
+        mirror planes turn with them.
+        """
+        m, n = binding.weights.shape
+        base = np.zeros((m, 3)) if binding.offsets is None else binding.offsets
+        scene = scene or Scene()
+        timeline = scene.make_timeline(len(frame_names))
+        still = np.zeros((n, 3))
+        return cls(binding, cage_at, still, base, rotations, frame_names, scene.up_axis, timeline)
+
+    def name_frame(self, frame: int) -> str:
+        """Return the name of a frame; "" for a single pose."""
+        return self.frame_names[frame] if self.frame_names else ""
+
+    def deform(self, frames: Integers, cages: Floats) -> Floats:
+        """Return the meshes (k, m, 3) of the cages (k, n, 3) of frames (k,)."""
+        meshes = reconstruct(self.binding.weights, cages - self.base_cage)
+        meshes += self._turn(self.base_mesh, frames)
+        return meshes
+
+    def anchor_positions(
+        self, anchors: Sequence[Anchor], frames: Integers, cages: Floats
+    ) -> Floats:
+        """Return the positions of anchors on the meshes of the cages of frames, as (k, l, 3)."""
+        rows = anchor_matrix(anchors, self.binding.weights)
+        base = self._turn(anchor_positions(anchors, self.base_mesh), frames)
+        return np.asarray(base + rows @ (cages - self.base_cage))
+
+    def _turn(self, points: Floats, frames: Integers) -> Floats:
+        """Return points of the base mesh, (p, 3), in each frame: (k, p, 3), or as they are."""
+        if self.rotations is None or self.binding.offsets is None:
+            return points
+        return np.asarray(points @ self.rotations[frames])
 
 
 class Layer:
@@ -88,9 +177,9 @@ class Layer:
         return np.where(is_moved, cages + (edited - local) @ turns, cages)
 
 
-def _set_context(name: str) -> AbstractContextManager[None]:
-    """Put the name of a set in front of error messages."""
-    return error_context(name) if name else nullcontext()
+def _set_context(place: Path | str | None) -> AbstractContextManager[None]:
+    """Put a file, or the name of a set, in front of error messages, if there is one."""
+    return error_context(place) if place else nullcontext()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,22 +243,30 @@ class LayeredEdit:
     """
 
     def __init__(self, files: EditFiles, target: EditTarget, settings: PosingSettings) -> None:
-        self.target, self.rigidity, self._files = target, settings.rigidity, files
+        self.target, self.rigidity = target, settings.rigidity
         self.layers: list[Layer] = []
         self.mirror = require_mirror(target.binding.cage) if settings.mirror else None
-        image = None if self.mirror is None else MirrorImage(self.mirror, target)
+        image = None
+        if self.mirror is not None:
+            image = MirrorImage(self.mirror, target.binding.cage, target.rotations)
         count, timeline = len(target.binding.cage.vertices), target.timeline
-        with self._name_cage_edits():
-            edits = files.cage_edits.edits if files.cage_edits else ()
-            self.cage_layers = [CageEditLayer(one, count, timeline, image) for one in edits]
-        with self._name_handles():
-            self._place_handles(settings)
+        edits, handles = files.cage_edits, files.handles
+        self._edits_path = None if edits is None else edits.path
+        self._handles_path = None if handles is None else handles.path
+        with _set_context(self._edits_path):
+            self.cage_layers = [
+                CageEditLayer(one, count, timeline, image) for one in (edits.edits if edits else ())
+            ]
+        with _set_context(self._handles_path):
+            if handles is not None:
+                self._place_handles(handles, settings)
 
-    def _place_handles(self, settings: PosingSettings) -> None:
-        handles, binding = self._files.handles, self.target.binding
-        for k, handle_set in enumerate(handles.sets if handles else ()):
-            surface = PosedSurface(binding.rest, self._pose_at, self.target.timeline)
-            name = f"sets[{k}]" if handles and len(handles.sets) > 1 else ""
+    def _place_handles(self, handles: Handles, settings: PosingSettings) -> None:
+        binding, constraints = self.target.binding, handles.constraints
+        constraints = replace(constraints, mirror=constraints.mirror or self.mirror)
+        surface = PosedSurface(binding.rest, self._pose_at, self.target.timeline)
+        for k, handle_set in enumerate(handles.sets):
+            name = f"sets[{k}]" if len(handles.sets) > 1 else ""
             with _set_context(name):
                 schedule = place_handles(
                     handle_set,
@@ -178,21 +275,8 @@ class LayeredEdit:
                     allow_conflicts=settings.allow_conflicts,
                     hard=settings.hard,
                 )
-                assert handles is not None
-                constraints = handles.constraints
-                constraints = replace(constraints, mirror=constraints.mirror or self.mirror)
                 layer = Layer(name, schedule, binding, constraints, settings)
             self.layers.append(layer)
-
-    def _name_cage_edits(self) -> AbstractContextManager[None]:
-        """Put the file of the cage edits in front of error messages."""
-        found = self._files.cage_edits
-        return _set_context("" if found is None else str(found.path))
-
-    def _name_handles(self) -> AbstractContextManager[None]:
-        """Put the file of the handles in front of error messages."""
-        found = self._files.handles
-        return _set_context("" if found is None else str(found.path))
 
     @property
     def anchors(self) -> list[Anchor]:
@@ -245,10 +329,10 @@ class LayeredEdit:
             Their targets, at the strength that their layer has in each frame.
         """
         starts = targets = [np.zeros((len(frames), 0, 3))]
-        with self._name_cage_edits():
+        with _set_context(self._edits_path):
             for cage_layer in self.cage_layers:
                 cages = cage_layer.apply(frames, cages)
-        with self._name_handles():
+        with _set_context(self._handles_path):
             for layer in self.layers:
                 cages, start, target = layer.apply(self.target, frames, cages)
                 starts, targets = [*starts, start], [*targets, target]

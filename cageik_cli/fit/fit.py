@@ -175,7 +175,7 @@ class Fitter:
     ) -> Alternator:
         """Make what fits to a sample with a given regularization, in the threads there is room for.
 
-        It also fits weights for joints, see `rigs.turning`. A trial is one of the fits whose frames
+        It also fits weights for joints, see `rigs.joints`. A trial is one of the fits whose frames
         held out are measured: it shares the threads with those that are made at once, and has at
         most `MAX_HELD_OUT_ROUNDS`.
         """

@@ -44,8 +44,7 @@ def find_clips(file: Any) -> tuple[bool, list[str]]:
     """
     if has_text_attribute(file, "format", "cageik.binding"):
         raise FormatError("is a binding of cageik bind, not a clip; give the frames")
-    is_result = has_text_attribute(file, "format", "cageik.result")
-    if is_result and not np.all(read_attribute(file, "complete")):
+    if _is_own_animation(file) and not np.all(read_attribute(file, "complete")):
         raise FormatError("is not complete: its run was interrupted; run cageik extract again")
     if "verts" in file:
         return False, ["verts"]
@@ -61,6 +60,11 @@ def find_clips(file: Any) -> tuple[bool, list[str]]:
             "frames) and `faces`"
         )
     return True, found
+
+
+def _is_own_animation(file: Any) -> bool:
+    """Return whether a file is a result or an edit of cageik."""
+    return any(has_text_attribute(file, "format", f"cageik.{kind}") for kind in ("result", "edit"))
 
 
 def _list_shapes(file: h5py.File) -> dict[str, tuple[int, ...]]:
@@ -170,9 +174,9 @@ class Reader(ClipFile):
             check_zero_based(faces, self._frames.vertex_count)
             first = self._frames.read_frame(self.frame_indices[0])
             mesh = TriMesh(request.complete_first(first), faces)
-            # Of a result; other programs may have another group of that name.
-            is_result = has_text_attribute(file, "format", "cageik.result")
-            self.first = read_surface(file, "attributes/cage", mesh) if is_result else mesh
+            # Other programs may have another group of that name.
+            is_own = _is_own_animation(file)
+            self.first = read_surface(file, "attributes/cage", mesh) if is_own else mesh
             stack.pop_all()  # open from here on
 
     @classmethod

@@ -16,8 +16,7 @@ from cageik_cli.formats.base.files import describe_source
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.store.cache import Entry, EntryCache
-from cageik_cli.store.cache_keys import find_cage
+from cageik_cli.store.cache import Entry, EntryCache, find_cage
 from cageik_cli.util.errors import CageError, OutputError, error_context
 from cageik_cli.util.messages import Note, Said
 from cageik_cli.util.outputs import check_writable

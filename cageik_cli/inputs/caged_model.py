@@ -30,7 +30,14 @@ from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.figures import format_percent
 from cageik_cli.store import result as result_file
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
-from cageik_cli.store.result import Result, has_weights, read_key_frames, read_low_rank, read_result
+from cageik_cli.store.result import (
+    Result,
+    StoredAnimation,
+    has_weights,
+    read_animation,
+    read_key_frames,
+    read_low_rank,
+)
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.messages import Said, say
@@ -48,7 +55,7 @@ class CagedModel:
         The result, the binding file or the model.
     cage : LoadedMesh, optional
         None for a model in no cage yet.
-    result : Result, optional
+    result : Result or Edit, optional
         With the cages of a clip.
     stored : StoredBinding, optional
         With the weights, of a binding file.
@@ -63,7 +70,7 @@ class CagedModel:
     path: Path
     model: LoadedModel
     cage: LoadedMesh | None
-    result: Result | None = None
+    result: StoredAnimation | None = None
     stored: StoredBinding | None = None
     source: "CagedModel | None" = None
     conversion: SceneConversion = field(default_factory=SceneConversion)
@@ -117,10 +124,10 @@ class CagedModel:
             return _make_model_of_file(
                 path, stored.binding.rest, stored.binding.cage, stored=stored
             )
-        return CagedModel.of_result(read_result(path))
+        return CagedModel.of_result(read_animation(path))
 
     @staticmethod
-    def of_result(result: Result) -> "CagedModel":
+    def of_result(result: StoredAnimation) -> "CagedModel":
         """Return the model of a result that was read."""
         return _make_model_of_file(result.path, result.rest, result.cage, result=result)
 
@@ -139,7 +146,7 @@ class CagedModel:
         """Unit and up axis, if they are known: of a result."""
         return UNSTATED if self.result is None else self.result.scene.space
 
-    def require_result(self, need: Said) -> Result:
+    def require_result(self, need: Said) -> StoredAnimation:
         """Return the result.
 
         Raises
@@ -189,8 +196,7 @@ class CagedModel:
     def read_reconstruction(self, user: str) -> Reconstruction:
         """Read the mesh animation that the cages of a result give; raises as `read_binding`."""
         result, binding = self.require_result("which has no cages"), self.read_binding(user)
-        rotations = result_file.read_rotations(result) if binding.has_offsets else None
-        return Reconstruction(binding, CageFrames.from_result(result), rotations)
+        return Reconstruction(binding, CageFrames.from_result(result, binding))
 
     def build_cage(
         self, settings: BuildSettings, cache: Path | None, progress: ProgressListener
@@ -220,7 +226,7 @@ def _make_model_of_file(
     rest: TriMesh,
     cage: TriMesh,
     *,
-    result: Result | None = None,
+    result: StoredAnimation | None = None,
     stored: StoredBinding | None = None,
 ) -> CagedModel:
     """Return what a file holds, whose meshes have no files of their own."""
@@ -230,7 +236,7 @@ def _make_model_of_file(
     return CagedModel(path, LoadedModel(model), loaded, result, stored)
 
 
-def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
+def report_skipped_frames(result: StoredAnimation, progress: ProgressListener) -> None:
     """Note which frames were skipped, and what is written instead."""
     if result.gaps:
         names = join_truncated((result.frames[k] for k in result.gaps), 5)
@@ -347,8 +353,8 @@ def _describe_errors(
 ) -> str:
     """Say what error transferred weights have at the vertices of the fitted model itself."""
     result = source.result
-    # An edited result keeps how far it was edited, and one without weights keeps nothing.
-    if result is None or result.edited_from is not None or not has_weights(result):
+    # An edit keeps how far it moved frames, and a result without weights keeps nothing.
+    if not isinstance(result, Result) or not has_weights(result):
         assert source.fit is not None
         found = source.fit.report.fitted
         return (

@@ -14,7 +14,7 @@ from cageik_cli.formats.find_files import sort_naturally, split_member
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.store.binding_file import is_binding, read_binding
-from cageik_cli.store.result import is_result, read_result
+from cageik_cli.store.result import is_animation, read_animation
 from cageik_cli.util.errors import (
     FileAccessError,
     SettingError,
@@ -29,8 +29,8 @@ Role = Literal["rest", "cage"]
 
 
 def holds_caged_model(path: Path) -> bool:
-    """Return whether a file is a result or a binding; raises InputError if it cannot be read."""
-    return path.suffix.lower() in HDF5_SUFFIXES and (is_binding(path) or is_result(path))
+    """Return whether a file is a result, an edit or a binding; InputError if it cannot be read."""
+    return path.suffix.lower() in HDF5_SUFFIXES and (is_binding(path) or is_animation(path))
 
 
 def load_source(path: Path, role: Role = "rest", exclude: Sequence[str] = ()) -> LoadedMesh:
@@ -110,7 +110,7 @@ def _read_meshes(file: Path) -> dict[str, LoadedMesh]:
         binding = read_binding(file).binding
         rest, cage = binding.rest, binding.cage
     else:
-        result = read_result(file)
+        result = read_animation(file)
         rest, cage = result.rest, result.cage
         scene = result.scene.space
     digest = hash_file(file).hex()

@@ -34,9 +34,8 @@ from cageik_cli.geometry.points import PointCloud
 from cageik_cli.inputs.mesh_source import load_source
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented, Splats
-from cageik_cli.method.weights.binding import FRAMES_PER_PRODUCT, Binding
+from cageik_cli.method.weights.binding import FRAMES_PER_PRODUCT, Binding, Poses
 from cageik_cli.method.weights.settings import COORDINATES
-from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError, error_context, join_truncated
 from cageik_cli.util.files import read_input
 from cageik_cli.util.messages import Note, say
@@ -256,34 +255,27 @@ class PointReconstruction:
         rest: NDArray[Any],
         cages: "CageFrames",
         note: Callable[[Note], None],
-        rotations: Floats | None = None,
     ) -> Iterator[NDArray[Any]]:
         """Yield the rows (k, m) of all frames in order; they are overwritten by the next.
 
         At rest, they are `rest` (m,). At the end, `note` takes what is wrong, one sentence each.
-        Weights with offsets need the rotations of all frames, (F, 3, 3).
         """
         size = min(FRAMES_PER_PRODUCT, cages.count)
         # The next frames are computed while these are written.
         held = cycle([np.repeat(rest[None], size, axis=0) for _ in range(2)])
 
-        def fill(item: tuple[NDArray[Any], Floats, int]) -> NDArray[Any]:
-            rows, block, start = item[0][: len(item[1])], item[1], item[2]
-            turns = None if rotations is None else rotations[start : start + len(block)]
-            self.fill_rows(rows, block, turns)
+        def fill(item: tuple[NDArray[Any], Poses]) -> NDArray[Any]:
+            rows, poses = item[0][: len(item[1])], item[1]
+            self.fill_rows(rows, poses)
             return rows
 
-        items = zip(held, cages.blocks(size), range(0, cages.count, size), strict=False)
-        with OrderedMap(fill, items, 1, 1) as blocks:
+        with OrderedMap(fill, zip(held, cages.poses(size), strict=False), 1, 1) as blocks:
             yield from blocks
         self.note_faults(len(rest) * cages.count, note)
 
-    def fill_rows(self, rows: NDArray[Any], cages: Floats, rotations: Floats | None = None) -> None:
-        """Fill the rows (k, m) of the frames of cages (k, n, 3), block by block in threads.
-
-        `rotations` are as of `PointMotion.move`.
-        """
-        move = partial(_move_block, self._motion, rows, cages, rotations)
+    def fill_rows(self, rows: NDArray[Any], poses: Poses) -> None:
+        """Fill the rows (k, m) of the frames of poses, block by block in threads."""
+        move = partial(_move_block, self._motion, rows, poses)
         with OrderedMap(move, self._motion.blocks, self._jobs, 2 * self._jobs) as blocks:
             for found in blocks:
                 self.faults += found
@@ -304,13 +296,9 @@ class PointReconstruction:
 
 
 def _move_block(
-    motion: PointMotion,
-    rows: NDArray[Any],
-    cages: Floats,
-    rotations: Floats | None,
-    chosen: slice,
+    motion: PointMotion, rows: NDArray[Any], poses: Poses, chosen: slice
 ) -> Counter[str]:
-    places, oriented, faults = motion.move(chosen, cages, rotations)
+    places, oriented, faults = motion.move(chosen, poses)
     for row, place, turned in zip(rows, places, oriented, strict=True):
         part = row[chosen]
         place_positions(part, place.T)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle
 
 import numpy as np
@@ -10,8 +10,9 @@ import numpy as np
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.method.solve.alignment import best_rotations
-from cageik_cli.method.weights.binding import Binding, reconstruct_frames
-from cageik_cli.store.result import Result, read_cages
+from cageik_cli.method.weights.binding import Binding, Poses, reconstruct_frames
+from cageik_cli.rigs.joints import JointPoses
+from cageik_cli.store.result import StoredAnimation, read_cages, read_rotations
 from cageik_cli.util.arrays import Floats, Integers, fill_gaps
 from cageik_cli.util.threads import OrderedMap
 
@@ -30,31 +31,47 @@ class CageFrames:
         Reads the cage of a frame, (n, 3), by its number.
     blocks : callable
         Yields all cages in order, in blocks (k, n, 3) of at most the given number of frames.
+    rotations : (F, 3, 3) float64, optional
+        Of the rest pose to each frame, for a binding that has offsets.
     """
 
     count: int
     known: Integers
     read: Callable[[int], Floats]
     blocks: Callable[[int], Iterator[Floats]]
+    rotations: Floats | None = None
+
+    def poses(self, size: int) -> Iterator[Poses]:
+        """Yield all poses in order, in blocks of at most `size` frames."""
+        start = 0
+        for cages in self.blocks(size):
+            yield self.make_poses(start, cages)
+            start += len(cages)
+
+    def make_poses(self, start: int, cages: Floats) -> Poses:
+        """Return the poses of the cages of frames from `start` on."""
+        stop = start + len(cages)
+        return Poses(cages, None if self.rotations is None else self.rotations[start:stop])
 
     @staticmethod
-    def from_result(result: Result) -> "CageFrames":
-        """Return the cages of a result, whose gaps are filled."""
+    def from_result(result: StoredAnimation, binding: Binding | None = None) -> "CageFrames":
+        """Return the cages of a result, whose gaps are filled, with what the binding needs."""
         count = len(result.frames)
+        is_turned = binding is not None and binding.has_offsets
         return CageFrames(
             count=count,
             known=np.setdiff1d(np.arange(count), result.gaps),
             read=lambda frame: next(read_cages(result, 1, frame))[0],
             blocks=lambda size: read_cages(result, size),
+            rotations=read_rotations(result) if is_turned else None,
         )
 
     def convert(self, conversion: SceneConversion) -> "CageFrames":
         """Return the cages in another scene."""
         if not conversion:
             return self
-        return CageFrames(
-            count=self.count,
-            known=self.known,
+        return replace(
+            self,
             read=lambda frame: conversion.apply(self.read(frame)),
             blocks=lambda size: map(conversion.apply, self.blocks(size)),
         )
@@ -74,29 +91,11 @@ class CageFrames:
         return CageFrames(len(clip), known, clip.read_frame, blocks)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RebuiltFrames:
-    """Consecutive frames: their cages (k, n, 3), rotations (k, 3, 3), and meshes (k, m, 3)."""
-
-    cages: Floats
-    rotations: Floats
-    meshes: Floats
-
-
 class Reconstruction:
-    """The mesh animation that cages give; a source of frames for a fit, without filled gaps.
+    """The mesh animation that cages give; a source of frames for a fit, without filled gaps."""
 
-    Parameters
-    ----------
-    rotations : (F, 3, 3) float64, optional
-        Of the rest pose to each frame, for a binding that has offsets; else they are those of the
-        cages.
-    """
-
-    def __init__(
-        self, binding: Binding, cages: CageFrames, rotations: Floats | None = None
-    ) -> None:
-        self.binding, self.cages, self._rotations = binding, cages, rotations
+    def __init__(self, binding: Binding, cages: CageFrames) -> None:
+        self.binding, self.cages = binding, cages
 
     def __len__(self) -> int:
         return len(self.cages.known)
@@ -104,14 +103,15 @@ class Reconstruction:
     def read_frame(self, index: int) -> Floats:
         """Return the mesh (m, 3) of a frame that fills no gap."""
         frame = int(self.cages.known[index])
-        return np.asarray(self._rebuild(frame, self.cages.read(frame)[None]).meshes[0])
+        poses = self.cages.make_poses(frame, self.cages.read(frame)[None])
+        return np.asarray(self._rebuild(poses).meshes[0])
 
-    def blocks(self, size: int) -> Iterator[RebuiltFrames]:
-        """Yield all frames in order, in blocks of at most `size`."""
-        start = 0
-        for cages in self.cages.blocks(size):
-            yield self._rebuild(start, cages)
-            start += len(cages)
+    def blocks(self, size: int) -> Iterator[JointPoses]:
+        """Yield all frames in order, in blocks of at most `size`; cage vertices are the joints.
+
+        Where no rotations are known, they are those of the cages.
+        """
+        yield from map(self._rebuild, self.cages.poses(size))
 
     def stream_meshes(self, size: int, jobs: int) -> Iterator[Floats]:
         """Yield the meshes (k, m, 3) of all frames in order, of at most `size` at once.
@@ -122,30 +122,20 @@ class Reconstruction:
         shape = (min(size, self.cages.count), len(self.binding.rest.vertices), 3)
         buffers = cycle([np.empty(shape) for _ in range(2)])
 
-        def rebuild(item: tuple[int, Floats, Floats]) -> Floats:
-            start, cages, meshes = item
-            rotations = self._turn(start, cages) if self.binding.has_offsets else None
-            return reconstruct_frames(self.binding, cages, rotations, meshes[: len(cages)], jobs)
+        def rebuild(item: tuple[Poses, Floats]) -> Floats:
+            poses, meshes = item
+            return self._rebuild(poses, meshes[: len(poses)], jobs).meshes
 
-        with OrderedMap(rebuild, self._pair(size, buffers), 1, 1) as blocks:
+        pairs = zip(self.cages.poses(size), buffers, strict=False)
+        with OrderedMap(rebuild, pairs, 1, 1) as blocks:
             yield from blocks
 
-    def _pair(self, size: int, buffers: Iterator[Floats]) -> Iterator[tuple[int, Floats, Floats]]:
-        """Yield the number of the first frame of each block, its cages, and a buffer."""
-        start = 0
-        for cages in self.cages.blocks(size):
-            yield start, cages, next(buffers)
-            start += len(cages)
-
-    def _rebuild(self, start: int, cages: Floats) -> RebuiltFrames:
-        """Return the meshes of the cages of frames from `start` on."""
-        rotations = self._turn(start, cages)
-        return RebuiltFrames(cages, rotations, reconstruct_frames(self.binding, cages, rotations))
-
-    def _turn(self, start: int, cages: Floats) -> Floats:
-        """Return the rotations (k, 3, 3) of frames from `start` on."""
-        if self._rotations is None:
+    def _rebuild(self, poses: Poses, out: Floats | None = None, jobs: int = 1) -> JointPoses:
+        """Return poses with their meshes; `out` and `jobs` are as of `reconstruct`."""
+        cages, rotations = poses.cages, poses.rotations
+        if rotations is None:
             rest = self.binding.cage.vertices
             centred = cages - cages.mean(axis=1, keepdims=True)
-            return best_rotations(centred, rest - rest.mean(axis=0), np.ones(len(rest)))
-        return self._rotations[start : start + len(cages)]
+            rotations = best_rotations(centred, rest - rest.mean(axis=0), np.ones(len(rest)))
+        meshes = reconstruct_frames(self.binding, Poses(cages, rotations), out, jobs)
+        return JointPoses(cages, rotations, meshes)

@@ -16,8 +16,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.built_cage import BUILT_CAGE
 from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding
-from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_keys import find_binding
+from cageik_cli.store.cache import EntryCache, find_binding
 from cageik_cli.util.errors import CageError, SettingError, error_context
 from cageik_cli.util.messages import Hint, Note, say
 from cageik_cli.util.progress import ProgressListener

@@ -19,6 +19,9 @@ from typing import Any
 from cageik_cli.util.text import format_count
 from cageik_cli.util.units import UNIT_LENGTHS, find_unit
 
+REPORT_SCHEMA = 1
+"""Version of the JSON of a report and of a batch; it changes when a field does."""
+
 METRIC_UNITS = ("m", "cm", "mm")
 """Units in which metric lengths are read, the longest first."""
 

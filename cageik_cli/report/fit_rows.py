@@ -22,7 +22,7 @@ from cageik_cli.util.text import format_bytes, format_count
 
 def is_fitted_to_clip(result: Result) -> bool:
     """Return whether the weights were fitted to the clip of the result, and to no other."""
-    if result.fit is None or result.edited_from is not None:
+    if result.fit is None:
         return False
     own = result.sources.get("frames", {}).get("sha256")
     return [clip.sha256 for clip in result.fit.clips] == [own]

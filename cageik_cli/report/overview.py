@@ -10,7 +10,12 @@ import numpy as np
 from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.record import Report
-from cageik_cli.report.vocabulary import QUALITY_WORDS, Vocabulary, choose_vocabulary
+from cageik_cli.report.vocabulary import (
+    EDIT_VOCABULARY,
+    EXTRACTION_VOCABULARY,
+    QUALITY_WORDS,
+    Vocabulary,
+)
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Note
 
@@ -97,21 +102,16 @@ class ClipEntry:
         return 0.0 if self.report is None else self.report.summary.rms_percent
 
     @property
-    def edited_from(self) -> str | None:
-        """The name of the result that was edited; None for an extracted one."""
-        return None if self.report is None else self.report.edited_from
-
-    @property
     def vocabulary(self) -> Vocabulary:
         """The words for the clip."""
-        return choose_vocabulary(self.edited_from)
+        return EXTRACTION_VOCABULARY if self.report is None else self.report.vocabulary
 
     @property
     def title(self) -> str:
-        """The name in a list; that of an edited result says what its numbers mean."""
-        if self.edited_from is None:
+        """The name in a list; that of an edit says what its numbers mean."""
+        if self.report is None or self.report.edited_from is None:
             return self.label
-        return f"{self.label} (edited: distance moved from {self.edited_from})"
+        return f"{self.label} (edited: distance moved from {self.report.edited_from})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +149,9 @@ class Overview:
 
     @property
     def vocabulary(self) -> Vocabulary:
-        """The words for all clips that have metrics."""
-        return choose_vocabulary(*(clip.edited_from for clip in self.clips if not clip.has_failed))
+        """The words for all clips that have metrics: those of edits if each is one."""
+        are_edits = [clip.vocabulary is EDIT_VOCABULARY for clip in self.clips if clip.report]
+        return EDIT_VOCABULARY if are_edits and all(are_edits) else EXTRACTION_VOCABULARY
 
     @property
     def exit_code(self) -> int:

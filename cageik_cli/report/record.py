@@ -9,8 +9,10 @@ from cageik_cli.fit.settings import FitRecord
 from cageik_cli.geometry.points import smallest_enclosing_sphere
 from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.method.solve.dual_laplacian import SolveQuality
+from cageik_cli.method.solve.metrics import KeptMetrics
 from cageik_cli.method.solve.summary import VertexBound
 from cageik_cli.report.figures import (
+    REPORT_SCHEMA,
     ClipRecord,
     FrameRecord,
     KeptSummary,
@@ -25,29 +27,36 @@ from cageik_cli.report.fit_rows import (
     measure_gap_closed,
 )
 from cageik_cli.report.limits import LimitCheck, Limits, check_limits
-from cageik_cli.report.notes import list_notes
-from cageik_cli.report.parts import PartRecord, build_parts, sort_parts
-from cageik_cli.report.regions import RegionRecord, build_regions
-from cageik_cli.report.verdict import judge_quality, suggest_step
-from cageik_cli.report.vocabulary import QUALITY_WORDS, Vocabulary, choose_vocabulary
-from cageik_cli.store.result import Result
+from cageik_cli.report.notes import judge_quality, list_notes, suggest_step
+from cageik_cli.report.regions import (
+    PartRecord,
+    RegionRecord,
+    build_parts,
+    build_regions,
+    sort_parts,
+)
+from cageik_cli.report.vocabulary import (
+    EDIT_VOCABULARY,
+    EXTRACTION_VOCABULARY,
+    QUALITY_WORDS,
+    Vocabulary,
+)
+from cageik_cli.store.result import Result, StoredAnimation
+from cageik_cli.store.result_fields import export_fields
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.messages import Note, Spelling, spell, spell_keyword
 from cageik_cli.util.text import to_unicode
-
-REPORT_SCHEMA = 1
-"""Version of the JSON of a report and of a batch; it changes when a field does."""
 
 MAX_WORST_VERTICES = 10
 """Worst vertices that a report lists."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
     """One result's report; `report.json` is this record.
 
-    `edited_from` names the result that was edited; None for an extracted one. The metrics of an
-    edit measure how far it moved the mesh. `regions` are the worst ones, none if the largest
+    `edited_from` names what an edit was made from; None for a result of `extract`. The metrics of
+    an edit measure how far it moved the mesh. `regions` are the worst ones, none if the largest
     deviation is within the usual; None for an edit, and for results of earlier versions. `fit`
     tells how weights were fitted to clips, and `bound` the smallest error that is possible.
     `unfitted` is the error with the weights before a fit; None if the result does not hold it.
@@ -61,14 +70,14 @@ class Report:
     schema: int
     tool: dict[str, str]
     result: str
-    edited_from: str | None
+    edited_from: str | None = None
     sources: dict[str, Any]
     settings: dict[str, Any]
     notes: tuple[Note, ...]
     clip: ClipRecord
     binding: SolveQuality
     fit: FitRecord | None
-    bound: VertexBound | None
+    bound: VertexBound | None = None
     summary: ReportSummary
     vertices: VertexMetrics
     frames: tuple[FrameRecord, ...]
@@ -99,16 +108,21 @@ class Report:
     @property
     def vocabulary(self) -> Vocabulary:
         """The words for the result."""
-        return choose_vocabulary(self.edited_from)
+        return EXTRACTION_VOCABULARY if self.edited_from is None else EDIT_VOCABULARY
+
+    @property
+    def origin_rows(self) -> list[tuple[str, str]]:
+        """The line that names what an edit was made from; none of a result of `extract`."""
+        return [] if self.edited_from is None else [("edited from", self.edited_from)]
 
 
 def build_report(
-    result: Result,
+    result: StoredAnimation,
     limits: Limits | None = None,
     name: str | None = None,
     spelling: Spelling = spell_keyword,
 ) -> Report:
-    """Compute the report of a result, which has the name of its file unless another is given.
+    """Compute the report of a result or an edit, by the name of its file unless one is given.
 
     All views show the settings that notes name as `spelling` writes them; the command line shows
     options.
@@ -121,17 +135,14 @@ def build_report(
         _build_summary(result, frames, radius),
         worst_part=next((part.name for part in sort_parts(parts)), None),
     )
-    kept = _build_kept(result)
-    counted = summary if kept is None else kept
-    errors = counted.rms_percent, counted.max_deviation_percent
-    better = suggest_step(result, *errors)
+    judged: dict[str, Any] = {}
+    if isinstance(result, Result):
+        summary = replace(summary, **_summarize_fit(result))
+        judged = _judge(result, summary, spelling)
     return Report(
         schema=REPORT_SCHEMA,
         tool={"name": "cageik", "version": result.version},
         result=result_name,
-        edited_from=result.edited_from,
-        sources=result.sources,
-        settings=result.settings,
         notes=tuple(
             one.spell(spelling) for one in list_notes(result, result_name, summary, limits)
         ),
@@ -148,25 +159,35 @@ def build_report(
             body=rest.is_body,
             metres_per_unit=result.scene.metres_per_unit,
         ),
-        binding=result.quality,
-        fit=result.fit,
-        bound=result.bound,
         summary=summary,
         vertices=_build_vertex_metrics(result),
         frames=frames,
         gates=check_limits(result_name, summary, limits),
-        regions=build_regions(result),
-        unfitted=build_baseline_errors(result),
-        kept=kept,
-        filled=tuple(result.frames[k] for k in result.filled),
         parts=parts,
-        quality=None if result.edited_from else judge_quality(*errors),
-        better=None if better is None else spell(better, spelling),
+        **export_fields(result),
+        **judged,
     )
 
 
-def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
+def _judge(result: Result, summary: ReportSummary, spelling: Spelling) -> dict[str, Any]:
+    """Return the fields of a report on how well frames were followed, and what would help."""
+    kept = _build_kept(result)
+    counted = summary if kept is None else kept
+    errors = counted.rms_percent, counted.max_deviation_percent
+    better = suggest_step(result, *errors)
+    return {
+        "regions": build_regions(result),
+        "unfitted": build_baseline_errors(result),
+        "kept": kept,
+        "filled": tuple(result.frames[k] for k in result.filled),
+        "quality": judge_quality(*errors),
+        "better": None if better is None else spell(better, spelling),
+    }
+
+
+def _build_frames(result: StoredAnimation) -> tuple[FrameRecord, ...]:
     rest, metrics = result.rest, result.metrics
+    kept = result.kept if isinstance(result, Result) else None
     percent = 100 / rest.diagonal
     least = rest.least_volume
     change = _percent_change(metrics.volume_reconstructed, metrics.volume, least)
@@ -187,17 +208,14 @@ def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
             volume_change=_finite_or_none(change[k]),
             volume_drift=_finite_or_none(drift[k]),
             skipped=result.skipped.get(k),
-            **_list_kept(result, k),
+            **({} if kept is None or k in result.skipped else _list_kept(kept, k, percent)),
         )
         for k, name in enumerate(result.frames)
     )
 
 
-def _list_kept(result: Result, frame: int) -> dict[str, Any]:
-    """Return the fields of a frame on what was kept of it."""
-    kept, percent = result.kept, 100 / result.rest.diagonal
-    if kept is None or frame in result.skipped:
-        return {}
+def _list_kept(kept: KeptMetrics, frame: int, percent: float) -> dict[str, Any]:
+    """Return the fields of a frame on what was kept of it; `percent` is that of a unit."""
     return {
         "missing": int(kept.missing[frame]),
         "rejected": int(kept.rejected[frame]),
@@ -228,7 +246,9 @@ def _build_kept(result: Result) -> KeptSummary | None:
     )
 
 
-def _build_summary(result: Result, frames: tuple[FrameRecord, ...], radius: float) -> ReportSummary:
+def _build_summary(
+    result: StoredAnimation, frames: tuple[FrameRecord, ...], radius: float
+) -> ReportSummary:
     metrics, diagonal = result.metrics, result.rest.diagonal
     rms = float(np.sqrt(np.nanmean(metrics.rms**2)))
     worst, furthest = int(np.nanargmax(metrics.rms)), int(np.nanargmax(metrics.max_deviation))
@@ -239,8 +259,6 @@ def _build_summary(result: Result, frames: tuple[FrameRecord, ...], radius: floa
         default=None,
     )
     spread = float(np.sqrt(np.nanmean(metrics.spread**2)))
-    fit, bound = result.fit, result.bound
-    held_out = fit.report.held_out_blocks if fit is not None and is_fitted_to_clip(result) else None
     dense = len(result.rest.vertices) * len(result.cage.vertices)
     drifts = [frame.volume_drift for frame in frames if frame.volume_drift is not None]
     return ReportSummary(
@@ -263,15 +281,23 @@ def _build_summary(result: Result, frames: tuple[FrameRecord, ...], radius: floa
         frames_skipped=len(result.skipped),
         # Offsets turn with each frame: its rotation has three numbers.
         floats_per_frame=3 * (len(result.cage.vertices) + int(result.has_offsets)),
-        fixed_floats=dense if fit is None else fit.report.fixed_floats,
-        best_possible_percent=None if bound is None else bound.rms_percent,
-        gap_closed_percent=measure_gap_closed(result),
-        held_out_rms_percent=None if held_out is None else held_out.fitted.rms,
+        fixed_floats=dense if result.fit is None else result.fit.report.fixed_floats,
         **_summarize_by_area(result),
     )
 
 
-def _summarize_by_area(result: Result) -> dict[str, Any]:
+def _summarize_fit(result: Result) -> dict[str, Any]:
+    """Return the fields of a summary on how well the clip can be followed, and a fit follows it."""
+    fit, bound = result.fit, result.bound
+    held_out = fit.report.held_out_blocks if fit is not None and is_fitted_to_clip(result) else None
+    return {
+        "best_possible_percent": None if bound is None else bound.rms_percent,
+        "gap_closed_percent": measure_gap_closed(result),
+        "held_out_rms_percent": None if held_out is None else held_out.fitted.rms,
+    }
+
+
+def _summarize_by_area(result: StoredAnimation) -> dict[str, Any]:
     """Return the rms over the clip in which vertices count by their area in the rest pose."""
     known = np.isfinite(result.vertex_rms)
     areas = lumped_areas(result.rest)[known]
@@ -282,7 +308,7 @@ def _summarize_by_area(result: Result) -> dict[str, Any]:
     return {"area_rms": rms, "area_rms_percent": 100 * rms / result.rest.diagonal}
 
 
-def _build_vertex_metrics(result: Result) -> VertexMetrics:
+def _build_vertex_metrics(result: StoredAnimation) -> VertexMetrics:
     bins = 40  # of the histogram of the page
     rms, percent = result.vertex_rms, 100 / result.rest.diagonal
     known = np.flatnonzero(np.isfinite(rms))

@@ -319,6 +319,5 @@ EDIT_VOCABULARY = Vocabulary(
 )
 
 
-def choose_vocabulary(*edited_from: str | None) -> Vocabulary:
-    """Choose the words for results: those of edits when every one was edited."""
-    return EDIT_VOCABULARY if edited_from and None not in edited_from else EXTRACTION_VOCABULARY
+VOCABULARIES = {"cageik.result": EXTRACTION_VOCABULARY, "cageik.edit": EDIT_VOCABULARY}
+"""The words for each kind of file, by its format."""

@@ -26,7 +26,7 @@ from cageik_cli.inputs.rest_pose import VertexWeights
 from cageik_cli.method.solve.metrics import METRIC_TYPES, FrameMetrics
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
-from cageik_cli.method.weights.binding import Binding, reconstruct_frames
+from cageik_cli.method.weights.binding import Binding, Poses, reconstruct_frames
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.run import extraction as file_extraction
 from cageik_cli.run.extraction import Extraction
@@ -34,7 +34,7 @@ from cageik_cli.run.fit import choose_fit, fit_weights
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store import result as result_file
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import Edit, Result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import Note
@@ -278,8 +278,8 @@ def extract_to_file(
     return file_extraction.extract(settings)
 
 
-def read_result(path: FilePath) -> Result:
-    """Read a result file: its meshes, figures and settings.
+def read_result(path: FilePath) -> Result | Edit:
+    """Read a result of `extract`, or an edit by `cageik pose`: its meshes, figures and settings.
 
     The rest pose, its cage and the figures are held in memory; the cages are not, `read_cages`
     reads them.
@@ -287,7 +287,7 @@ def read_result(path: FilePath) -> Result:
     Raises
     ------
     CageikError
-        When it is not a complete, sound result.
+        When it is not a complete, sound result or edit.
 
     Examples
     --------
@@ -298,11 +298,11 @@ def read_result(path: FilePath) -> Result:
     >>> result.frames[0], result.metrics.rms.shape
     ('walker_1.obj', (48,))
     """
-    return result_file.read_result(Path(path))
+    return result_file.read_animation(Path(path))
 
 
-def read_cages(result: Result) -> Floats:
-    """Read all cages of a result, (F, n, 3); the cages of skipped frames are interpolated.
+def read_cages(result: Result | Edit) -> Floats:
+    """Read all cages of a result or an edit, (F, n, 3); those of skipped frames are interpolated.
 
     Examples
     --------
@@ -376,8 +376,9 @@ class CageAnimation:
 
     def reconstruct(self, frame: int) -> Floats:
         """Return the mesh that the cage of a frame gives, (m, 3)."""
-        cages, rotations = self.cages[[frame]], self.rotations[[frame]]
-        return np.asarray(reconstruct_frames(self.binding, cages, rotations)[0])
+        chosen = [frame]
+        poses = Poses(self.cages[chosen], self.rotations[chosen])
+        return np.asarray(reconstruct_frames(self.binding, poses)[0])
 
 
 def extract(

@@ -78,9 +78,10 @@ class _Deformation:
         if clip is None:
             result = self._source.require_result(NO_CAGES)
             report_skipped_frames(result, self._progress)
-            self._cages, scene = CageFrames.from_result(result), result.scene
+            self._cages, scene = CageFrames.from_result(result, self._binding), result.scene
         else:
-            self._cages = CageFrames.from_clip(clip, settings.jobs)
+            rotations = self._read_rotations(len(clip)) if self._binding.has_offsets else None
+            self._cages = replace(CageFrames.from_clip(clip, settings.jobs), rotations=rotations)
             scene = self._common.hints.override(clip.scene.override(self._source.scene))
         animation = Animation(
             rest=self._binding.rest,
@@ -248,13 +249,12 @@ class _Deformation:
                 progress=self._progress,
                 transferred=self._transferred,
             )
-        rotations = self._read_needed_rotations()
-        return points.stream_rows(model.make_rest_rows(), self._cages, note, rotations)
+        return points.stream_rows(model.make_rest_rows(), self._cages, note)
 
     def _move_mesh(self) -> Iterator[Floats]:
         """Return the vertices of the model, in blocks of frames."""
         settings, binding = self._settings, self._binding
-        target = Reconstruction(binding, self._cages, self._read_needed_rotations())
+        target = Reconstruction(binding, self._cages)
         if settings.influences is None:
             memory = settings.memory - binding.weights.nbytes
             size = choose_block_size(memory, len(binding.rest.vertices))
@@ -273,11 +273,8 @@ class _Deformation:
         )
         return (block.meshes for block in rig.blocks())
 
-    def _read_needed_rotations(self) -> Floats | None:
-        """Read the rotations of the rest pose to each frame, if the weights need them."""
-        if not self._binding.has_offsets:
-            return None
-        count = self._cages.count
+    def _read_rotations(self, count: int) -> Floats:
+        """Read the rotations of the rest pose to each frame of a clip of so many cages."""
         result = self._source.require_result(
             "with weights of few influences, which turn with the frames of a clip; give a result "
             "of that clip"

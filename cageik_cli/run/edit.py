@@ -1,4 +1,4 @@
-"""Edit the cage animation of a result by handles and cage edits, and write the edited result.
+"""Edit the cage animation of a result or an edit by handles and cage edits, and write an edit.
 
 A model in its cage is posed in the same way, by the handles and the cage edits of files.
 """
@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.editing.cage_edits import EditFiles
-from cageik_cli.editing.edit_target import EditTarget
-from cageik_cli.editing.edits import LayeredEdit
+from cageik_cli.editing.edits import EditTarget, LayeredEdit
 from cageik_cli.editing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
@@ -23,15 +22,22 @@ from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction, load_model
 from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.blocks import SolvedBlock
-from cageik_cli.method.solve.metrics import METRIC_TYPES, DeviationPeaks, FrameMetrics, check_finite
+from cageik_cli.method.solve.metrics import DeviationPeaks, check_finite, map_columns
 from cageik_cli.method.solve.summary import summarize_blocks
-from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.binding import Binding, Poses
 from cageik_cli.run.edit_settings import EditSettings, PoseSettings
 from cageik_cli.run.executor import choose_block_size
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.result import Result, read_cages, read_low_rank, read_result, read_rotations
-from cageik_cli.store.result_fields import ResultHeader, ResultSummary
-from cageik_cli.store.result_writer import ResultWriter, open_result_writer
+from cageik_cli.store.result import (
+    AnimationWriter,
+    Edit,
+    StoredAnimation,
+    open_animation_writer,
+    read_animation,
+    read_cages,
+    read_low_rank,
+    read_rotations,
+)
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.messages import Note, say
@@ -47,10 +53,10 @@ def edit(
     progress: ProgressListener | None = None,
     files: EditFiles | None = None,
 ) -> PoseResult:
-    """Apply the layers of an edit to the cage animation of a result, and write a result.
+    """Apply the layers of an edit to the cage animation of a result or an edit, and write an edit.
 
-    Frames that no layer acts on keep their cages bit for bit. The metrics of the new result
-    compare it with the old one: they tell how far the mesh was moved.
+    Frames that no layer acts on keep their cages bit for bit. The metrics of the edit compare its
+    meshes with those before it: they tell how far the mesh was moved.
 
     Parameters
     ----------
@@ -74,7 +80,7 @@ class _EditRun:
         self, settings: EditSettings, files: EditFiles, progress: ProgressListener
     ) -> None:
         self._settings, self._files, self._progress = settings, files, progress
-        self._result = result = read_result(settings.result)
+        self._result = result = read_animation(settings.result)
         # Of the rest pose to each frame, (F, 3, 3); edits do not change them.
         self._rotations = read_rotations(result)
         binding = CagedModel.of_result(result).read_binding("an edit")
@@ -94,9 +100,10 @@ class _EditRun:
             self._edit = LayeredEdit(self._files, self._target, settings.posing)
         _report_placement(self._edit, self._files, progress)
         self._statistics = PoseStatistics(self._edit)
-        writer = open_result_writer(
+        writer = open_animation_writer(
             settings.output,
-            _build_header(settings, self._files, result),
+            Edit,
+            _collect_first_fields(settings, self._files, result),
             stored=StoredBinding(
                 self._target.binding, {}, fit=result.fit, low_rank=read_low_rank(result)
             ),
@@ -111,24 +118,24 @@ class _EditRun:
                 for frame in key_frames.tolist()
             ]
             offsets = np.concatenate([block.meshes_before - block.meshes_after for block in posed])
-            ending = ResultSummary(
-                sources=_collect_sources(settings, self._files, result),
-                skipped=summary.skipped,
-                vertex_rms=summary.vertex_rms,
-            )
+            last = {
+                "vertex_rms": summary.vertex_rms,
+                "sources": _collect_sources(settings, self._files, result),
+                "skipped": summary.skipped,
+            }
             with progress.stage("write"):
-                file.complete(ending, key_frames=key_frames, key_frame_errors=offsets)
+                file.complete(last, key_frames=key_frames, key_frame_errors=offsets)
         pose_summary = self._statistics.summarize()
         return PoseResult(pose_summary, take_snapshot(self._edit, posed[0], pose_summary))
 
-    def _write_blocks(self, file: ResultWriter) -> Iterator[SolvedBlock]:
+    def _write_blocks(self, file: AnimationWriter) -> Iterator[SolvedBlock]:
         """Edit, measure and write all frames, and yield the blocks."""
         start, progress = 0, self._progress
         for cages in read_cages(self._result, choose_block_size(len(self._result.rest.vertices))):
             with progress.stage("edit"):
                 block = self._edit_block(cages, start)
             with progress.stage("write"):
-                file.append(block.cages, block.rotations, block.metrics)
+                file.append(block, block.metrics)
             yield block
             start += len(cages)
             progress.update(start, len(self._result.frames))
@@ -140,20 +147,19 @@ class _EditRun:
         block = self._edit.edit_frames(frames[known], cages[known])
         check_finite(block.frames, block.cages_after, block.metrics)
         self._statistics.update(block)
-        all_cages, columns = np.full_like(cages, np.nan), {}
-        all_cages[known] = block.cages_after
-        rotations = self._rotations[frames]
-        rotations[~known] = np.nan
-        for name in METRIC_TYPES:
-            found = getattr(block.metrics, name)
-            gap = -1 if METRIC_TYPES[name] == "i8" else np.nan
-            columns[name] = np.full(len(cages), gap, found.dtype)
-            columns[name][known] = found
+
+        def spread(values: NDArray[Any]) -> NDArray[Any]:
+            """Return values of the edited frames among all, with gaps for the others."""
+            gap = -1 if np.issubdtype(values.dtype, np.integer) else np.nan
+            held = np.full((len(cages), *values.shape[1:]), gap, values.dtype)
+            held[known] = values
+            return held
+
         return SolvedBlock(
             start=start,
-            cages=all_cages,
-            rotations=rotations,
-            metrics=FrameMetrics(**columns),
+            cages=spread(block.cages_after),
+            rotations=spread(self._rotations[frames[known]]),
+            metrics=map_columns(block.metrics, spread),
             squared_errors=block.squared_displacements.sum(axis=0),
             peaks=DeviationPeaks.of_frames(block.squared_displacements, frames[known]),
             digests=(b"",) * len(cages),
@@ -162,23 +168,28 @@ class _EditRun:
         )
 
 
-def _build_header(settings: EditSettings, files: EditFiles, result: Result) -> ResultHeader:
+def _collect_first_fields(
+    settings: EditSettings, files: EditFiles, result: StoredAnimation
+) -> dict[str, Any]:
+    """Return what is known of an edit before the first frame is edited."""
     editor = " and ".join(single_line(source["name"]) for source in files.sources.values())
     source = single_line(to_unicode(settings.result.name))
     note = (
         f"edited by {editor}: figures measure how far the mesh was moved from {source}, not how "
         "well frames were met"
     )
-    return ResultHeader(
-        quality=result.quality,
-        scene=result.scene,
-        settings=result.settings | describe_settings(settings.posing),
-        notes=(*result.notes, Note(note)),
-        edited_from=to_unicode(settings.result.name),
-    )
+    return {
+        "scene": result.scene,
+        "settings": result.settings | describe_settings(settings.posing),
+        "notes": (*result.notes, Note(note)),
+        "quality": result.quality,
+        "edited_from": to_unicode(settings.result.name),
+    }
 
 
-def _collect_sources(settings: EditSettings, files: EditFiles, result: Result) -> dict[str, Any]:
+def _collect_sources(
+    settings: EditSettings, files: EditFiles, result: StoredAnimation
+) -> dict[str, Any]:
     """Return the sources of the result, and the files of the edit."""
     source = {
         "name": to_unicode(settings.result.name),
@@ -253,7 +264,7 @@ def _move_points(
             transferred=stored.transferred,
         )
     with limit_blas_threads(1):
-        moved.fill_rows(rows[None], posed.snapshot.cage_after[None])
+        moved.fill_rows(rows[None], Poses(posed.snapshot.cage_after[None]))
     moved.note_faults(len(rows), note)
     return rows
 

@@ -33,7 +33,7 @@ from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames
 from cageik_cli.inputs.reconstruction import Reconstruction
 from cageik_cli.run.export_settings import ExportSettings
 from cageik_cli.run.rig import check_rig, make_rig, measure_input_rms
-from cageik_cli.store.result import Result, read_cages, read_result
+from cageik_cli.store.result import StoredAnimation, read_animation, read_cages
 from cageik_cli.util.arrays import Floats, count_frames
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import Hint, join_texts, say
@@ -49,7 +49,7 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
     """Write the cage animation of a result."""
     progress = progress or ProgressListener()
     check_export(settings)
-    result = read_result(settings.result)
+    result = read_animation(settings.result)
     if settings.is_rest_cage:
         return _write_rest_cage(settings, result, progress)
     animation = Animation(
@@ -92,7 +92,7 @@ def _check_rest_cage(settings: ExportSettings) -> None:
 
 
 def _write_rest_cage(
-    settings: ExportSettings, result: Result, progress: ProgressListener
+    settings: ExportSettings, result: StoredAnimation, progress: ProgressListener
 ) -> ExportSummary:
     """Write the cage at rest, which a frame alone would be mistaken for; and note it."""
     path, suffix = settings.output.path, settings.output.suffix
@@ -131,7 +131,10 @@ def write_converted(
 
 
 def _write_skeleton(
-    settings: ExportSettings, result: Result, animation: Animation, progress: ProgressListener
+    settings: ExportSettings,
+    result: StoredAnimation,
+    animation: Animation,
+    progress: ProgressListener,
 ) -> ExportSummary:
     """Write the rest pose of a result, skinned to a joint per cage vertex."""
     target = _read_skeleton(result, settings)
@@ -174,7 +177,10 @@ def _write_skeleton(
 
 
 def _write_with_model(
-    settings: ExportSettings, result: Result, animation: Animation, progress: ProgressListener
+    settings: ExportSettings,
+    result: StoredAnimation,
+    animation: Animation,
+    progress: ProgressListener,
 ) -> ExportSummary:
     """Write the cages, and beside them the model that they move."""
     target = CagedModel.of_result(result).read_reconstruction("the model")
@@ -202,7 +208,7 @@ def _write_with_model(
     )
 
 
-def _read_skeleton(result: Result, settings: ExportSettings) -> Reconstruction:
+def _read_skeleton(result: StoredAnimation, settings: ExportSettings) -> Reconstruction:
     """Read what a skin is to follow; refuse what cannot be skinned."""
     check_rig(result, settings.influences, settings.joints)
     target = CagedModel.of_result(result).read_reconstruction("a skeleton")

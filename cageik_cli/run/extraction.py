@@ -63,9 +63,15 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
 from cageik_cli.store.fit_fields import BaselineErrors
-from cageik_cli.store.result import Result, checkpoint_path, placed_path, read_result, smoothed_path
-from cageik_cli.store.result_fields import ResultHeader, ResultSummary
-from cageik_cli.store.result_writer import ResultWriter, open_result_writer
+from cageik_cli.store.result import (
+    AnimationWriter,
+    Result,
+    checkpoint_path,
+    open_animation_writer,
+    placed_path,
+    read_result,
+    smoothed_path,
+)
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, error_context, join_truncated
 from cageik_cli.util.messages import Note, Said, say
@@ -311,23 +317,24 @@ class Extraction:
         settings, solver = self.settings, self.block_solver.solver
         hints = self.common.hints
         assert self.stored is not None
-        header = ResultHeader(
-            quality=solver.quality,
-            scene=self.scene,
-            settings=self.recorded_settings,
-            notes=_collect_notes(
-                self.stored, self.rest, self.sequence, hints, checkpoint.summary, solver
-            )
-            + self._fit_notes,
+        notes = _collect_notes(
+            self.stored, self.rest, self.sequence, hints, checkpoint.summary, solver
         )
+        first = {
+            "scene": self.scene,
+            "settings": self.recorded_settings,
+            "notes": notes + self._fit_notes,
+            "quality": solver.quality,
+        }
         output = settings.output
         with self.progress.stage("write"):
             composer = _ResultComposer(
                 checkpoint, self.stored, self.sequence, self.rest_index, unsmoothed
             )
-            with open_result_writer(
+            with open_animation_writer(
                 output,
-                header,
+                Result,
+                first,
                 stored=self.stored,
                 frames=self.sequence.names,
                 overwrite=settings.overwrite or settings.resume,
@@ -407,7 +414,7 @@ class _ResultComposer:
 
     def write(
         self,
-        result: ResultWriter,
+        result: AnimationWriter,
         sources: dict[str, Any],
         filled: tuple[int, ...],
         unfitted: DualLaplacianSolver | None,
@@ -427,31 +434,29 @@ class _ResultComposer:
         key_meshes = self._append_blocks(result)
         errors = [self._reread(k) - key_meshes[k] for k in key_frames]
         result.complete(
-            ResultSummary(
-                sources=sources | {"frames": self._sequence.describe_source()},
-                skipped=summary.skipped,
-                vertex_rms=summary.vertex_rms,
-                regions=self._regions,
-                bound=summary.measure_bound(len(self._binding.cage.vertices)),
-                filled=filled,
-            ),
+            {
+                "vertex_rms": summary.vertex_rms,
+                "regions": self._regions,
+                "bound": summary.measure_bound(len(self._binding.cage.vertices)),
+                "filled": filled,
+                "sources": sources | {"frames": self._sequence.describe_source()},
+                "skipped": summary.skipped,
+            },
             key_frames=np.array(key_frames),
             key_frame_errors=np.array(errors),
             unfitted=None if unfitted is None else self._compare_baseline_weights(unfitted),
         )
 
-    def _append_blocks(self, result: ResultWriter) -> dict[int, Floats]:
+    def _append_blocks(self, result: AnimationWriter) -> dict[int, Floats]:
         """Append all frames; return the reconstructions of the key frames, (m, 3) each."""
         key_meshes: dict[int, Floats] = {}
         for block in self._checkpoint.blocks():
             kept = None if block.kept is None else block.kept.metrics
-            result.append(block.cages, block.rotations, block.metrics, kept)
+            result.append(block, block.metrics, kept)
             for k in self._key_frames:
                 if block.start <= k < block.stop:
                     one = slice(k - block.start, k - block.start + 1)
-                    cages, rotations = block.cages[one], block.rotations[one]
-                    rebuilt = reconstruct_frames(self._binding, cages, rotations)
-                    key_meshes[k] = np.asarray(rebuilt[0])
+                    key_meshes[k] = np.asarray(reconstruct_frames(self._binding, block[one])[0])
         return key_meshes
 
     def _reread(self, frame: int) -> Floats:

@@ -24,8 +24,7 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.settings import ExtractSettings
-from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_keys import compute_fit_key, find_fit
+from cageik_cli.store.cache import EntryCache, compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import BaselineErrors
 from cageik_cli.util.arrays import Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import FileAccessError, InputError

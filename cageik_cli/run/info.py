@@ -1,4 +1,4 @@
-"""Describe a file in a few lines: a result, a binding, a checkpoint, a clip, a mesh or points."""
+"""Describe a file in a few lines: results, bindings, checkpoints, clips, meshes or points."""
 
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -24,10 +24,11 @@ from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.report.figures import group_digits
 from cageik_cli.report.fit_rows import format_fit_rows, list_fit_notes
 from cageik_cli.report.views.text import format_accuracy_row, format_weights_row
-from cageik_cli.report.vocabulary import choose_vocabulary
+from cageik_cli.report.vocabulary import VOCABULARIES
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.checkpoint import checkpoint_progress, is_checkpoint
-from cageik_cli.store.result import Result, is_result, read_result
+from cageik_cli.store.result import StoredAnimation, is_animation, read_animation
+from cageik_cli.store.result_fields import list_field_rows
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Note, Row, say
 from cageik_cli.util.text import format_count
@@ -117,9 +118,9 @@ def _format_fit(record: FitRecord, is_verbose: bool) -> list[Row]:
 
 
 def _describe_hdf5(path: Path) -> list[Row]:
-    """Describe a result or a binding; no rows for other files."""
-    if is_result(path):
-        return _result_rows(read_result(path))
+    """Describe a result, an edit or a binding; no rows for other files."""
+    if is_animation(path):
+        return _result_rows(read_animation(path))
     if is_binding(path):
         stored = read_binding(path)
         holds = ("holds", f"a binding of cageik bind {stored.version}")
@@ -147,31 +148,16 @@ def _format_polygons(mesh: TriMesh) -> str:
     return "" if mesh.attributes is None else f" of {mesh.attributes.description}"
 
 
-def _result_rows(result: Result) -> list[Row]:
-    command, skipped = choose_vocabulary(result.edited_from).command, []
-    if result.skipped:
-        names = join_truncated((result.frames[k] for k in result.skipped), 5)
-        skipped = [("skipped", f"{names}; cageik report says why")]
+def _result_rows(result: StoredAnimation) -> list[Row]:
     return [
-        ("holds", f"a result of {command} {result.version}"),
+        ("holds", f"a result of {VOCABULARIES[result.FORMAT].command} {result.version}"),
         ("frames", f"{len(result.frames)}, {result.frames[0]} to {result.frames[-1]}"),
         ("model", _format_counts(result.rest)),
         *_part_rows(result.rest),
         ("cage", _format_counts(result.cage)),
-        ("scene", _format_scene(result.scene)),
-        ("settings", ", ".join(f"{key} {value}" for key, value in result.settings.items())),
-        *((f"from {key}", str(source.get("name"))) for key, source in result.sources.items()),
-        *skipped,
+        *list_field_rows(result),
         *(note.row for note in result.notes),
     ]
-
-
-def _format_scene(scene: Scene) -> str:
-    steps = "" if scene.frame_step == 1 else f" in steps of {scene.frame_step:.10g}"
-    return (
-        f"{scene.fps:g} frames per second from frame {scene.start:.10g}{steps}, "
-        f"{scene.up_axis} up, {scene.metres_per_unit:g} m per unit"
-    )
 
 
 def _clip_rows(sequence: MeshSequence) -> list[Row]:

@@ -19,7 +19,7 @@ from cageik_cli.store.checkpoint import (
     check_checkpoint_path,
     checkpoint_progress,
 )
-from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
+from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_animation
 from cageik_cli.util.errors import CheckpointError, InputError, add_remark
 from cageik_cli.util.files import read_input
 from cageik_cli.util.messages import Hint, say
@@ -76,7 +76,14 @@ def find_existing(
     if not settings.output.exists():
         return None, ""
     try:
-        result = read_result(settings.output)
+        result = read_animation(settings.output)
+        if not isinstance(result, Result):
+            if settings.overwrite:
+                return None, "an edit"
+            raise CheckpointError(
+                f"{result.path}: is an edit by cageik pose; "
+                + say("choose another name, or replace it with `overwrite=True`")
+            )
         sources = sources | {"frames": sequence.describe_source()}
         if settings.builds_cage and "cage" in result.sources:
             sources["cage"] = result.sources["cage"]  # it follows from the other files

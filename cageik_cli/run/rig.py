@@ -16,7 +16,7 @@ from cageik_cli.formats.base.skeleton import (
     count_skin_bytes,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.reconstruction import RebuiltFrames, Reconstruction
+from cageik_cli.inputs.reconstruction import Reconstruction
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import (
@@ -25,10 +25,15 @@ from cageik_cli.method.weights.binding import (
     reconstruct,
     reconstruct_frames,
 )
-from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
+from cageik_cli.rigs.joints import (
+    JointPoses,
+    JointSolver,
+    NormalAngles,
+    group_joints,
+    limit_influences,
+)
 from cageik_cli.rigs.merging import MIN_JOINTS, MIN_JOINTS_PER_LIMB
-from cageik_cli.rigs.turning import group_joints, limit_influences
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.messages import Hint
@@ -37,7 +42,7 @@ from cageik_cli.util.settings import DEFAULT_MEMORY
 from cageik_cli.util.text import format_bytes
 from cageik_cli.util.threads import limit_blas_threads
 
-Pose = Callable[[RebuiltFrames], JointPoses]
+Pose = Callable[[JointPoses], JointPoses]
 """Poses the joints of a skin for some frames of the reconstruction."""
 
 FRAMES_PER_RIG_BLOCK = 4 * FRAMES_PER_PRODUCT
@@ -89,11 +94,11 @@ class Rig:
         """
         skin = replace(self.skin, error=self.total)
         if not turns:
-            return skin, (block.places for block in self.blocks())
+            return skin, (block.cages for block in self.blocks())
         blocks, others = tee(self.blocks())
         every = (block.turns for block in others if block.turns is not None)
         skin = replace(skin, turns=chain.from_iterable(every))
-        return skin, (block.places for block in blocks)
+        return skin, (block.cages for block in blocks)
 
     @property
     def figures(self) -> str:
@@ -131,7 +136,7 @@ class Rig:
 
 
 def make_rig(
-    result: Result,
+    result: StoredAnimation,
     target: Reconstruction,
     progress: ProgressListener,
     *,
@@ -148,7 +153,7 @@ def make_rig(
 
     Parameters
     ----------
-    result : Result
+    result : StoredAnimation
         That the cages are of, or that they were made from.
     influences : int or None
         Joints per vertex, at most, with weights that are fitted again; None keeps the weights of
@@ -230,7 +235,7 @@ def _fit_rig(
         solver = DualLaplacianSolver(_bind_skin(held, weights), solve)
         poser = JointSolver(solver) if turns else None
 
-        def pose(block: RebuiltFrames) -> JointPoses:
+        def pose(block: JointPoses) -> JointPoses:
             if poser is not None:
                 return poser.solve(block.meshes)
             found = solver.solve(block.meshes)
@@ -240,7 +245,7 @@ def _fit_rig(
         return replace(rig, skin=replace(rig.skin, cage_joints=labels, limbs=limbs))
 
 
-def check_rig(result: Result, influences: int | None, joints: str | int) -> None:
+def check_rig(result: StoredAnimation, influences: int | None, joints: str | int) -> None:
     """Refuse too few joints, and more joints or influences than a cage has vertices."""
     n = len(result.cage.vertices)
     if isinstance(joints, int) and not MIN_JOINTS <= joints <= n:
@@ -257,16 +262,17 @@ def check_rig(result: Result, influences: int | None, joints: str | int) -> None
         )
 
 
-def measure_input_rms(result: Result) -> float | None:
+def measure_input_rms(result: StoredAnimation) -> float | None:
     """Return the rms of a result, percent; None if it is not that of all vertices and frames."""
     rms = result.metrics.rms
-    if result.edited_from or not (np.isfinite(rms).all() and np.isfinite(result.vertex_rms).all()):
+    is_whole = np.isfinite(rms).all() and np.isfinite(result.vertex_rms).all()
+    if not (is_whole and isinstance(result, Result)):
         return None
     return 100 * float(np.sqrt(np.mean(np.square(rms)))) / result.rest.diagonal
 
 
-def _read_solve_settings(result: Result) -> SolveSettings:
-    """Return how the cages of a result were solved; an edited one does not say it."""
+def _read_solve_settings(result: StoredAnimation) -> SolveSettings:
+    """Return how the cages of a result were solved; a missing setting has its default."""
     names = ("alpha", "beta")
     held = {name: result.settings[name] for name in names if name in result.settings}
     if not all(isinstance(value, int | float) for value in held.values()):
@@ -304,9 +310,8 @@ def _keep_weights(target: Reconstruction) -> Rig:
     weights = compute_skin_weights(target.binding.weights)
     skinned = _bind_skin(target.binding, weights)
 
-    def pose(block: RebuiltFrames) -> JointPoses:
-        meshes = reconstruct_frames(skinned, block.cages, block.rotations)
-        return JointPoses(block.cages, block.rotations, meshes)
+    def pose(block: JointPoses) -> JointPoses:
+        return replace(block, meshes=reconstruct_frames(skinned, block))
 
     return _measure_rig(target, target.binding.cage, weights, pose)
 

@@ -24,7 +24,7 @@ from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.method.solve.summary import OcclusionTracker
-from cageik_cli.method.weights.binding import reconstruct_frames
+from cageik_cli.method.weights.binding import Poses, reconstruct_frames
 from cageik_cli.run.executor import choose_block_size
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.checkpoint import Checkpoint
@@ -125,7 +125,7 @@ def _solve_placed(
     shares = solved.kept.expand_weights(positions.shape[1]) * (solver.vertex_weights > 0)
     for place in places:
         one, share = slice(place, place + 1), shares[place]
-        rebuilt = reconstruct_frames(solver.binding, cages[one], solved.rotations[one])[0]
+        rebuilt = reconstruct_frames(solver.binding, Poses(cages, solved.rotations)[one])[0]
         left, is_occluded = share[:, None] * (positions[place] - rebuilt), share == 0
         guess = filler.fill(rebuilt + filler.extend(left, is_occluded), is_occluded)
         # What the cage misses of the surface around the piece goes on into it.
@@ -430,10 +430,10 @@ def _measure_again(
     cages = cages.copy()
     cages[skipped] = binding.cage.vertices
     rotations = find_rotations(solver, cages)
-    rebuilt = reconstruct_frames(binding, cages, rotations)
+    rebuilt = reconstruct_frames(binding, Poses(cages, rotations))
     positions, given = block_solver.complete(block)
     weights = solved.kept.expand_weights(rebuilt.shape[1])
-    solution = Solution(cages, rebuilt, rotations, solved.sampled, weights)
+    solution = Solution(cages, rotations, rebuilt, solved.sampled, weights)
     errors: dict[int, InputError] = {
         k: FileAccessError(reason) for k, reason in solved.skipped.items()
     }

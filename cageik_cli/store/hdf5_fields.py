@@ -48,6 +48,11 @@ def check_format(file: h5py.File, format_name: str, schema: int, description: st
     """Refuse a file that is not `description`, of this format and schema."""
     if not has_format(file, format_name):
         raise FormatError(f"is not {description}; give one")
+    check_schema(file, schema)
+
+
+def check_schema(file: h5py.File, schema: int) -> None:
+    """Refuse a file of another schema."""
     found = read_attribute(file, "schema")
     if not (isinstance(found, np.integer) and found == schema):
         raise FormatError(f"has schema {found}, expected {schema}; write it again")
@@ -164,12 +169,12 @@ def read_sources(file: h5py.File) -> dict[str, Any]:
     return sources
 
 
-def read_text_attr(file: h5py.File, name: str) -> str | None:
-    """Read an attribute of plain text; None if it is missing."""
+def read_text_attr(file: h5py.File, name: str) -> str:
+    """Read an attribute of plain text."""
     text = read_attribute(file, name)
-    if text is not None and not isinstance(text, str):
+    if not isinstance(text, str):
         raise FormatError(f"attribute `{name}` is not text; write it again")
-    return None if text is None else to_unicode(text)
+    return to_unicode(text)
 
 
 def read_scene(file: h5py.File) -> Scene:

@@ -1,17 +1,17 @@
-"""The fields of a result, in one table: how each is written to its file, read and checked."""
+"""How fields of results and edits are stored: each is declared once, at its record.
+
+The records are in `result.py`, the declaration and the form of single fields here.
+"""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any
 
 import h5py
 import numpy as np
 
-from cageik_cli.formats.base.hdf5 import (
-    read_array,
-)
+from cageik_cli.formats.base.hdf5 import read_array
 from cageik_cli.formats.settings import Scene
-from cageik_cli.method.solve.dual_laplacian import SolveQuality
 from cageik_cli.method.solve.metrics import (
     KEPT_TYPES,
     MAX_LENGTH,
@@ -22,80 +22,16 @@ from cageik_cli.method.solve.metrics import (
     find_invalid_metric,
 )
 from cageik_cli.method.solve.regions import MAX_CAGE_FACES, MAX_REGIONS, Region
-from cageik_cli.method.solve.summary import VertexBound
-from cageik_cli.store.hdf5_fields import (
-    parse_record,
-    read_floats,
-    read_json_attr,
-    read_notes,
-    read_optional_record,
-    read_record,
-    read_scene,
-    read_sources,
-    read_text_attr,
-    to_json,
-)
+from cageik_cli.store.hdf5_fields import parse_record, read_floats, read_json_attr, to_json
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError
-from cageik_cli.util.messages import Note
+from cageik_cli.util.errors import FormatError, join_truncated
+from cageik_cli.util.messages import Row
 from cageik_cli.util.text import to_unicode
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ResultHeader:
-    """What is known of a result before its first frame is solved.
-
-    Attributes
-    ----------
-    settings : dict
-        The settings of the run.
-    notes : tuple of Note
-        What was changed or left out, one sentence each.
-    edited_from : str, optional
-        The name of the result that was edited: metrics then compare the mesh before the edit, v,
-        with the edited one, v̂. None for a result that was extracted.
-    """
-
-    scene: Scene
-    settings: dict[str, Any]
-    notes: tuple[Note, ...]
-    quality: SolveQuality
-    edited_from: str | None = None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ResultSummary:
-    """What is known of a result after its last frame is solved.
-
-    Attributes
-    ----------
-    vertex_rms : (m,) float64
-        sqrt(mean |v̂ − v|²) of each vertex over the frames that were not skipped; nan for vertices
-        that are missing data.
-    regions : tuple of Region, optional
-        The worst regions, the worst first; none if the largest deviation is within the usual. None
-        if the result was edited, or written by a version that did not look for them.
-    bound : VertexBound, optional
-        The error of the best possible cage animation of the clip.
-    filled : tuple of int
-        Skipped frames whose cages were filled from those around them.
-    sources : dict
-        Name and digest of each file that was read.
-    skipped : dict
-        By number in the clip, why a frame was skipped.
-    """
-
-    vertex_rms: Floats
-    regions: tuple[Region, ...] | None = None
-    bound: VertexBound | None = None
-    filled: tuple[int, ...] = ()
-    sources: dict[str, Any]
-    skipped: dict[int, str]
-
-
 @dataclass(frozen=True, slots=True)
-class ResultSizes:
-    """How many frames, vertices and cage faces a result has, and which frames were skipped."""
+class ClipSizes:
+    """How many frames, vertices and cage faces a clip has, and which frames were skipped."""
 
     frames: int
     vertices: int
@@ -103,49 +39,103 @@ class ResultSizes:
     skipped: dict[int, str]
 
 
-def _write_json(file: h5py.File, name: str, value: Any) -> None:
-    """Write an attribute; none for None, which stands for a part that a result does not have."""
+def write_json(file: h5py.File, name: str, value: Any) -> None:
+    """Write an attribute; none for None, which stands for a field that a result does not have."""
     if value is not None:
         file.attrs[name] = to_json(value)
 
 
 @dataclass(frozen=True, slots=True)
-class ResultField:
-    """How a field of a result is read and written.
+class StoredField:
+    """How a field of a result or an edit is read, checked, written, shown and exported.
 
     Attributes
     ----------
     read : callable
-        Returns the value in a file, which is checked against the sizes of the result.
+        Returns the value in a file, which is checked against the sizes of the clip.
     write : callable
-        Writes the value to a file, by its name; an attribute of JSON by default.
+        Writes the value to a file, by its name.
+    columns : mapping of str to str, optional
+        Names and types of the fields of its value that have a number per frame. They are written
+        with the frames.
+    show : callable, optional
+        Returns the lines on the record that `info` shows of it.
+    export : str, optional
+        Its name in the JSON of a report, for a field that is there as it is.
     """
 
-    read: Callable[[h5py.File, ResultSizes], Any]
-    write: Callable[[h5py.File, str, Any], None] = _write_json
+    read: Callable[[h5py.File, ClipSizes], Any]
+    write: Callable[[h5py.File, str, Any], None] = write_json
+    columns: Mapping[str, str] | None = None
+    show: Callable[[Any], list[Row]] | None = None
+    export: str | None = None
 
 
-def write_fields(file: h5py.File, part: ResultHeader | ResultSummary) -> None:
-    """Write one part of a result, field by field, in the order of its record."""
-    for field in fields(part):
-        RESULT_FIELDS[field.name].write(file, field.name, getattr(part, field.name))
+def declare_field(
+    read: Callable[[h5py.File, ClipSizes], Any], *, default: Any = MISSING, **options: Any
+) -> Any:
+    """Declare how a field of a record is stored, with the options of `StoredField`."""
+    return field(default=default, metadata={"stored": StoredField(read, **options)})
 
 
-def read_fields(file: h5py.File, sizes: ResultSizes) -> dict[str, Any]:
-    """Read both parts of a result."""
-    return {name: field.read(file, sizes) for name, field in RESULT_FIELDS.items()}
+def list_fields(kind: type) -> dict[str, StoredField]:
+    """Return how the fields of a record of this kind are stored, by name."""
+    return {one.name: one.metadata["stored"] for one in fields(kind) if "stored" in one.metadata}
 
 
-def _write_text(file: h5py.File, name: str, text: str | None) -> None:
-    if text is not None:
-        file.attrs[name] = text
+def list_field_rows(record: Any) -> list[Row]:
+    """Return the lines on a result or an edit, field by field."""
+    shown = [one.show for one in list_fields(type(record)).values() if one.show is not None]
+    return [row for show in shown for row in show(record)]
 
 
-def _write_vertex_rms(file: h5py.File, name: str, values: Floats) -> None:
+def export_fields(record: Any) -> dict[str, Any]:
+    """Return the fields that the JSON of a report has as they are, by their names there."""
+    declared = list_fields(type(record))
+    return {one.export: getattr(record, name) for name, one in declared.items() if one.export}
+
+
+def write_text(file: h5py.File, name: str, text: str) -> None:
+    """Write an attribute of plain text."""
+    file.attrs[name] = text
+
+
+def write_names(file: h5py.File, _: str, frames: tuple[str, ...]) -> None:
+    """Write the sources of frames."""
+    file.create_dataset("frames/name", data=frames, dtype=h5py.string_dtype())
+
+
+def write_scene(file: h5py.File, _: str, scene: Scene) -> None:
+    """Write the attributes that describe the scene."""
+    file.attrs.update(asdict(scene))
+
+
+def show_scene(clip: Any) -> list[Row]:
+    """Describe the time and the space of a clip."""
+    scene = clip.scene
+    steps = "" if scene.frame_step == 1 else f" in steps of {scene.frame_step:.10g}"
+    text = (
+        f"{scene.fps:g} frames per second from frame {scene.start:.10g}{steps}, "
+        f"{scene.up_axis} up, {scene.metres_per_unit:g} m per unit"
+    )
+    return [("scene", text)]
+
+
+def show_skipped(clip: Any) -> list[Row]:
+    """Name the frames that were skipped."""
+    if not clip.skipped:
+        return []
+    names = join_truncated((clip.frames[k] for k in clip.skipped), 5)
+    return [("skipped", f"{names}; cageik report says why")]
+
+
+def write_vertex_rms(file: h5py.File, name: str, values: Floats) -> None:
+    """Write the rms of each vertex."""
     file.create_dataset(f"metrics/{name}", data=values, dtype="f8")
 
 
-def _read_vertex_rms(file: h5py.File, sizes: ResultSizes) -> Floats:
+def read_vertex_rms(file: h5py.File, sizes: ClipSizes) -> Floats:
+    """Read the rms of each vertex; nan where it is missing data."""
     values = read_floats(file, "metrics/vertex_rms", (sizes.vertices,))
     is_missing = np.isnan(values)
     if is_missing.all() or not (is_missing | are_lengths(values)).all():
@@ -153,7 +143,7 @@ def _read_vertex_rms(file: h5py.File, sizes: ResultSizes) -> Floats:
     return values
 
 
-def _read_regions(file: h5py.File, sizes: ResultSizes) -> tuple[Region, ...] | None:
+def read_regions(file: h5py.File, sizes: ClipSizes) -> tuple[Region, ...] | None:
     """Read the worst regions; None if the result was written without them."""
     if "regions" not in file.attrs:
         return None
@@ -176,7 +166,7 @@ def _read_regions(file: h5py.File, sizes: ResultSizes) -> tuple[Region, ...] | N
     return regions
 
 
-def _check_names(region: Region, sizes: ResultSizes) -> None:
+def _check_names(region: Region, sizes: ClipSizes) -> None:
     """Refuse a region that names what the result does not have."""
     numbers = [
         ("frames", sizes.frames, (region.frame,)),
@@ -200,19 +190,22 @@ def _make_region_error(fault: str) -> FormatError:
     return FormatError(f"attribute `regions` {fault}; extract it again")
 
 
-def _write_filled(file: h5py.File, name: str, filled: tuple[int, ...]) -> None:
-    _write_json(file, name, filled or None)
+def write_filled(file: h5py.File, name: str, filled: tuple[int, ...]) -> None:
+    """Write which skipped frames were filled, if any were."""
+    write_json(file, name, filled or None)
 
 
-def _read_filled(file: h5py.File, sizes: ResultSizes) -> tuple[int, ...]:
+def read_filled(file: h5py.File, sizes: ClipSizes) -> tuple[int, ...]:
+    """Read which skipped frames were filled."""
     held = read_json_attr(file, "filled", list) if "filled" in file.attrs else []
     if not all(type(k) is int and k in sizes.skipped for k in held):
         raise FormatError("attribute `filled` names frames that are not skipped; extract it again")
     return tuple(held)
 
 
-def _write_skipped(file: h5py.File, name: str, skipped: dict[int, str]) -> None:
-    _write_json(file, name, {str(k): text for k, text in skipped.items()})
+def write_skipped(file: h5py.File, name: str, skipped: dict[int, str]) -> None:
+    """Write why frames were skipped."""
+    write_json(file, name, {str(k): text for k, text in skipped.items()})
 
 
 def read_skipped(file: h5py.File, frames: int) -> dict[int, str]:
@@ -228,38 +221,6 @@ def read_skipped(file: h5py.File, frames: int) -> dict[int, str]:
     return {int(key): to_unicode(held[key]) for key in sorted(held, key=int)}
 
 
-RESULT_FIELDS = {
-    "scene": ResultField(
-        lambda file, _: read_scene(file), lambda file, _, scene: file.attrs.update(asdict(scene))
-    ),
-    "settings": ResultField(lambda file, _: read_json_attr(file, "settings", dict)),
-    "notes": ResultField(lambda file, _: read_notes(file)),
-    "quality": ResultField(lambda file, _: read_record(file, "quality", SolveQuality)),
-    "edited_from": ResultField(lambda file, _: read_text_attr(file, "edited_from"), _write_text),
-    "vertex_rms": ResultField(_read_vertex_rms, _write_vertex_rms),
-    "regions": ResultField(_read_regions),
-    "bound": ResultField(lambda file, _: read_optional_record(file, "bound", VertexBound)),
-    "filled": ResultField(_read_filled, _write_filled),
-    "sources": ResultField(lambda file, _: read_sources(file)),
-    "skipped": ResultField(lambda _, sizes: sizes.skipped, _write_skipped),
-}
-"""How each field of `ResultHeader` and of `ResultSummary` is read and written."""
-
-
-def create_columns(file: h5py.File, frames: int, types: Mapping[str, str]) -> None:
-    """Create the columns of metrics, (F,) each."""
-    for name, kind in types.items():
-        file.create_dataset(f"metrics/{name}", (frames,), kind)
-
-
-def write_columns(
-    file: h5py.File, rows: slice, metrics: FrameMetrics | KeptMetrics, types: Mapping[str, str]
-) -> None:
-    """Write the metrics of some frames into their columns."""
-    for name in types:
-        file[f"metrics/{name}"][rows] = getattr(metrics, name)
-
-
 def _read_columns(file: h5py.File, frames: int, types: Mapping[str, str]) -> dict[str, Any]:
     columns = {}
     with np.errstate(over="ignore", invalid="ignore"):  # values that do not fit are found later
@@ -270,7 +231,7 @@ def _read_columns(file: h5py.File, frames: int, types: Mapping[str, str]) -> dic
     return columns
 
 
-def read_frame_metrics(file: h5py.File, sizes: ResultSizes) -> FrameMetrics:
+def read_frame_metrics(file: h5py.File, sizes: ClipSizes) -> FrameMetrics:
     """Read the metrics of all frames; skipped ones have none."""
     columns, skipped = _read_columns(file, sizes.frames, METRIC_TYPES), list(sizes.skipped)
     figures = FrameMetrics(**columns)
@@ -288,7 +249,7 @@ def read_frame_metrics(file: h5py.File, sizes: ResultSizes) -> FrameMetrics:
     return figures
 
 
-def read_kept_metrics(file: h5py.File, sizes: ResultSizes) -> KeptMetrics | None:
+def read_kept_metrics(file: h5py.File, sizes: ClipSizes) -> KeptMetrics | None:
     """Read the metrics over what was kept, if the result has them."""
     if not any(f"metrics/{name}" in file for name in KEPT_TYPES):
         return None

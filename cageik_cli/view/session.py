@@ -14,8 +14,7 @@ from typing import Any
 from cageik_cli.editing.cage_edits import CageEditLayer, CageEdits, EditFiles, parse_cage_edits
 from cageik_cli.editing.handles.model import Handles, PosedSurface
 from cageik_cli.editing.handles.placement import place_handles
-from cageik_cli.editing.handles.reader import parse_handles
-from cageik_cli.editing.handles.schema import MAX_HANDLES_BYTES, describe_location
+from cageik_cli.editing.handles.reader import MAX_HANDLES_BYTES, describe_location, parse_handles
 from cageik_cli.editing.summary import PoseResult
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.find_files import split_member
@@ -27,9 +26,10 @@ from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.pose_text import format_pose_rows
+from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY, VOCABULARIES, Vocabulary
 from cageik_cli.run.edit import check_target_kind, edit, pose_model
 from cageik_cli.run.edit_settings import EditSettings, ViewSettings
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import StoredAnimation
 from cageik_cli.util.errors import (
     FileAccessError,
     FormatError,
@@ -100,8 +100,8 @@ class ViewSession(PageSession):
     ----------
     clip : PlayerClip
         What the page shows.
-    edited_from : str, optional
-        The result that the clip was edited from, if it was.
+    words : Vocabulary
+        Those for the kind of clip.
 
     Attributes
     ----------
@@ -110,10 +110,10 @@ class ViewSession(PageSession):
     """
 
     def __init__(
-        self, settings: ViewSettings, clip: PlayerClip, edited_from: str | None = None
+        self, settings: ViewSettings, clip: PlayerClip, words: Vocabulary = EXTRACTION_VOCABULARY
     ) -> None:
         super().__init__(settings)
-        self.clip, self.edited_from = clip, edited_from
+        self.clip, self.words = clip, words
         self.first_handles = self.first_cage_edits = ""
 
     def render_page(self) -> str:
@@ -123,7 +123,7 @@ class ViewSession(PageSession):
             "apply" if self.can_apply else "",
             handles=self.first_handles,
             cage_edits=self.first_cage_edits,
-            edited_from=self.edited_from,
+            words=self.words,
         )
 
     def begin_with(self, files: EditFiles) -> None:
@@ -314,10 +314,13 @@ class OwnOutputs:
 
 
 class _ResultSession(ViewSession):
-    """The animation of a result; edits are results."""
+    """The animation of a result or an edit; edits of it are written as edits."""
 
-    def __init__(self, settings: ViewSettings, result: Result, watched: WatchedInput) -> None:
-        super().__init__(settings, require_player_clip(result, "a page"), result.edited_from)
+    def __init__(
+        self, settings: ViewSettings, result: StoredAnimation, watched: WatchedInput
+    ) -> None:
+        clip = require_player_clip(result, "a page")
+        super().__init__(settings, clip, VOCABULARIES[result.FORMAT])
         self._watched = watched
 
     def _solve(

@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 from html import escape
 
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.store.result import Result
+from cageik_cli.report.vocabulary import VOCABULARIES
+from cageik_cli.store.result import Edit, Result
 from cageik_cli.view.player.clip import make_single_pose, require_player_clip
 from cageik_cli.view.player.section import render_view_page
 
@@ -44,8 +45,8 @@ class ShownPage:
         )
 
 
-def show(shown: Result | Binding, *, height: int = DEFAULT_HEIGHT) -> ShownPage:
-    """Show a result or a model in a notebook: play the clip, or pose the model in its cage.
+def show(shown: Result | Edit | Binding, *, height: int = DEFAULT_HEIGHT) -> ShownPage:
+    """Show a result, an edit or a model in a notebook, to play the clip or to pose the model.
 
     The page is kept in the notebook. It takes about 2 bytes per weight, and 12 bytes per cage
     vertex and frame, before they are packed.
@@ -74,4 +75,4 @@ def show(shown: Result | Binding, *, height: int = DEFAULT_HEIGHT) -> ShownPage:
     if isinstance(shown, Binding):
         return ShownPage(render_view_page(make_single_pose(shown)), height)
     clip = require_player_clip(shown, "a page")
-    return ShownPage(render_view_page(clip, edited_from=shown.edited_from), height)
+    return ShownPage(render_view_page(clip, words=VOCABULARIES[shown.FORMAT]), height)

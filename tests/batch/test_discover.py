@@ -224,7 +224,7 @@ def test_a_pattern_is_of_the_name_that_is_listed_or_of_the_path(pattern):
 
 
 @pytest.mark.parametrize("error", [MemoryError(), RecursionError(), OSError(5, "Input/output")])
-@pytest.mark.parametrize("name", ["is_result", "is_binding", "list_members"])
+@pytest.mark.parametrize("name", ["is_animation", "is_binding", "list_members"])
 def test_a_file_that_cannot_be_examined_is_a_clip_that_fails(monkeypatch, name, error):
     put("a/odd.h5", "a/walk/1.obj", "a/walk/2.obj")
 

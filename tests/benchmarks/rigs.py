@@ -44,8 +44,13 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.alignment import best_motions
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
-from cageik_cli.rigs.joints import JointPoses, JointSolver, NormalAngles
-from cageik_cli.rigs.turning import group_joints, limit_influences
+from cageik_cli.rigs.joints import (
+    JointPoses,
+    JointSolver,
+    NormalAngles,
+    group_joints,
+    limit_influences,
+)
 from cageik_cli.util.threads import limit_blas_threads
 
 CLIPS = ("samba", "horse-gallop", "chickenCrossing")
@@ -186,7 +191,7 @@ def pose_joints(binding, frames, *, turns):
         found = solver.solve(block)
         whole = np.repeat(found.rotations[:, None], len(binding.cage.vertices), axis=1)
         blocks.append(JointPoses(found.cages, found.rotations, found.reconstructions, whole))
-    names = ("places", "rotations", "meshes", "turns")
+    names = ("cages", "rotations", "meshes", "turns")
     return JointPoses(*(np.concatenate([getattr(b, name) for b in blocks]) for name in names))
 
 
@@ -205,11 +210,11 @@ def count_bytes(binding, poses, parts, *, turns):
     weights = compute_skin_weights(binding.weights)
     joints = poses.turns if turns else None
     skin = Skin(binding.rest, weights, poses.rotations, joints, parts=parts)
-    animation = Animation(binding.cage, len(poses.places), Scene(), "clip")
+    animation = Animation(binding.cage, len(poses.cages), Scene(), "clip")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "clip.glb"
         writer = SkeletonWriter(path, animation, skin)
-        writer.append(poses.places)
+        writer.append(poses.cages)
         writer.complete()
         return path.stat().st_size
 

@@ -271,10 +271,10 @@ def test_an_earlier_report_is_a_baseline_by_names(run, anim, here, monkeypatch):
     Path("out/report.json").rename("old.json")
     same = ("--baseline", "old.json", "--max-regression", "0%")
     read = []
-    real = cageik_cli.report.baseline.read_baseline
+    real = cageik_cli.report.limits.read_baseline
     with monkeypatch.context() as patched:
         patched.setattr(
-            "cageik_cli.report.baseline.read_baseline",
+            "cageik_cli.report.limits.read_baseline",
             lambda *given: read.append(given) or real(*given),
         )
         assert run(*BATCH, "--resume", *same).code == 0

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_info
 from cageik_cli.editing.edits import LayeredEdit
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mirror import find_mirror
-from cageik_cli.store.result import read_result, read_weights
+from cageik_cli.store.result import read_animation, read_result, read_weights
 from tests.assets import parse_asset
 from tests.cli.terminal import on_a_terminal
 from tests.shapes import quad_text
@@ -81,7 +81,7 @@ def test_an_edit_of_a_clip_is_mirrored_and_recorded(run, handles, clip):
     assert run(*words).code == 0
     moved = cages("edited.h5") - cages("cages.h5")
     assert (moved.any(axis=2).sum(axis=1) == 2).all()
-    assert read_result(Path("edited.h5")).settings["mirror"] is True
+    assert read_animation(Path("edited.h5")).settings["mirror"] is True
 
 
 def test_all_that_was_written_is_named(run, handles):
@@ -127,7 +127,7 @@ def test_a_terminal_sees_a_bar_of_the_frames(handles, clip):
 def test_names_in_a_note_are_of_one_line(run, handles, clip):
     Path("handles.json").rename("a\x1b\nb.json")
     assert run("pose", "cages.h5", "a\x1b\nb.json", "-o", "edited.h5").code == 0
-    assert "edited by a\ufffd b.json: figures" in texts(read_result(Path("edited.h5")).notes)[-1]
+    assert "edited by a\ufffd b.json: figures" in texts(read_animation(Path("edited.h5")).notes)[-1]
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -176,12 +176,12 @@ def test_an_animation_keeps_its_other_frames(run, handles, clip):
     assert "cageik view edited.h5" in outcome.err
 
 
-def test_the_result_is_a_result_like_any_other(run, handles, clip):
+def test_an_edit_is_taken_wherever_a_result_is(run, handles, clip):
     assert run(*EDIT).code == 0
-    edited = read_result(Path("edited.h5"))
+    edited = read_animation(Path("edited.h5"))
     assert edited.frames == clip.frames
     assert edited.scene == clip.scene
-    assert (clip.edited_from, edited.edited_from) == (None, "cages.h5")
+    assert edited.edited_from == "cages.h5"
     assert set(edited.sources) == {*clip.sources, "result", "handles"}
     assert "edited by handles.json" in texts(edited.notes)[-1]
     assert run("report", "edited.h5", "--json", "-", "--html", "page.html").code == 0
@@ -189,7 +189,7 @@ def test_the_result_is_a_result_like_any_other(run, handles, clip):
     assert run("deform", "edited.h5", "-o", "mesh.npz").code == 0
     assert "a result of cageik pose " in run("info", "edited.h5").out
     again = run("pose", "edited.h5", "handles.json", "-o", "twice.h5")
-    assert read_result(Path("twice.h5")).edited_from == "edited.h5"
+    assert read_animation(Path("twice.h5")).edited_from == "edited.h5"
     assert again.code == 0, again.err
     twice = 2 * (cages("edited.h5") - cages("cages.h5"))
     np.testing.assert_allclose(cages("twice.h5") - cages("cages.h5"), twice, rtol=0, atol=1e-12)
@@ -198,7 +198,7 @@ def test_the_result_is_a_result_like_any_other(run, handles, clip):
 def test_figures_tell_how_far_the_mesh_was_moved(run, handles, clip):
     handles(LIFT, *PINS, frames=[4, 5])
     assert run(*EDIT).code == 0
-    weights, edited = read_weights(clip), read_result(Path("edited.h5"))
+    weights, edited = read_weights(clip), read_animation(Path("edited.h5"))
     moved = np.linalg.norm(weights @ (cages("edited.h5") - cages("cages.h5")), axis=2)
     rms = np.sqrt((moved**2).mean(axis=1))
     np.testing.assert_allclose(edited.metrics.rms, rms, rtol=1e-9, atol=1e-15)
@@ -231,7 +231,7 @@ def test_gaps_stay_gaps(run, handles, folder):
     assert run(*words).code == 0
     outcome = run(*EDIT)
     assert outcome.code == 0, outcome.err
-    edited = read_result(Path("edited.h5"))
+    edited = read_animation(Path("edited.h5"))
     assert list(edited.skipped) == [2]
     assert np.isnan(cages("edited.h5")[2]).all()
     assert np.isfinite(np.delete(cages("edited.h5"), 2, axis=0)).all()
@@ -243,7 +243,7 @@ def test_blocks_do_not_change_the_result(run, handles, clip, monkeypatch):
     monkeypatch.setattr("cageik_cli.run.executor.MAX_BLOCK_FRAMES", 2)
     assert run(*EDIT[:-1], "small.h5", "--rigidity", "3").code == 0
     np.testing.assert_array_equal(cages("edited.h5"), cages("small.h5"))
-    whole, parted = (read_result(Path(name)) for name in ("edited.h5", "small.h5"))
+    whole, parted = (read_animation(Path(name)) for name in ("edited.h5", "small.h5"))
     np.testing.assert_array_equal(whole.metrics.rms, parted.metrics.rms)
     np.testing.assert_allclose(whole.vertex_rms, parted.vertex_rms, rtol=1e-12, atol=0)
 
@@ -424,7 +424,7 @@ def test_cage_vertices_of_an_animation_are_moved(run, clip, cage_edits):
     assert "system" not in outcome.err
     (told,) = json.loads(Path("j.json").read_text())["cage_edits"]
     assert (told["name"], told["vertices"], told["frame"]) == ("corner", 2, "frame_3.obj")
-    edited = read_result(Path("edited.h5"))
+    edited = read_animation(Path("edited.h5"))
     assert set(edited.sources) == {*clip.sources, "result", "cage_edits"}
     assert "edited by edits.json: " in texts(edited.notes)[-1]
     assert run("report", "edited.h5", "--html", "page.html").code == 0
@@ -446,12 +446,12 @@ def test_cage_vertices_of_a_model_are_moved(run, cage_edits, animation, handles)
 
 def test_handles_and_cage_edits_are_both_sources(run, clip, cage_edits, handles):
     assert run(*EDIT, "--cage-edits", "edits.json").code == 0
-    edited = read_result(Path("edited.h5"))
+    edited = read_animation(Path("edited.h5"))
     assert set(edited.sources) == {*clip.sources, "result", "handles", "cage_edits"}
     assert "edited by handles.json and edits.json: " in texts(edited.notes)[-1]
     words = ("pose", "edited.h5", "handles.json", "-o", "twice.h5")
     assert run(*words).code == 0
-    assert set(read_result(Path("twice.h5")).sources) == {*clip.sources, "result", "handles"}
+    assert set(read_animation(Path("twice.h5")).sources) == {*clip.sources, "result", "handles"}
 
 
 def test_an_edit_needs_handles_or_cage_edits(run, clip):

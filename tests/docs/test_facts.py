@@ -8,7 +8,7 @@ import pytest
 from cageik_cli.formats.base.files import MAX_UNPACKED_RATIO, MIN_UNPACKED_LIMIT
 from cageik_cli.formats.find_files import clip_suffixes
 from cageik_cli.formats.write import _find_writers
-from cageik_cli.report.verdict import (
+from cageik_cli.report.notes import (
     MAX_FAIR_DEVIATION,
     MAX_FAIR_RMS,
     MAX_GOOD_DEVIATION,

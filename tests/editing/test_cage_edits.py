@@ -15,9 +15,8 @@ from cageik_cli.editing.cage_edits import (
     parse_cage_edits,
     read_cage_edits,
 )
-from cageik_cli.editing.edit_target import EditTarget
-from cageik_cli.editing.edits import LayeredEdit
-from cageik_cli.editing.handles.schema import read_schema
+from cageik_cli.editing.edits import EditTarget, LayeredEdit
+from cageik_cli.editing.handles.reader import read_schema
 from cageik_cli.editing.summary import PoseStatistics
 from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.timeline import Timeline

@@ -12,7 +12,7 @@ from cageik_cli.geometry.points import PointCloud
 from cageik_cli.method.points.field import HarmonicField
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented
-from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.binding import Binding, Poses
 from cageik_cli.method.weights.settings import BindSettings
 from tests.fitted import true_weights
 from tests.shapes import ball, finer, rotation
@@ -205,10 +205,10 @@ def test_points_turn_with_offsets(few, computed, points, monkeypatch):
     )
     turn = rotation(2)
     cages = (CAGE.vertices @ turn)[None]
-    places, oriented, _ = motion.move(slice(0, len(points)), cages, turn[None])
+    places, oriented, _ = motion.move(slice(0, len(points)), Poses(cages, turn[None]))
     np.testing.assert_allclose(places[0].T, points @ turn, rtol=0, atol=1e-12)
     np.testing.assert_allclose(oriented[0].normals.T, normals.T @ turn, rtol=0, atol=1e-10)
-    still, _, _ = motion.move(slice(0, len(points)), cages)
+    still, _, _ = motion.move(slice(0, len(points)), Poses(cages))
     assert abs(still[0].T - points @ turn).max() > 1e-3
 
 
@@ -230,7 +230,7 @@ def test_splats_turn_by_the_derivative_of_what_is_transferred(fitted):
     )
     whole = maps + difference_gradients(change, points).swapaxes(1, 2) @ cage
     for one, expected, others in ((plain, maps, whole), (motion, whole, maps)):
-        found = one.move(one.blocks[0], cage[None])[1][0].normals.T
+        found = one.move(one.blocks[0], Poses(cage[None]))[1][0].normals.T
         np.testing.assert_allclose(found, turn_normals(expected, normals), rtol=0, atol=1e-6)
         assert abs(found - turn_normals(others, normals)).max() > 1e-3
 

@@ -21,10 +21,8 @@ def make_target(has_offsets=False, rotations=None):
     def blocks(size):
         return (cages[start : start + size] for start in range(0, COUNT, size))
 
-    frames = CageFrames(COUNT, np.arange(COUNT), lambda k: cages[k], blocks)
-    return Reconstruction(
-        Binding(ball(), box(), weights, has_offsets=has_offsets), frames, rotations
-    )
+    frames = CageFrames(COUNT, np.arange(COUNT), lambda k: cages[k], blocks, rotations)
+    return Reconstruction(Binding(ball(), box(), weights, has_offsets=has_offsets), frames)
 
 
 @pytest.mark.parametrize("size", [4, 8, 16])

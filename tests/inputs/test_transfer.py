@@ -28,7 +28,7 @@ from cageik_cli.run.export import export
 from cageik_cli.run.export_settings import DeformSettings, ExportSettings
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import BindRunSettings, ExtractSettings
-from cageik_cli.store.result import read_binding, read_cages, read_result
+from cageik_cli.store.result import read_animation, read_binding, read_cages, read_result
 from tests.conftest import _use_coarse_panels
 from tests.fitted import small_binding, smooth_motion
 from tests.listeners import Listener
@@ -93,7 +93,7 @@ def move(source, mesh="finer.obj", **others):
 
 def move_without_fit(source, mesh):
     """The frames that computed weights give."""
-    result = read_result(Path(source))
+    result = read_animation(Path(source))
     cages = np.concatenate(list(read_cages(result, 64)))
     return reconstruct(bind(mesh, result.cage).weights, cages)
 

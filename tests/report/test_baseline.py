@@ -7,8 +7,8 @@ from decimal import Decimal
 
 import pytest
 
-from cageik_cli.report import baseline
-from cageik_cli.report.baseline import read_baseline
+from cageik_cli.report import limits as baseline
+from cageik_cli.report.limits import read_baseline
 from cageik_cli.report.overview import ClipEntry, Overview, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_json, format_overview_json

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.html.page import render_page
-from cageik_cli.report.parts import (
+from cageik_cli.report.record import build_report
+from cageik_cli.report.regions import (
     MAX_PART_ROWS,
     PartRecord,
     format_part_rows,
     label_vertex,
     sort_parts,
 )
-from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.store.result import read_rotations

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.method.solve.regions import Cause
-from cageik_cli.report.record import build_report
-from cageik_cli.report.verdict import (
+from cageik_cli.report.notes import (
     MAX_FAIR_DEVIATION,
     MAX_FAIR_RMS,
     MAX_GOOD_DEVIATION,
@@ -15,6 +14,7 @@ from cageik_cli.report.verdict import (
     judge_quality,
     suggest_step,
 )
+from cageik_cli.report.record import build_report
 from tests.shapes import ball
 
 FIT = "extract again with `fit=True` `overwrite=True`"
@@ -105,12 +105,12 @@ def test_a_fit_is_advised_only_where_extraction_takes_one(closed, monkeypatch):
     short = replace(closed.result, frames=closed.result.frames[:2], skipped={})
     for result in (short, replace(closed.result, kept=object())):
         assert "fit" not in (suggest_step(result, 1.0, 5.0) or "")
-    monkeypatch.setattr("cageik_cli.report.verdict.has_weights", lambda _: False)
+    monkeypatch.setattr("cageik_cli.report.notes.has_weights", lambda _: False)
     assert "fit" not in (suggest_step(closed.result, 1.0, 5.0) or "")
 
 
 def test_outliers_are_not_rejected_twice(closed, monkeypatch):
-    monkeypatch.setattr("cageik_cli.report.verdict.has_outliers", lambda _: True)
+    monkeypatch.setattr("cageik_cli.report.notes.has_outliers", lambda _: True)
     assert "`robust=True`" in suggest_step(closed.result, 1.0, 5.0)
     robust = replace(closed.result, settings={**closed.result.settings, "robust": True})
     assert "`robust=True`" not in suggest_step(robust, 1.0, 5.0)

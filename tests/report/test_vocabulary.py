@@ -23,7 +23,6 @@ from cageik_cli.report.vocabulary import (
     EXTRACTION_VOCABULARY,
     QUALITY_WORDS,
     SETTING_MEANINGS,
-    choose_vocabulary,
 )
 from tests.report.drawings import texts
 from tests.report.markup import find_faults, parse_page
@@ -165,7 +164,6 @@ def test_several_results_use_the_words_of_edits_if_all_are_edited(edited, closed
     extracted = build_clip_entry(build_report(closed.result))
     assert Overview([clip, extracted]).vocabulary is EXTRACTION_VOCABULARY
     assert Overview([failed]).vocabulary is EXTRACTION_VOCABULARY
-    assert choose_vocabulary() is EXTRACTION_VOCABULARY
 
 
 def test_every_setting_of_an_edit_has_a_meaning(edited):

@@ -62,7 +62,7 @@ def assert_proper(turns):
 def test_the_rest_pose_gives_joints_at_rest():
     poses = prepare().solve(STILL)
     np.testing.assert_allclose(poses.turns[0], np.tile(np.eye(3), (18, 1, 1)), atol=1e-12)
-    np.testing.assert_allclose(poses.places[0], BALL.cage.vertices, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(poses.cages[0], BALL.cage.vertices, rtol=0, atol=1e-12)
     np.testing.assert_allclose(poses.meshes, STILL, rtol=0, atol=1e-12)
 
 
@@ -79,7 +79,7 @@ def test_joints_follow_the_whole():
     frames, turn = bent(), about(2.2)
     own, moved = prepare().solve(frames), prepare().solve(frames @ turn + [5, 0, 1])
     np.testing.assert_allclose(moved.turns, own.turns @ turn, atol=1e-9)
-    np.testing.assert_allclose(moved.places, own.places @ turn + [5, 0, 1], atol=1e-9)
+    np.testing.assert_allclose(moved.cages, own.cages @ turn + [5, 0, 1], atol=1e-9)
     small = replace(
         BALL,
         rest=BALL.rest.move(0.01 * BALL.rest.vertices),
@@ -87,13 +87,13 @@ def test_joints_follow_the_whole():
     )
     scaled = prepare(small).solve(0.01 * frames)
     np.testing.assert_allclose(scaled.turns, own.turns, atol=1e-9)
-    np.testing.assert_allclose(scaled.places, 0.01 * own.places, atol=1e-11)
+    np.testing.assert_allclose(scaled.cages, 0.01 * own.cages, atol=1e-11)
 
 
 def test_each_frame_is_solved_for_itself():
     frames = bent()
     whole, parts = prepare().solve(frames), [prepare().solve(frame[None]) for frame in frames]
-    for name in ("turns", "places", "meshes"):
+    for name in ("turns", "cages", "meshes"):
         found = np.concatenate([getattr(part, name) for part in parts])
         np.testing.assert_allclose(found, getattr(whole, name), rtol=0, atol=1e-11)
 
@@ -101,7 +101,7 @@ def test_each_frame_is_solved_for_itself():
 def test_the_mesh_is_what_a_skin_makes_of_the_joints():
     poses = prepare().solve(bent())
     arms = BALL.rest.vertices[:, None] - BALL.cage.vertices
-    alone = np.einsum("mna,knab->kmnb", arms, poses.turns) + poses.places[:, None]
+    alone = np.einsum("mna,knab->kmnb", arms, poses.turns) + poses.cages[:, None]
     expected = np.einsum("mn,kmnb->kmb", BALL.weights, alone)
     np.testing.assert_allclose(poses.meshes, expected, rtol=0, atol=1e-12)
 
@@ -123,7 +123,7 @@ def test_a_body_that_turns_three_times_has_smooth_quaternions():
     poses = prepare().solve(frames)
     assert_proper(poses.turns)
     skin = Skin(BALL.rest, compute_skin_weights(BALL.weights), poses.rotations, poses.turns)
-    _, turns = zip(*Skeleton(BALL.cage.vertices, skin).advance(poses.places), strict=True)
+    _, turns = zip(*Skeleton(BALL.cage.vertices, skin).advance(poses.cages), strict=True)
     cosines = np.einsum("fjq,fjq->fj", np.stack(turns)[1:], np.stack(turns)[:-1])
     assert cosines.min() > np.cos(0.5 * 2 * np.pi * 3 / (count - 1) + 0.01)
 
@@ -131,7 +131,7 @@ def test_a_body_that_turns_three_times_has_smooth_quaternions():
 def test_mirrored_frames_are_followed_by_proper_rotations():
     poses = prepare().solve(bent() * [-1, 1, 1])
     assert_proper(poses.turns)
-    assert np.isfinite(poses.places).all()
+    assert np.isfinite(poses.cages).all()
 
 
 def test_a_mirrored_model_turns_in_the_mirror():
@@ -144,7 +144,7 @@ def test_a_mirrored_model_turns_in_the_mirror():
     )
     own, found = prepare().solve(bent()), prepare(mirrored).solve(bent() @ mirror)
     np.testing.assert_allclose(found.turns, mirror @ own.turns @ mirror, atol=1e-9)
-    np.testing.assert_allclose(found.places, own.places @ mirror, atol=1e-9)
+    np.testing.assert_allclose(found.cages, own.cages @ mirror, atol=1e-9)
 
 
 def test_a_joint_that_nothing_follows_turns_with_its_neighbours():

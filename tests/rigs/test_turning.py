@@ -10,8 +10,7 @@ from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import Binding
-from cageik_cli.rigs.joints import NORMAL_LENGTH, JointSolver
-from cageik_cli.rigs.turning import TurningSystem, fit_turning
+from cageik_cli.rigs.joints import NORMAL_LENGTH, JointSolver, TurningSystem, fit_turning
 from tests.fitted import small_binding, smooth_motion
 
 BALL = small_binding()

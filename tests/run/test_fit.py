@@ -11,7 +11,7 @@ from cageik_cli.fit.fit import Fitter
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.formats.write import Output
 from cageik_cli.inputs.settings import WeightSettings
-from cageik_cli.method.weights.binding import reconstruct_frames
+from cageik_cli.method.weights.binding import Poses, reconstruct_frames
 from cageik_cli.report.fit_rows import list_fit_notes
 from cageik_cli.report.html.page import build_quality_rows
 from cageik_cli.report.overview import Overview, build_clip_entry
@@ -31,9 +31,9 @@ from cageik_cli.store.binding_file import read_binding
 from cageik_cli.store.checkpoint import Checkpoint, checkpoint_progress
 from cageik_cli.store.result import (
     checkpoint_path,
+    read_animation,
     read_cages,
     read_key_frames,
-    read_result,
     read_rotations,
 )
 from cageik_cli.store.result import read_binding as read_result_binding
@@ -86,7 +86,7 @@ def settings(clip):
 def meshes_of(result):
     binding = read_result_binding(result)
     cages = np.concatenate(list(read_cages(result, 64)))
-    return reconstruct_frames(binding, cages, read_rotations(result))
+    return reconstruct_frames(binding, Poses(cages, read_rotations(result)))
 
 
 def read_objs(folder):
@@ -152,12 +152,11 @@ def test_an_edit_moves_what_it_shall_and_nothing_else(settings, form):
         ' "frames": [4, 6]}'
     )
     edit(EditSettings(result.path, Path("handles.json"), Path("edited.h5")))
-    edited = read_result(Path("edited.h5"))
+    edited = read_animation(Path("edited.h5"))
     after = meshes_of(edited)
     np.testing.assert_allclose(after[5, 3] - before[5, 3], [0.1, 0, 0], rtol=0, atol=1e-9)
     np.testing.assert_array_equal(after[:4], before[:4])
     assert edited.fit == result.fit
-    assert edited.bound is None
     assert edited.has_offsets == result.has_offsets
 
 

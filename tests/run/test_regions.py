@@ -14,7 +14,7 @@ from cageik_cli.run.edit import edit
 from cageik_cli.run.edit_settings import EditSettings
 from cageik_cli.run.extraction import Extraction, extract
 from cageik_cli.run.settings import ExtractSettings
-from cageik_cli.store.result import read_binding, read_key_frames, read_result
+from cageik_cli.store.result import read_animation, read_binding, read_key_frames
 from tests.cages.check.test_sections import trousers
 from tests.shapes import box, finer
 
@@ -167,4 +167,4 @@ def test_an_edit_has_no_regions(plain):
         '{"handles": [{"name": "tip", "vertex": 0, "offset": [9, 0, 0]}]}'
     )
     edit(EditSettings(result.path, Path("handles.json"), Path("edited.h5")))
-    assert read_result(Path("edited.h5")).regions is None
+    assert read_animation(Path("edited.h5")).worst_region is None

@@ -18,6 +18,8 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.run import executor
+from cageik_cli.run.edit import edit
+from cageik_cli.run.edit_settings import EditSettings
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.checkpoint import checkpoint_progress
@@ -197,6 +199,17 @@ def test_resume_does_not_replace_another_result(plain, whole, change, says):
     with pytest.raises(CheckpointError, match=rf"cages\.h5: .*{says}"):
         extract(replace(plain, resume=True, **change))
     assert Path("cages.h5").read_bytes() == whole
+
+
+def test_resume_replaces_an_edit_only_on_request(plain, whole):
+    result = extract(plain)
+    moves = [{"vertex": 0, "offset": [0.1, 0.0, 0.0]}]
+    Path("moves.json").write_text(json.dumps({"edits": [{"name": "a", "moves": moves}]}))
+    edit(EditSettings(result.path, None, Path("edit.h5"), cage_edits=Path("moves.json")))
+    Path("edit.h5").replace("cages.h5")
+    with pytest.raises(CheckpointError, match=r"cages\.h5: is an edit by cageik pose"):
+        extract(replace(plain, resume=True))
+    assert extract(replace(plain, resume=True, overwrite=True)).path.read_bytes() == whole
 
 
 def test_a_result_of_another_version_is_another_result(plain, whole, monkeypatch):

@@ -16,7 +16,7 @@ from cageik_cli.method.weights.binding import reconstruct_frames
 from cageik_cli.run import export as exporting
 from cageik_cli.run import rig as rigs
 from cageik_cli.run.rig import make_rig
-from cageik_cli.store.result import read_binding, read_cages, read_result, read_rotations
+from cageik_cli.store.result import read_binding, read_cages, read_poses, read_result
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.progress import ProgressListener
 from tests.clips import frames_of
@@ -53,9 +53,8 @@ def reconstructed(path="cages.h5"):
     """What the result itself gives, (F, m, 3), and the diagonal."""
     result = read_result(Path(path))
     binding = read_binding(result)
-    cages = np.concatenate(list(read_cages(result, 3)))
-    rotations = read_rotations(result) if binding.has_offsets else None
-    return reconstruct_frames(binding, cages, rotations), result.rest.diagonal
+    (poses,) = read_poses(result, len(result.frames))
+    return reconstruct_frames(binding, poses), result.rest.diagonal
 
 
 def furthest(path):
@@ -66,8 +65,7 @@ def furthest(path):
 def rig(count=None, joints="turn", compares=False, **changes):
     result = replace(read_result(Path("cages.h5")), **changes)
     binding = read_binding(result)
-    rotations = read_rotations(result) if binding.has_offsets else None
-    target = Reconstruction(binding, CageFrames.from_result(result), rotations)
+    target = Reconstruction(binding, CageFrames.from_result(result, binding))
     words = {"influences": count, "joints": joints, "name": "c.usdc", "compares": compares}
     return make_rig(result, target, ProgressListener(), is_shaded=True, **words)
 
@@ -328,14 +326,14 @@ def test_joints_are_posed_as_they_are_written(run, folder, monkeypatch):
 
     def blocks():
         for block in made.blocks():
-            counts.append(len(block.places))
+            counts.append(len(block.cages))
             yield block
 
     skin, places = replace(made, blocks=blocks).stream(turns=True)
     turns = iter(skin.turns)
     for k, expected in enumerate(made.blocks()):
         assert len(counts) == k
-        np.testing.assert_array_equal(next(places), expected.places)
+        np.testing.assert_array_equal(next(places), expected.cages)
         for turned in expected.turns:
             np.testing.assert_array_equal(next(turns), turned)
     assert counts == [2, 2, 1]

@@ -20,10 +20,9 @@ from cageik_cli.cages.bind import JudgedBinding, bind, judge_binding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import COORDINATES, BindSettings
+from cageik_cli.store import cache as cache_module
 from cageik_cli.store import cache as module
-from cageik_cli.store import cache_keys
-from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_keys import WEIGHTS, compute_weight_key, find_binding
+from cageik_cli.store.cache import WEIGHTS, EntryCache, compute_weight_key, find_binding
 from cageik_cli.util import compiled
 from cageik_cli.util.files import open_locked, remove_locked
 from tests.shapes import TETRAHEDRON, ball, box
@@ -185,7 +184,7 @@ def test_the_key_covers_all_that_weights_depend_on(monkeypatch):
     monkeypatch.setitem(COORDINATES, "harmonic", replace(known, version=known.version + 1))
     keys["algorithm"] = compute_weight_key(ball(1), box(), SETTINGS)
     monkeypatch.undo()
-    monkeypatch.setattr(cache_keys, "__version__", "0.0.0")
+    monkeypatch.setattr(cache_module, "__version__", "0.0.0")
     keys["version"] = compute_weight_key(ball(1), box(), SETTINGS)
     monkeypatch.undo()
     other = None if compiled.kernel else object()
@@ -473,7 +472,7 @@ from dataclasses import replace
 from pathlib import Path
 import numpy as np
 from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_keys import WEIGHTS
+from cageik_cli.store.cache import WEIGHTS
 
 folder, (seed, turns, largest) = Path(sys.argv[1]), map(int, sys.argv[2:])
 remarks, hits = [], 0

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.store.cache import CorruptEntry
-from cageik_cli.store.cache_keys import WEIGHTS
+from cageik_cli.store.cache import WEIGHTS, CorruptEntry
 from tests.store.entries import entry, same
 
 KEY, OTHER = "1" * 64, "2" * 64

@@ -6,9 +6,8 @@ import numpy as np
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.store import cache_keys
-from cageik_cli.store.cache import EntryCache
-from cageik_cli.store.cache_keys import CAGES, WEIGHTS, compute_cage_key, find_cage
+from cageik_cli.store import cache as cache_module
+from cageik_cli.store.cache import CAGES, WEIGHTS, EntryCache, compute_cage_key, find_cage
 from tests.shapes import ball, box
 from tests.store.entries import entry as weights_entry
 from tests.store.entries import same
@@ -68,7 +67,7 @@ def test_the_key_covers_the_model_the_settings_and_the_builder(monkeypatch):
     keys |= {compute_cage_key(model, replace(SETTINGS, vertices=99))}
     keys |= {compute_cage_key(model, replace(SETTINGS, clearance=0.003))}
     for name in ("BUILDER_VERSION", "__version__"):
-        monkeypatch.setattr(cache_keys, name, 99)
+        monkeypatch.setattr(cache_module, name, 99)
         keys.add(compute_cage_key(model, SETTINGS))
     assert len(keys) == 8
     monkeypatch.undo()

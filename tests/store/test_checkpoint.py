@@ -352,7 +352,7 @@ def test_an_unreadable_frame_becomes_a_gap():
     block = block_of(2, 3)
     read = Block(2, np.zeros((3, 1, 3)), {3: InputError("frame_3: missing")})
     squares = np.array([[1.0, 2.0], [10.0, 10.0], [3.0, 5.0]])
-    solution = Solution(block.cages, np.zeros((3, 1, 3)), block.rotations, block.sampled)
+    solution = Solution(block.cages, block.rotations, np.zeros((3, 1, 3)), block.sampled)
     found = make_solved_block(read, solution, block.metrics, squares, block.digests)
     assert np.isnan(found.rotations[1]).all()
     assert found.sampled[:, 3:6].tolist() == [[0, 0, 0]] * 5

@@ -29,7 +29,7 @@ def write_binding(path, form):
 
 
 def write_result(path, form, **options):
-    summary = replace(ENDING, bound=VertexBound(0.01, 4, 18))
+    summary = ENDING | {"bound": VertexBound(0.01, 4, 18)}
     return written(path, stored=as_fitted(MODEL, form), summary=summary, overwrite=True, **options)
 
 

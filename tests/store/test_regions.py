@@ -7,11 +7,12 @@ import h5py
 import pytest
 
 from cageik_cli.method.solve.regions import MAX_REGIONS, Cause, Evidence, Region
-from cageik_cli.store.result_fields import RESULT_FIELDS, ResultSizes
+from cageik_cli.store.result import Result
+from cageik_cli.store.result_fields import ClipSizes, list_fields
 from cageik_cli.util.errors import FormatError
 
-FIELD = RESULT_FIELDS["regions"]
-SIZES = ResultSizes(frames=7, vertices=20, cage_faces=12, skipped={})
+FIELD = list_fields(Result)["regions"]
+SIZES = ClipSizes(frames=7, vertices=20, cage_faces=12, skipped={})
 EVIDENCE = Evidence(1.5, 2.5, 0.25, 30.0, 8.0, True, False)
 
 

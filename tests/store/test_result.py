@@ -1,7 +1,7 @@
 """Result files: the schema, one run the same bytes as the next, and nothing half written."""
 
 import json
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
 
 import h5py
@@ -13,13 +13,13 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.method.solve.dual_laplacian import SolveQuality
 from cageik_cli.method.solve.metrics import FrameMetrics, check_finite
+from cageik_cli.method.weights.binding import Poses
 from cageik_cli.store import hdf5_fields
 from cageik_cli.store import result as store
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.result import read_key_frames
-from cageik_cli.store.result_fields import ResultHeader, ResultSummary
-from cageik_cli.store.result_writer import open_result_writer
-from cageik_cli.util.errors import InputError, NumericalError
+from cageik_cli.store.result import Edit, Result, open_animation_writer, read_key_frames
+from cageik_cli.store.result_fields import declare_field, export_fields, list_field_rows
+from cageik_cli.util.errors import FormatError, InputError, NumericalError
 from cageik_cli.util.messages import Hint, Note, spell
 from tests.shapes import ball, rotation
 from tests.store.bindings import barycentric_binding
@@ -52,7 +52,7 @@ FIGURES = FrameMetrics(
 
 MISSES = GENERATOR.normal(size=(3, len(ball(1).vertices), 3))
 VERTEX_RMS = GENERATOR.uniform(1, 2, len(ball(1).vertices))
-ENDING = ResultSummary(vertex_rms=VERTEX_RMS, sources=SOURCES, skipped={})
+ENDING = {"vertex_rms": VERTEX_RMS, "sources": SOURCES, "skipped": {}}
 KEY_FRAMES = {"key_frames": np.array([4, 1, 0]), "key_frame_errors": MISSES}
 
 QUALITY = SolveQuality(1e-15, 2e-15, -0.5, 944, 4e-3, 0, 123.0)
@@ -62,19 +62,19 @@ def part(rows):
     return FrameMetrics(*(getattr(FIGURES, field.name)[rows] for field in fields(FrameMetrics)))
 
 
-HEADER = ResultHeader(scene=SCENE, settings=SETTINGS, notes=(Note("a note"),), quality=QUALITY)
+HEADER = {"scene": SCENE, "settings": SETTINGS, "notes": (Note("a note"),), "quality": QUALITY}
 
 
-def open_writer(path, header=HEADER, **options):
+def open_writer(path, header=HEADER, kind=Result, **options):
     """A writer of a result of five frames."""
     usual = {"stored": StoredBinding(BINDING, {}), "frames": NAMES, "overwrite": True}
-    return open_result_writer(path, header, **usual | options)
+    return open_animation_writer(path, kind, header, **usual | options)
 
 
 def written(path, cuts=(0, 2, 5), summary=ENDING, unfitted=None, **options):
     with open_writer(path, **{"overwrite": False} | options) as result:
         for first, last in pairwise(cuts):
-            result.append(CAGES[first:last], ROTATIONS[first:last], part(slice(first, last)))
+            result.append(Poses(CAGES, ROTATIONS)[first:last], part(slice(first, last)))
         result.complete(summary, **KEY_FRAMES, unfitted=unfitted)
     return path
 
@@ -87,8 +87,8 @@ def written_with_gaps(path, gaps, order=(*range(FRAMES),), **options):
         column[list(gaps)] = -1 if name == "worst_vertex" else np.nan
     cages[list(gaps)] = rotations[list(gaps)] = np.nan
     with open_writer(path, **options) as writer:
-        writer.append(cages, rotations, FrameMetrics(**columns))
-        writer.complete(replace(ENDING, skipped=gaps), **KEY_FRAMES)
+        writer.append(Poses(cages, rotations), FrameMetrics(**columns))
+        writer.complete(ENDING | {"skipped": gaps}, **KEY_FRAMES)
     return path
 
 
@@ -228,7 +228,7 @@ def test_an_old_result_is_replaced_when_the_new_one_is_complete(tmp_path):
     path = tmp_path / "cages.h5"
     path.write_text("old")
     with open_writer(path) as result:
-        result.append(CAGES, ROTATIONS, FIGURES)
+        result.append(Poses(CAGES, ROTATIONS), FIGURES)
         result.complete(ENDING, **KEY_FRAMES)
         assert path.read_text() == "old"
     assert store.read_result(path).frames == NAMES
@@ -240,7 +240,7 @@ def test_a_result_written_by_another_run_is_not_replaced(tmp_path):
 
     def race():
         with open_writer(path, overwrite=False) as result:
-            result.append(CAGES, ROTATIONS, FIGURES)
+            result.append(Poses(CAGES, ROTATIONS), FIGURES)
             result.complete(ENDING, **KEY_FRAMES)
             path.write_text("somebody else's")
 
@@ -257,7 +257,7 @@ def test_an_error_leaves_the_old_result_and_nothing_else(tmp_path, kind):
 
     def fail_in_the_middle():
         with open_writer(path) as result:
-            result.append(CAGES[:2], ROTATIONS[:2], part(slice(2)))
+            result.append(Poses(CAGES, ROTATIONS)[:2], part(slice(2)))
             raise kind("in the middle")
 
     with pytest.raises(kind):
@@ -380,7 +380,8 @@ DAMAGES = [
     (attribute("quality", '{"min_weight": 0.1}'), "quality"),
     (attribute("quality", json.dumps(dict.fromkeys(asdict(QUALITY), "good"))), "quality"),
     (attribute("sources", '{"cage": "cage.obj"}'), "sources"),
-    (attribute("edited_from", 3), "`edited_from` is not text"),
+    (attribute("edited_from", 3), "`edited_from` is not text"),  # an edit of an older version
+    (attribute("format", "cageik.edit"), "`edited_from` is not text"),
     (value("rest/verts", ..., 0.0), "rest"),
     *[
         (value("metrics/vertex_rms", place, bad), "`metrics/vertex_rms`")
@@ -400,10 +401,66 @@ def test_a_damaged_result_is_refused_by_name(path, damage, says):
     assert_refused(path, damage, says, store.read_result)
 
 
-def test_an_edit_names_its_result(tmp_path, path):
-    assert store.read_result(path).edited_from is None
-    edited = written(tmp_path / "edited.h5", header=replace(HEADER, edited_from="ä.h5"))
-    assert store.read_result(edited).edited_from == "ä.h5"
+@pytest.fixture
+def edited(tmp_path):
+    return written(tmp_path / "edited.h5", header=HEADER | {"edited_from": "ä.h5"}, kind=Edit)
+
+
+def test_an_edit_is_a_kind_of_its_own(path, edited):
+    found = store.read_animation(edited)
+    assert isinstance(found, Edit)
+    assert found.edited_from == "ä.h5"
+    assert not hasattr(found, "regions")
+    assert repr(found).startswith("<Edit: edited.h5, 5 frames")
+    with h5py.File(edited) as file:
+        assert (file.attrs["format"], file.attrs["schema"]) == ("cageik.edit", 1)
+    assert isinstance(store.read_animation(path), Result)
+    assert (store.is_result(path), store.is_result(edited)) == (True, False)
+    assert (store.is_animation(path), store.is_animation(edited)) == (True, True)
+
+
+def test_what_takes_results_refuses_an_edit(edited):
+    with pytest.raises(FormatError, match=r"edited.h5: is an edit by cageik pose, expected a res"):
+        store.read_result(edited)
+
+
+def test_an_edit_of_an_older_version_is_read(edited):
+    expected = store.read_animation(edited)
+    with h5py.File(edited, "r+") as file:
+        file.attrs["format"] = "cageik.result"
+    found = store.read_animation(edited)
+    assert isinstance(found, Edit)
+    assert not store.is_result(edited)
+    assert (found.edited_from, found.notes) == (expected.edited_from, expected.notes)
+    np.testing.assert_array_equal(found.metrics.rms, expected.metrics.rms)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Rated(Result):
+    """A result with a field of its own, which is only declared here."""
+
+    stars: tuple[int, ...] | None = declare_field(
+        lambda file, _: read_record_of_stars(file),
+        default=None,
+        show=lambda result: [("stars", f"{sum(result.stars)} of 5")],
+        export="stars",
+    )
+
+
+def read_record_of_stars(file):
+    return hdf5_fields.parse_record(
+        tuple[int, ...], hdf5_fields.read_json_attr(file, "stars", list), "stars"
+    )
+
+
+def test_a_field_is_declared_once(tmp_path, monkeypatch):
+    path = written(tmp_path / "rated.h5", kind=Rated, summary=ENDING | {"stars": (1, 3)})
+    monkeypatch.setattr(store, "Result", Rated)
+    found = store.read_result(path)
+    assert found.stars == (1, 3)
+    assert list_field_rows(found)[-1] == ("stars", "4 of 5")
+    assert export_fields(found)["stars"] == (1, 3)
+    assert_refused(path, attribute("stars", '["a"]'), "`stars[0]` is", store.read_result)
 
 
 def test_a_version_with_invalid_text_is_shown(path):
@@ -450,7 +507,7 @@ def test_a_result_cut_short_is_refused(path, share):
 def test_an_interrupted_write_is_not_a_result(tmp_path):
     path = tmp_path / "cages.h5"
     with open_writer(path) as result:
-        result.append(CAGES, ROTATIONS, FIGURES)
+        result.append(Poses(CAGES, ROTATIONS), FIGURES)
         result._file.flush()
         (partial,) = tmp_path.glob("*.partial")
         (tmp_path / "copy.h5").write_bytes(partial.read_bytes())

@@ -73,8 +73,14 @@ class LimitOptions:
         load_baseline : callable, optional
             In place of `read_baseline`, for callers that ask for one baseline many times.
         """
-        from cageik_cli.report.baseline import read_baseline
-        from cageik_cli.report.limits import FILE_UNITS, METRICS, PERCENT, Limit, Limits
+        from cageik_cli.report.limits import (
+            FILE_UNITS,
+            METRICS,
+            PERCENT,
+            Limit,
+            Limits,
+            read_baseline,
+        )
 
         values = (self.max_rms, self.max_frame_rms, self.max_deviation, self.max_volume_change)
         limits = tuple(

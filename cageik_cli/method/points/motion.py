@@ -13,7 +13,7 @@ import numpy as np
 
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.method.points.oriented import Oriented, count_map_faults
-from cageik_cli.method.weights.binding import Binding
+from cageik_cli.method.weights.binding import Binding, Poses
 from cageik_cli.method.weights.settings import COORDINATES
 from cageik_cli.util.arrays import Floats, allocate_floats
 from cageik_cli.util.errors import SettingError
@@ -109,13 +109,10 @@ class PointMotion:
         """Whether the points are splats."""
         return self._oriented.splats is not None
 
-    def move(
-        self, chosen: slice, cages: Floats, rotations: Floats | None = None
-    ) -> tuple[Floats, list[Oriented], Counter[str]]:
-        """Move the points of one of the `blocks` with cages, (k, n, 3).
+    def move(self, chosen: slice, poses: Poses) -> tuple[Floats, list[Oriented], Counter[str]]:
+        """Move the points of one of the `blocks` with the cages of poses.
 
-        The rotations of the rest pose to each frame, (k, 3, 3), turn the offsets of weights that
-        have them; else these stay as at rest.
+        Without rotations, the offsets of weights that have them stay as at rest.
 
         Returns
         -------
@@ -126,11 +123,10 @@ class PointMotion:
         Counter
             Of all frames, as `count_map_faults` counts.
         """
-        turns = None
+        cages, turns = poses.cages, None
         if self._has_offsets:
-            turns = (
-                np.broadcast_to(np.eye(3), (len(cages), 3, 3)) if rotations is None else rotations
-            )
+            still = np.broadcast_to(np.eye(3), (len(cages), 3, 3))
+            turns = still if poses.rotations is None else poses.rotations
             cages = cages - self._rest @ turns
         middle = cages.mean(axis=1)
         rows = (cages - middle[:, None]).transpose(0, 2, 1).reshape(-1, self._cage_count)

@@ -21,6 +21,7 @@ from cageik_cli.method.solve.metrics import (
     map_columns,
     measure,
 )
+from cageik_cli.method.weights.binding import Poses
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
@@ -79,17 +80,14 @@ class KeptBlock:
         return weights
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SolvedBlock:
-    """Consecutive frames, solved and measured.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SolvedBlock(Poses):
+    """Consecutive frames, solved and measured; cages and rotations of skipped ones are nan.
 
     Attributes
     ----------
     start : int
         Number of the first frame.
-    cages : (k, n, 3) float64
-    rotations : (k, 3, 3) float64
-        Of the rest pose to each frame. Both are nan for skipped frames.
     squared_errors : (m,) float64
         Sum of |v̂ − v|² of each vertex over frames that were not skipped; nan for missing data.
     peaks : DeviationPeaks
@@ -106,9 +104,8 @@ class SolvedBlock:
         errors and peaks are then of what was kept.
     """
 
-    start: int
-    cages: Floats
     rotations: Floats
+    start: int
     metrics: FrameMetrics
     squared_errors: Floats
     peaks: DeviationPeaks
@@ -120,7 +117,7 @@ class SolvedBlock:
     @property
     def stop(self) -> int:
         """Return the number of the frame after the last."""
-        return self.start + len(self.cages)
+        return self.start + len(self)
 
 
 class BlockSolver(Generic[Clip]):

@@ -22,7 +22,7 @@ from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.method.solve.alignment import best_motions, centroids, move_to_rest
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.solve.vertex_weights import drop_unused_vertices
-from cageik_cli.method.weights.binding import Binding, WeightQuality, measure_offsets
+from cageik_cli.method.weights.binding import Binding, Poses, WeightQuality
 from cageik_cli.util.arrays import Floats, Integers, Workspace, spread_evenly
 from cageik_cli.util.errors import NumericalError
 from cageik_cli.util.messages import say
@@ -45,16 +45,13 @@ class SolveQuality(WeightQuality):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solution:
-    """The cages of k frames.
+class Solution(Poses):
+    """The cages and the rotations of k frames.
 
     Attributes
     ----------
-    cages : (k, n, 3) float64
     reconstructions : (k, m, 3) float64
         `weights @ cage` of each frame, and the turned offsets of a binding that has them.
-    rotations : (k, 3, 3) float64
-        `points @ R` turns points of the rest pose to the frame.
     sampled : (s, 3k) float32
         Aligned displacements of the solver's `sampled_vertices`, in diagonals of the rest pose, so
         that they fit single precision in any units. Where a vertex is missing or rejected, they
@@ -65,9 +62,8 @@ class Solution:
         Why a frame, by its place among the k, has no solution.
     """
 
-    cages: Floats
-    reconstructions: Floats
     rotations: Floats
+    reconstructions: Floats
     sampled: NDArray[np.float32]
     weights: Floats | None = None
     faults: dict[int, str] = field(default_factory=dict)
@@ -124,7 +120,7 @@ class DualLaplacianSolver:
         self.rest = binding.rest.vertices - self._origin
         self.rest_cage = binding.cage.vertices - self._origin
         self._weights = binding.weights
-        self._offsets = measure_offsets(binding) if binding.has_offsets else None
+        self._offsets = binding.offsets
         # Only their ratio matters; the larger is scaled to 1, so that nothing overflows.
         alpha, beta = np.array([settings.alpha, settings.beta]) / max(settings.alpha, settings.beta)
         self.data_scale = beta / m
@@ -153,7 +149,7 @@ class DualLaplacianSolver:
         place_columns(columns, centres, moved)
         if self._offsets is not None:
             moved += self._offsets @ rotations
-        return Solution(turned + centres[:, None], moved, rotations, sampled.astype(np.float32))
+        return Solution(turned + centres[:, None], rotations, moved, sampled.astype(np.float32))
 
     def align(
         self, frames: Floats, workspace: Workspace | None = None

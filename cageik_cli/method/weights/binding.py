@@ -10,7 +10,7 @@ import numpy as np
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.points import frames_to_columns, place_columns
 from cageik_cli.method.weights.settings import COORDINATES, BindSettings
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.messages import Note
 from cageik_cli.util.threads import OrderedMap
 
@@ -118,6 +118,30 @@ class Correction:
         return np.asarray(changed)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """What is unknown of k frames: with a binding, it gives their meshes.
+
+    Attributes
+    ----------
+    cages : (k, n, 3) float64
+    rotations : (k, 3, 3) float64, optional
+        Of the rest pose to each frame: `points @ R`. They turn the offsets of a binding that has
+        them; where it has none, they may be unknown.
+    """
+
+    cages: Floats
+    rotations: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.cages)
+
+    def __getitem__(self, frames: slice | Integers) -> "Poses":
+        """Return those of some of the frames."""
+        turns = None if self.rotations is None else self.rotations[frames]
+        return Poses(self.cages[frames], turns)
+
+
 @dataclass(frozen=True, eq=False)
 class Binding:
     """A model bound to a cage: `weights @ cage.vertices` is `rest.vertices`.
@@ -168,6 +192,20 @@ class Binding:
         return f"<Binding: {count} vertices in a cage of {cage_count}, {', '.join(settings)}>"
 
     @cached_property
+    def offsets(self) -> Floats | None:
+        """Return what `weights @ cage` lacks to the rest pose, X - W C, (m, 3), if it has any."""
+        if not self.has_offsets:
+            return None
+        origin = self.cage.vertices.mean(axis=0)
+        reconstruction = self.weights @ (self.cage.vertices - origin)
+        return np.asarray((self.rest.vertices - origin) - reconstruction)
+
+    @property
+    def rebuilt_rest(self) -> Floats:
+        """Return the mesh that the rest cage gives, (m, 3)."""
+        return self.rest.vertices if self.has_offsets else self.weights @ self.cage.vertices
+
+    @cached_property
     def quality(self) -> WeightQuality:
         """Measure the quality of the weights."""
         return WeightQuality(
@@ -192,29 +230,17 @@ def reproduction_error(points: Floats, binding: Binding) -> float:
     return float(distances.max() / binding.rest.diagonal)
 
 
-def measure_offsets(binding: Binding) -> Floats:
-    """Return what `weights @ cage` lacks to the rest vertices, X - W C, (m, 3)."""
-    origin = binding.cage.vertices.mean(axis=0)
-    reconstruction = binding.weights @ (binding.cage.vertices - origin)
-    return np.asarray((binding.rest.vertices - origin) - reconstruction)
-
-
 def reconstruct_frames(
-    binding: Binding,
-    cages: Floats,
-    rotations: Floats | None,
-    out: Floats | None = None,
-    jobs: int = 1,
+    binding: Binding, poses: Poses, out: Floats | None = None, jobs: int = 1
 ) -> Floats:
-    """Return the meshes (k, m, 3) of cages (k, n, 3), with turned offsets if there are any.
+    """Return the meshes (k, m, 3) of poses, with turned offsets if there are any.
 
-    `rotations`, (k, 3, 3), turn the rest pose to each frame: `points @ R`. Only a binding that has
-    offsets needs them. `out` and `jobs` are as of `reconstruct`.
+    `out` and `jobs` are as of `reconstruct`.
     """
-    meshes = reconstruct(binding.weights, cages, out, jobs)
-    if binding.has_offsets:
-        assert rotations is not None
-        meshes += measure_offsets(binding) @ rotations
+    meshes = reconstruct(binding.weights, poses.cages, out, jobs)
+    if binding.offsets is not None:
+        assert poses.rotations is not None
+        meshes += binding.offsets @ poses.rotations
     return meshes
 
 

@@ -31,7 +31,7 @@ from cageik_cli.report.render.model_views import (
 )
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, downsample, parse_colour
-from cageik_cli.store.result import Result, load_binding, read_cages, read_rotations
+from cageik_cli.store.result import StoredAnimation, load_binding, read_poses
 from cageik_cli.util.arrays import Floats, Integers, count_frames, spread_evenly
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.messages import say
@@ -91,7 +91,7 @@ class Film:
 
     Parameters
     ----------
-    result : Result
+    result : StoredAnimation
         With weights, which are those of `binding`.
 
     Attributes
@@ -107,7 +107,7 @@ class Film:
         When the whole clip is asked for and is too long.
     """
 
-    def __init__(self, result: Result, binding: Binding, settings: FilmSettings) -> None:
+    def __init__(self, result: StoredAnimation, binding: Binding, settings: FilmSettings) -> None:
         self.result, self.binding, self.settings = result, binding, settings
         seconds = settings.film_seconds
         if settings.film_turntable:
@@ -181,13 +181,9 @@ class Film:
     def _rebuild(self) -> Iterator[tuple[Floats, Floats]]:
         """Yield the mesh and the cage of every frame that is shown, and perhaps of more."""
         count = count_frames(MAX_SHOT_BYTES, len(self.binding.rest.vertices))
-        rotations = read_rotations(self.result) if self.binding.has_offsets else None
-        start = 0
-        for block in read_cages(self.result, count * self._step):
-            cages = block[:: self._step]
-            turns = None if rotations is None else rotations[start :: self._step][: len(cages)]
-            yield from zip(reconstruct_frames(self.binding, cages, turns), cages, strict=True)
-            start += len(block)
+        for block in read_poses(self.result, count * self._step):
+            poses = block[:: self._step]
+            yield from zip(reconstruct_frames(self.binding, poses), poses.cages, strict=True)
 
     def choose_colours(self) -> Image.Image:
         """Choose colours for all shots by some of them; return an image that has their palette."""
@@ -259,7 +255,7 @@ class LaterPictures:
 
 
 def write_film(
-    result: Result,
+    result: StoredAnimation,
     path: Path,
     settings: FilmSettings,
     overwrite: bool,

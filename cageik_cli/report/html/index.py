@@ -8,9 +8,9 @@ from urllib.parse import quote
 from cageik_cli.report.figures import format_change, format_percent
 from cageik_cli.report.html.templating import REPORT_TEMPLATES, make_png_url
 from cageik_cli.report.limits import make_overall_verdict
+from cageik_cli.report.notes import MAX_FAIR_DEVIATION
 from cageik_cli.report.overview import ClipEntry, Curve, Overview, describe_poor
 from cageik_cli.report.record import Report
-from cageik_cli.report.verdict import MAX_FAIR_DEVIATION
 from cageik_cli.report.vocabulary import QUALITY_WORDS
 from cageik_cli.util.text import format_count
 

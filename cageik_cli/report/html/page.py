@@ -30,21 +30,23 @@ from cageik_cli.report.html.pictures import (
 )
 from cageik_cli.report.html.templating import REPORT_TEMPLATES, PlayerPart, make_data_url
 from cageik_cli.report.limits import PERCENT, LimitCheck, make_overall_verdict
-from cageik_cli.report.parts import label_vertex, place_vertex, sort_parts
 from cageik_cli.report.plots.error_plot import render_page_plot
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import (
     explain_regions,
     format_centre,
     format_size,
+    label_vertex,
     list_remedies,
     name_cause,
+    place_vertex,
+    sort_parts,
 )
 from cageik_cli.report.render.model_views import PoseSet, load_poses
 from cageik_cli.report.views.data import format_json
 from cageik_cli.report.views.front import find_worst_frame, format_front, list_verdict_rows
 from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import StoredAnimation
 from cageik_cli.util.files import open_input
 from cageik_cli.util.messages import Hint, Spelling, spell, spell_keyword
 from cageik_cli.util.text import format_count
@@ -208,7 +210,7 @@ def _build_region_values(report: Report, spelling: Spelling) -> dict[str, Any]:
 
 
 def render_result_page(
-    result: Result,
+    result: StoredAnimation,
     report: Report,
     player: PlayerPart | None = None,
     spelling: Spelling = spell_keyword,

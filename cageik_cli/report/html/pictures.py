@@ -42,7 +42,7 @@ from cageik_cli.report.render.shading import (
     render,
 )
 from cageik_cli.report.vocabulary import Vocabulary
-from cageik_cli.store.result import Result, read_baseline_errors, read_binding
+from cageik_cli.store.result import StoredAnimation, read_baseline_errors, read_binding
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import format_count
 from cageik_cli.util.threads import count_processors
@@ -154,7 +154,7 @@ class FitShapes:
     faces_around: TriMesh
 
 
-def load_fit_shapes(result: Result, poses: PoseSet) -> FitShapes | None:
+def load_fit_shapes(result: StoredAnimation, poses: PoseSet) -> FitShapes | None:
     """Load what is drawn of a fit; None if the result does not hold the weights before it."""
     binding = None if result.fit is None else read_binding(result)
     clip = None if binding is None else read_baseline_errors(result)

@@ -19,7 +19,6 @@ from matplotlib.patheffects import withStroke
 from cageik_cli.editing.summary import PoseSnapshot
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.figures import format_percent
-from cageik_cli.report.marks import FaultMark
 from cageik_cli.report.plots.style import (
     PANEL_SIDE,
     PLOT_COLOURS,
@@ -44,6 +43,7 @@ from cageik_cli.report.render.shading import (
     overlay,
     parse_colour,
 )
+from cageik_cli.report.views.cage import FaultMark
 from cageik_cli.report.views.pose_text import format_miss
 from cageik_cli.util.arrays import Floats, Mask
 

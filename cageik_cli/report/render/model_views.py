@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.report.notes import MAX_FAIR_DEVIATION
 from cageik_cli.report.render.raster import ParallelCamera, rasterize, rasterize_lines
 from cageik_cli.report.render.shading import (
     MESH_COLOURS,
@@ -21,8 +22,7 @@ from cageik_cli.report.render.shading import (
     rasterize_surface,
     render,
 )
-from cageik_cli.report.verdict import MAX_FAIR_DEVIATION
-from cageik_cli.store.result import KeyFrames, Result, read_binding, read_key_frames
+from cageik_cli.store.result import KeyFrames, StoredAnimation, read_binding, read_key_frames
 from cageik_cli.util.arrays import Floats, Integers
 
 FRAME_LABELS = ("worst", "median", "best")
@@ -216,15 +216,13 @@ class PoseSet:
         return VIEW_TURN if self.region is None else self.region.turn
 
 
-def load_poses(result: Result) -> PoseSet | None:
+def load_poses(result: StoredAnimation) -> PoseSet | None:
     """Load the poses of a result; None if it was written without weights."""
     binding = read_binding(result)
     if binding is None:
         return None
     rest, cage, diagonal = result.rest, result.cage, result.rest.diagonal
-    reconstruction = binding.weights @ cage.vertices
-    if binding.has_offsets:
-        reconstruction = rest.vertices
+    reconstruction = binding.rebuilt_rest
     deviation = _deviation_percent((reconstruction - rest.vertices) / diagonal)
     poses = [Pose("rest", "rest pose", rest.vertices, reconstruction, cage.vertices, deviation)]
     key_frames = read_key_frames(result, binding)
@@ -239,7 +237,7 @@ def load_poses(result: Result) -> PoseSet | None:
     )
 
 
-def _make_pose(result: Result, key_frames: KeyFrames, k: int, label: str) -> Pose:
+def _make_pose(result: StoredAnimation, key_frames: KeyFrames, k: int, label: str) -> Pose:
     """Make the pose of a frame that is kept in full."""
     misses, reconstruction = key_frames.errors[k], key_frames.reconstructed[k]
     return Pose(
@@ -252,9 +250,9 @@ def _make_pose(result: Result, key_frames: KeyFrames, k: int, label: str) -> Pos
     )
 
 
-def _find_region_view(result: Result, key_frames: KeyFrames) -> RegionView | None:
+def _find_region_view(result: StoredAnimation, key_frames: KeyFrames) -> RegionView | None:
     """Find where to see the worst region from; None if there is none, or its frame is not kept."""
-    region = next(iter(result.regions or ()), None)
+    region = result.worst_region
     kept = key_frames.indices.tolist()
     if region is None or region.frame not in kept:
         return None
@@ -289,7 +287,7 @@ def encode_png(picture: Picture, colours: int | None = None) -> bytes:
     return stream.getvalue()
 
 
-def draw_thumbnail(result: Result, pixels: int = 96) -> bytes | None:
+def draw_thumbnail(result: StoredAnimation, pixels: int = 96) -> bytes | None:
     """Draw the worst frame of a result as a small PNG; None if it was written without weights.
 
     The colours are of the deviation, from 0 to `MAX_FAIR_DEVIATION` percent of the diagonal for all

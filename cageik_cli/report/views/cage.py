@@ -1,6 +1,7 @@
-"""A cage that was built, repaired or checked, as text and as JSON."""
+"""A cage that was built, repaired or checked: text, JSON, and marks of its faults on the meshes."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,22 +9,162 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cageik_cli.cages.check.diagnosis import CageFacts, Diagnosis, RestFacts
+from cageik_cli.cages.check.faults import Finding
 from cageik_cli.cages.check.quality import MIN_CLEARANCE, MIN_INFLUENCE
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import get_parts, name_vertex
 from cageik_cli.report.figures import convert_to_integer
-from cageik_cli.report.marks import FaultMark, list_marks
+from cageik_cli.report.render.shading import parse_colour
 from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Note, Row, Spelling, spell, spell_keyword
 from cageik_cli.util.settings import show_settings
-from cageik_cli.util.text import format_block, format_count, format_row
+from cageik_cli.util.text import format_block, format_count, format_row, pluralize
 from cageik_cli.util.version import __version__
 
 if TYPE_CHECKING:
     from cageik_cli.cages.builder.build import BuiltCage, Candidate
     from cageik_cli.cages.repair.repair import RepairedCage
+
+FAULT_COLOURS = ("#d62f27", "#e08214", "#7b3fa0", "#0f8b8d", "#c2185b", "#5d7a1f", "#8c510a")
+"""Colours of faults, in their order; after the last the first comes again."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaultMark:
+    """One fault that has a place.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    colour : str
+        As #rrggbb.
+    text : str
+        What it is, with the first numbers.
+    cage, rest : (k,) int64
+        Vertices of the meshes that it concerns.
+    cage_faces : (f,) int64
+        Faces of the cage that it concerns; if it concerns vertices, those with no other corners.
+    points : (p, 3) float64
+        Where it is.
+    """
+
+    number: int
+    colour: str
+    text: str
+    cage: Integers
+    rest: Integers
+    cage_faces: Integers
+    points: Floats
+
+
+def list_marks(
+    findings: tuple[Finding, ...], cage: TriMesh, rest: TriMesh | None
+) -> tuple[FaultMark, ...]:
+    """List the findings that have a place, numbered in their order."""
+    placed = [found for found in findings if len(found.numbers) or found.place is not None]
+    return tuple(
+        _make_mark(number, found, cage, rest) for number, found in enumerate(placed, start=1)
+    )
+
+
+def _make_mark(number: int, found: Finding, cage: TriMesh, rest: TriMesh | None) -> FaultMark:
+    of_mesh = dict(_find_vertices(found, cage, rest))
+    none: Integers = np.empty(0, np.int64)
+    on_cage, on_rest = of_mesh.get("cage", none), of_mesh.get("rest", none)
+    # Pairs of faces of both meshes are shown on the cage.
+    points = cage.vertices[on_cage]
+    if len(on_rest) and not len(on_cage) and rest is not None:
+        points = rest.vertices[on_rest]
+    if found.place is not None:
+        points = np.array([found.place])
+    if found.elements.startswith("face") and found.mesh != "rest":
+        cage_faces = np.unique(found.numbers[:, 1] if found.mesh == "both" else found.numbers)
+    else:
+        cage_faces = np.flatnonzero(np.isin(cage.faces, on_cage).all(axis=1))
+    return FaultMark(
+        number=number,
+        colour=FAULT_COLOURS[(number - 1) % len(FAULT_COLOURS)],
+        text=_describe(found),
+        cage=on_cage,
+        rest=on_rest,
+        cage_faces=cage_faces,
+        points=points,
+    )
+
+
+def _find_vertices(
+    found: Finding, cage: TriMesh, rest: TriMesh | None
+) -> Iterator[tuple[str, Integers]]:
+    """Yield the vertices of each mesh that a finding concerns."""
+    if found.mesh == "both":
+        if rest is not None and len(found.numbers):
+            yield "rest", np.unique(rest.faces[found.numbers[:, 0]])
+            yield "cage", np.unique(cage.faces[found.numbers[:, 1]])
+        return
+    mesh = cage if found.mesh == "cage" or rest is None else rest
+    numbers = np.unique(found.numbers)
+    is_of_faces = found.elements.startswith("face")
+    yield found.mesh, np.unique(mesh.faces[numbers]) if is_of_faces else numbers
+
+
+def _describe(found: Finding) -> str:
+    kind = found.kind.replace("-", " ")
+    if found.place is not None:
+        x, y, z = found.place
+        return f"{kind} at ({x:.3g}, {y:.3g}, {z:.3g})"
+    names = ["-".join(map(str, np.ravel(number))) for number in found.numbers.tolist()]
+    if len(names) == 1:
+        nouns = ("vertex", "edge", "face", "face pair")
+        singular = next(noun for noun in nouns if pluralize(noun) == found.elements)
+        return f"{kind}: {singular} {names[0]}"
+    return f"{kind}: {len(names)} {found.elements} ({join_truncated(names, 3)})"
+
+
+def encode_marked_ply(cage: TriMesh, rest: TriMesh | None, marks: tuple[FaultMark, ...]) -> bytes:
+    """Encode the cage, then the rest pose if there is one, as binary PLY.
+
+    A vertex has the colour of the first fault that concerns it.
+    """
+    meshes = {"cage": cage} if rest is None else {"cage": cage, "rest": rest}
+    points = np.concatenate([mesh.vertices for mesh in meshes.values()])
+    colours = [_colour_vertices(marks, name, len(mesh.vertices)) for name, mesh in meshes.items()]
+    offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes.values())])
+    faces = [mesh.faces + start for mesh, start in zip(meshes.values(), offsets, strict=False)]
+    corners = np.concatenate(faces)
+    rows = np.zeros(len(points), [("place", "<f8", 3), ("colour", "u1", 3)])
+    rows["place"], rows["colour"] = points, np.rint(255 * np.concatenate(colours))
+    triangles = np.zeros(len(corners), [("count", "u1"), ("corners", "<i4", 3)])
+    triangles["count"], triangles["corners"] = 3, corners
+    first = f"the first {len(cage.vertices)} vertices and {len(cage.faces)} faces"
+    header = f"""ply
+format binary_little_endian 1.0
+comment cage: {first}; then the rest pose
+element vertex {len(points)}
+property double x
+property double y
+property double z
+property uchar red
+property uchar green
+property uchar blue
+element face {len(corners)}
+property list uchar int vertex_indices
+end_header
+"""
+    return header.encode() + rows.tobytes() + triangles.tobytes()
+
+
+def _colour_vertices(marks: tuple[FaultMark, ...], mesh: str, count: int) -> Floats:
+    """Colours of all vertices of the `cage` or the `rest`, (count, 3); the first fault counts."""
+    plain = {"cage": "#9dbbe0", "rest": "#e2d6c8"}
+    colours = np.tile(parse_colour(plain[mesh]), (count, 1))
+    for mark in reversed(marks):
+        colours[mark.cage if mesh == "cage" else mark.rest] = parse_colour(mark.colour)
+    return colours
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,13 +203,15 @@ def format_cage_record(record: dict[str, Any]) -> str:
 def list_cage_rows(result: CageResult, is_detailed: bool = False) -> list[Row]:
     """Return the facts of the cage and the warnings; the candidates, too, if asked."""
     built, verdict = result.built, result.built.chosen.verdict
+    valid = sum(known.verdict.is_valid for known in built.candidates)
+    candidates = format_count(len(built.candidates), "candidate")
     rows: list[Row] = [
         ("model", f"{result.model.source['name']}: {_count(result.model.mesh)}"),
         ("cage", f"{_count(built.cage)}, genus {verdict.genus}{_describe_symmetry(built)}"),
         ("clearance", _format_clearance(built.chosen)),
         ("shape", f"smallest angle {verdict.smallest_angle:.3g} degrees, largest valence "
          f"{verdict.largest_valence}"),
-        ("recipe", f"{built.chosen.recipe}, best of {_count_valid(built)}"),
+        ("recipe", f"{built.chosen.recipe}, best of {valid} valid of {candidates}"),
     ]  # fmt: skip
     if built.chosen.error is not None:
         rows.append(("error", f"{built.chosen.error:.4f} % of the diagonal, at preview accuracy"))
@@ -112,7 +255,7 @@ def _describe_symmetry(built: "BuiltCage") -> str:
 
 
 def _candidate_record(candidate: "Candidate") -> dict[str, Any]:
-    verdict = candidate.verdict
+    verdict, error = candidate.verdict, candidate.error
     clearance = 100 * verdict.clearance
     return {
         "recipe": candidate.recipe,
@@ -125,14 +268,10 @@ def _candidate_record(candidate: "Candidate") -> dict[str, Any]:
         "smallest_angle": verdict.smallest_angle,
         "largest_valence": verdict.largest_valence,
         "looseness_percent": 100 * verdict.looseness,
-        "error_percent": _finite_or_none(candidate.error),
+        "error_percent": error if error is not None and np.isfinite(error) else None,
         "is_valid": verdict.is_valid,
         "faults": verdict.faults,
     }
-
-
-def _finite_or_none(value: float | None) -> float | None:
-    return value if value is not None and np.isfinite(value) else None
 
 
 def _count(mesh: TriMesh) -> str:
@@ -145,11 +284,6 @@ def _count(mesh: TriMesh) -> str:
 
 def _count_quads(mesh: TriMesh) -> int:
     return int(np.count_nonzero(mesh.polygons.corner_counts == 4))
-
-
-def _count_valid(built: "BuiltCage") -> str:
-    valid = sum(known.verdict.is_valid for known in built.candidates)
-    return f"{valid} valid of {format_count(len(built.candidates), 'candidate')}"
 
 
 def _format_clearance(candidate: "Candidate") -> str:
@@ -249,8 +383,13 @@ def format_check_text(result: CheckResult) -> str:
 
 
 def format_check_headline(result: CheckResult) -> str:
-    """Return the name of a cage, and the verdict on it."""
-    return f"{result.cage.source['name']}: {_format_verdict(result.diagnosis)}"
+    """Return the name of a cage, and the verdict, with the number of warnings that decide it."""
+    diagnosis = result.diagnosis
+    verdict = CAGE_VERDICT_WORDS[diagnosis.verdict]
+    if diagnosis.verdict == "usable":
+        count = sum(finding.severity == "warning" for finding in diagnosis.findings)
+        verdict += f", {format_count(count, 'warning')}"
+    return f"{result.cage.source['name']}: {verdict}"
 
 
 def list_brief_check_rows(result: CheckResult) -> list[Row]:
@@ -280,26 +419,19 @@ def format_marks_text(result: CheckResult) -> str:
     return "\n".join(map(format_row, rows or [("faults", "none that has a place")]))
 
 
-def _format_verdict(diagnosis: Diagnosis) -> str:
-    """Return the verdict, with the number of warnings if those decide it."""
-    word = CAGE_VERDICT_WORDS[diagnosis.verdict]
-    if diagnosis.verdict != "usable":
-        return word
-    count = sum(finding.severity == "warning" for finding in diagnosis.findings)
-    return f"{word}, {format_count(count, 'warning')}"
-
-
 def format_check_json(result: CheckResult, spelling: Spelling = spell_keyword) -> str:
     """Return the whole record; a finding has all its numbers.
 
     Settings that remedies and notes name are written as `spelling` does.
     """
-    diagnosis = result.diagnosis
+    diagnosis, rest = result.diagnosis, None
+    if result.rest is not None and diagnosis.rest is not None:
+        rest = result.rest.source | asdict(diagnosis.rest)
     return format_cage_record(
         {
             "verdict": diagnosis.verdict,
             "cage": result.cage.source | asdict(diagnosis.cage),
-            "rest": _rest_record(result),
+            "rest": rest,
             "notes": [str(note.spell(spelling)) for note in result.notes],
             "repair_command": result.repair_command,
             "findings": [
@@ -309,12 +441,6 @@ def format_check_json(result: CheckResult, spelling: Spelling = spell_keyword) -
             ],
         }
     )
-
-
-def _rest_record(result: CheckResult) -> dict[str, Any] | None:
-    if result.rest is None or result.diagnosis.rest is None:
-        return None
-    return result.rest.source | asdict(result.diagnosis.rest)
 
 
 def _cage_rows(facts: CageFacts) -> list[Row]:

@@ -9,10 +9,10 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from cageik_cli.report.figures import ClipRecord, FrameRecord, ReportSummary
+from cageik_cli.report.figures import REPORT_SCHEMA, ClipRecord, FrameRecord, ReportSummary
 from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.overview import ClipEntry, Overview, describe_poor
-from cageik_cli.report.record import REPORT_SCHEMA, Report
+from cageik_cli.report.record import Report
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.text import single_line

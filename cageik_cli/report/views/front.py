@@ -14,9 +14,8 @@ from cageik_cli.report.figures import (
     format_scene_length,
     group_digits,
 )
-from cageik_cli.report.parts import label_vertex, sort_parts
 from cageik_cli.report.record import Report
-from cageik_cli.report.regions import name_cause
+from cageik_cli.report.regions import label_vertex, name_cause, sort_parts
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.util.messages import Hint, spell
 from cageik_cli.util.text import format_count, format_row, single_line
@@ -154,7 +153,7 @@ def _describe_clip(report: Report, seconds: float | None) -> str:
         f"{group_digits(clip.vertices)} vertices"
         + (f" in {len(report.parts)} parts" if report.parts else ""),
         f"a cage of {clip.cage_vertices} that was {origin}",
-        *([] if report.edited_from is None else [f"edited from {report.edited_from}"]),
+        *map(" ".join, report.origin_rows),
         *([] if seconds is None else [f"{seconds:.1f} s"]),
     ]
     return f"{report.result}: {', '.join(facts)}"

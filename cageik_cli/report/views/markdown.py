@@ -25,48 +25,33 @@ def format_markdown(overview: Overview) -> str:
     clips = overview.worst_first
     rows = _fit_lines((_format_table_row(entry) for entry in clips), 21_000, "| {} |")
     table = [_table_header(overview.vocabulary), "|---|---|---:|---:|---|---:|---:|", *rows]
+    over = [(one, check) for one in clips for check in one.gates if check.passed is False]
+    reports = [(one, one.report) for one in clips if one.report]
     parts = {
         "Failed": (9_500, [_make_item(one, one.fault) for one in clips if one.has_failed]),
-        "Over a limit": (9_500, _list_exceeded_limits(clips)),
-        "Poor": (3_000, _list_poor(clips)),
-        "Worst regions": (5_000, _list_worst_regions(clips)),
-        "Fitted weights": (5_000, _list_fits(clips)),
+        "Over a limit": (
+            9_500,
+            [_make_item(one, format_check_row(check, one.vocabulary)[1]) for one, check in over],
+        ),
+        "Poor": (3_000, [f"- {_escape_markdown(line)}" for line in describe_poor(clips)]),
+        "Worst regions": (
+            5_000,
+            [_make_item(one, describe_region(r.regions[0])) for one, r in reports if r.regions],
+        ),
+        "Fitted weights": (
+            5_000,
+            [_make_item(one, format_fit_line(r.fit.report)) for one, r in reports if r.fit],
+        ),
         "Notes": (5_000, _list_notes(overview)),
     }
-    blocks = [f"## cageik: {_format_run_verdict(overview)}", "\n".join(table)]
+    counts = Counter(map(_name_clip_verdict, clips))
+    verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    head = f"## cageik: {format_count(len(clips), 'clip')}: {verdicts}"
+    blocks = [head, "\n".join(table)]
     for heading, (max_bytes, lines) in parts.items():
         if lines:
             blocks += [f"### {heading}", "\n".join(_fit_lines(lines, max_bytes, "- {}"))]
     return "\n\n".join(blocks) + "\n"
-
-
-def _list_exceeded_limits(clips: Iterable[ClipEntry]) -> list[str]:
-    return [
-        _make_item(entry, format_check_row(check, entry.vocabulary)[1])
-        for entry in clips
-        for check in entry.gates
-        if check.passed is False
-    ]
-
-
-def _list_poor(clips: Iterable[ClipEntry]) -> list[str]:
-    return [f"- {_escape_markdown(line)}" for line in describe_poor(clips)]
-
-
-def _list_worst_regions(clips: Iterable[ClipEntry]) -> list[str]:
-    return [
-        _make_item(entry, describe_region(entry.report.regions[0]))
-        for entry in clips
-        if entry.report and entry.report.regions
-    ]
-
-
-def _list_fits(clips: Iterable[ClipEntry]) -> list[str]:
-    return [
-        _make_item(entry, format_fit_line(entry.report.fit.report))
-        for entry in clips
-        if entry.report and entry.report.fit
-    ]
 
 
 def _make_item(entry: ClipEntry, text: str | None) -> str:
@@ -79,14 +64,6 @@ def _table_header(words: Vocabulary) -> str:
         f"| clip | verdict | {words.limits['rms']}, % | {words.worst_frame}, % | frame "
         f"| {words.largest}, % | volume change, % |"
     )
-
-
-def _format_run_verdict(overview: Overview) -> str:
-    """Count the clips of each verdict, worst first, in one line."""
-    clips = overview.worst_first
-    counts = Counter(map(_name_clip_verdict, clips))
-    found = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-    return f"{format_count(len(clips), 'clip')}: {found}"
 
 
 def _format_table_row(entry: ClipEntry) -> str:

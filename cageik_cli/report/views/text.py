@@ -12,9 +12,14 @@ from cageik_cli.report.figures import (
 )
 from cageik_cli.report.fit_rows import format_fit_rows
 from cageik_cli.report.limits import LimitCheck
-from cageik_cli.report.parts import format_part_rows, label_vertex
 from cageik_cli.report.record import Report
-from cageik_cli.report.regions import describe_region, explain_regions, list_remedies
+from cageik_cli.report.regions import (
+    describe_region,
+    explain_regions,
+    format_part_rows,
+    label_vertex,
+    list_remedies,
+)
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Row
@@ -39,7 +44,7 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
         "and Gotsman 2004)"
     )
     rows = [
-        *([] if report.edited_from is None else [("edited from", report.edited_from)]),
+        *report.origin_rows,
         *_error_rows(report),
         *format_part_rows(report.parts, words.worst),
         # The first word is the label.

@@ -14,7 +14,7 @@ from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.render.model_views import FRAME_LABELS, VIEW_TURN, choose_turn
 from cageik_cli.store.result import (
     KeyFrames,
-    Result,
+    StoredAnimation,
     make_weights_error,
     read_binding,
     read_cages,
@@ -123,7 +123,7 @@ def _make_line(text: str) -> str:
     return single_line(to_unicode(text))
 
 
-def require_player_clip(result: Result, user: str) -> PlayerClip:
+def require_player_clip(result: StoredAnimation, user: str) -> PlayerClip:
     """Load what a player shows of a result, which `user` needs.
 
     Raises
@@ -137,20 +137,17 @@ def require_player_clip(result: Result, user: str) -> PlayerClip:
     return clip
 
 
-def load_player_clip(result: Result) -> PlayerClip | None:
+def load_player_clip(result: StoredAnimation) -> PlayerClip | None:
     """Load what a player shows of a result; None if it was written without weights."""
     binding = read_binding(result)
     if binding is None:
         return None
-    base = result.rest.vertices
-    if not binding.has_offsets:
-        base = binding.weights @ binding.cage.vertices
     count = min(len(result.frames), max(1, MAX_CAGE_NUMBERS // binding.cage.vertices.size))
     key_frames = read_key_frames(result, binding)
     focus = _find_focus(result, key_frames)
     return PlayerClip(
         binding=binding,
-        base=base,
+        base=binding.rebuilt_rest,
         cages=next(read_cages(result, count)),
         rotations=read_rotations(result)[:count],
         frames=result.frames[:count],
@@ -180,11 +177,11 @@ def _collect_input_frames(key_frames: KeyFrames, count: int) -> dict[int, tuple[
     return held
 
 
-def _find_focus(result: Result, key_frames: KeyFrames) -> dict[str, Any]:
+def _find_focus(result: StoredAnimation, key_frames: KeyFrames) -> dict[str, Any]:
     """Find the worst region; if there is none, the largest deviation of the clip."""
     min_extent = 0.15  # of the view of a single vertex, diagonals
     held, poses = key_frames.indices.tolist(), key_frames.reconstructed
-    region = next(iter(result.regions or ()), None)
+    region = result.worst_region
     diagonal = result.rest.diagonal or 1.0
     if region is None:
         frame = int(np.nanargmax(result.metrics.max_deviation))

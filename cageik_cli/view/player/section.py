@@ -19,15 +19,15 @@ from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.pose.settings import DEFAULT_POSE_ALPHA
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.report.html.templating import PlayerPart, Templates
-from cageik_cli.report.parts import measure_rms
+from cageik_cli.report.regions import measure_rms
 from cageik_cli.report.render.shading import (
     COLOUR_SCALE,
     MESH_COLOURS,
     SIGNED_SCALE,
     choose_scale_end,
 )
-from cageik_cli.report.vocabulary import choose_vocabulary
-from cageik_cli.store.result import Result
+from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY, VOCABULARIES, Vocabulary
+from cageik_cli.store.result import StoredAnimation
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import format_count
@@ -92,16 +92,15 @@ REST_PANELS = ("rest", "look", "parts")
 """Groups of the side panel of that page."""
 
 
-def build_player(clip: PlayerClip, edited_from: str | None = None) -> PlayerPart:
+def build_player(clip: PlayerClip, words: Vocabulary = EXTRACTION_VOCABULARY) -> PlayerPart:
     """Build the player that the page of a report is handed."""
-    return render_player(build_player_values(clip), PLAYER_SCRIPTS, edited_from)
+    return render_player(build_player_values(clip), PLAYER_SCRIPTS, words)
 
 
 def render_player(
-    values: dict[str, Any], scripts: tuple[str, ...], edited_from: str | None = None
+    values: dict[str, Any], scripts: tuple[str, ...], words: Vocabulary = EXTRACTION_VOCABULARY
 ) -> PlayerPart:
     """Render the section of a player from its values, with scripts by their names."""
-    words = choose_vocabulary(edited_from)
     return PlayerPart(
         VIEW_TEMPLATES.render("player.html.j2", player=values, words=words),
         VIEW_TEMPLATES.read("player.css"),
@@ -109,10 +108,10 @@ def render_player(
     )
 
 
-def load_player(result: Result) -> PlayerPart | None:
+def load_player(result: StoredAnimation) -> PlayerPart | None:
     """Read what the page of a report is handed of a player; None of a result without weights."""
     clip = load_player_clip(result)
-    return None if clip is None else build_player(clip, result.edited_from)
+    return None if clip is None else build_player(clip, VOCABULARIES[result.FORMAT])
 
 
 def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]:
@@ -162,7 +161,7 @@ def render_view_page(
     *,
     handles: str = "",
     cage_edits: str = "",
-    edited_from: str | None = None,
+    words: Vocabulary = EXTRACTION_VOCABULARY,
 ) -> str:
     """Render a page that plays a clip and poses its model; the same text for the same arguments.
 
@@ -173,15 +172,15 @@ def render_view_page(
         are only saved, and the page sends nothing at all.
     handles, cage_edits : str
         The texts of such files that the page begins with, which have to be JSON; "" for none.
-    edited_from : str, optional
-        The result that the clip was edited from, if it was.
+    words : Vocabulary
+        Those for the kind of clip.
     """
     *scripts, start = PLAYER_SCRIPTS
     values = build_player_values(clip, apply_url)
     values |= {"is_app": True, "title": clip.title or "Model in its cage"}
     return VIEW_TEMPLATES.render_page(
         "view.html.j2",
-        player=render_player(values, (*scripts, "apply", start), edited_from),
+        player=render_player(values, (*scripts, "apply", start), words),
         title=clip.title,
         is_applied=bool(apply_url),
         # In JSON, "<" is only in strings; so written, it cannot end the element that holds it.
@@ -190,7 +189,7 @@ def render_view_page(
     )
 
 
-def render_player_page(result: Result) -> str:
+def render_player_page(result: StoredAnimation) -> str:
     """Render a small page that plays a result and poses it: a file to send.
 
     It has no input of any frame, and its weights are rounded to `SMALL_MAX_LEVEL`.
@@ -202,7 +201,7 @@ def render_player_page(result: Result) -> str:
     """
     clip = require_player_clip(result, "a player")
     return render_view_page(
-        replace(clip, held={}, max_level=SMALL_MAX_LEVEL), edited_from=result.edited_from
+        replace(clip, held={}, max_level=SMALL_MAX_LEVEL), words=VOCABULARIES[result.FORMAT]
     )
 
 

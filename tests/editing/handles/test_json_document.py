@@ -1,6 +1,6 @@
 import pytest
 
-from cageik_cli.editing.handles.schema import HANDLES_FORMAT, MAX_HANDLES_BYTES, describe_location
+from cageik_cli.editing.handles.reader import HANDLES_FORMAT, MAX_HANDLES_BYTES, describe_location
 from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.json_files import read_json
 

@@ -6,7 +6,7 @@ from importlib.resources import files
 import pytest
 from jsonschema import Draft202012Validator
 
-from cageik_cli.editing.handles.schema import check_schema, read_schema
+from cageik_cli.editing.handles.reader import check_schema, read_schema
 from cageik_cli.util.errors import HandlesError
 from tests.editing.handles.files import CAMERA, HAND, KEYS
 from tests.refusals import refused

@@ -12,6 +12,7 @@ from cageik_cli.method.points.field import HarmonicField
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented
 from cageik_cli.method.weights.bem.panels import Panels
+from cageik_cli.method.weights.binding import Poses
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import FormatError, SettingError
 from tests.shapes import ball
@@ -49,7 +50,7 @@ def move(motion, points, cage):
     out = points.rows.copy()
     faults = Counter()
     for chosen in motion.blocks:
-        places, oriented, found = motion.move(chosen, cage[None])
+        places, oriented, found = motion.move(chosen, Poses(cage[None]))
         place_positions(out[chosen], places[0].T)
         place_splats(out[chosen], oriented[0].splats)
         faults += found
@@ -119,7 +120,7 @@ def normals():
 def turn_normals(binding, normals, cage):
     motion = PointMotion(binding, Oriented(normals), 1 << 30, 2)
     assert not motion.moves_splats
-    blocks = [motion.move(chosen, cage[None]) for chosen in motion.blocks]
+    blocks = [motion.move(chosen, Poses(cage[None])) for chosen in motion.blocks]
     return np.concatenate([oriented[0].normals for _, oriented, _ in blocks], axis=1)
 
 

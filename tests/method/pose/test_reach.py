@@ -5,8 +5,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.editing.cage_edits import EditFiles
-from cageik_cli.editing.edit_target import EditTarget
-from cageik_cli.editing.edits import LayeredEdit
+from cageik_cli.editing.edits import EditTarget, LayeredEdit
 from cageik_cli.editing.summary import PoseStatistics
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mirror import Mirror

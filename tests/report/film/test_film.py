@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cageik_cli.method.weights.binding import reconstruct_frames
+from cageik_cli.method.weights.binding import Poses, reconstruct_frames
 from cageik_cli.report.film import film as film_module
 from cageik_cli.report.film.film import (
     GIF_COLOURS,
@@ -68,7 +68,7 @@ def test_settings_at_the_ends_of_their_ranges_pass():
 def test_a_film_shows_the_frames_of_deform(closed):
     result = closed.result
     cages = np.concatenate(list(read_cages(result, 100)))
-    meshes = reconstruct_frames(read_binding(result), cages, read_rotations(result))
+    meshes = reconstruct_frames(read_binding(result), Poses(cages, read_rotations(result)))
     found = list(plan(result).shots())
     np.testing.assert_allclose([shot.mesh for shot in found], meshes, rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal([shot.cage for shot in found], cages)
@@ -80,7 +80,7 @@ def test_fitted_offsets_are_turned(make_fitted, monkeypatch):
     """In blocks of one frame, too, and of every second one."""
     result = with_rate(make_fitted(influences=4), 2 * MAX_FILM_RATE)
     binding, cages = read_binding(result), np.concatenate(list(read_cages(result, 100)))
-    meshes = reconstruct_frames(binding, cages, read_rotations(result))[::2]
+    meshes = reconstruct_frames(binding, Poses(cages, read_rotations(result)))[::2]
     for memory in (1, 1 << 30):
         monkeypatch.setattr(film_module, "MAX_SHOT_BYTES", memory)
         found = [shot.mesh for shot in plan(result).shots()]

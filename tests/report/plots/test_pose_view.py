@@ -12,7 +12,7 @@ from cageik_cli.run.edit import edit, pose
 from cageik_cli.run.edit_settings import EditSettings, PoseSettings
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import ExtractSettings
-from cageik_cli.store.result import read_result, read_weights
+from cageik_cli.store.result import read_animation, read_weights
 
 HANDLES = [
     {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3], "hard": True},
@@ -75,7 +75,7 @@ def viewed(extracted):
 
 def miss_percent(view, name):
     k = view.names.index(name)
-    rest = read_result(Path("edited.h5")).rest
+    rest = read_animation(Path("edited.h5")).rest
     return 100 * np.linalg.norm(view.ends[k] - view.targets[k]) / rest.diagonal
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from cageik_cli.report.figures import KeptSummary
-from cageik_cli.report.parts import PartRecord
 from cageik_cli.report.record import build_report
+from cageik_cli.report.regions import PartRecord
 from cageik_cli.report.views.front import MAX_FRONT_WIDTH, format_brief, format_front
 from cageik_cli.util.messages import Note
 

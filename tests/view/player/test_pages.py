@@ -11,6 +11,7 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.html.page import render_page, render_result_page
+from cageik_cli.report.vocabulary import EDIT_VOCABULARY
 from cageik_cli.view.player import section
 from cageik_cli.view.player.clip import make_single_pose
 from cageik_cli.view.player.section import (
@@ -138,7 +139,7 @@ def test_handles_are_in_the_page_whatever_their_names(model):
 
 def test_the_words_of_an_edited_clip_are_of_motion(model):
     assert ">error over the clip<" in render_view_page(model)
-    assert ">distance moved over the clip<" in render_view_page(model, edited_from="cages.h5")
+    assert ">distance moved over the clip<" in render_view_page(model, words=EDIT_VOCABULARY)
 
 
 def test_without_handles_there_is_no_place_for_them(model):

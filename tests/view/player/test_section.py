@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.method.weights.binding import Binding, reconstruct_frames
+from cageik_cli.method.weights.binding import Binding, Poses, reconstruct_frames
 from cageik_cli.store.result import read_binding, read_cages, read_rotations
 from cageik_cli.view.player import clip as clip_module
 from cageik_cli.view.player import section
@@ -32,7 +32,7 @@ def _check_frames(result, found):
     """Compare rebuilt frames with those that deform writes."""
     binding = read_binding(result)
     cages = np.concatenate(list(read_cages(result, 100)))
-    wanted = reconstruct_frames(binding, cages, read_rotations(result))
+    wanted = reconstruct_frames(binding, Poses(cages, read_rotations(result)))
     for frame, mesh in enumerate(wanted):
         distances = np.linalg.norm(found(frame) - mesh, axis=1) / result.rest.diagonal
         assert np.sqrt((distances**2).mean()) < 1e-5
@@ -67,7 +67,7 @@ def test_a_small_page_is_rounded_and_holds_no_input(closed):
     assert np.abs(arrays["weights"]).max() <= SMALL_MAX_LEVEL
     assert len(page) < len(render_view_page(load_player_clip(result)))
     binding, cages = read_binding(result), np.concatenate(list(read_cages(result, 100)))
-    wanted = reconstruct_frames(binding, cages, read_rotations(result))
+    wanted = reconstruct_frames(binding, Poses(cages, read_rotations(result)))
     found = [rebuild_frame(text, frame) for frame in range(len(wanted))]
     distances = np.linalg.norm(found - wanted, axis=2) / result.rest.diagonal
     assert np.sqrt((distances**2).mean()) < 2e-4

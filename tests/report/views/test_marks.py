@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.check.faults import Finding
-from cageik_cli.report.marks import list_marks
+from cageik_cli.report.views.cage import list_marks
 from tests.shapes import box
 
 CAGE = box()
