@@ -39,7 +39,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from cageik_cli.editing.handles.schema import MAX_HANDLES_BYTES
+from cageik_cli.editing.handles.reader import MAX_HANDLES_BYTES
 from cageik_cli.util.errors import (
     BusyError,
     CageikError,
