@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import h5py
 import numpy as np
 import pytest
 
+import cageik_cli.cli.batch as command
 import cageik_cli.report
 from cageik_cli.batch import dask_cluster
 from cageik_cli.batch.discover import make_result_name
@@ -22,6 +24,7 @@ from cageik_cli.inputs import built_cage
 from cageik_cli.store.checkpoint import CHECKPOINT_MAGIC
 from cageik_cli.store.result import read_result
 from tests.cli.conftest import Here
+from tests.conftest import _use_coarse_panels, run_in_process
 from tests.texts import texts
 
 BATCH = ("batch", "anim", "-o", "out", "--no-pages")
@@ -30,6 +33,10 @@ BATCH = ("batch", "anim", "-o", "out", "--no-pages")
 @pytest.fixture
 def anim(folder, animation, write_obj) -> Path:
     """Clips `walk`, `runs/fast` and `face.npz` of the little animation, with their cage above."""
+    return write_anim(animation, write_obj)
+
+
+def write_anim(animation, write_obj):
     for name in ("walk", "runs/fast"):
         for k, vertices in enumerate(animation.frames, start=1):
             write_obj(Path("anim") / name / f"f_{k}.obj", vertices, animation.rest.faces)
@@ -37,6 +44,29 @@ def anim(folder, animation, write_obj) -> Path:
     write_obj(Path("anim/cage.obj"), animation.cage.vertices, animation.cage.faces)
     Path("anim/cageik.toml").write_text('[extract]\ncage = "cage.obj"\n')
     return Path("anim")
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, animation, write_obj) -> Path:
+    """A folder, read only, with the clips of `anim` and the finished batch of them in `out`."""
+    folder = tmp_path_factory.mktemp("batch")
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        _use_coarse_panels(monkeypatch)
+        monkeypatch.setenv("CAGEIK_CACHE", str(folder / "cache"))
+        monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
+        monkeypatch.setattr(command, "_choose_scheduler", lambda *options: Here())
+        monkeypatch.chdir(folder)
+        write_anim(animation, write_obj)
+        assert run_in_process(*BATCH).code == 0
+    return folder
+
+
+@pytest.fixture
+def done(finished, tmp_path, monkeypatch, coarse_panels, here) -> Path:
+    """The current folder, with a finished batch."""
+    shutil.copytree(finished, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 def report():
@@ -197,16 +227,14 @@ def test_frames_that_can_be_left_out_are_said_once(run, anim, here):
     assert "on-bad-frame" not in again.err
 
 
-def test_other_settings_are_done_again(run, anim, here):
-    run(*BATCH)
+def test_other_settings_are_done_again(run, done):
     again = run(*BATCH, "--resume", "--alpha", "0.5").err
     assert "walk           poor: " in again
     assert again.count("; replaces the result of other settings\n") == 3
     assert "walk           unchanged" in run(*BATCH, "--resume", "--alpha", "0.5").err
 
 
-def test_what_is_there_is_not_lost_unasked(run, anim, here):
-    run(*BATCH)
+def test_what_is_there_is_not_lost_unasked(run, done):
     outcome = run(*BATCH)
     assert outcome.code == 1
     assert "--resume" in outcome.err
@@ -266,8 +294,7 @@ def test_limits_are_kept_by_each_clip(run, anim, here):
     assert "walk           unchanged" in again.err
 
 
-def test_an_earlier_report_is_a_baseline_by_names(run, anim, here, monkeypatch):
-    run(*BATCH)
+def test_an_earlier_report_is_a_baseline_by_names(run, done, monkeypatch):
     Path("out/report.json").rename("old.json")
     same = ("--baseline", "old.json", "--max-regression", "0%")
     read = []
@@ -310,8 +337,7 @@ def test_a_rest_pose_may_be_a_frame(run, anim, here):
     assert report()["walk"]["clip"]["frames"] == 5
 
 
-def test_a_dry_run_changes_nothing(run, anim, here):
-    run(*BATCH)
+def test_a_dry_run_changes_nothing(run, done):
     left = Path("out/clips/walk.h5.partial")
     left.write_bytes(CHECKPOINT_MAGIC)
     run(*BATCH, "--resume", "--dry-run")
@@ -389,8 +415,7 @@ def test_the_reason_of_a_failure_is_printed_once(run, anim, here):
     assert "f_3.obj: 0 vertices" in line
 
 
-def test_a_dry_run_tells_what_is_there(run, anim, here):
-    run(*BATCH)
+def test_a_dry_run_tells_what_is_there(run, done):
     Path("out/clips/walk.h5").rename("out/clips/walk.h5.partial")
     assert run(*BATCH, "--dry-run", "--resume").out.count("up to date") == 2
     assert "checkpoint" in run(*BATCH, "--dry-run", "--resume").out
@@ -549,8 +574,7 @@ def hdf5_of(name):
 
 
 @pytest.mark.parametrize("place", ["out", "out/clips/runs"])
-def test_results_are_no_clips(run, anim, here, place):
-    run(*BATCH)
+def test_results_are_no_clips(run, done, place):
     outcome = run("batch", place, "-o", "out", "--overwrite")
     assert outcome.code == 2
     assert "-o" in outcome.err
