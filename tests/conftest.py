@@ -18,7 +18,7 @@ from hypothesis import settings
 from cageik_cli.cages.builder import build
 from cageik_cli.cli import main
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs import built_cage
+from cageik_cli.inputs import weights
 from cageik_cli.method.weights import harmonic
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.run import executor
@@ -188,7 +188,7 @@ def coarse_grids(monkeypatch, built_cages) -> None:
     """Build cages on coarse grids, from loose shells, in a second; runs build each once."""
     monkeypatch.setattr(build, "COARSE_GRID", (0.03, 0.13))
     monkeypatch.setattr(build, "SHELL_CANDIDATES", ((0.04, 0.08),))
-    build_cage = built_cage._build
+    build_cage = weights._build
 
     def build_once(model, settings, progress):
         key = (model.vertices.tobytes(), model.faces.tobytes(), settings, build.make_shell)
@@ -196,7 +196,7 @@ def coarse_grids(monkeypatch, built_cages) -> None:
             built_cages[key] = build_cage(model, settings, progress)
         return built_cages[key]
 
-    monkeypatch.setattr(built_cage, "_build", build_once)
+    monkeypatch.setattr(weights, "_build", build_once)
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from cageik_cli.cages.bind import bind
 from cageik_cli.formats.ply_points import parse_points, read_splats
 from cageik_cli.geometry.points import PointCloud
-from cageik_cli.inputs.model_file import PointReconstruction
+from cageik_cli.inputs.reconstruction import PointReconstruction
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented
 from cageik_cli.method.weights.binding import Poses

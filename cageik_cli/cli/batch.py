@@ -112,10 +112,10 @@ class SharedOptions:
 
     def find_auxiliary_files(self) -> set[Path]:
         """Return the files that the options name and that are no frames."""
-        from cageik_cli.formats.find_files import split_member
+        from cageik_cli.formats.find_files import Source
 
         return {
-            split_member(file)[0].resolve()
+            Source.parse(file).file.resolve()
             for name, file in (self.config_file | self.command_line).items()
             if file is not None and is_auxiliary_path(extract_command, name, file)
         }

@@ -179,7 +179,7 @@ class ClipTables:
 
         A file of options that cannot be read is skipped here; its clips report the error.
         """
-        from cageik_cli.formats.find_files import split_member
+        from cageik_cli.formats.find_files import Source
 
         files: set[Path] = set()
         for file in self._config_files(folder):
@@ -191,7 +191,7 @@ class ClipTables:
             except click.UsageError:
                 continue
             files.update(
-                split_member(value)[0].resolve()
+                Source.parse(value).file.resolve()
                 for table in tables
                 for name, value in table.items()
                 if is_auxiliary_path(self._command, name, value)

@@ -32,7 +32,7 @@ def make_pose_settings(
 ) -> PoseSettings | EditSettings:
     """Make the settings of an edit of a result, or of a pose of a model."""
     from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-    from cageik_cli.inputs.mesh_source import holds_caged_model
+    from cageik_cli.inputs.source import holds_caged_model
     from cageik_cli.store.binding_file import is_binding
 
     handles = others["handles"]

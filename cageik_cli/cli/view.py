@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 def make_view_settings(**values: Any) -> ViewSettings:
     """Make the settings of a view; options that contradict each other are wrong usage."""
-    from cageik_cli.inputs.mesh_source import holds_caged_model
+    from cageik_cli.inputs.source import holds_caged_model
     from cageik_cli.store.binding_file import is_binding
 
     target, weight_names = values["target"], WEIGHT_NAMES

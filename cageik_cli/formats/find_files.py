@@ -5,6 +5,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from natsort import natsort_keygen, ns
@@ -52,27 +53,69 @@ def sort_naturally(paths: Iterable[Path]) -> list[Path]:
     return sorted(paths, key=lambda path: (_natural_key(path), str(path)))
 
 
-def split_member(path: Path | str) -> tuple[Path, str | None]:
-    """Return the file, and the text behind `::` in `FILE::TEXT`, which may have others, or None."""
-    if "::" not in str(path) or Path(path).exists():
-        return Path(path), None
-    words = str(path).split("::")
-    stops = range(len(words) - 1, 0, -1)
-    stop = next((k for k in stops if Path("::".join(words[:k])).exists()), 1)
-    return Path("::".join(words[:stop])), "::".join(words[stop:])
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What a user names as an input: FILE, or FILE::MEMBER for a part of what is in it.
+
+    Attributes
+    ----------
+    file : Path
+        A file, a folder or a glob.
+    member : str, optional
+        A mesh, a clip or a group; of a result `rest` or `cage`. It may have `::` of its own.
+    suffix : str
+        As of `file_suffix`.
+    """
+
+    file: Path
+    member: str | None = None
+    suffix: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "suffix", file_suffix(self.file))
+
+    @staticmethod
+    def parse(name: "str | Path | Source") -> "Source":
+        """Return what a name means: a file that is spelt with `::` is one."""
+        if isinstance(name, Source):
+            return name
+        if "::" not in str(name) or Path(name).exists():
+            return Source(Path(name))
+        words = str(name).split("::")
+        stops = range(len(words) - 1, 0, -1)
+        stop = next((k for k in stops if Path("::".join(words[:k])).exists()), 1)
+        return Source(Path("::".join(words[:stop])), "::".join(words[stop:]))
+
+    def __str__(self) -> str:
+        """Return it as it is typed."""
+        return f"{self.file}{self._behind}"
+
+    @property
+    def name(self) -> str:
+        """As it is typed, without the folder."""
+        return f"{self.file.name}{self._behind}"
+
+    @property
+    def _behind(self) -> str:
+        return "" if self.member is None else f"::{self.member}"
+
+    @property
+    def is_mesh_file(self) -> bool:
+        """Whether it is a file of a format of one mesh per file."""
+        return self.suffix in mesh_suffixes() and self.file.is_file()
 
 
-def split_only_member(arguments: list[str]) -> tuple[list[str], str | None]:
-    """Return the arguments, and what the only one names behind `::`."""
+def parse_arguments(arguments: Sequence[str]) -> tuple[list[str], str | None]:
+    """Return the files, folders and globs of arguments, and what the only one names behind `::`."""
     if len(arguments) != 1:
-        return arguments, None
-    file, member = split_member(arguments[0])
-    return [arguments[0] if member is None else str(file)], member
+        return list(arguments), None
+    source = Source.parse(arguments[0])
+    return [arguments[0] if source.member is None else str(source.file)], source.member
 
 
-def list_input_files(arguments: list[str]) -> list[Path]:
+def list_input_files(arguments: Sequence[str]) -> list[Path]:
     """List the files that `open_sequence` reads for the same arguments."""
-    return expand_arguments(split_only_member(arguments)[0], tuple(find_readers()))
+    return expand_arguments(parse_arguments(arguments)[0], tuple(find_readers()))
 
 
 def expand_arguments(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:

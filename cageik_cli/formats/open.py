@@ -12,14 +12,12 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity, de
 from cageik_cli.formats.base.readers import ArrayClipFile, FrameFileReader, parse_mesh
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
 from cageik_cli.formats.find_files import (
+    Source,
     check_frames,
     expand_arguments,
-    find_mesh_readers,
     find_readers,
     list_left_out,
-    mesh_suffixes,
-    split_member,
-    split_only_member,
+    parse_arguments,
 )
 from cageik_cli.formats.settings import ClipSettings, RestFrame
 from cageik_cli.formats.stl import number_as_clip
@@ -91,7 +89,7 @@ def _resolve_request(
     arguments: list[str], settings: ClipSettings, rest: LoadedMesh | None
 ) -> tuple[type[MeshSequence], ClipRequest]:
     readers_by_suffix = find_readers()
-    arguments, member = split_only_member(arguments)
+    arguments, member = parse_arguments(arguments)
     paths = expand_arguments(arguments, tuple(readers_by_suffix))
     check_frames(arguments, tuple(paths))
     for path in paths:
@@ -187,16 +185,14 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
             + say("take a complete frame by `rest_frame=`, or a mesh by `rest=`")
         )
     path = Path(sequence.location(index))
-    file, _ = split_member(path)
-    is_mesh_file = file_suffix(file) in mesh_suffixes() and file.is_file()
     return LoadedMesh(
         sequence.first.move(positions),
         {"name": sequence.names[index]},
-        path=path if is_mesh_file else None,
+        path=path if Source.parse(path).is_mesh_file else None,
     )
 
 
-def load_mesh(path: Path, exclude: Sequence[str] = ()) -> LoadedMesh:
+def load_mesh(name: Path | Source, exclude: Sequence[str] = ()) -> LoadedMesh:
     """Read one mesh: a mesh file, or the first frame of a file that holds a clip.
 
     Polygons are cut into triangles, with a note. `FILE::PATH` picks what is read of a file of
@@ -207,40 +203,41 @@ def load_mesh(path: Path, exclude: Sequence[str] = ()) -> LoadedMesh:
     FileAccessError, FormatError
         Naming the file, when it is missing, not a mesh, or of an unknown format.
     """
-    file, member = split_member(path)
-    with error_context(file):
-        if file.is_dir():
+    source = Source.parse(name)
+    with error_context(source.file):
+        if source.file.is_dir():
             raise FileAccessError("is a folder, expected a file; give a mesh in it")
-        if not file.exists():
+        if not source.file.exists():
             raise FileAccessError("no such file; check the path")
-        suffix = file_suffix(file)
-        if suffix not in find_readers():
-            raise FileAccessError(_explain_unsupported(file, "mesh"))
-    reader = find_mesh_readers().get(suffix)
-    if reader is None:
-        return _load_first_frame(path, exclude)
-    with error_context(path):
-        _check_choice(reader, suffix, member, exclude)
-    with error_context(file):
-        data = read_input(file)
-        content = decompress(data, suffix)
+        if source.suffix not in find_readers():
+            raise FileAccessError(_explain_unsupported(source.file, "mesh"))
+    reader = find_readers()[source.suffix]
+    with error_context(source):
+        _check_choice(reader, source.suffix, source.member, exclude)
+    if not issubclass(reader, FrameFileReader):
+        return _load_first_frame(source, reader, exclude)
+    with error_context(source.file):
+        data = read_input(source.file)
+        content = decompress(data, source.suffix)
         read = reader.read_attributes(content, parse_mesh(reader, content))
-        read = reader.read_library(file, read)
+        read = reader.read_library(source.file, read)
         whole = read.make_mesh()
-        mesh, _, left_out = select_parts(whole, member, exclude)
-        source = describe_source(file, data)
-        if member is not None:
-            source["name"] += f"::{to_unicode(member)}"
+        mesh, _, left_out = select_parts(whole, source.member, exclude)
+        origin = describe_source(source.file, data) | {"name": to_unicode(source.name)}
         notes = tuple(map(Note, (*read.notes, *describe_folded(whole), *left_out)))
-        return LoadedMesh(mesh, source, notes, path, is_welded=not reader.numbers_vertices)
+        is_welded = not reader.numbers_vertices
+        return LoadedMesh(mesh, origin, notes, Path(str(source)), is_welded=is_welded)
 
 
-def _load_first_frame(path: Path, exclude: Sequence[str]) -> LoadedMesh:
+def _load_first_frame(
+    source: Source, reader: type[MeshSequence], exclude: Sequence[str]
+) -> LoadedMesh:
     """Read the first frame of a file that holds a clip, as a mesh."""
-    reader, request = _resolve_request([str(path)], ClipSettings(exclude=tuple(exclude)), None)
+    settings = ClipSettings(exclude=tuple(exclude))
+    request = ClipRequest((source.file,), source.member, settings=settings)
     if issubclass(reader, ArrayClipFile) and reader.describe_contents(request):
         raise FormatError(
-            f"{path}: holds no mesh, since it has no faces; give a file that has them, such as "
+            f"{source}: holds no mesh, since it has no faces; give a file that has them, such as "
             ".obj, .usdc or .abc"
         )
     clip = reader(request)
@@ -248,5 +245,5 @@ def _load_first_frame(path: Path, exclude: Sequence[str]) -> LoadedMesh:
     notes = [Note(note.text, note.kind) for note in clip.notes]
     if len(clip) > 1:
         notes.insert(0, Note(f"the first of its {len(clip)} frames is taken"))
-    source = clip.describe_source()
-    return LoadedMesh(clip.first, source, tuple(notes), path, scene=clip.scene)
+    origin, path = clip.describe_source(), Path(str(source))
+    return LoadedMesh(clip.first, origin, tuple(notes), path, scene=clip.scene)

@@ -16,15 +16,10 @@ from cageik_cli.formats.base.skeleton import Skin
 from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh, make_read_only
+from cageik_cli.geometry.rotations import UP_TURNS
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.messages import Note
 from cageik_cli.util.units import SAME_UNIT_TOL, describe_unit
-
-UP_TURNS = {
-    ("Z", "Y"): np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
-    ("Y", "Z"): np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
-}
-"""What turns rows from one up axis to the other: by 90° about x, as all programs do."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +137,7 @@ class SceneConversion:
         if not self:
             return loaded
         mesh, notes = self.convert_mesh(loaded.mesh), (*loaded.notes, Note(self.note))
-        return replace(loaded, mesh=mesh, notes=notes, scene=self.convert_hints(loaded.scene))
+        return replace(loaded, mesh=mesh, notes=notes)
 
     def convert_clip(self, clip: MeshSequence, name: str) -> MeshSequence:
         """Return a clip in the other scene, with a note of this name."""

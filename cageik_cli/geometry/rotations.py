@@ -18,6 +18,12 @@ import numpy as np
 
 from cageik_cli.util.arrays import Floats
 
+UP_TURNS = {
+    ("Z", "Y"): np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    ("Y", "Z"): np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+}
+"""What turns rows from one up axis to the other: by 90° about x, as all programs do."""
+
 MAX_LAST_NEWTON_STEP = 1e-9
 """Largest last step of f; a next step would be a multiple of its square."""
 

@@ -4,7 +4,7 @@ A fit of the model is transferred to other models in its cage, and notes say how
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +14,25 @@ from cageik_cli.fit.settings import FitRecord
 from cageik_cli.fit.transferred import MAX_TRANSFER_DISTANCE, TransferredChange
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.find_files import split_member
+from cageik_cli.formats.find_files import Source
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.built_cage import build_cached, suggest_repair
-from cageik_cli.inputs.mesh_source import holds_caged_model, load_source
-from cageik_cli.inputs.model_file import LoadedModel, load_model
 from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
-from cageik_cli.inputs.scene import UNSTATED, CommonScene, Offer
+from cageik_cli.inputs.scene import UNSTATED, CommonScene
 from cageik_cli.inputs.settings import WeightSettings
-from cageik_cli.inputs.weights import bind_cached, load_matching_binding
+from cageik_cli.inputs.source import (
+    LoadedModel,
+    holds_caged_model,
+    load_model,
+    load_source,
+)
+from cageik_cli.inputs.weights import (
+    bind_cached,
+    build_cached,
+    load_matching_binding,
+    suggest_repair,
+)
 from cageik_cli.method.weights.binding import Binding, reconstruct
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.figures import format_percent
@@ -61,10 +69,8 @@ class CagedModel:
         With the weights, of a binding file.
     source : CagedModel, optional
         The result or the binding that the cage is of, whose fit is transferred to this model.
-    conversion : SceneConversion
-        From the scene of `source` to that of this model.
-    offer : callable, optional
-        Returns the options in place of a transform of the cage, see `CommonScene.offer`.
+    common : CommonScene, optional
+        That of the model, into which a cage was brought that is given beside it.
     """
 
     path: Path
@@ -73,8 +79,7 @@ class CagedModel:
     result: StoredAnimation | None = None
     stored: StoredBinding | None = None
     source: "CagedModel | None" = None
-    conversion: SceneConversion = field(default_factory=SceneConversion)
-    offer: Offer | None = None
+    common: CommonScene | None = None
 
     @staticmethod
     def open(
@@ -94,27 +99,18 @@ class CagedModel:
             return CagedModel.read(path)
         caged = CagedModel(path, load(path), None)
         if cage is not None:
-            caged = caged._put_into(cage, CommonScene(caged.model.mesh.scene, given_in))
+            # A part of a result other than its cage has no fit of its own.
+            named = Source.parse(cage)
+            is_whole = named.member in (None, "cage") and holds_caged_model(named.file)
+            source = CagedModel.read(named.file) if is_whole else None
+            given = load_source(cage, "cage") if source is None else source.cage
+            assert given is not None
+            common = CommonScene(caged.model.mesh.scene, given_in)
+            caged = replace(caged, cage=common.place(given), source=source, common=common)
         if binding is None:
             return caged
         stored = load_matching_binding(binding, caged.model.mesh, caged.cage)
         return replace(caged, stored=stored)
-
-    def _put_into(self, path: Path, common: CommonScene) -> "CagedModel":
-        """Return the model in a cage that is read, with its source, in the scene of the model."""
-        source = CagedModel._find_source(path)
-        given = load_source(path, "cage") if source is None else source.cage
-        assert given is not None
-        conversion = common.find_conversion(given.scene)
-        cage, offer = common.place_cage(given)
-        return replace(self, cage=cage, source=source, conversion=conversion, offer=offer)
-
-    @staticmethod
-    def _find_source(cage: Path) -> "CagedModel | None":
-        """Read the result or the binding whose cage is named; None if it is another file."""
-        file, member = split_member(cage)
-        is_source = member in (None, "cage") and holds_caged_model(file)
-        return CagedModel.read(file) if is_source else None
 
     @staticmethod
     def read(path: Path) -> "CagedModel":
@@ -212,13 +208,14 @@ class CagedModel:
             return self.stored
         rest, cage = self.model.mesh, self.cage
         assert cage is not None
-        with progress.stage("bind"), suggest_repair(cage, rest, self.offer):
+        with progress.stage("bind"), suggest_repair(cage, rest, self.common):
             stored = bind_cached(rest, cage, weights, progress)
         note_all(progress, rest.notes, self.model.name)
         note_all(progress, stored.binding.notes, cage.source["name"])
-        if self.source is None:
+        if self.source is None or self.common is None:
             return stored
-        return transfer_fit(self.source, stored, weights, progress, self.conversion)
+        conversion = self.common.find_conversion(cage.scene)
+        return transfer_fit(self.source, stored, weights, progress, conversion)
 
 
 def _make_model_of_file(

@@ -1,19 +1,34 @@
-"""The cages of an animation, and the mesh animation that they give."""
+"""The cages of an animation, and the animation that they give: of a mesh, points or splats."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import cycle
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from cageik_cli.fit.transferred import TransferredChange
 from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.ply_points import place_normals, place_positions, place_splats
 from cageik_cli.formats.scene_conversion import SceneConversion
+from cageik_cli.method.points.motion import PointMotion
+from cageik_cli.method.points.oriented import Oriented
 from cageik_cli.method.solve.alignment import best_rotations
-from cageik_cli.method.weights.binding import Binding, Poses, reconstruct_frames
+from cageik_cli.method.weights.binding import (
+    FRAMES_PER_PRODUCT,
+    Binding,
+    Poses,
+    reconstruct_frames,
+)
 from cageik_cli.rigs.joints import JointPoses
 from cageik_cli.store.result import StoredAnimation, read_cages, read_rotations
 from cageik_cli.util.arrays import Floats, Integers, fill_gaps
+from cageik_cli.util.messages import Note
+from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import OrderedMap
 
 
@@ -139,3 +154,96 @@ class Reconstruction:
             rotations = best_rotations(centred, rest - rest.mean(axis=0), np.ones(len(rest)))
         meshes = reconstruct_frames(self.binding, Poses(cages, rotations), out, jobs)
         return JointPoses(cages, rotations, meshes)
+
+
+class PointReconstruction:
+    """The frames of points that cages give, with their normals or as splats, as rows.
+
+    Attributes
+    ----------
+    faults : Counter
+        How often the points that were moved are where space has lost its shape; see
+        `count_map_faults`.
+    """
+
+    def __init__(self, motion: PointMotion, jobs: int) -> None:
+        self.faults = Counter[str]()
+        self._motion, self._jobs = motion, jobs
+
+    @staticmethod
+    def prepare(
+        binding: Binding,
+        oriented: Oriented,
+        *,
+        memory: int,
+        jobs: int,
+        progress: ProgressListener,
+        transferred: TransferredChange | None = None,
+    ) -> "PointReconstruction":
+        """Compute the gradients of the weights of points; raises as `PointMotion`.
+
+        `transferred` is what was added to the weights from the fit of another model.
+        """
+        add = None if transferred is None else transferred.add_gradients_to
+        with progress.stage("gradients"):
+            room = max(0, memory - binding.weights.nbytes)
+            motion = PointMotion(binding, oriented, room, jobs, progress.update, add)
+            return PointReconstruction(motion, jobs)
+
+    def stream_rows(
+        self,
+        rest: NDArray[Any],
+        cages: CageFrames,
+        note: Callable[[Note], None],
+    ) -> Iterator[NDArray[Any]]:
+        """Yield the rows (k, m) of all frames in order; they are overwritten by the next.
+
+        At rest, they are `rest` (m,). At the end, `note` takes what is wrong, one sentence each.
+        """
+        size = min(FRAMES_PER_PRODUCT, cages.count)
+        # The next frames are computed while these are written.
+        held = cycle([np.repeat(rest[None], size, axis=0) for _ in range(2)])
+
+        def fill(item: tuple[NDArray[Any], Poses]) -> NDArray[Any]:
+            rows, poses = item[0][: len(item[1])], item[1]
+            self.fill_rows(rows, poses)
+            return rows
+
+        with OrderedMap(fill, zip(held, cages.poses(size), strict=False), 1, 1) as blocks:
+            yield from blocks
+        self.note_faults(len(rest) * cages.count, note)
+
+    def fill_rows(self, rows: NDArray[Any], poses: Poses) -> None:
+        """Fill the rows (k, m) of the frames of poses, block by block in threads."""
+        move = partial(_move_block, self._motion, rows, poses)
+        with OrderedMap(move, self._motion.blocks, self._jobs, 2 * self._jobs) as blocks:
+            for found in blocks:
+                self.faults += found
+
+    def note_faults(self, count: int, note: Callable[[Note], None]) -> None:
+        """Note how many of `count` moved points are where space has lost its shape."""
+        parts, mirrored = "points", "turned inside out"
+        if self._motion.moves_splats:
+            parts = "splats"
+            mirrored += "; their colours are turned by the nearest rotation"
+        for number, what in (
+            (self.faults["mirrored"], mirrored),
+            (self.faults["flat"], "flattened to a sheet, a line or a point"),
+        ):
+            if number:
+                text = f"{number} of {count} moved {parts} are {what}: the cage folds over there"
+                note(Note(text, "warning"))
+
+
+def _move_block(
+    motion: PointMotion, rows: NDArray[Any], poses: Poses, chosen: slice
+) -> Counter[str]:
+    places, oriented, faults = motion.move(chosen, poses)
+    for row, place, turned in zip(rows, places, oriented, strict=True):
+        part = row[chosen]
+        place_positions(part, place.T)
+        if turned.normals is not None:
+            place_normals(part, turned.normals)
+        if turned.splats is not None:
+            place_splats(part, turned.splats)
+    return faults

@@ -22,8 +22,8 @@ from cageik_cli.formats.open import (
 )
 from cageik_cli.formats.settings import AUTO, ClipSettings, RestFrame
 from cageik_cli.formats.timeline import Timeline
-from cageik_cli.inputs.mesh_source import load_rest
 from cageik_cli.inputs.scene import CommonScene
+from cageik_cli.inputs.source import load_rest
 from cageik_cli.method.solve.vertex_weights import make_vertex_weights
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import InputError, SettingError, error_context
@@ -85,7 +85,7 @@ def open_clip_and_choose_rest(
         sequence, loaded = open_clip_and_rest(frames, settings, load_rest(rest, settings.exclude))
         scene.state(sequence.scene)
         with error_context(rest):
-            return sequence, scene.check_rest(scene.place(loaded), loaded.scene, sequence), None
+            return sequence, scene.place_rest(loaded, sequence), None
     sequence = open_sequence(list(frames), settings)
     scene.state(sequence.scene)
     if rest_frame == AUTO:

@@ -31,14 +31,14 @@ class CommandSettings:
 
     def inputs(self) -> list[Path]:
         """Return the files that are read."""
-        from cageik_cli.formats.find_files import list_input_files, split_member
+        from cageik_cli.formats.find_files import Source, list_input_files
 
         named = [
             path
             for value in self._list_values("read")
             for path in (value if isinstance(value, tuple) else (value,))
         ]
-        files = [split_member(path)[0] for path in named if isinstance(path, Path)]
+        files = [Source.parse(path).file for path in named if isinstance(path, Path)]
         for clip in self._list_values("read as a clip"):
             arguments = (clip,) if isinstance(clip, str) else clip
             files += [path for one in arguments for path in list_input_files([one])]

@@ -1,5 +1,11 @@
-"""Weights of a model in its cage: from a binding file, from the cache, or computed."""
+"""The cage of a run and the weights of its model: from a file, from the cache, or computed.
 
+The builder of cages is imported when one is built: it takes as long to import as the rest of a run.
+"""
+
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -7,19 +13,105 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.cages.bind import JudgedBinding, bind, judge_binding
-from cageik_cli.cages.check.enclosure import refuse_other_unit
+from cageik_cli.cages.check.enclosure import MisfitError, refuse_other_unit
 from cageik_cli.cages.check.faults import validate_cage
 from cageik_cli.cages.check.quality import find_looseness_faults
-from cageik_cli.formats.base.files import describe_file
+from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.formats.base.files import describe_file, describe_source
 from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.built_cage import BUILT_CAGE
+from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding
-from cageik_cli.store.cache import EntryCache, find_binding
-from cageik_cli.util.errors import CageError, SettingError, error_context
-from cageik_cli.util.messages import Hint, Note, say
+from cageik_cli.store.cache import Entry, EntryCache, find_binding, find_cage
+from cageik_cli.util.errors import CageError, OutputError, SettingError, error_context
+from cageik_cli.util.messages import Hint, Note, Said, say
+from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
+
+BUILT_CAGE = "built cage"
+"""Name of a cage that was built for the run, in place of that of a file."""
+
+UNNAMED_REST = "MODEL.obj"
+"""Stands for a rest pose that is in no mesh file."""
+
+
+def build_cached(
+    model: TriMesh, settings: BuildSettings, cache: Path | None, progress: ProgressListener
+) -> LoadedMesh:
+    """Build the cage of a model, or take it from the cache if there is a folder for that.
+
+    The cage and its notes have the same bytes either way.
+    """
+    build = partial(_build, model, settings, progress)
+    if cache is None:
+        entry = build()
+    else:
+        entries = EntryCache(cache, partial(progress.note, "cage"))
+        entry = find_cage(entries, model, settings, build)
+    progress.note("cage", entry["description"])
+    cage = TriMesh(entry["vertices"], entry["faces"])
+    data = encode_exact_obj(cage.vertices, cage.faces)
+    source = describe_source(Path(BUILT_CAGE), data)
+    return LoadedMesh(cage, source, tuple(map(Note, entry["notes"])))
+
+
+def check_cage_output(path: Path, overwrite: bool) -> None:
+    """Refuse, before any work, a file that cannot be written."""
+    if path.suffix.lower() != ".obj":
+        raise OutputError(
+            f"{path}: a built cage is written as .obj, which keeps all its digits; name an .obj "
+            "file"
+        )
+    check_writable(path, overwrite)
+
+
+def _build(model: TriMesh, settings: BuildSettings, progress: ProgressListener) -> Entry:
+    """Build the cage, and describe it, as the cache keeps it."""
+    from cageik_cli.cages.builder.build import build_cage
+    from cageik_cli.report.views.cage import describe_built_cage
+
+    built = build_cage(model, settings, progress=progress.update)
+    return {
+        "vertices": built.cage.vertices,
+        "faces": built.cage.faces,
+        "description": describe_built_cage(built),
+        "notes": built.notes,
+    }
+
+
+def format_repair_command(cage: Path, rest: Path | None) -> str:
+    """Return the command that repairs a cage for a rest pose."""
+    words = ["cageik", "cage", "--repair", str(cage), "--rest", str(rest or UNNAMED_REST)]
+    words += ["-o", f"{cage.name.split('.')[0]}_repaired.obj"]
+    command = shlex.join(words)
+    if rest is None:
+        command += f" ({UNNAMED_REST}: the rest pose, as a mesh file)"
+    return command
+
+
+@contextmanager
+def suggest_repair(
+    cage: LoadedMesh, rest: LoadedMesh, common: CommonScene | None = None
+) -> Iterator[None]:
+    """Name the cage in errors raised inside, and the command that may repair its file.
+
+    Where the scene that it was placed in offers options in place of that, they are named.
+    """
+    with error_context(cage.path or cage.source["name"]):
+        try:
+            yield
+        except CageError as error:
+            misfit = error.misfit if isinstance(error, MisfitError) else None
+            remedy: Said = ""
+            if misfit is not None and common is not None:
+                remedy = common.offer(misfit.transform, cage.scene)
+            if cage.path is not None and error.is_repairable and not remedy:
+                remedy = f"; to repair the cage: {format_repair_command(cage.path, rest.path)}"
+            if not remedy:
+                raise
+            raise CageError(error.text + remedy) from error
 
 
 def bind_cached(

@@ -6,11 +6,10 @@ from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_vertex_order
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import ClipSettings
-from cageik_cli.inputs.built_cage import suggest_repair
-from cageik_cli.inputs.mesh_source import load_rest, load_source
 from cageik_cli.inputs.rest_pose import load_vertex_weights
 from cageik_cli.inputs.scene import CommonScene
-from cageik_cli.inputs.weights import bind_cached
+from cageik_cli.inputs.source import load_rest, load_source
+from cageik_cli.inputs.weights import bind_cached, suggest_repair
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.fit import fit_to_clips
 from cageik_cli.run.settings import BindRunSettings
@@ -30,9 +29,9 @@ def bind_files(
     with progress.stage("open"):
         rest = load_rest(settings.rest, settings.exclude)
         scene = CommonScene(rest.scene, settings.given_in, is_shared=bool(settings.clips))
-        cage, offer = scene.place_cage(load_source(settings.cage, "cage"))
+        cage = scene.place(load_source(settings.cage, "cage"))
         note_all(progress, rest.notes, rest.source["name"])
-    with progress.stage("bind"), suggest_repair(cage, rest, offer):
+    with progress.stage("bind"), suggest_repair(cage, rest, scene):
         stored = bind_cached(rest, cage, settings.weights, progress)
     if settings.clips:
         with progress.stage("fit"):

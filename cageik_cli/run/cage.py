@@ -17,18 +17,18 @@ from cageik_cli.cages.settings import (
     SymmetryChoice,
 )
 from cageik_cli.formats.base.choose_parts import order_parts
-from cageik_cli.formats.base.files import describe_source, file_suffix
+from cageik_cli.formats.base.files import describe_source
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
-from cageik_cli.formats.find_files import mesh_suffixes, split_member
+from cageik_cli.formats.find_files import Source
 from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.built_cage import check_cage_output
-from cageik_cli.inputs.mesh_source import holds_caged_model, load_source
 from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
+from cageik_cli.inputs.source import holds_caged_model, load_source
+from cageik_cli.inputs.weights import check_cage_output
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import reconstruct
@@ -78,9 +78,9 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
 
 def _open_model(settings: CageSettings, scene: CommonScene) -> tuple[LoadedMesh, float | None]:
     """Read the model: a mesh, or the rest pose of a clip and its number."""
-    file, _ = split_member(settings.model)
-    is_one_mesh = settings.rest is None and settings.rest_frame is None and file.is_file()
-    if is_one_mesh and (file_suffix(file) in mesh_suffixes() or holds_caged_model(file)):
+    source = Source.parse(settings.model)
+    is_whole = settings.rest is None and settings.rest_frame is None and source.file.is_file()
+    if is_whole and (source.is_mesh_file or holds_caged_model(source.file)):
         model = load_source(Path(settings.model), exclude=settings.clip.exclude)
         scene.state(model.scene)
         return model, None

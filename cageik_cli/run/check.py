@@ -1,10 +1,10 @@
 """A cage and the rest pose in it: read both, and diagnose them."""
 
 from cageik_cli.cages.check.diagnosis import diagnose
-from cageik_cli.inputs.built_cage import format_repair_command
-from cageik_cli.inputs.mesh_source import load_rest, load_source
 from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
+from cageik_cli.inputs.source import load_rest, load_source
+from cageik_cli.inputs.weights import format_repair_command
 from cageik_cli.report.views.cage import CheckResult
 from cageik_cli.run.cage_settings import CheckSettings
 

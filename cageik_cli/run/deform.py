@@ -15,11 +15,10 @@ from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.write import ExportSummary, Output, split_output, write_animation
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames, transfer_fit
-from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction
-from cageik_cli.inputs.moved_meshes import MovedMeshes
-from cageik_cli.inputs.reconstruction import CageFrames, Reconstruction
-from cageik_cli.inputs.scene import CommonScene
+from cageik_cli.inputs.reconstruction import CageFrames, PointReconstruction, Reconstruction
+from cageik_cli.inputs.scene import CommonScene, MovedMeshes
 from cageik_cli.inputs.settings import WeightSettings
+from cageik_cli.inputs.source import LoadedModel
 from cageik_cli.inputs.weights import bind_cached
 from cageik_cli.method.weights.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.method.weights.settings import BindSettings

@@ -19,7 +19,8 @@ from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.ply_points import place_positions
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.inputs.caged_model import CagedModel
-from cageik_cli.inputs.model_file import LoadedModel, PointReconstruction, load_model
+from cageik_cli.inputs.reconstruction import PointReconstruction
+from cageik_cli.inputs.source import LoadedModel, load_model
 from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.blocks import SolvedBlock
 from cageik_cli.method.solve.metrics import DeviationPeaks, check_finite, map_columns

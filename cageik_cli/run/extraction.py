@@ -19,16 +19,21 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
 from cageik_cli.geometry.parts import MAX_PARTS_NAMED, count_by_part
-from cageik_cli.inputs.built_cage import build_cached, suggest_repair
-from cageik_cli.inputs.mesh_source import load_source
 from cageik_cli.inputs.rest_pose import (
     VertexWeights,
     load_vertex_weights,
     open_clip_and_choose_rest,
 )
-from cageik_cli.inputs.scene import CommonScene, Offer
+from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.settings import WeightSettings
-from cageik_cli.inputs.weights import bind_cached, load_matching_binding, restore_baseline_weights
+from cageik_cli.inputs.source import load_source
+from cageik_cli.inputs.weights import (
+    bind_cached,
+    build_cached,
+    load_matching_binding,
+    restore_baseline_weights,
+    suggest_repair,
+)
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver
 from cageik_cli.method.solve.metrics import DeviationPeaks
@@ -135,7 +140,6 @@ class Extraction:
         beside = settings.rest, settings.cage
         self.common = CommonScene.of_clip(settings.scene, settings.given_in, beside)
         self.cage: LoadedMesh | None = None
-        self._offer: Offer | None = None
         self.vertex_weights = VertexWeights(None)
         self.sources: dict[str, Any] = {}
         self.filled: tuple[int, ...] = ()
@@ -177,7 +181,7 @@ class Extraction:
             settings.frames, clip, *pose, self.common, has_cage=has_cage
         )
         if settings.cage is not None:
-            self.cage, self._offer = self.common.place_cage(load_source(settings.cage, "cage"))
+            self.cage = self.common.place(load_source(settings.cage, "cage"))
         self.sources = {"rest": self.rest.source}
         if settings.binding is not None:
             matching = self.stored or load_matching_binding(settings.binding, self.rest, self.cage)
@@ -242,11 +246,12 @@ class Extraction:
                         self.stored, rest, weight_settings, progress
                     )
             return self.stored
+        placed_in = None if self.cage is None else self.common
         if self.cage is None:
             with progress.stage("cage"), error_context(rest.source["name"]):
                 self.cage = build_cached(rest.mesh, settings.build, settings.cache, progress)
             self.sources["cage"] = self.cage.source
-        with progress.stage("bind"), suggest_repair(self.cage, rest, self._offer):
+        with progress.stage("bind"), suggest_repair(self.cage, rest, placed_in):
             self.stored = bind_cached(rest, self.cage, weight_settings, progress)
         if self.fit is not None:
             with progress.stage("fit"):

@@ -9,16 +9,14 @@ import numpy as np
 
 from cageik_cli.cages.check.faults import find_cage_faults
 from cageik_cli.fit.settings import FitRecord
-from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.find_files import mesh_suffixes, split_member
+from cageik_cli.formats.find_files import Source, mesh_suffixes
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.ply_points import PointFile
 from cageik_cli.formats.settings import ClipSettings, Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.mesh_source import holds_caged_model
-from cageik_cli.inputs.model_file import LoadedModel, load_model
+from cageik_cli.inputs.source import LoadedModel, holds_caged_model, load_model
 from cageik_cli.method.points.oriented import REST_COUNTS
 from cageik_cli.method.weights.harmonic import MAX_HARMONIC_FACES
 from cageik_cli.report.figures import group_digits
@@ -74,17 +72,17 @@ def _are_frames(arguments: list[str]) -> bool:
 
     Folders and patterns are taken for frames.
     """
-    files = [split_member(argument)[0] for argument in arguments]
-    suffixes = {file_suffix(file) for file in files}
+    sources = list(map(Source.parse, arguments))
+    suffixes = {source.suffix for source in sources}
     is_series = len(suffixes) == 1 and suffixes <= set(mesh_suffixes())
-    return is_series or not all(file.is_file() for file in files)
+    return is_series or not all(source.file.is_file() for source in sources)
 
 
 def _is_mesh_file(path: Path) -> bool:
     """Return whether it is a file of one mesh, or a mesh of a result; not a folder or a glob."""
-    file, member = split_member(path)
-    is_mesh = file_suffix(file) in mesh_suffixes()
-    return file.is_file() and (is_mesh or (member is not None and holds_caged_model(file)))
+    source = Source.parse(path)
+    is_part = source.file.is_file() and source.member is not None
+    return source.is_mesh_file or (is_part and holds_caged_model(source.file))
 
 
 def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list[Row]:

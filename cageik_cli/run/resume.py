@@ -10,7 +10,7 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.obj.frames import encode_exact_obj
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.built_cage import check_cage_output
+from cageik_cli.inputs.weights import check_cage_output
 from cageik_cli.method.solve.blocks import SolvedBlock
 from cageik_cli.run.settings import ExtractSettings
 from cageik_cli.store.checkpoint import (

@@ -16,15 +16,14 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.check.faults import Finding
 from cageik_cli.formats.base.mesh_data import FileMesh, LoadedMesh
-from cageik_cli.formats.find_files import split_member
+from cageik_cli.formats.find_files import Source
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.geometry.mesh import MAX_COORDINATE, TriMesh
 from cageik_cli.geometry.mirror import find_mirror
-from cageik_cli.inputs.built_cage import BUILT_CAGE
 from cageik_cli.inputs.caged_model import CagedModel
-from cageik_cli.inputs.mesh_source import holds_caged_model, load_source, name_source
-from cageik_cli.inputs.model_file import load_surface
 from cageik_cli.inputs.scene import CommonScene
+from cageik_cli.inputs.source import holds_caged_model, load_source, load_surface
+from cageik_cli.inputs.weights import BUILT_CAGE
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import BindSettings
@@ -85,7 +84,9 @@ class RestCageSession(PageSession):
         super().__init__(settings)
         self._rest, self._cage, self._name = rest.mesh, cage.mesh, name
         paths = (settings.target, settings.cage)
-        self._watched = [WatchedInput(split_member(path)[0]) for path in paths if path is not None]
+        self._watched = [
+            WatchedInput(Source.parse(path).file) for path in paths if path is not None
+        ]
         self._clip = _make_clip(rest.mesh, cage.mesh, name)
         origin, weights = self._clip.binding.cage.vertices.mean(axis=0), settings.weights
         self.laboratory = CageSubprocess(rest.mesh, origin, weights.bind, weights.jobs)
@@ -181,7 +182,7 @@ def _open_cage(
     settings: ViewSettings, rest: LoadedMesh, progress: ProgressListener
 ) -> tuple[LoadedMesh, str]:
     if settings.cage is None:
-        from cageik_cli.inputs.model_file import LoadedModel
+        from cageik_cli.inputs.source import LoadedModel
 
         caged = CagedModel(settings.target, LoadedModel(rest), None)
         built = caged.build_cage(settings.build, settings.weights.cache, progress).cage
@@ -190,7 +191,7 @@ def _open_cage(
     common = CommonScene(rest.scene, settings.given_in)
     cage = common.place(load_source(settings.cage, "cage"))
     note_all(progress, cage.notes, cage.source["name"])
-    return cage, name_source(settings.cage)
+    return cage, Source.parse(settings.cage).name
 
 
 def _make_clip(rest: TriMesh, cage: TriMesh, name: str) -> PlayerClip:

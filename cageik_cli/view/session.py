@@ -17,11 +17,10 @@ from cageik_cli.editing.handles.placement import place_handles
 from cageik_cli.editing.handles.reader import MAX_HANDLES_BYTES, describe_location, parse_handles
 from cageik_cli.editing.summary import PoseResult
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
-from cageik_cli.formats.find_files import split_member
+from cageik_cli.formats.find_files import Source
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.inputs.caged_model import CagedModel
-from cageik_cli.inputs.mesh_source import name_source
-from cageik_cli.inputs.model_file import load_surface
+from cageik_cli.inputs.source import load_surface
 from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import BindSettings
@@ -369,7 +368,7 @@ def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSess
 def _open_target(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
     """Open a result, a binding, or a model with a cage that is given or built."""
     check_target_kind(settings.target, "to view an animation")
-    watched = WatchedInput(split_member(settings.target)[0])
+    watched = WatchedInput(Source.parse(settings.target).file)
     with progress.stage("open"):
         target = CagedModel.open(
             settings.target,
@@ -411,8 +410,8 @@ def _list_target_words(settings: ViewSettings, target: CagedModel) -> list[str]:
     """List what `cageik pose` is given to pose: a model in its cage, or a binding file."""
     if target.stored is not None:
         return [(settings.binding or settings.target).name]
-    cage = UNNAMED_CAGE if settings.cage is None else name_source(settings.cage)
-    words = [name_source(settings.target), "--cage", cage]
+    cage = UNNAMED_CAGE if settings.cage is None else Source.parse(settings.cage).name
+    words = [Source.parse(settings.target).name, "--cage", cage]
     usual = BindSettings()
     for name in ("coordinates", "accuracy", "outside"):
         if (value := getattr(settings.weights.bind, name)) != getattr(usual, name):

@@ -20,7 +20,7 @@ import cageik_cli.report
 from cageik_cli.batch import dask_cluster
 from cageik_cli.batch.discover import make_result_name
 from cageik_cli.batch.run import WEIGHT_CACHE_FOLDER
-from cageik_cli.inputs import built_cage
+from cageik_cli.inputs import weights
 from cageik_cli.store.checkpoint import CHECKPOINT_MAGIC
 from cageik_cli.store.result import read_result
 from tests.cli.conftest import Here
@@ -140,8 +140,8 @@ def test_clips_without_a_cage_get_one_that_is_built_once(
         built.append(given)
         return build(*given)
 
-    build = built_cage._build
-    monkeypatch.setattr(built_cage, "_build", count)
+    build = weights._build
+    monkeypatch.setattr(weights, "_build", count)
     Path("anim/cageik.toml").write_text("[extract]\ncage-vertices = 20\n")
     planned = run(*BATCH, "--dry-run")
     assert planned.out.count("  cage           would be built, of 20 vertices") == 3

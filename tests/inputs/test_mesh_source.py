@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.inputs.mesh_source import load_source
+from cageik_cli.inputs.source import load_source
 from cageik_cli.util.errors import FileAccessError
 
 

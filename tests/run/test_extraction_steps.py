@@ -142,7 +142,7 @@ def test_a_cage_is_built_when_none_is_given(plain):
 def test_a_result_with_a_built_cage_is_kept_and_nothing_is_built(plain, monkeypatch):
     settings = replace(plain, cage=None, build=BuildSettings(20), resume=True)
     extract(settings)
-    monkeypatch.setattr("cageik_cli.inputs.built_cage._build", fail)
+    monkeypatch.setattr("cageik_cli.inputs.weights._build", fail)
     extract(replace(settings, cage_output=Path("built.obj")))
     assert len(load_mesh(Path("built.obj")).mesh.vertices) == 20
     with pytest.raises(CheckpointError, match="other settings"):
@@ -234,7 +234,7 @@ def test_known_weights_come_with_the_cage_that_was_built(plain, monkeypatch):
     settings = replace(plain, cage=None, build=BuildSettings(20))
     complete = open_extraction(settings)
     stored = complete.bind()
-    monkeypatch.setattr("cageik_cli.inputs.built_cage._build", fail)
+    monkeypatch.setattr("cageik_cli.inputs.weights._build", fail)
     result = Extraction(settings, stored=stored).run()
     assert result.sources["cage"] == complete.sources["cage"]
     assert compute_weights_key(open_extraction(settings)) == compute_weights_key(complete)
@@ -259,7 +259,7 @@ def test_a_cage_from_the_cache_gives_the_same_bytes(plain, cache, monkeypatch):
     settings = replace(plain, cage=None, build=BuildSettings(20), cache=cache)
     plain_bytes = extract(replace(settings, cache=None)).path.read_bytes()
     assert extract(replace(settings, overwrite=True)).path.read_bytes() == plain_bytes
-    monkeypatch.setattr("cageik_cli.inputs.built_cage._build", fail)
+    monkeypatch.setattr("cageik_cli.inputs.weights._build", fail)
     listener = Listener()
     result = extract(replace(settings, overwrite=True), listener)
     assert result.path.read_bytes() == plain_bytes

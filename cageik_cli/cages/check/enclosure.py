@@ -9,12 +9,11 @@ from cageik_cli.cages.check.faults import Finding, find_cage_faults, format_elem
 from cageik_cli.cages.check.misfit import (
     MAX_DENTED_SHARE,
     MAX_OUTSIDE_SHARE,
-    MAX_SIZE_RATIO,
     OTHER_POSE_REMEDY,
     Misfit,
     explain_misfit,
-    find_transform,
 )
+from cageik_cli.cages.transform import MAX_SIZE_RATIO, find_transform
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import PartShare, count_by_part, describe_by_part, name_vertex
 from cageik_cli.geometry.points import PointCloud

@@ -11,8 +11,8 @@ import numpy as np
 
 from cageik_cli.cages.check.enclosure import Placement
 from cageik_cli.cages.check.faults import Finding, format_elements
-from cageik_cli.cages.check.misfit import MAX_SIZE_RATIO, find_transform
 from cageik_cli.cages.surface_points import sample_surface, take_evenly
+from cageik_cli.cages.transform import MAX_SIZE_RATIO, find_transform
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.parts import count_by_part, describe_by_part, name_vertex

@@ -10,7 +10,6 @@ import numpy as np
 
 from cageik_cli.cages.check.enclosure import find_missing_extent, locate_vertices
 from cageik_cli.cages.check.faults import Finding, find_cage_faults, format_elements
-from cageik_cli.cages.check.misfit import Transform, find_transform
 from cageik_cli.cages.check.quality import (
     MIN_CLEARANCE,
     find_low_clearance,
@@ -35,6 +34,7 @@ from cageik_cli.cages.repair.tidy import (
     replace_corners,
 )
 from cageik_cli.cages.surface_points import sample_surface
+from cageik_cli.cages.transform import Transform, find_transform
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.geometry.surface import winding_numbers

@@ -5,13 +5,8 @@ import pytest
 
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.check.enclosure import check_enclosure
-from cageik_cli.cages.check.misfit import (
-    average_normals,
-    explain_misfit,
-    find_transform,
-    measure_inflation,
-    round_up,
-)
+from cageik_cli.cages.check.misfit import explain_misfit, round_up
+from cageik_cli.cages.transform import average_normals, find_transform, measure_inflation
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError
 from tests.shapes import ball, box, finer, rotation

@@ -4,7 +4,6 @@ import pytest
 from cageik_cli.cages.bind import bind, judge_binding
 from cageik_cli.cages.builder.build import build_cage
 from cageik_cli.cages.check.enclosure import locate_vertices
-from cageik_cli.cages.check.misfit import MAX_SIZE_RATIO
 from cageik_cli.cages.check.quality import (
     MIN_ANGLE,
     MIN_CLEARANCE,
@@ -20,6 +19,7 @@ from cageik_cli.cages.check.quality import (
     is_too_loose,
 )
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cages.transform import MAX_SIZE_RATIO
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.weights.settings import BindSettings
 from tests.cages.check.test_sections import trousers

@@ -1,20 +1,21 @@
-"""A model that is moved: a mesh, points, or Gaussian splats."""
+"""What a user names as an input, opened: a mesh, points or splats, of any file that holds them."""
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+import glob
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.fit.transferred import TransferredChange
-from cageik_cli.formats.base.files import decompress, describe_source, file_stem, file_suffix
+from cageik_cli.formats.base.choose_parts import drop_parts, select_parts
+from cageik_cli.formats.base.files import decompress, describe_source, file_stem, hash_file
+from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.find_files import split_member
+from cageik_cli.formats.find_files import Source, sort_naturally
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.ply import Reader as PlyReader
 from cageik_cli.formats.ply_points import (
     MOVED,
@@ -22,34 +23,115 @@ from cageik_cli.formats.ply_points import (
     PointWriter,
     holds_splats,
     parse_points,
-    place_normals,
-    place_positions,
-    place_splats,
     read_splats,
 )
+from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.formats.write import PLACEHOLDER, Output, WriterFactory, names_parts
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.geometry.points import PointCloud
-from cageik_cli.inputs.mesh_source import load_source
-from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented, Splats
-from cageik_cli.method.weights.binding import FRAMES_PER_PRODUCT, Binding, Poses
+from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import COORDINATES
-from cageik_cli.util.errors import OutputError, SettingError, error_context, join_truncated
+from cageik_cli.store.binding_file import is_binding, read_binding
+from cageik_cli.store.result import is_animation, read_animation
+from cageik_cli.util.errors import (
+    FileAccessError,
+    OutputError,
+    SettingError,
+    error_context,
+    join_truncated,
+)
 from cageik_cli.util.files import read_input
-from cageik_cli.util.messages import Note, say
+from cageik_cli.util.messages import Hint, Note, say
 from cageik_cli.util.progress import ProgressListener, note_all
 from cageik_cli.util.text import to_unicode
-from cageik_cli.util.threads import OrderedMap
 
-if TYPE_CHECKING:
-    from cageik_cli.inputs.reconstruction import CageFrames
+Role = Literal["rest", "cage"]
+"""What is wanted of a result or a binding, and what `FILE::rest` and `FILE::cage` name."""
 
 POINT_SUFFIXES = (".ply", ".npz", ".pc2", ".mdd")
 """What points without faces can be written as."""
 
 SPLAT_SUFFIXES = (".ply", *USD_SUFFIXES)
+
+
+def holds_caged_model(path: Path) -> bool:
+    """Return whether a file is a result, an edit or a binding; InputError if it cannot be read."""
+    return path.suffix.lower() in HDF5_SUFFIXES and (is_binding(path) or is_animation(path))
+
+
+def load_source(name: Path, role: Role = "rest", exclude: Sequence[str] = ()) -> LoadedMesh:
+    """Read a mesh file, the first frame of a clip, or what a result or a binding holds.
+
+    Parameters
+    ----------
+    name : Path
+        A file, or `FILE::PATH` for a part of a file of several meshes. Of a result or a binding,
+        `FILE::rest` is the rest pose and `FILE::cage` the cage.
+    role : "rest" or "cage"
+        Which of both is meant where neither is named.
+    exclude : sequence of str
+        Patterns of parts that are left out.
+
+    Raises
+    ------
+    InputError
+        Naming the file, when it is missing, damaged, or holds no mesh.
+    """
+    source = Source.parse(name)
+    file, member = source.file, source.member
+    _check_one_file(file, role)
+    if not file.is_file() or not holds_caged_model(file):
+        return load_mesh(source, exclude)
+    if member not in (None, "rest", "cage"):
+        raise SettingError(
+            f"{file}: holds no mesh `{to_unicode(member)}`; choose `rest` or `cage`, as in "
+            f"{file.name}::rest"
+        )
+    scene = SceneHints()
+    if is_binding(file):
+        binding = read_binding(file).binding
+        meshes = {"rest": binding.rest, "cage": binding.cage}
+    else:
+        result = read_animation(file)
+        meshes, scene = {"rest": result.rest, "cage": result.cage}, result.scene.space
+    part = member or role
+    origin = {"name": f"{file.name}::{part}", "sha256": hash_file(file).hex()}
+    with error_context(source):
+        mesh, _, notes = select_parts(meshes[part], None, exclude)
+    return LoadedMesh(mesh, origin, tuple(map(Note, notes)), name, scene)
+
+
+def _check_one_file(path: Path, role: Role) -> None:
+    """Refuse a pattern, and a folder in place of a cage: a clip is meant, which may be either."""
+    if path.is_dir() and role == "cage":
+        raise FileAccessError(
+            f"{path}: is a folder, expected the file of a cage; "
+            + say("give the folder of a clip as `frames=`, and the cage as `cage=`")
+        )
+    if glob.has_magic(str(path)) and not path.exists():
+        found = sort_naturally(map(Path, glob.glob(str(path), recursive=True)))
+        names = join_truncated((to_unicode(file.name) for file in found), 3) or "no file"
+        raise FileAccessError(
+            f"{path}: is a pattern ({names}), expected one file; "
+            + say("give the frames of a clip as `frames=`, and one file as ")
+            + Hint(role)
+        )
+
+
+def load_rest(path: Path, exclude: Sequence[str] = ()) -> LoadedMesh:
+    """Read the rest pose of a clip, of which patterns leave out parts, where it has them.
+
+    Raises
+    ------
+    InputError
+        As `load_source`, or when nothing is left.
+    """
+    loaded = load_source(path)
+    with error_context(path):
+        mesh, notes = drop_parts(loaded.mesh, exclude)
+    return replace(loaded, mesh=mesh, notes=(*loaded.notes, *map(Note, notes)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,14 +249,14 @@ def load_surface(path: Path, exclude: Sequence[str] = ()) -> LoadedModel:
 
 def load_model(path: Path, exclude: Sequence[str] = ()) -> LoadedModel:
     """Read a mesh, points without faces (.ply), or Gaussian splats (.ply)."""
-    suffix = file_suffix(path)
-    if suffix not in PlyReader.suffixes or path.is_dir():
-        return load_surface(path, exclude)
+    source = Source.parse(path)
+    if source.suffix not in PlyReader.suffixes or source.member or path.is_dir() or exclude:
+        return LoadedModel(load_source(path, exclude=exclude))
     with error_context(path):
         data = read_input(path)
-        points = parse_points(decompress(data, suffix))
-    if points is None or exclude:
-        return load_surface(path, exclude)
+        points = parse_points(decompress(data, source.suffix))
+    if points is None:
+        return LoadedModel(load_source(path))
     with error_context(path):
         splats = read_splats(points) if holds_splats(points) else None
         cloud = PointCloud.from_points(points.positions)
@@ -204,7 +286,7 @@ def load_models(paths: Sequence[Path], place: Callable[[LoadedModel], LoadedMode
     for path, model in zip(paths, models, strict=True):
         own = split_parts(model.mesh.mesh)
         parts += own
-        names += [part.name or to_unicode(file_stem(split_member(path)[0])) for part in own]
+        names += [part.name or to_unicode(file_stem(Source.parse(path).file)) for part in own]
     meshes, transforms = [part.mesh for part in parts], [part.transform for part in parts]
     loaded = [model.mesh for model in models]
     notes = tuple(note.at(one.source["name"]) for one in loaded for note in one.notes)
@@ -214,96 +296,3 @@ def load_models(paths: Sequence[Path], place: Callable[[LoadedModel], LoadedMode
         notes,
     )
     return LoadedModel(joined)
-
-
-class PointReconstruction:
-    """The frames of points that cages give, with their normals or as splats, as rows.
-
-    Attributes
-    ----------
-    faults : Counter
-        How often the points that were moved are where space has lost its shape; see
-        `count_map_faults`.
-    """
-
-    def __init__(self, motion: PointMotion, jobs: int) -> None:
-        self.faults = Counter[str]()
-        self._motion, self._jobs = motion, jobs
-
-    @staticmethod
-    def prepare(
-        binding: Binding,
-        oriented: Oriented,
-        *,
-        memory: int,
-        jobs: int,
-        progress: ProgressListener,
-        transferred: TransferredChange | None = None,
-    ) -> "PointReconstruction":
-        """Compute the gradients of the weights of points; raises as `PointMotion`.
-
-        `transferred` is what was added to the weights from the fit of another model.
-        """
-        add = None if transferred is None else transferred.add_gradients_to
-        with progress.stage("gradients"):
-            room = max(0, memory - binding.weights.nbytes)
-            motion = PointMotion(binding, oriented, room, jobs, progress.update, add)
-            return PointReconstruction(motion, jobs)
-
-    def stream_rows(
-        self,
-        rest: NDArray[Any],
-        cages: "CageFrames",
-        note: Callable[[Note], None],
-    ) -> Iterator[NDArray[Any]]:
-        """Yield the rows (k, m) of all frames in order; they are overwritten by the next.
-
-        At rest, they are `rest` (m,). At the end, `note` takes what is wrong, one sentence each.
-        """
-        size = min(FRAMES_PER_PRODUCT, cages.count)
-        # The next frames are computed while these are written.
-        held = cycle([np.repeat(rest[None], size, axis=0) for _ in range(2)])
-
-        def fill(item: tuple[NDArray[Any], Poses]) -> NDArray[Any]:
-            rows, poses = item[0][: len(item[1])], item[1]
-            self.fill_rows(rows, poses)
-            return rows
-
-        with OrderedMap(fill, zip(held, cages.poses(size), strict=False), 1, 1) as blocks:
-            yield from blocks
-        self.note_faults(len(rest) * cages.count, note)
-
-    def fill_rows(self, rows: NDArray[Any], poses: Poses) -> None:
-        """Fill the rows (k, m) of the frames of poses, block by block in threads."""
-        move = partial(_move_block, self._motion, rows, poses)
-        with OrderedMap(move, self._motion.blocks, self._jobs, 2 * self._jobs) as blocks:
-            for found in blocks:
-                self.faults += found
-
-    def note_faults(self, count: int, note: Callable[[Note], None]) -> None:
-        """Note how many of `count` moved points are where space has lost its shape."""
-        parts, mirrored = "points", "turned inside out"
-        if self._motion.moves_splats:
-            parts = "splats"
-            mirrored += "; their colours are turned by the nearest rotation"
-        for number, what in (
-            (self.faults["mirrored"], mirrored),
-            (self.faults["flat"], "flattened to a sheet, a line or a point"),
-        ):
-            if number:
-                text = f"{number} of {count} moved {parts} are {what}: the cage folds over there"
-                note(Note(text, "warning"))
-
-
-def _move_block(
-    motion: PointMotion, rows: NDArray[Any], poses: Poses, chosen: slice
-) -> Counter[str]:
-    places, oriented, faults = motion.move(chosen, poses)
-    for row, place, turned in zip(rows, places, oriented, strict=True):
-        part = row[chosen]
-        place_positions(part, place.T)
-        if turned.normals is not None:
-            place_normals(part, turned.normals)
-        if turned.splats is not None:
-            place_splats(part, turned.splats)
-    return faults
