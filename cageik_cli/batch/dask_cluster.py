@@ -33,7 +33,7 @@ from cageik_cli.batch.jobs import (
 from cageik_cli.captured.frames import CapturedBlockSolver, FrameWeights
 from cageik_cli.captured.robust import RobustSolver
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
+from cageik_cli.inputs.clip import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.method.solve.blocks import BlockSolver, SolvedBlock
 from cageik_cli.method.solve.dual_laplacian import DualLaplacianSolver

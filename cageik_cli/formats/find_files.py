@@ -118,7 +118,7 @@ def list_input_files(arguments: Sequence[str]) -> list[Path]:
     return expand_arguments(parse_arguments(arguments)[0], tuple(find_readers()))
 
 
-def expand_arguments(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:
+def expand_arguments(arguments: Sequence[str], suffixes: tuple[str, ...]) -> list[Path]:
     """List every file that the arguments name, once, in natural order of the paths."""
     named = [path for argument in arguments for path in _expand_argument(argument, suffixes)]
     # A link to a frame is another frame (a hold); another spelling of its path is the same frame.
@@ -204,7 +204,7 @@ def _find_series(files: list[Path]) -> dict[str, list[Path]]:
     return {stem.rpartition("#")[0]: group for stem, group in groups if len(group) > 1}
 
 
-def check_frames(arguments: list[str], paths: tuple[Path, ...]) -> None:
+def check_frames(arguments: Sequence[str], paths: tuple[Path, ...]) -> None:
     """Refuse meshes that are not frames of one another, such as a body and its clothes.
 
     Those of a folder are compared, each series of numbered files that are named, and those that
@@ -317,7 +317,7 @@ def suggest_series_below(folder: Path) -> str:
     return f"did you mean {' or '.join(found[:3])}?" if found else ""
 
 
-def list_left_out(arguments: list[str], paths: tuple[Path, ...]) -> list[str]:
+def list_left_out(arguments: Sequence[str], paths: tuple[Path, ...]) -> list[str]:
     """Write a sentence on the files of folders that are no frames."""
     suffixes, notes = tuple(find_readers()), []
     for folder in map(Path, arguments):

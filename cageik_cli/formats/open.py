@@ -52,7 +52,7 @@ _UNSUPPORTED_REASONS = {
 
 
 def open_sequence(
-    arguments: list[str], settings: ClipSettings | None = None, rest: LoadedMesh | None = None
+    arguments: Sequence[str], settings: ClipSettings | None = None, rest: LoadedMesh | None = None
 ) -> MeshSequence:
     """Open the clip that `arguments` name: files, folders, globs, or one file that holds a clip.
 
@@ -79,14 +79,14 @@ def list_members(path: Path) -> list[str]:
         return []
 
 
-def describe_contents(arguments: list[str], settings: ClipSettings) -> list[tuple[str, Said]]:
+def describe_contents(arguments: Sequence[str], settings: ClipSettings) -> list[tuple[str, Said]]:
     """Describe files that are not a clip by themselves, in labelled lines; empty for a clip."""
     reader, request = _resolve_request(arguments, settings, None)
     return reader.describe_contents(request)
 
 
 def _resolve_request(
-    arguments: list[str], settings: ClipSettings, rest: LoadedMesh | None
+    arguments: Sequence[str], settings: ClipSettings, rest: LoadedMesh | None
 ) -> tuple[type[MeshSequence], ClipRequest]:
     readers_by_suffix = find_readers()
     arguments, member = parse_arguments(arguments)
@@ -135,13 +135,13 @@ def _explain_unsupported(path: Path, holds: str = "clip") -> str:
 
 
 def open_clip_and_rest(
-    frames: tuple[str, ...],
+    frames: Sequence[str],
     settings: ClipSettings,
     rest: LoadedMesh | None,
     rest_frame: RestFrame = 0,
 ) -> tuple[MeshSequence, LoadedMesh]:
     """Open a clip and its rest pose: a mesh of the same connectivity, or a frame of it."""
-    sequence = open_sequence(list(frames), settings, rest)
+    sequence = open_sequence(frames, settings, rest)
     if rest is not None:
         with error_context(rest.path or rest.source["name"]):
             ordered, notes = order_parts(rest.mesh, sequence.first, "the clip")

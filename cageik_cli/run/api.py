@@ -21,7 +21,7 @@ from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.formats.timeline import parse_frames
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.rest_pose import VertexWeights
+from cageik_cli.inputs.clip import VertexWeights
 from cageik_cli.inputs.source import load_rest, load_source
 from cageik_cli.method.solve.metrics import METRIC_TYPES, FrameMetrics
 from cageik_cli.method.solve.settings import SolveSettings

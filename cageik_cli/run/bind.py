@@ -1,12 +1,10 @@
 """The weights of a run: computed, from the cache, or from a binding file."""
 
 from cageik_cli.fit.fitted import FittedWeights
-from cageik_cli.formats.base.choose_parts import check_part_order
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
-from cageik_cli.formats.base.mesh_data import LoadedMesh, check_vertex_order
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.settings import ClipSettings
-from cageik_cli.inputs.rest_pose import load_vertex_weights
+from cageik_cli.inputs.clip import load_vertex_weights, open_clip_of
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.source import load_rest, load_source
 from cageik_cli.inputs.weights import bind_cached, suggest_repair
@@ -14,7 +12,6 @@ from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.fit import fit_to_clips
 from cageik_cli.run.settings import BindRunSettings
 from cageik_cli.store.binding_file import StoredBinding, write_binding
-from cageik_cli.util.errors import error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener, note_all
 
@@ -50,17 +47,11 @@ def _fit_to_files(
     progress: ProgressListener,
 ) -> FittedWeights:
     """Fit the weights to the clips of the settings."""
-    clips, taken = [], ClipSettings(exclude=settings.exclude, fps=settings.fps)
-    for name in settings.clips:
-        clip = open_sequence([name], taken, rest)
-        with error_context(name):
-            check_part_order(clip.first, rest.mesh, "the rest pose")
-            check_vertex_order(clip.first, rest.mesh.fan_triangulated, "the rest pose")
-            clip = scene.match_clip(
-                clip, name, rest.mesh, beside="those of the rest pose", other="the rest pose"
-            )
-        note_all(progress, clip.notes)
-        clips.append(clip)
+    taken = ClipSettings(exclude=settings.exclude, fps=settings.fps)
+    clips = [
+        open_clip_of(rest, [name], taken, scene, progress, called="the rest pose")[0]
+        for name in settings.clips
+    ]
     return fit_to_clips(
         binding,
         clips,

@@ -16,16 +16,14 @@ from cageik_cli.cages.settings import (
     BuildSettings,
     SymmetryChoice,
 )
-from cageik_cli.formats.base.choose_parts import order_parts
 from cageik_cli.formats.base.files import describe_source
-from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
+from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence, as_sequence
 from cageik_cli.formats.find_files import Source
 from cageik_cli.formats.obj.frames import encode_exact_obj
-from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
+from cageik_cli.inputs.clip import open_clip_and_choose_rest, open_clip_of
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.source import holds_caged_model, load_source
 from cageik_cli.inputs.weights import check_cage_output
@@ -45,52 +43,82 @@ from cageik_cli.util.errors import (
 )
 from cageik_cli.util.messages import join_texts
 from cageik_cli.util.outputs import write_bytes
-from cageik_cli.util.progress import ProgressListener, note_all
+from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 
 def build_cage_file(settings: CageSettings, progress: ProgressListener | None = None) -> CageResult:
     """Build a cage around a model and write it."""
-    progress = progress or ProgressListener()
-    check_cage_output(settings.output, settings.overwrite)
-    with progress.stage("open"):
+    return _CageBuild(settings, progress or ProgressListener()).run()
+
+
+class _CageBuild:
+    """A cage around a model, from the files to the file."""
+
+    def __init__(self, settings: CageSettings, progress: ProgressListener) -> None:
+        self._settings, self._progress = settings, progress
         is_shared = bool(settings.animation) and settings.rest is not None
-        scene = CommonScene(given_in=settings.given_in, is_shared=is_shared)
-        model, rest_frame = _open_model(settings, scene)
-        clip = _read_animation(settings, model, scene, progress)
-    with progress.stage("cage"), error_context(model.source["name"]):
-        built = cage_builder.build_cage(
-            model.mesh,
-            settings.build,
-            clip,
-            progress.update,
-            settings.jobs,
-            note=partial(progress.note, "note"),
+        self._scene = CommonScene(given_in=settings.given_in, is_shared=is_shared)
+
+    def run(self) -> CageResult:
+        """Open the model and its animation, build the cage, and write it."""
+        settings, progress = self._settings, self._progress
+        check_cage_output(settings.output, settings.overwrite)
+        with progress.stage("open"):
+            self._model, rest_frame = self._open_model()
+            clip = self._read_animation()
+        with progress.stage("cage"), error_context(self._model.source["name"]):
+            built = cage_builder.build_cage(
+                self._model.mesh,
+                settings.build,
+                clip,
+                progress.update,
+                settings.jobs,
+                note=partial(progress.note, "note"),
+            )
+        with progress.stage("write"):
+            polygons = built.cage.polygons
+            rings = np.split(polygons.corners, polygons.starts[1:])
+            data = encode_exact_obj(built.cage.vertices, rings)
+            write_bytes(settings.output, data, settings.overwrite)
+        source = describe_source(Path(settings.output.name), data)
+        return CageResult(settings.output, source, self._model, settings.build, built, rest_frame)
+
+    def _open_model(self) -> tuple[LoadedMesh, float | None]:
+        """Read the model: a mesh, or the rest pose of a clip and its number."""
+        settings, source = self._settings, Source.parse(self._settings.model)
+        is_whole = settings.rest is None and settings.rest_frame is None and source.file.is_file()
+        if is_whole and (source.is_mesh_file or holds_caged_model(source.file)):
+            exclude = settings.clip.exclude
+            model = load_source(Path(settings.model), exclude=exclude)
+            self._scene.state(model.scene)
+            return model, None
+        clip, rest, index = open_clip_and_choose_rest(
+            (settings.model,), settings.clip, settings.rest, settings.rest_frame or 0, self._scene
         )
-    with progress.stage("write"):
-        polygons = built.cage.polygons
-        rings = np.split(polygons.corners, polygons.starts[1:])
-        data = encode_exact_obj(built.cage.vertices, rings)
-        write_bytes(settings.output, data, settings.overwrite)
-    source = describe_source(Path(settings.output.name), data)
-    return CageResult(settings.output, source, model, settings.build, built, rest_frame)
-
-
-def _open_model(settings: CageSettings, scene: CommonScene) -> tuple[LoadedMesh, float | None]:
-    """Read the model: a mesh, or the rest pose of a clip and its number."""
-    source = Source.parse(settings.model)
-    is_whole = settings.rest is None and settings.rest_frame is None and source.file.is_file()
-    if is_whole and (source.is_mesh_file or holds_caged_model(source.file)):
-        model = load_source(Path(settings.model), exclude=settings.clip.exclude)
-        scene.state(model.scene)
-        return model, None
-    clip, rest, index = open_clip_and_choose_rest(
-        (settings.model,), settings.clip, settings.rest, settings.rest_frame or 0, scene
-    )
-    if index is not None:
+        if index is None:
+            return rest, None
         _check_is_clip(clip, index)
-    number = None if index is None else clip.scene.override(Scene()).frame_number(index)
-    return rest, number
+        return rest, clip.scene.override(Scene()).frame_number(index)
+
+    def _read_animation(self) -> Clip | None:
+        """Read some frames of the animation, if there is one, whose order the model follows."""
+        settings = self._settings
+        if not settings.animation:
+            return None
+        clip, self._model = open_clip_of(
+            self._model,
+            settings.animation,
+            settings.clip,
+            self._scene,
+            self._progress,
+            called="the model",
+            follows=False,
+        )
+        held = [k for k in range(len(clip)) if k not in clip.missing]
+        return make_measured_clip(
+            self._model.mesh, len(held), lambda k: clip.read_frame(held[k]), settings.jobs
+        )
 
 
 def _check_is_clip(clip: MeshSequence, index: int) -> None:
@@ -103,29 +131,6 @@ def _check_is_clip(clip: MeshSequence, index: int) -> None:
         ) from error
     except InputError:
         pass  # a damaged frame, which the cage does not need
-
-
-def _read_animation(
-    settings: CageSettings, model: LoadedMesh, scene: CommonScene, progress: ProgressListener
-) -> Clip | None:
-    """Read some frames of the animation, if there is one."""
-    if not settings.animation:
-        return None
-    sequence = open_sequence(list(settings.animation), settings.clip, model)
-    with error_context(model.source["name"]):
-        rest, _ = order_parts(model.mesh, sequence.first, "the animation")
-        fans, expected = rest.fan_triangulated, sequence.first.fan_triangulated
-        check_connectivity(len(fans.vertices), fans.faces, expected, "the first frame")
-    name = " ".join(settings.animation)
-    with error_context(name):
-        sequence = scene.match_clip(
-            sequence, name, model.mesh, beside="those of the model", other="the model"
-        )
-    note_all(progress, sequence.notes)
-    held = [k for k in range(len(sequence)) if k not in sequence.missing]
-    return make_measured_clip(
-        rest, len(held), lambda k: sequence.read_frame(held[k]), settings.jobs
-    )
 
 
 def build_cage(

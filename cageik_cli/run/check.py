@@ -1,7 +1,7 @@
 """A cage and the rest pose in it: read both, and diagnose them."""
 
 from cageik_cli.cages.check.diagnosis import diagnose
-from cageik_cli.inputs.rest_pose import open_clip_and_choose_rest
+from cageik_cli.inputs.clip import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.source import load_rest, load_source
 from cageik_cli.inputs.weights import format_repair_command

@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.fit.transferred import TransferredChange
-from cageik_cli.formats.base.mesh_data import check_vertex_order
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.writers import Animation
-from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.write import ExportSummary, Output, split_output, write_animation
-from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames, transfer_fit
+from cageik_cli.inputs.clip import open_clip_of
 from cageik_cli.inputs.reconstruction import CageFrames, PointReconstruction, Reconstruction
 from cageik_cli.inputs.scene import CommonScene, MovedMeshes
 from cageik_cli.inputs.settings import WeightSettings
@@ -145,31 +143,25 @@ class _Deformation:
             source.require_result(NO_CAGES)
             return None
         assert source.cage is not None
+        result = source.result
         exclude = tuple(self._meshes.unmatched)  # what a mesh has is not meant for the cages
         sampled = replace(settings.clip, fps=settings.scene.fps, exclude=exclude)
-        clip = open_sequence([settings.cages], sampled, source.cage)
-        with error_context(settings.cages):
-            check_vertex_order(clip.first, source.cage.mesh, source.cage_name)
-            clip = self._match_cages(clip, source.cage.mesh)
-        note_all(progress, clip.notes)
+        clip, _ = open_clip_of(
+            source.cage,
+            [settings.cages],
+            sampled,
+            self._common,
+            progress,
+            called=source.cage_name,
+            beside="the rest cage",
+            other="the binding" if result is None else "the result",
+            edited=None if result is None else CageFrames.from_result(result),
+        )
         if clip.missing:
             names = join_truncated((clip.names[k] for k in sorted(clip.missing)), 5)
             missing = f"{len(clip.missing)} cages are missing ({names}) and interpolated"
             progress.note("note", missing)
         return clip
-
-    def _match_cages(self, clip: MeshSequence, cage: TriMesh) -> MeshSequence:
-        """Bring cages into the scene of the source, or refuse them."""
-        result, name = self._source.result, Path(str(self._settings.cages)).name
-        is_edit = result is not None and len(result.frames) == len(clip)
-        return self._common.match_clip(
-            clip,
-            name,
-            cage,
-            beside="those of the rest cage" if not is_edit else "those of the result's cages",
-            other="the binding" if result is None else "the result",
-            read_expected=CageFrames.from_result(result).read if result and is_edit else None,
-        )
 
     def _load_or_compute_binding(self) -> tuple[Binding, TransferredChange | None]:
         """Return the weights of the source if they fit the settings; else bind the mesh.

@@ -19,7 +19,7 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
 from cageik_cli.geometry.parts import MAX_PARTS_NAMED, count_by_part
-from cageik_cli.inputs.rest_pose import (
+from cageik_cli.inputs.clip import (
     VertexWeights,
     load_vertex_weights,
     open_clip_and_choose_rest,

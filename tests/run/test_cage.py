@@ -9,13 +9,18 @@ import pytest
 from cageik_cli.cages.builder.build import MAX_SHIFTED
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.write import Output, write_mesh
+from cageik_cli.geometry.parts import join_meshes
 from cageik_cli.report.views.cage import format_cage_json, list_cage_rows
 from cageik_cli.run.cage import build_cage_file
 from cageik_cli.run.cage_settings import CageSettings
 from cageik_cli.util.errors import FileAccessError, OutputError
 from tests.cages.independent import examine
 from tests.listeners import Listener
+from tests.shapes import box, finer
 from tests.texts import texts
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("folder", "coarse_grids")]
@@ -80,6 +85,27 @@ def test_the_cage_for_an_animation_has_the_least_error():
     assert 0 < len(shifted) == min(MAX_SHIFTED, len(errors) - len(shifted))
     assert result.built.chosen.error == min(errors)
     assert dict(list_cage_rows(result))["error"].startswith(f"{min(errors):.4f} %")
+
+
+def test_a_model_follows_the_order_of_the_parts_of_an_animation():
+    """Both parts have as many vertices, so that counts do not tell them apart."""
+    parts = {"body": finer(box(1.0), 2), "hat": finer(box(0.5), 2)}
+    parts["hat"] = parts["hat"].move(parts["hat"].vertices + np.array([1.5, 0, 0]))
+    cages = []
+    for name in ("body hat", "hat body"):
+        order = name.split()
+        model = join_meshes([parts[each] for each in order], order)
+        write_mesh(Path(f"{name}.obj"), model, model.vertices, overwrite=False)
+        frames = np.stack([model.vertices * [1, 1 + 0.1 * k, 1] for k in range(3)])
+        if not cages:
+            moved = Animation(model, 3, Scene(), "clip")
+            with Output(Path("clip.usdc")).open_writer(moved) as writer:
+                writer.append(frames)
+        settings = CageSettings(f"{name}.obj", OUT, SMALL, animation=("clip.usdc",), overwrite=True)
+        result = build_cage_file(settings)
+        cages.append(OUT.read_bytes())
+    assert texts(result.model.notes) == ("parts taken in the order of the clip",)
+    assert cages[0] == cages[1]
 
 
 def test_an_animation_of_another_model_is_refused(animation, write_obj):

@@ -1,13 +1,20 @@
-"""The rest pose of a clip: a file, or the frame in which least touches; and its vertex weights."""
+"""A clip and the mesh that it moves, in one scene; and the weights of its vertices.
 
+The rest pose is a file, which follows the order of the clip, or a frame: the one in which least
+touches. A clip of a mesh that has weights already follows the order of that mesh.
+"""
+
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cageik_cli.formats.base.choose_parts import check_part_order
 from cageik_cli.formats.base.files import hash_file
-from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
+from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity, check_vertex_order
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.npz import (
     FrameWeightsFile,
@@ -28,7 +35,11 @@ from cageik_cli.method.solve.vertex_weights import make_vertex_weights
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import InputError, SettingError, error_context
 from cageik_cli.util.messages import Note
+from cageik_cli.util.progress import ProgressListener, note_all
 from cageik_cli.util.text import to_unicode
+
+if TYPE_CHECKING:  # what it imports takes long
+    from cageik_cli.inputs.reconstruction import CageFrames
 
 MAX_COMPARED_FRAMES = 200
 """Frames of a clip that are compared, at most; of longer clips they are spread evenly."""
@@ -86,7 +97,7 @@ def open_clip_and_choose_rest(
         scene.state(sequence.scene)
         with error_context(rest):
             return sequence, scene.place_rest(loaded, sequence), None
-    sequence = open_sequence(list(frames), settings)
+    sequence = open_sequence(frames, settings)
     scene.state(sequence.scene)
     if rest_frame == AUTO:
         index, reason = choose_rest_frame(sequence)
@@ -104,7 +115,7 @@ def _load_frame_of_full_clip(
     """Load a frame of a whole clip as the rest pose, and find it among those that are taken."""
     is_whole = settings.selection == slice(None)
     every = replace(settings, selection=slice(None))
-    whole = taken if is_whole else open_sequence(list(frames), every)
+    whole = taken if is_whole else open_sequence(frames, every)
     index = find_rest_index(whole, rest_frame)
     number = whole.timeline.number_frame(index)
     if is_whole:
@@ -121,6 +132,63 @@ def _load_frame_of_full_clip(
     # Polygons are cut as in the frames that are taken.
     mesh = taken.first.move(loaded.mesh.vertices)
     return replace(loaded, mesh=mesh, notes=(*loaded.notes, Note(reason))), None
+
+
+def open_clip_of(
+    mesh: LoadedMesh,
+    frames: Sequence[str],
+    settings: ClipSettings,
+    scene: CommonScene,
+    progress: ProgressListener,
+    *,
+    called: str,
+    beside: str = "",
+    other: str = "",
+    edited: "CageFrames | None" = None,
+    follows: bool = True,
+) -> tuple[MeshSequence, LoadedMesh]:
+    """Open a clip of a mesh, whose scene rules, and note what was changed in it.
+
+    Parameters
+    ----------
+    called, beside, other : str
+        What messages call the mesh, what its edges are of, and what it is of; alike by default.
+    edited : CageFrames, optional
+        What the frames of the clip are edits of, if it has as many.
+    follows : bool
+        Whether the clip must have the order of the mesh; else the mesh follows that of the clip.
+
+    Returns
+    -------
+    clip : MeshSequence
+    mesh : LoadedMesh
+        In the order of the clip, unless that follows.
+
+    Raises
+    ------
+    ConnectivityError, FormatError
+        When it is a clip of another mesh, has another order, or is in another scene.
+    """
+    if follows:
+        clip = open_sequence(frames, settings, mesh)
+    else:
+        clip, mesh = open_clip_and_rest(frames, settings, mesh)
+    place = " ".join(frames)
+    with error_context(place):
+        if follows:
+            check_part_order(clip.first, mesh.mesh, called)
+            check_vertex_order(clip.first, mesh.mesh.fan_triangulated, called)
+        is_edit = edited is not None and edited.count == len(clip)
+        clip = scene.match_clip(
+            clip,
+            Path(place).name,
+            mesh.mesh,
+            beside=f"those of {f'{called}s' if is_edit else beside or called}",
+            other=other or called,
+            read_expected=edited.read if edited is not None and is_edit else None,
+        )
+    note_all(progress, clip.notes)
+    return clip, mesh
 
 
 def choose_rest_frame(sequence: MeshSequence) -> tuple[int, str]:

@@ -8,8 +8,8 @@ import pytest
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.inputs import rest_pose as module
-from cageik_cli.inputs.rest_pose import choose_rest_frame, open_clip_and_choose_rest
+from cageik_cli.inputs import clip as module
+from cageik_cli.inputs.clip import choose_rest_frame, open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.report.views.cage import format_cage_json, format_check_text
 from cageik_cli.run.cage import build_cage_file
