@@ -12,7 +12,6 @@ import numpy as np
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.fit.settings import FitRecord
 from cageik_cli.fit.transferred import MAX_TRANSFER_DISTANCE, TransferredChange
-from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.find_files import Source
 from cageik_cli.formats.scene_conversion import SceneConversion
@@ -23,9 +22,10 @@ from cageik_cli.inputs.scene import UNSTATED, CommonScene
 from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.inputs.source import (
     LoadedModel,
-    holds_caged_model,
+    get_meshes,
     load_model,
     load_source,
+    read_caged,
 )
 from cageik_cli.inputs.weights import (
     bind_cached,
@@ -37,7 +37,7 @@ from cageik_cli.method.weights.binding import Binding, reconstruct
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.figures import format_percent
 from cageik_cli.store import result as result_file
-from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
+from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import (
     Result,
     StoredAnimation,
@@ -95,14 +95,15 @@ class CagedModel:
         is brought into the scene of the model; `given_in` is what it is in, if not what its file
         states.
         """
-        if holds_caged_model(path):
-            return CagedModel.read(path)
+        held = read_caged(path)
+        if held is not None:
+            return CagedModel.of_file(path, held)
         caged = CagedModel(path, load(path), None)
         if cage is not None:
             # A part of a result other than its cage has no fit of its own.
             named = Source.parse(cage)
-            is_whole = named.member in (None, "cage") and holds_caged_model(named.file)
-            source = CagedModel.read(named.file) if is_whole else None
+            held = read_caged(named.file) if named.member in (None, "cage") else None
+            source = None if held is None else CagedModel.of_file(named.file, held)
             given = load_source(cage, "cage") if source is None else source.cage
             assert given is not None
             common = CommonScene(caged.model.mesh.scene, given_in)
@@ -114,18 +115,18 @@ class CagedModel:
 
     @staticmethod
     def read(path: Path) -> "CagedModel":
-        """Read a result or a binding."""
-        if path.exists() and path.suffix.lower() in HDF5_SUFFIXES and is_binding(path):
-            stored = read_binding(path)
-            return _make_model_of_file(
-                path, stored.binding.rest, stored.binding.cage, stored=stored
-            )
-        return CagedModel.of_result(read_animation(path))
+        """Read a result, an edit or a binding; what is neither is refused as no result."""
+        held = read_caged(path) if path.exists() else None
+        return CagedModel.of_file(path, read_animation(path) if held is None else held)
 
     @staticmethod
-    def of_result(result: StoredAnimation) -> "CagedModel":
-        """Return the model of a result that was read."""
-        return _make_model_of_file(result.path, result.rest, result.cage, result=result)
+    def of_file(path: Path, held: StoredAnimation | StoredBinding) -> "CagedModel":
+        """Return the model of a result or a binding, whose meshes have no files of their own."""
+        result, stored = (None, held) if isinstance(held, StoredBinding) else (held, None)
+        rest, cage, scene = get_meshes(held)
+        model = LoadedMesh(rest, {"name": f"the rest pose of {path.name}"}, scene=scene)
+        loaded = LoadedMesh(cage, {"name": f"the cage of {path.name}"}, scene=scene)
+        return CagedModel(path, LoadedModel(model), loaded, result, stored)
 
     @property
     def cage_name(self) -> str:
@@ -216,21 +217,6 @@ class CagedModel:
             return stored
         conversion = self.common.find_conversion(cage.scene)
         return transfer_fit(self.source, stored, weights, progress, conversion)
-
-
-def _make_model_of_file(
-    path: Path,
-    rest: TriMesh,
-    cage: TriMesh,
-    *,
-    result: StoredAnimation | None = None,
-    stored: StoredBinding | None = None,
-) -> CagedModel:
-    """Return what a file holds, whose meshes have no files of their own."""
-    scene = UNSTATED if result is None else result.scene.space
-    model = LoadedMesh(rest, {"name": f"the rest pose of {path.name}"}, scene=scene)
-    loaded = LoadedMesh(cage, {"name": f"the cage of {path.name}"}, scene=scene)
-    return CagedModel(path, LoadedModel(model), loaded, result, stored)
 
 
 def report_skipped_frames(result: StoredAnimation, progress: ProgressListener) -> None:

@@ -24,7 +24,7 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.scene_conversion import SceneConversion
 from cageik_cli.formats.settings import Scene, SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs.source import LoadedModel, load_models
+from cageik_cli.inputs.source import LoadedModel, load_models, load_rest, load_source
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import FormatError, InputError, SettingError, error_context
 from cageik_cli.util.messages import Hint, Note, Said, join_texts, say
@@ -85,6 +85,16 @@ class CommonScene:
         """Take what a clip states, where nothing is stated yet."""
         self._stated = self._stated.over(_keep_space(hints))
         self.hints = self.hints.over(_keep_space(hints))
+
+    def open_rest(self, path: Path, exclude: Sequence[str] = ()) -> LoadedMesh:
+        """Read a rest pose, whose scene rules; raises as `load_rest`."""
+        rest = load_rest(path, exclude)
+        self.state(rest.scene)
+        return rest
+
+    def open_cage(self, path: Path) -> LoadedMesh:
+        """Read a cage, and bring it into this scene; raises as `load_source`."""
+        return self.place(load_source(path, "cage"))
 
     def place(self, loaded: LoadedMesh) -> LoadedMesh:
         """Return a mesh in this scene, with a note if it was converted."""

@@ -28,13 +28,14 @@ from cageik_cli.formats.ply_points import (
 from cageik_cli.formats.settings import SceneHints
 from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.formats.write import PLACEHOLDER, Output, WriterFactory, names_parts
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.method.points.oriented import Oriented, Splats
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import COORDINATES
-from cageik_cli.store.binding_file import is_binding, read_binding
-from cageik_cli.store.result import is_animation, read_animation
+from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
+from cageik_cli.store.result import StoredAnimation, is_animation, read_animation
 from cageik_cli.util.errors import (
     FileAccessError,
     OutputError,
@@ -61,6 +62,22 @@ def holds_caged_model(path: Path) -> bool:
     return path.suffix.lower() in HDF5_SUFFIXES and (is_binding(path) or is_animation(path))
 
 
+def read_caged(path: Path) -> StoredAnimation | StoredBinding | None:
+    """Read a result, an edit or a binding; None if it is another file."""
+    if path.suffix.lower() not in HDF5_SUFFIXES:
+        return None
+    if is_binding(path):
+        return read_binding(path)
+    return read_animation(path) if is_animation(path) else None
+
+
+def get_meshes(held: StoredAnimation | StoredBinding) -> tuple[TriMesh, TriMesh, SceneHints]:
+    """Return the rest pose and the cage of a result or a binding, and their scene, if known."""
+    if isinstance(held, StoredBinding):
+        return held.binding.rest, held.binding.cage, SceneHints()
+    return held.rest, held.cage, held.scene.space
+
+
 def load_source(name: Path, role: Role = "rest", exclude: Sequence[str] = ()) -> LoadedMesh:
     """Read a mesh file, the first frame of a clip, or what a result or a binding holds.
 
@@ -82,24 +99,19 @@ def load_source(name: Path, role: Role = "rest", exclude: Sequence[str] = ()) ->
     source = Source.parse(name)
     file, member = source.file, source.member
     _check_one_file(file, role)
-    if not file.is_file() or not holds_caged_model(file):
+    held = read_caged(file) if file.is_file() else None
+    if held is None:
         return load_mesh(source, exclude)
     if member not in (None, "rest", "cage"):
         raise SettingError(
             f"{file}: holds no mesh `{to_unicode(member)}`; choose `rest` or `cage`, as in "
             f"{file.name}::rest"
         )
-    scene = SceneHints()
-    if is_binding(file):
-        binding = read_binding(file).binding
-        meshes = {"rest": binding.rest, "cage": binding.cage}
-    else:
-        result = read_animation(file)
-        meshes, scene = {"rest": result.rest, "cage": result.cage}, result.scene.space
+    rest, cage, scene = get_meshes(held)
     part = member or role
     origin = {"name": f"{file.name}::{part}", "sha256": hash_file(file).hex()}
     with error_context(source):
-        mesh, _, notes = select_parts(meshes[part], None, exclude)
+        mesh, _, notes = select_parts(rest if part == "rest" else cage, None, exclude)
     return LoadedMesh(mesh, origin, tuple(map(Note, notes)), name, scene)
 
 

@@ -6,7 +6,6 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.inputs.clip import load_vertex_weights, open_clip_of
 from cageik_cli.inputs.scene import CommonScene
-from cageik_cli.inputs.source import load_rest, load_source
 from cageik_cli.inputs.weights import bind_cached, suggest_repair
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.run.fit import fit_to_clips
@@ -24,9 +23,9 @@ def bind_files(
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):
-        rest = load_rest(settings.rest, settings.exclude)
-        scene = CommonScene(rest.scene, settings.given_in, is_shared=bool(settings.clips))
-        cage = scene.place(load_source(settings.cage, "cage"))
+        scene = CommonScene(given_in=settings.given_in, is_shared=bool(settings.clips))
+        rest = scene.open_rest(settings.rest, settings.exclude)
+        cage = scene.open_cage(settings.cage)
         note_all(progress, rest.notes, rest.source["name"])
     with progress.stage("bind"), suggest_repair(cage, rest, scene):
         stored = bind_cached(rest, cage, settings.weights, progress)

@@ -240,21 +240,34 @@ def repair_cage_file(
     CageError
         Naming the faults that are left; nothing is written then.
     """
-    progress = progress or ProgressListener()
-    check_cage_output(settings.output, settings.overwrite)
-    with progress.stage("open"):
-        model, scene = load_source(settings.model), CommonScene(given_in=settings.given_in)
-        scene.state(model.scene)
-        cage = scene.place(load_source(settings.cage, "cage"))
-    with progress.stage("repair"), error_context(settings.cage):
-        attributes = cage.mesh.attributes
-        counts = None if attributes is None else attributes.corner_counts
-        fans = cage.mesh.fan_triangulated
-        repaired = repair_cage(fans, model.mesh, counts, progress.update)
+    return _CageRepair(settings, progress or ProgressListener()).run()
+
+
+class _CageRepair:
+    """A cage that is made fit for a model, from file to file."""
+
+    def __init__(self, settings: RepairCageSettings, progress: ProgressListener) -> None:
+        self._settings, self._progress = settings, progress
+
+    def run(self) -> tuple[RepairedCage, float]:
+        """Open the model and its cage, repair that, and write it."""
+        settings, progress = self._settings, self._progress
+        check_cage_output(settings.output, settings.overwrite)
+        with progress.stage("open"):
+            scene = CommonScene(given_in=settings.given_in)
+            model, cage = scene.open_rest(settings.model), scene.open_cage(settings.cage)
+        with progress.stage("repair"), error_context(settings.cage):
+            repaired = self._repair(cage.mesh, model.mesh)
+        with progress.stage("write"):
+            text = encode_exact_obj(repaired.mesh.vertices, repaired.mesh.rings)
+            write_bytes(settings.output, text, settings.overwrite)
+        return repaired, model.mesh.diagonal
+
+    def _repair(self, cage: TriMesh, model: TriMesh) -> RepairedCage:
+        """Repair the cage; refuse one that is still not fit."""
+        counts = None if cage.attributes is None else cage.attributes.corner_counts
+        repaired = repair_cage(cage.fan_triangulated, model, counts, self._progress.update)
         if not repaired.is_fit:
             left = join_texts("; ", (finding.sentence for finding in repaired.faults))
             raise CageError("cannot be repaired, what is left: " + left)
-    with progress.stage("write"):
-        text = encode_exact_obj(repaired.mesh.vertices, repaired.mesh.rings)
-        write_bytes(settings.output, text, settings.overwrite)
-    return repaired, model.mesh.diagonal
+        return repaired

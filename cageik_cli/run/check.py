@@ -3,7 +3,6 @@
 from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.inputs.clip import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
-from cageik_cli.inputs.source import load_rest, load_source
 from cageik_cli.inputs.weights import format_repair_command
 from cageik_cli.report.views.cage import CheckResult
 from cageik_cli.run.cage_settings import CheckSettings
@@ -23,9 +22,8 @@ def check_cage(settings: CheckSettings) -> CheckResult:
             has_cage=True,
         )
     elif settings.rest is not None:
-        rest = load_rest(settings.rest, settings.clip.exclude)
-        scene.state(rest.scene)
-    cage = scene.place(load_source(settings.cage, "cage"))
+        rest = scene.open_rest(settings.rest, settings.clip.exclude)
+    cage = scene.open_cage(settings.cage)
     diagnosis = diagnose(cage.mesh, rest.mesh if rest is not None else None, settings.jobs)
     command = None
     if diagnosis.is_repairable:

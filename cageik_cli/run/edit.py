@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from cageik_cli.editing.cage_edits import EditFiles
 from cageik_cli.editing.edits import EditTarget, LayeredEdit
 from cageik_cli.editing.summary import PoseResult, PoseStatistics, take_snapshot
-from cageik_cli.formats.base.files import hash_file
+from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.ply_points import place_positions
 from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.reconstruction import PointReconstruction
-from cageik_cli.inputs.source import LoadedModel, load_model
+from cageik_cli.inputs.source import load_model
 from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.blocks import SolvedBlock
 from cageik_cli.method.solve.metrics import DeviationPeaks, check_finite, map_columns
@@ -32,7 +32,6 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import (
     AnimationWriter,
     Edit,
-    StoredAnimation,
     open_animation_writer,
     read_animation,
     read_cages,
@@ -64,47 +63,33 @@ def edit(
     files : EditFiles, optional
         In place of those of the settings.
     """
-    progress = progress or ProgressListener()
-    check_no_overlap(settings.outputs(), settings.inputs())
-    check_writable(settings.output, settings.overwrite)
-    check_hdf5_suffix(settings.output)
-    with progress.stage("open"):
-        files = files or EditFiles.read(settings.handles, settings.cage_edits)
-        run = _EditRun(settings, files, progress)
-    return run.run()
+    return _AnimationEdit(settings, progress or ProgressListener()).run(files)
 
 
-class _EditRun:
+class _AnimationEdit:
     """The animation of a result on its way to the edited one."""
 
-    def __init__(
-        self, settings: EditSettings, files: EditFiles, progress: ProgressListener
-    ) -> None:
-        self._settings, self._files, self._progress = settings, files, progress
-        self._result = result = read_animation(settings.result)
-        # Of the rest pose to each frame, (F, 3, 3); edits do not change them.
-        self._rotations = read_rotations(result)
-        binding = CagedModel.of_result(result).read_binding("an edit")
-        self._target = EditTarget.of_animation(
-            binding,
-            lambda frame: np.asarray(next(read_cages(result, 1, frame))[0]),
-            result.frames,
-            self._rotations,
-            result.scene,
-        )
+    def __init__(self, settings: EditSettings, progress: ProgressListener) -> None:
+        self._settings, self._progress = settings, progress
 
-    def run(self) -> PoseResult:
+    def run(self, files: EditFiles | None) -> PoseResult:
         """Edit, measure and write all frames."""
-        settings, result, progress = self._settings, self._result, self._progress
+        settings, progress = self._settings, self._progress
+        check_no_overlap(settings.outputs(), settings.inputs())
+        check_writable(settings.output, settings.overwrite)
+        check_hdf5_suffix(settings.output)
+        with progress.stage("open"):
+            self._files = files or EditFiles.read(settings.handles, settings.cage_edits)
+            self._open()
         # One thread: the last digits depend on how many.
         with progress.stage("pose"), limit_blas_threads(1):
             self._edit = LayeredEdit(self._files, self._target, settings.posing)
         _report_placement(self._edit, self._files, progress)
-        self._statistics = PoseStatistics(self._edit)
+        self._statistics, result = PoseStatistics(self._edit), self._result
         writer = open_animation_writer(
             settings.output,
             Edit,
-            _collect_first_fields(settings, self._files, result),
+            self._collect_first_fields(),
             stored=StoredBinding(
                 self._target.binding, {}, fit=result.fit, low_rank=read_low_rank(result)
             ),
@@ -121,13 +106,25 @@ class _EditRun:
             offsets = np.concatenate([block.meshes_before - block.meshes_after for block in posed])
             last = {
                 "vertex_rms": summary.vertex_rms,
-                "sources": _collect_sources(settings, self._files, result),
+                "sources": self._collect_sources(),
                 "skipped": summary.skipped,
             }
             with progress.stage("write"):
                 file.complete(last, key_frames=key_frames, key_frame_errors=offsets)
         pose_summary = self._statistics.summarize()
         return PoseResult(pose_summary, take_snapshot(self._edit, posed[0], pose_summary))
+
+    def _open(self) -> None:
+        """Read the result, its weights, and the rotation of the rest pose to each frame."""
+        self._result = result = read_animation(self._settings.result)
+        self._rotations = read_rotations(result)  # (F, 3, 3); edits do not change them
+        self._target = EditTarget.of_animation(
+            CagedModel.of_file(result.path, result).read_binding("an edit"),
+            lambda frame: np.asarray(next(read_cages(result, 1, frame))[0]),
+            result.frames,
+            self._rotations,
+            result.scene,
+        )
 
     def _write_blocks(self, file: AnimationWriter) -> Iterator[SolvedBlock]:
         """Edit, measure and write all frames, and yield the blocks."""
@@ -168,106 +165,104 @@ class _EditRun:
             sampled=np.empty((0, 3 * len(cages)), np.float32),
         )
 
+    def _collect_first_fields(self) -> dict[str, Any]:
+        """Return what is known of an edit before the first frame is edited."""
+        result, name = self._result, to_unicode(self._settings.result.name)
+        sources = self._files.sources.values()
+        editor = " and ".join(single_line(source["name"]) for source in sources)
+        note = (
+            f"edited by {editor}: figures measure how far the mesh was moved from "
+            f"{single_line(name)}, not how well frames were met"
+        )
+        return {
+            "scene": result.scene,
+            "settings": result.settings | describe_settings(self._settings.posing),
+            "notes": (*result.notes, Note(note)),
+            "quality": result.quality,
+            "edited_from": name,
+        }
 
-def _collect_first_fields(
-    settings: EditSettings, files: EditFiles, result: StoredAnimation
-) -> dict[str, Any]:
-    """Return what is known of an edit before the first frame is edited."""
-    editor = " and ".join(single_line(source["name"]) for source in files.sources.values())
-    source = single_line(to_unicode(settings.result.name))
-    note = (
-        f"edited by {editor}: figures measure how far the mesh was moved from {source}, not how "
-        "well frames were met"
-    )
-    return {
-        "scene": result.scene,
-        "settings": result.settings | describe_settings(settings.posing),
-        "notes": (*result.notes, Note(note)),
-        "quality": result.quality,
-        "edited_from": to_unicode(settings.result.name),
-    }
-
-
-def _collect_sources(
-    settings: EditSettings, files: EditFiles, result: StoredAnimation
-) -> dict[str, Any]:
-    """Return the sources of the result, and the files of the edit."""
-    source = {
-        "name": to_unicode(settings.result.name),
-        "sha256": hash_file(settings.result).hex(),
-    }
-    # An edit of an edit names its own files, and not those of the one before.
-    earlier = {k: v for k, v in result.sources.items() if k not in ("handles", "cage_edits")}
-    return earlier | {"result": source} | files.sources
+    def _collect_sources(self) -> dict[str, Any]:
+        """Return the sources of the result, and the files of the edit."""
+        # An edit of an edit names its own files, and not those of the one before.
+        held = self._result.sources.items()
+        earlier = {k: v for k, v in held if k not in ("handles", "cage_edits")}
+        return earlier | {"result": describe_file(self._settings.result)} | self._files.sources
 
 
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
     """Pose a model by handles and cage edits, and write it."""
-    progress = progress or ProgressListener()
-    check_target_kind(settings.target, "to edit an animation")
-    with progress.stage("open"):
-        target = CagedModel.open(
-            settings.target,
-            settings.cage,
-            given_in=settings.given_in,
-            load=partial(load_model, exclude=settings.exclude),
-        )
+    return _ModelPose(settings, progress or ProgressListener()).run()
+
+
+class _ModelPose:
+    """A model in its cage on its way to the posed one."""
+
+    def __init__(self, settings: PoseSettings, progress: ProgressListener) -> None:
+        self._settings, self._progress = settings, progress
+
+    def run(self) -> PoseResult:
+        """Open the model, bind it, pose it, and write it."""
+        settings, progress = self._settings, self._progress
+        check_target_kind(settings.target, "to edit an animation")
+        with progress.stage("open"):
+            target = self._open_target()
+            check_no_overlap(settings.outputs(), settings.inputs())
+            for path in settings.outputs():
+                check_mesh_output(path, settings.overwrite)
+            files = EditFiles.read(settings.handles, settings.cage_edits)
+        self._model, self._stored = target.model, target.bind(settings.weights, progress)
+        binding, cage_output = self._stored.binding, settings.cage_output
+        with progress.stage("pose"):
+            posed = pose_model(binding, files, settings.posing, progress)
+        with progress.stage("write"):
+            if self._model.points is None:
+                write_mesh(settings.output, binding.rest, posed.snapshot.after, settings.overwrite)
+            else:
+                rows = self._move_points(posed)
+                with error_context(settings.output):
+                    data = self._model.points.encode(rows)
+                write_bytes(settings.output, data, settings.overwrite)
+            if cage_output is not None:
+                places = posed.snapshot.cage_after
+                write_mesh(cage_output, binding.cage, places, settings.overwrite)
+        return posed
+
+    def _open_target(self) -> CagedModel:
+        """Open the model and its cage; refuse an output that cannot hold the model."""
+        settings = self._settings
+        load = partial(load_model, exclude=settings.exclude)
+        given_in = settings.given_in
+        target = CagedModel.open(settings.target, settings.cage, given_in=given_in, load=load)
         if target.cage is None:
             raise SettingError(
                 f"{target.path}: is a model without a cage; " + say("give one with `cage=`")
             )
         target.model.check_posed_output(settings.output)
-        check_no_overlap(settings.outputs(), settings.inputs())
-        for path in settings.outputs():
-            check_mesh_output(path, settings.overwrite)
-        files = EditFiles.read(settings.handles, settings.cage_edits)
-    stored = target.bind(settings.weights, progress)
-    binding = stored.binding
-    with progress.stage("pose"):
-        posed = pose_model(binding, files, settings.posing, progress)
-    with progress.stage("write"):
-        if target.model.points is None:
-            write_mesh(settings.output, binding.rest, posed.snapshot.after, settings.overwrite)
-        else:
-            rows = _move_points(target.model, stored, posed, settings, progress)
-            with error_context(settings.output):
-                data = target.model.points.encode(rows)
-            write_bytes(settings.output, data, settings.overwrite)
-        if settings.cage_output is not None:
-            write_mesh(
-                settings.cage_output, binding.cage, posed.snapshot.cage_after, settings.overwrite
+        return target
+
+    def _move_points(self, posed: PoseResult) -> NDArray[Any]:
+        """Return the rows of posed points or splats, (m,)."""
+        settings, model, stored = self._settings, self._model, self._stored
+        assert model.points is not None
+        rows, note = model.points.rows.copy(), model.note(self._progress)
+        oriented = model.find_oriented(stored.binding, note)
+        if oriented is None:
+            place_positions(rows, posed.snapshot.after)
+            return rows
+        with error_context(settings.target):
+            moved = PointReconstruction.prepare(
+                stored.binding,
+                oriented,
+                memory=DEFAULT_MEMORY,
+                jobs=settings.weights.jobs,
+                progress=self._progress,
+                transferred=stored.transferred,
             )
-    return posed
-
-
-def _move_points(
-    model: LoadedModel,
-    stored: StoredBinding,
-    posed: PoseResult,
-    settings: PoseSettings,
-    progress: ProgressListener,
-) -> NDArray[Any]:
-    """Return the rows of posed points or splats, (m,)."""
-    assert model.points is not None
-    rows, note = model.points.rows.copy(), model.note(progress)
-    oriented = model.find_oriented(stored.binding, note)
-    if oriented is None:
-        place_positions(rows, posed.snapshot.after)
+        with limit_blas_threads(1):
+            moved.fill_rows(rows[None], Poses(posed.snapshot.cage_after[None]))
+        moved.note_faults(len(rows), note)
         return rows
-    jobs = settings.weights.jobs
-    with error_context(settings.target):
-        moved = PointReconstruction.prepare(
-            stored.binding,
-            oriented,
-            memory=DEFAULT_MEMORY,
-            jobs=jobs,
-            progress=progress,
-            transferred=stored.transferred,
-        )
-    with limit_blas_threads(1):
-        moved.fill_rows(rows[None], Poses(posed.snapshot.cage_after[None]))
-    moved.note_faults(len(rows), note)
-    return rows
 
 
 def pose_model(

@@ -183,7 +183,7 @@ def _write_with_model(
     progress: ProgressListener,
 ) -> ExportSummary:
     """Write the cages, and beside them the model that they move."""
-    target = CagedModel.of_result(result).read_reconstruction("the model")
+    target = CagedModel.of_file(result.path, result).read_reconstruction("the model")
     parts = split_parts(result.rest)
     names = nest_names([part.name or "model" for part in parts], animation.name)
     cage = f"{name_root(names, animation.name)}/{animation.name}"
@@ -211,7 +211,7 @@ def _write_with_model(
 def _read_skeleton(result: StoredAnimation, settings: ExportSettings) -> Reconstruction:
     """Read what a skin is to follow; refuse what cannot be skinned."""
     check_rig(result, settings.influences, settings.joints)
-    target = CagedModel.of_result(result).read_reconstruction("a skeleton")
+    target = CagedModel.of_file(result.path, result).read_reconstruction("a skeleton")
     binding = target.binding
     is_kept = settings.influences is None and not isinstance(settings.joints, int)
     if is_kept and result.fit is not None and not binding.has_offsets:

@@ -26,7 +26,6 @@ from cageik_cli.inputs.clip import (
 )
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.settings import WeightSettings
-from cageik_cli.inputs.source import load_source
 from cageik_cli.inputs.weights import (
     bind_cached,
     build_cached,
@@ -181,7 +180,7 @@ class Extraction:
             settings.frames, clip, *pose, self.common, has_cage=has_cage
         )
         if settings.cage is not None:
-            self.cage = self.common.place(load_source(settings.cage, "cage"))
+            self.cage = self.common.open_cage(settings.cage)
         self.sources = {"rest": self.rest.source}
         if settings.binding is not None:
             matching = self.stored or load_matching_binding(settings.binding, self.rest, self.cage)

@@ -22,7 +22,7 @@ from cageik_cli.geometry.mesh import MAX_COORDINATE, TriMesh
 from cageik_cli.geometry.mirror import find_mirror
 from cageik_cli.inputs.caged_model import CagedModel
 from cageik_cli.inputs.scene import CommonScene
-from cageik_cli.inputs.source import holds_caged_model, load_source, load_surface
+from cageik_cli.inputs.source import holds_caged_model, load_surface
 from cageik_cli.inputs.weights import BUILT_CAGE
 from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.weights.binding import Binding
@@ -189,7 +189,7 @@ def _open_cage(
         assert built is not None
         return built, BUILT_CAGE
     common = CommonScene(rest.scene, settings.given_in)
-    cage = common.place(load_source(settings.cage, "cage"))
+    cage = common.open_cage(settings.cage)
     note_all(progress, cage.notes, cage.source["name"])
     return cage, Source.parse(settings.cage).name
 
