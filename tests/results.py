@@ -14,9 +14,8 @@ from cageik_cli.report.limits import Limits, check_limits
 from cageik_cli.report.record import Report, build_report
 from cageik_cli.report.render.model_views import PoseSet, load_poses
 from cageik_cli.run.edit import edit
-from cageik_cli.run.edit_settings import EditSettings
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import EditSettings, ExtractSettings
 from cageik_cli.store.result import Edit, Result, read_animation
 from cageik_cli.view.player.clip import PlayerClip, load_player_clip
 from tests.fitted import clip_of, small_binding, true_weights

@@ -16,7 +16,7 @@ from cageik_cli.cli.options.group import (
     refuse_options,
 )
 from cageik_cli.formats.timeline import format_frame_number
-from cageik_cli.run.cage_settings import CageSettings, RepairCageSettings
+from cageik_cli.run.settings import CageSettings, RepairCageSettings
 
 
 def make_cage_settings(cage: Path | None, **values: Any) -> CageSettings | RepairCageSettings:

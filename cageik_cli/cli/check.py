@@ -12,7 +12,7 @@ from cageik_cli.cli.options import common_options, jobs_option, json_option, ove
 from cageik_cli.cli.options.group import OptionGroup, list_options
 from cageik_cli.cli.options.types import SuffixedPath
 from cageik_cli.cli.output import check_views, format_command_output, list_files, write_or_print
-from cageik_cli.run.cage_settings import CheckSettings
+from cageik_cli.run.settings import CheckSettings
 
 
 def make_check_settings(**values: Any) -> CheckSettings:

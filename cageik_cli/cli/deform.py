@@ -14,7 +14,7 @@ from cageik_cli.cli.options import (
 )
 from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup, list_options, refuse_options
 from cageik_cli.formats.settings import MorphSettings
-from cageik_cli.run.export_settings import DeformSettings
+from cageik_cli.run.settings import DeformSettings
 
 
 def make_deform_settings(**values: Any) -> DeformSettings:

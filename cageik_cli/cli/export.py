@@ -8,7 +8,7 @@ from cageik_cli.cli.command import GroupedCommand, get_verbosity
 from cageik_cli.cli.options import check_morph_usage, common_options, output_options
 from cageik_cli.cli.options.group import PATH_TYPE, OptionGroup, list_options
 from cageik_cli.formats.settings import MorphSettings
-from cageik_cli.run.export_settings import ExportSettings
+from cageik_cli.run.settings import ExportSettings
 
 
 def make_export_settings(**values: Any) -> ExportSettings:

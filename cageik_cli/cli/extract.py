@@ -22,8 +22,7 @@ from cageik_cli.cli.options.solve import choose_fit_settings
 from cageik_cli.fit.settings import FitSettings
 from cageik_cli.inputs.settings import BUILD_OPTIONS
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.run.export_settings import ExportSettings
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import ExportSettings, ExtractSettings
 from cageik_cli.util.settings import HelpGroup
 
 if TYPE_CHECKING:

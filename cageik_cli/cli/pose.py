@@ -24,7 +24,7 @@ from cageik_cli.cli.options.group import (
 from cageik_cli.cli.options.types import SuffixedPath
 from cageik_cli.cli.output import check_views, list_files, write_or_print
 from cageik_cli.formats.settings import UP_AXES
-from cageik_cli.run.edit_settings import EditSettings, PoseSettings
+from cageik_cli.run.settings import EditSettings, PoseSettings
 
 
 def make_pose_settings(

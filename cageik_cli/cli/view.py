@@ -18,7 +18,7 @@ from cageik_cli.cli.options.group import (
 )
 from cageik_cli.cli.output import ProgressBar, show_progress
 from cageik_cli.inputs.settings import BUILD_OPTIONS
-from cageik_cli.run.edit_settings import ViewSettings
+from cageik_cli.run.settings import ViewSettings
 from cageik_cli.util.messages import Hint, spell
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.settings import HelpGroup

@@ -32,7 +32,7 @@ from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.binding import reconstruct
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.cage import CageResult
-from cageik_cli.run.cage_settings import CageSettings, RepairCageSettings
+from cageik_cli.run.settings import CageSettings, RepairCageSettings
 from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import (
     CageError,

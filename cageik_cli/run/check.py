@@ -5,7 +5,7 @@ from cageik_cli.inputs.clip import open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.inputs.weights import format_repair_command
 from cageik_cli.report.views.cage import CheckResult
-from cageik_cli.run.cage_settings import CheckSettings
+from cageik_cli.run.settings import CheckSettings
 
 
 def check_cage(settings: CheckSettings) -> CheckResult:

@@ -21,8 +21,8 @@ from cageik_cli.inputs.weights import bind_cached
 from cageik_cli.method.weights.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.run.export import write_converted
-from cageik_cli.run.export_settings import DeformSettings
 from cageik_cli.run.rig import check_rig, make_rig
+from cageik_cli.run.settings import DeformSettings
 from cageik_cli.store.result import read_low_rank, read_rotations
 from cageik_cli.util.arrays import Floats, count_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated

@@ -26,8 +26,8 @@ from cageik_cli.method.solve.blocks import SolvedBlock
 from cageik_cli.method.solve.metrics import DeviationPeaks, check_finite, map_columns
 from cageik_cli.method.solve.summary import summarize_blocks
 from cageik_cli.method.weights.binding import Binding, Poses
-from cageik_cli.run.edit_settings import EditSettings, PoseSettings
 from cageik_cli.run.executor import choose_block_size
+from cageik_cli.run.settings import EditSettings, PoseSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import (
     AnimationWriter,

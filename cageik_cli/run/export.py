@@ -31,8 +31,8 @@ from cageik_cli.formats.write import (
 from cageik_cli.geometry.parts import join_meshes, split_parts
 from cageik_cli.inputs.caged_model import CagedModel, report_skipped_frames
 from cageik_cli.inputs.reconstruction import Reconstruction
-from cageik_cli.run.export_settings import ExportSettings
 from cageik_cli.run.rig import check_rig, make_rig, measure_input_rms
+from cageik_cli.run.settings import ExportSettings
 from cageik_cli.store.result import StoredAnimation, read_animation, read_cages
 from cageik_cli.util.arrays import Floats, count_frames
 from cageik_cli.util.errors import SettingError

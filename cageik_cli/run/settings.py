@@ -1,13 +1,19 @@
-"""The settings of a bind and of an extraction. This module imports no numerics."""
+"""The settings of all commands that read and write files. This module imports no numerics."""
 
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.captured.settings import CaptureSettings
 from cageik_cli.fit.settings import FitSettings
-from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
+from cageik_cli.formats.settings import (
+    ROOT_MOTIONS,
+    ClipSettings,
+    MorphSettings,
+    RestFrame,
+    SceneHints,
+)
 from cageik_cli.inputs.settings import (
     BUILD_OPTIONS,
     CLIP,
@@ -18,8 +24,11 @@ from cageik_cli.inputs.settings import (
     declare_overwrite,
     declare_rest,
     declare_rest_frame,
+    declare_saved,
+    declare_to,
     declare_vertex_weights,
 )
+from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.util.errors import SettingError
@@ -31,6 +40,9 @@ from cageik_cli.util.settings import (
     describe_settings,
     repeat_setting,
 )
+
+if TYPE_CHECKING:
+    from cageik_cli.formats.write import Output
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,3 +241,332 @@ class BindRunSettings(CommandSettings):
     given_in: SceneHints = declare_given_in("--cage and --fit", "--rest")
     memory: int = declare_memory()
     overwrite: bool = declare_overwrite()
+
+
+@dataclass(frozen=True, slots=True)
+class CageSettings(CommandSettings):
+    """The model to build a cage around, and the file to write it to.
+
+    Attributes
+    ----------
+    rest_frame : int or str, optional
+        Which frame then: its index, or as text its number; or "auto", the one in which the
+        least of the surface touches; the first if absent.
+    """
+
+    model: str = declare_setting(
+        MISSING, "", option="MODEL", is_required=False, role="read as a clip"
+    )
+    output: Path = declare_setting(
+        MISSING, "The cage, an .obj file.", option="-o/--output", role="written"
+    )
+    build: BuildSettings = declare_group(BuildSettings())
+    rest: Path | None = declare_rest()
+    rest_frame: RestFrame | None = declare_rest_frame(None)
+    animation: tuple[str, ...] = declare_setting(
+        (),
+        "Choose the cage with the smallest error on these frames; may be repeated.",
+        option="--for",
+        metavar="FRAMES",
+        role="read as a clip",
+    )
+    clip: ClipSettings = declare_group(ClipSettings(gaps="close"), CLIP | {"fps": {}})
+    given_in: SceneHints = declare_given_in("--repair, --for, and --rest of a clip", "the model")
+    overwrite: bool = declare_overwrite()
+    jobs: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class RepairCageSettings(CommandSettings):
+    """Which cage to repair, for which model, and where to write it."""
+
+    cage: Path = declare_setting(
+        MISSING,
+        "Make this cage fit for the model instead, with as little change as possible.",
+        option="--repair",
+        metavar="CAGE",
+        is_required=False,
+        role="read",
+    )
+    model: Path = repeat_setting(CageSettings, "model", role="read")
+    output: Path = repeat_setting(CageSettings, "output")
+    given_in: SceneHints = repeat_setting(CageSettings, "given_in")
+    overwrite: bool = declare_overwrite()
+
+
+@dataclass(frozen=True, slots=True)
+class CheckSettings(CommandSettings):
+    """What to check.
+
+    Attributes
+    ----------
+    rest_frame : int or str
+        Which frame then: its index, or as text its number; or "auto", the one in which the
+        least of the surface touches.
+    """
+
+    cage: Path = declare_setting(
+        MISSING, "The cage to diagnose.  [required]", is_required=False, role="read"
+    )
+    frames: tuple[str, ...] = declare_setting((), "", option="FRAMES", role="read as a clip")
+    rest: Path | None = declare_rest()
+    rest_frame: RestFrame = declare_rest_frame(
+        0, needs="frames", needs_message="{} needs {}; name them, or leave it out"
+    )
+    clip: ClipSettings = declare_group(ClipSettings(gaps="close"), CLIP | {"fps": {}})
+    given_in: SceneHints = declare_given_in(
+        "--cage and --rest", "the clip, or of --rest without one"
+    )
+    jobs: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class DeformSettings(CommandSettings):
+    """Which mesh to deform by which cages, and where to write it.
+
+    Attributes
+    ----------
+    clip : ClipSettings
+        How it is read. Patterns to exclude that match parts of `mesh` leave out those instead.
+    compares : bool
+        Note the error of other numbers of influences, too.
+    """
+
+    source: Path = declare_setting(MISSING, "", option="RESULT", role="read")
+    output: "Output" = declare_setting(MISSING, "", role="written")
+    mesh: tuple[Path, ...] = declare_setting(
+        (),
+        "Another mesh in the rest cage, or points or Gaussian splats (.ply); meshes may be "
+        "repeated, and are parts of what is written.",
+        unset="the rest model",
+        role="read",
+    )
+    cages: str | None = declare_setting(
+        None,
+        "Cages from elsewhere, such as edited ones: a folder, a quoted glob, or one file.",
+        unset="those of the result",
+        role="read as a clip",
+    )
+    clip: ClipSettings = declare_group(ClipSettings(), CLIP)
+    scene: SceneHints = declare_group(SceneHints())
+    to: SceneHints = declare_to()
+    given_in: SceneHints = declare_given_in("--mesh and --cages", "RESULT")
+    coordinates: str | None = repeat_setting(
+        BindSettings, "coordinates", None, unset="that of the result"
+    )
+    accuracy: str | None = repeat_setting(
+        BindSettings, "accuracy", None, unset="that of the result"
+    )
+    outside: str | None = repeat_setting(BindSettings, "outside", None, unset="that of the result")
+    cache: Path | None = None
+    influences: int | None = declare_setting(
+        None,
+        "Fit the weights again to the motion of the mesh, with at most this number of cage "
+        "vertices per vertex, as export --skeleton does.",
+        unset="the weights of the mesh",
+        minimum=1,
+        group=HelpGroup.WRITTEN,
+    )
+    joints: str | int = declare_setting(
+        "turn",
+        "With --influences: move the mesh by joints that turn, by joints that only translate, "
+        "or by N that turn.",
+        kind="joints",
+        metavar="turn|translate|N",
+        needs="influences",
+        group=HelpGroup.WRITTEN,
+    )
+    morphs: MorphSettings = declare_group(MorphSettings(has_normals=True))
+    memory: int = declare_memory()
+    jobs: int = 1
+    compares: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ExportSettings(CommandSettings):
+    """Which cages to write, where and how.
+
+    Attributes
+    ----------
+    compares : bool
+        Note the error of other numbers of influences, too.
+    morphs : MorphSettings
+        How morph targets follow the cages, in a format that has them. The tolerance is that of the
+        keys of a skeleton, too.
+    """
+
+    result: Path = declare_setting(MISSING, "", option="RESULT", role="read")
+    output: "Output" = declare_setting(MISSING, "", role="written")
+    scene: SceneHints = declare_group(SceneHints())
+    to: SceneHints = declare_to()
+    skeleton: bool = declare_setting(
+        False,
+        "Write the rest pose with one joint per cage vertex and the weights as skin weights "
+        "(.usd*, .glb).",
+    )
+    influences: int | None = declare_setting(
+        None,
+        "Fit the weights again, with at most this number of joints per vertex.",
+        unset="the weights of the result",
+        minimum=1,
+        needs="skeleton",
+    )
+    joints: str | int = declare_setting(
+        "turn",
+        "Joints that turn, which programs shade rightly, or that only translate: one per cage "
+        "vertex. Or N that turn, into which those are merged; with 4 influences if none are given.",
+        kind="joints",
+        metavar="turn|translate|N",
+        needs="skeleton",
+    )
+    root_motion: str = declare_setting(
+        "keep",
+        "With --skeleton: the root moves as the whole body, or along the ground, and turns "
+        "about the vertical only.",
+        choices=ROOT_MOTIONS,
+        needs="skeleton",
+    )
+    quantize: bool = declare_setting(
+        False,
+        "With --skeleton: write integers of 8 and 16 bits where they are enough (.glb).",
+        needs="skeleton",
+    )
+    with_model: bool = declare_setting(
+        False,
+        "Write the cage and the model that it moves in one file (.usd*, .abc, .glb, .obj). "
+        "With --skeleton, the model is skinned.",
+    )
+    guide: bool = declare_setting(
+        False,
+        "Give the cage of --with-model the purpose `guide`, which programs hide and do not "
+        "render (.usd*).",
+        needs="with_model",
+    )
+    morphs: MorphSettings = declare_group(MorphSettings(), {"count": {}, "tolerance": {}})
+    compares: bool = False
+
+    def outputs(self) -> list[Path]:
+        """Return what is written; one file of a format of frames is that of the rest cage."""
+        return [self.output.path] if self.is_rest_cage else CommandSettings.outputs(self)
+
+    @property
+    def is_rest_cage(self) -> bool:
+        """Whether one file of a format of one mesh per file is named: it holds the rest cage."""
+        from cageik_cli.formats.write import frame_formats, names_parts
+
+        output = self.output
+        is_frame = output.path.suffix.lower()[1:] in frame_formats() and output.frame_names is None
+        return is_frame and not names_parts(output.path)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSettings(CommandSettings):
+    """Which model to pose, and where to write it.
+
+    Attributes
+    ----------
+    handles, cage_edits : Path, optional
+        One of them at least.
+    """
+
+    target: Path = declare_setting(MISSING, "", option="TARGET", role="read")
+    handles: Path | None = declare_setting(
+        MISSING, "", option="HANDLES", is_required=False, role="read"
+    )
+    output: Path = declare_setting(
+        MISSING,
+        "The posed model (.obj, .ply), or the edited result (.h5).",
+        option="-o/--output",
+        role="written",
+    )
+    cage: Path | None = declare_setting(
+        None,
+        "The cage around TARGET, if that is a model; or a result or a binding (.h5) with the "
+        "cage, whose fit is transferred to TARGET.",
+        role="read",
+    )
+    given_in: SceneHints = declare_given_in("--cage", "TARGET")
+    exclude: tuple[str, ...] = repeat_setting(ClipSettings, "exclude")
+    cage_edits: Path | None = declare_setting(
+        None,
+        "A JSON file that says which cage vertices move where, before the handles act.",
+        role="read",
+    )
+    cage_output: Path | None = declare_setting(
+        None,
+        "Also write the posed cage (.obj, .ply).",
+        option="--cage-out",
+        role="written",
+    )
+    posing: PosingSettings = declare_group(PosingSettings())
+    weights: WeightSettings = declare_group(WeightSettings())
+    overwrite: bool = declare_overwrite()
+
+
+@dataclass(frozen=True, slots=True)
+class EditSettings(CommandSettings):
+    """Which animation to edit, by handles or cage edits or both, and where to write it."""
+
+    result: Path = repeat_setting(PoseSettings, "target")
+    handles: Path | None = repeat_setting(PoseSettings, "handles")
+    output: Path = repeat_setting(PoseSettings, "output")
+    posing: PosingSettings = declare_group(PosingSettings())
+    overwrite: bool = declare_overwrite()
+    cage_edits: Path | None = repeat_setting(PoseSettings, "cage_edits")
+
+
+@dataclass(frozen=True, slots=True)
+class ViewSettings(CommandSettings):
+    """What is viewed, and where the edits of the page go.
+
+    Attributes
+    ----------
+    overwrite : bool
+        Whether files that exist before the first edit may be replaced.
+    """
+
+    target: Path = declare_setting(MISSING, "", option="TARGET", role="read")
+    cage: Path | None = declare_setting(
+        None,
+        "The cage around a model, or a result or a binding with it (.h5).",
+        unset="one is built",
+        role="read",
+    )
+    given_in: SceneHints = declare_given_in("--cage", "TARGET")
+    exclude: tuple[str, ...] = repeat_setting(ClipSettings, "exclude")
+    binding: Path | None = declare_setting(None, "The binding file of a model.", role="read")
+    build: BuildSettings = declare_group(BuildSettings(), BUILD_OPTIONS)
+    edits_cage: bool = declare_setting(
+        False,
+        "Edit the cage at rest, also one that is not fit; Apply writes it.",
+        option="--edit-cage",
+    )
+    handles: Path | None = declare_setting(
+        None, "A handles file that the page begins with.", role="read"
+    )
+    cage_edits: Path | None = declare_setting(
+        None, "A cage edits file that the page begins with.", role="read"
+    )
+    output: Path | None = declare_setting(
+        None,
+        "The posed model (.obj, .ply), edited result (.h5) or cage (.obj, .ply) that Apply writes.",
+        option="-o/--output",
+        role="written",
+    )
+    cage_output: Path | None = declare_saved(
+        "Also write the posed cage (.obj, .ply).", "--cage-out"
+    )
+    handles_output: Path | None = declare_saved(
+        "Also write the applied handles (.json).", "--handles-out"
+    )
+    cage_edits_output: Path | None = declare_saved(
+        "Also write the applied cage edits (.json).", "--cage-edits-out"
+    )
+    weights: WeightSettings = declare_group(WeightSettings())
+    overwrite: bool = declare_overwrite()
+
+    def inputs(self) -> list[Path]:
+        """Return the files that are read, but those that are saved where they were."""
+        edits = (self.handles, self.handles_output), (self.cage_edits, self.cage_edits_output)
+        saved = [path for path, output in edits if self.overwrite and path == output]
+        return [path for path in CommandSettings.inputs(self) if path not in saved]

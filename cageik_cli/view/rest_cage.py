@@ -28,7 +28,7 @@ from cageik_cli.method.pose.constraints import MAX_ASYMMETRY
 from cageik_cli.method.weights.binding import Binding
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
-from cageik_cli.run.edit_settings import ViewSettings
+from cageik_cli.run.settings import ViewSettings
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import (
     BusyError,

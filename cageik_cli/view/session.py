@@ -27,7 +27,7 @@ from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.pose_text import format_pose_rows
 from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY, VOCABULARIES, Vocabulary
 from cageik_cli.run.edit import check_target_kind, edit, pose_model
-from cageik_cli.run.edit_settings import EditSettings, ViewSettings
+from cageik_cli.run.settings import EditSettings, ViewSettings
 from cageik_cli.store.result import StoredAnimation
 from cageik_cli.util.errors import (
     FileAccessError,

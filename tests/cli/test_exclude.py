@@ -14,7 +14,7 @@ from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.formats.settings import ClipSettings, Scene
 from cageik_cli.formats.write import Output, write_animation
 from cageik_cli.geometry.parts import join_meshes, list_part_names
-from cageik_cli.run.edit_settings import ViewSettings
+from cageik_cli.run.settings import ViewSettings
 from cageik_cli.store.result import read_result
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view.session import open_session

@@ -14,9 +14,8 @@ from cageik_cli.geometry.parts import list_part_names, split_parts
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.run.deform import deform
 from cageik_cli.run.export import export
-from cageik_cli.run.export_settings import DeformSettings, ExportSettings
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import DeformSettings, ExportSettings, ExtractSettings
 from tests.character import COLOURS, NAMES, make_cage, make_character, make_parts
 from tests.formats.character_files import (
     WRITERS,

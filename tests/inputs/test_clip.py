@@ -13,10 +13,9 @@ from cageik_cli.inputs.clip import choose_rest_frame, open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
 from cageik_cli.report.views.cage import format_cage_json, format_check_text
 from cageik_cli.run.cage import build_cage_file
-from cageik_cli.run.cage_settings import CageSettings, CheckSettings
 from cageik_cli.run.check import check_cage
 from cageik_cli.run.extraction import Extraction, extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import CageSettings, CheckSettings, ExtractSettings
 from cageik_cli.util.errors import CheckpointError
 from tests.shapes import box
 from tests.strips import fold_strip, make_strip

@@ -23,11 +23,16 @@ from cageik_cli.method.weights.binding import reconstruct
 from cageik_cli.run.bind import bind_files
 from cageik_cli.run.deform import deform
 from cageik_cli.run.edit import edit, pose, pose_model
-from cageik_cli.run.edit_settings import EditSettings, PoseSettings
 from cageik_cli.run.export import export
-from cageik_cli.run.export_settings import DeformSettings, ExportSettings
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import BindRunSettings, ExtractSettings
+from cageik_cli.run.settings import (
+    BindRunSettings,
+    DeformSettings,
+    EditSettings,
+    ExportSettings,
+    ExtractSettings,
+    PoseSettings,
+)
 from cageik_cli.store.result import read_animation, read_binding, read_cages, read_result
 from tests.conftest import _use_coarse_panels
 from tests.fitted import small_binding, smooth_motion

@@ -16,7 +16,7 @@ from cageik_cli.formats.write import Output, write_mesh
 from cageik_cli.geometry.parts import join_meshes
 from cageik_cli.report.views.cage import format_cage_json, list_cage_rows
 from cageik_cli.run.cage import build_cage_file
-from cageik_cli.run.cage_settings import CageSettings
+from cageik_cli.run.settings import CageSettings
 from cageik_cli.util.errors import FileAccessError, OutputError
 from tests.cages.independent import examine
 from tests.listeners import Listener

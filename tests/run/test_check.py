@@ -7,8 +7,8 @@ import pytest
 from cageik_cli import __version__
 from cageik_cli.report.views.cage import format_check_json, format_check_text
 from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
-from cageik_cli.run.cage_settings import CheckSettings
 from cageik_cli.run.check import check_cage
+from cageik_cli.run.settings import CheckSettings
 from tests.shapes import ball, box
 
 pytestmark = pytest.mark.usefixtures("folder")

@@ -9,7 +9,7 @@ import pytest
 
 from cageik_cli.method.pose.settings import PosingSettings
 from cageik_cli.run.edit import pose
-from cageik_cli.run.edit_settings import PoseSettings
+from cageik_cli.run.settings import PoseSettings
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 from tests.listeners import Listener
 from tests.shapes import box, quad_text

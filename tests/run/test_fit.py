@@ -22,11 +22,15 @@ from cageik_cli.report.views.text import format_text
 from cageik_cli.run.bind import bind_files
 from cageik_cli.run.deform import deform
 from cageik_cli.run.edit import edit
-from cageik_cli.run.edit_settings import EditSettings
 from cageik_cli.run.export import export
-from cageik_cli.run.export_settings import DeformSettings, ExportSettings
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import BindRunSettings, ExtractSettings
+from cageik_cli.run.settings import (
+    BindRunSettings,
+    DeformSettings,
+    EditSettings,
+    ExportSettings,
+    ExtractSettings,
+)
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.store.checkpoint import Checkpoint, checkpoint_progress
 from cageik_cli.store.result import (

@@ -11,9 +11,8 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.method.solve.regions import Cause
 from cageik_cli.method.solve.settings import SolveSettings
 from cageik_cli.run.edit import edit
-from cageik_cli.run.edit_settings import EditSettings
 from cageik_cli.run.extraction import Extraction, extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import EditSettings, ExtractSettings
 from cageik_cli.store.result import read_animation, read_binding, read_key_frames
 from tests.cages.check.test_sections import trousers
 from tests.shapes import box, finer

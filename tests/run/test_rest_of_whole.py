@@ -10,10 +10,9 @@ import pytest
 from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.formats.timeline import parse_frames
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.run.cage_settings import CheckSettings
 from cageik_cli.run.check import check_cage
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import CheckSettings, ExtractSettings
 from cageik_cli.util.errors import CageikError
 from tests.texts import texts
 

@@ -19,9 +19,8 @@ from cageik_cli.report.views.data import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.run import executor
 from cageik_cli.run.edit import edit
-from cageik_cli.run.edit_settings import EditSettings
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import EditSettings, ExtractSettings
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.util.errors import CheckpointError, FileAccessError, InputError
 from tests.listeners import Listener

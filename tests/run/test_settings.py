@@ -5,10 +5,18 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.formats.write import Output
-from cageik_cli.run.cage_settings import CageSettings, CheckSettings, RepairCageSettings
-from cageik_cli.run.edit_settings import EditSettings, PoseSettings, ViewSettings
-from cageik_cli.run.export_settings import DeformSettings, ExportSettings
-from cageik_cli.run.settings import BindRunSettings, ExtractSettings
+from cageik_cli.run.settings import (
+    BindRunSettings,
+    CageSettings,
+    CheckSettings,
+    DeformSettings,
+    EditSettings,
+    ExportSettings,
+    ExtractSettings,
+    PoseSettings,
+    RepairCageSettings,
+    ViewSettings,
+)
 from cageik_cli.util.errors import InputError, SettingError
 from cageik_cli.util.outputs import check_no_overlap
 

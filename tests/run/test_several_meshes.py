@@ -15,10 +15,9 @@ from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.method.weights.settings import BindSettings
 from cageik_cli.report.views.cage import format_check_json, format_check_text
 from cageik_cli.run.bind import bind_files
-from cageik_cli.run.cage_settings import CheckSettings
 from cageik_cli.run.check import check_cage
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import BindRunSettings, ExtractSettings
+from cageik_cli.run.settings import BindRunSettings, CheckSettings, ExtractSettings
 from cageik_cli.util.errors import CageError
 from tests.character import NAMES, make_cage, make_character
 from tests.texts import texts

@@ -16,7 +16,7 @@ from cageik_cli.cages.check.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.cli.group import spell_option
 from cageik_cli.formats.open import load_mesh
-from cageik_cli.run.edit_settings import ViewSettings
+from cageik_cli.run.settings import ViewSettings
 from cageik_cli.util.errors import BusyError, CageikError, FormatError, InputError, SlowError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.view import rest_cage

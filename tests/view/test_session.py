@@ -16,7 +16,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
 from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.run.edit_settings import ViewSettings
+from cageik_cli.run.settings import ViewSettings
 from cageik_cli.util import outputs
 from cageik_cli.util.errors import CageikError, InputError
 from cageik_cli.util.progress import ProgressListener

@@ -9,9 +9,8 @@ import pytest
 
 from cageik_cli.report.plots.model_plot import build_panels, render_pose_png
 from cageik_cli.run.edit import edit, pose
-from cageik_cli.run.edit_settings import EditSettings, PoseSettings
 from cageik_cli.run.extraction import extract
-from cageik_cli.run.settings import ExtractSettings
+from cageik_cli.run.settings import EditSettings, ExtractSettings, PoseSettings
 from cageik_cli.store.result import read_animation, read_weights
 
 HANDLES = [
