@@ -227,9 +227,14 @@ def check_settings(record: Any) -> None:
     """
     for one, setting in list_settings(record):
         value = getattr(record, one.name)
-        is_unset = value is None and NoneType in get_args(one.type)
-        if not is_unset and not setting.is_allowed(value):
-            if setting.refusal is not None:
+        kinds = {*(get_args(one.type) or (one.type,))}
+        is_unset = value is None and NoneType in kinds
+        # Where the type has no words, None stands for the word of the command line.
+        is_word = value == setting.word and not kinds <= {int, float, NoneType}
+        takes_text = str in kinds or not kinds & {int, float}
+        is_misread = isinstance(value, str) and not (takes_text or is_word)
+        if is_misread or not (is_unset or setting.is_allowed(value)):
+            if setting.refusal is not None and not is_misread:
                 percent = value if isinstance(value, str) or value is None else 100 * value
                 refusal = say(setting.refusal)
                 raise SettingError(refusal.format(value=value, percent=percent))

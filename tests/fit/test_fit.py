@@ -108,6 +108,12 @@ def test_similarity_transforms_of_the_input_do_not_change_the_weights(scale, see
     np.testing.assert_allclose(found.binding.weights, EXPECTED.weights, rtol=0, atol=1e-7)
 
 
+def test_a_word_of_the_command_line_is_no_number():
+    """There `auto` stands for None."""
+    with pytest.raises(SettingError, match="fit regularization is 'auto', expected a finite"):
+        FitSettings("auto")
+
+
 @pytest.mark.parametrize("kind", [{}, {"rank": 3}, {"influences": 4}])
 def test_missing_vertices_are_ignored(kind):
     counts = np.ones(len(BINDING.rest.vertices))

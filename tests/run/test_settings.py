@@ -81,4 +81,6 @@ def test_an_output_that_is_an_input_is_refused(folder):
 def test_a_rest_pose_is_a_mesh_or_a_frame():
     with pytest.raises(SettingError, match="`rest=` and `rest_frame=` both give the rest pose"):
         ExtractSettings(("frames",), CAGE, OUT, rest=REST, rest_frame="2")
+    with pytest.raises(SettingError, match="`rest=` and `rest_frame=` both give the rest pose"):
+        ExtractSettings(("frames",), CAGE, OUT, rest=REST, rest_frame="")
     assert ExtractSettings(("frames",), CAGE, OUT, rest=REST, rest_frame=0).rest == REST

@@ -2,6 +2,7 @@
 
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
+from typing import Literal
 
 import click
 import numpy as np
@@ -30,7 +31,7 @@ class Paint:
     """Settings of each kind."""
 
     layers: int = declare_setting(2, "Layers.", name="layers", meaning="how many", minimum=1)
-    gloss: float | None = declare_setting(
+    gloss: float | Literal["auto"] | None = declare_setting(
         None, "Gloss.", name="paint_gloss", above=0, word="auto", expected="a number"
     )
     colour: str = declare_setting("red", "Colour.", choices=("red", "blue"))
@@ -85,7 +86,9 @@ def build(*words):
         ({"layers": 0}, "layers is 0, expected 1 or more"),
         ({"gloss": 0.0}, "paint gloss is 0.0, expected a finite number above 0"),
         ({"gloss": float("nan")}, "paint gloss is nan, expected a finite number above 0"),
+        ({"gloss": "dull"}, "paint gloss is 'dull', expected a finite number above 0"),
         ({"colour": "green"}, "colour is 'green', expected one of red, blue"),
+        ({"share": "half"}, "share is 'half', expected 0 to 1"),
         ({"share": 1.5}, "150 % is no share"),
         ({"share": -0.5}, "-50 % is no share"),
         ({"matt": True, "gloss": 3.0}, "`matt=True` and `gloss=3` do not go together"),

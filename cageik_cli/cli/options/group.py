@@ -82,11 +82,13 @@ class OptionGroup(Generic[Record]):
             When the record refuses the values.
         """
         own = {name: values[name] for name in self._own_names}
-        self._check_needs(values)
         nested = {group.name: group.make_record(values) for group in self._groups}
         make = _import_class(self._make) if isinstance(self._make, str) else self._make
         with usage_errors():
-            return make(**own, **nested)
+            record = make(**own, **nested)
+        # Values that are wrong by themselves, or exclude each other, come before what is missing.
+        self._check_needs(values)
+        return record
 
     def _check_needs(self, values: Mapping[str, Any]) -> None:
         """Refuse options that are given without another that they need."""
