@@ -15,6 +15,7 @@ from cageik_cli.formats.ply_points import parse_points
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.method.points.motion import PointMotion
 from cageik_cli.method.points.oriented import Oriented
+from cageik_cli.method.weights.binding import Poses
 from cageik_cli.method.weights.settings import COORDINATES, BindSettings
 from cageik_cli.util.errors import SettingError
 from tests.method.weights.moving_least_squares import HERE, KIND, NAME, Field, compute_weights
@@ -52,7 +53,7 @@ def test_normals_turn_by_the_gradients_of_a_new_kind():
         bind(PointCloud.from_points(points), cage, BindSettings(NAME)), Oriented(given), 1 << 20, 1
     )
     (chosen,) = motion.blocks
-    places, oriented, _ = motion.move(chosen, bent[None])
+    places, oriented, _ = motion.move(chosen, Poses(bent[None]))
     field, step = Field(cage, points), 1e-5
     np.testing.assert_allclose(places[0].T, field.evaluate(points) @ bent, rtol=0, atol=1e-12)
     columns = [
