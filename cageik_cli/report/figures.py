@@ -221,26 +221,28 @@ def explain_missing_volume(clip: ClipRecord) -> str:
     return "some vertices are missing data" if clip.body else "the model is a sheet without volume"
 
 
-def describe_kept(kept: KeptSummary | None, vertices: int) -> list[str]:
-    """Say what was missing and rejected, and how large the error is over what was kept."""
+def describe_kept(kept: KeptSummary | None, vertices: int) -> list[tuple[str, str]]:
+    """Say what was missing and rejected, and how large the error is over what was kept, in rows."""
     if kept is None:
         return []
-    lines = []
+    rows = []
     if kept.most_missing:
-        lines.append(
-            f"missing {kept.missing_percent:.2f} % of the vertices of the frames, most in "
+        text = (
+            f"{kept.missing_percent:.2f} % of the vertices of the frames, most in "
             f"{kept.most_missing_frame}: {kept.most_missing} of {vertices}"
         )
+        rows.append(("missing", text))
     if kept.most_rejected:
-        lines.append(
-            f"rejected {kept.rejected_percent:.2f} % of the data, most in "
+        text = (
+            f"{kept.rejected_percent:.2f} % of the data, most in "
             f"{kept.most_rejected_frame}: {format_count(kept.most_rejected, 'vertex')}"
         )
-        lines.append(
-            f"kept error {format_percent(kept.rms_percent)} %, max deviation "
+        error = (
+            f"error {format_percent(kept.rms_percent)} %, max deviation "
             f"{format_percent(kept.max_deviation_percent)} % over what was not rejected"
         )
-    return lines or ["kept all vertices of all frames: none is missing or rejected"]
+        rows += [("rejected", text), ("kept", error)]
+    return rows or [("kept", "all vertices of all frames: none is missing or rejected")]
 
 
 def describe_size(clip: ClipRecord, fixed_floats: int, group: str = " ") -> str:

@@ -28,7 +28,8 @@ def captured(frames, weights=None):
 
 def noisy(robust, count, size=0.01):
     rest = robust.solver.binding.rest.vertices
-    return rest + size * RNG.standard_normal((count, *rest.shape))
+    noise = np.random.default_rng(4).standard_normal((count, *rest.shape))
+    return rest + size * noise
 
 
 def test_tolerances_are_multiples_of_the_noise(robust):

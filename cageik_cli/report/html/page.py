@@ -155,7 +155,7 @@ def render_page(
         metric=format_metric,
         count=format_count,
         no_volume=explain_missing_volume(report.clip),
-        kept=describe_kept(report.kept, report.clip.vertices),
+        kept=[" ".join(row) for row in describe_kept(report.kept, report.clip.vertices)],
         size=describe_size(report.clip, report.summary.fixed_floats, group="\u00a0"),
     )
 

@@ -47,8 +47,7 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
         *report.origin_rows,
         *_error_rows(report),
         *format_part_rows(report.parts, words.worst),
-        # The first word is the label.
-        *((text.partition(" ")[::2]) for text in describe_kept(report.kept, clip.vertices)),
+        *describe_kept(report.kept, clip.vertices),
         *_bound_rows(report),
         ("volume change", _format_volume(report, words)),
         *([("metrics", published)] if words.has_published_metrics else []),
