@@ -12,7 +12,7 @@ AMDO 2010. The command-line tool is `cageik`; the names below are the Python API
   `Result`, `Edit`
 - pose: `Poser`, `Anchor`, `point_at_vertex`, `closest_point`
 - show in a notebook: `show`, `ShownPage`
-- errors: `CageikError`, whose `kind` says what is at fault
+- errors: `CageikError`, whose `kind` says what is at fault; `Note`: what was found or changed
 
 Modules below this one may change without notice.
 """
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from cageik_cli.run.fit import fit_weights
     from cageik_cli.store.result import Edit, Result
     from cageik_cli.util.errors import CageikError
+    from cageik_cli.util.messages import Note
     from cageik_cli.view.show import ShownPage, show
 
 __all__ = [
@@ -63,6 +64,7 @@ __all__ = [
     "FittedWeights",
     "HarmonicField",
     "MeshSequence",
+    "Note",
     "PointCloud",
     "Poser",
     "Result",
@@ -95,6 +97,7 @@ _HOMES = {
     "FittedWeights": "fit.fitted",
     "HarmonicField": "method.points.field",
     "MeshSequence": "formats.base.sequence",
+    "Note": "util.messages",
     "PointCloud": "geometry.points",
     "Poser": "method.pose.poser",
     "Result": "store.result",

@@ -155,6 +155,13 @@ class Note:
         `note` or `warning`.
     place : str
         The file that it is about, or ""; a note is put in the innermost place that is known.
+
+    Examples
+    --------
+    >>> from cageik_cli import Note
+    >>> note = Note("the faces turn inward", "warning", "cage.obj")
+    >>> print(note)
+    warning: cage.obj: the faces turn inward
     """
 
     __slots__ = ("kind", "place", "text")
