@@ -173,7 +173,7 @@ def _format_run(report: "Report", progress: "ProgressBar") -> str:
             for label, text in progress.notes
         ]
         return format_front(report, notes, progress.seconds["total"], source="-v")
-    text = format_text(report, is_verbose=True)
+    text = format_text(report, is_verbose=True, spelling=spell_option)
     return "\n".join([text, *map(format_row, progress.make_rows())])
 
 

@@ -224,7 +224,9 @@ def _format_result(report: "Report", has_all: bool) -> str:
     from cageik_cli.report.views.front import format_front
     from cageik_cli.report.views.text import format_text
 
-    return format_text(report, is_verbose=True) if has_all else format_front(report, source="-v")
+    if has_all:
+        return format_text(report, is_verbose=True, spelling=spell_option)
+    return format_front(report, source="-v")
 
 
 def _list_written(targets: ReportTargets, film_words: str) -> list[str]:

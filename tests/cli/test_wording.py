@@ -91,6 +91,17 @@ def test_an_error_names_the_option(monkeypatch, folder, run):
     assert "give --outside project" in done.err
 
 
+@pytest.mark.parametrize(
+    "words", ["report cages.h5 --all", "extract frames --cage cage.obj --overwrite -v"]
+)
+def test_what_to_do_names_the_option(monkeypatch, folder, run, tiny_result, words):
+    shutil.copy(tiny_result, "cages.h5")
+    advice = [("to do", say("smooth it by `smooth=auto`"))]
+    monkeypatch.setattr("cageik_cli.report.views.text._region_rows", lambda report: advice)
+    done = run(*words.split())
+    assert "smooth it by --smooth auto" in done.out + done.err
+
+
 def test_a_note_names_the_option():
     progress = ProgressBar(is_drawn=False)
     progress.note("note", say("it is long; limit it by `memory=`"))

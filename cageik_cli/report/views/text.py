@@ -22,14 +22,16 @@ from cageik_cli.report.regions import (
 )
 from cageik_cli.report.vocabulary import Vocabulary
 from cageik_cli.util.errors import join_truncated
-from cageik_cli.util.messages import Row
+from cageik_cli.util.messages import Row, Spelling, spell, spell_keyword
 from cageik_cli.util.text import format_block, format_count, single_line
 
 
-def format_text(report: Report, is_verbose: bool = False) -> str:
+def format_text(
+    report: Report, is_verbose: bool = False, spelling: Spelling = spell_keyword
+) -> str:
     """Write a dozen lines: the clip, its errors, their worst places, and how far to trust them.
 
-    `is_verbose` adds what a fit has tried.
+    `is_verbose` adds what a fit has tried. Settings are written as `spelling` does.
     """
     clip, summary, words = report.clip, report.summary, report.vocabulary
     headline = (
@@ -59,7 +61,7 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
         *(format_check_row(check, words) for check in report.gates),
         *(note.row for note in report.notes),
     ]
-    return format_block(headline, rows)
+    return format_block(headline, [(label, spell(text, spelling)) for label, text in rows])
 
 
 def _error_rows(report: Report) -> list[Row]:
