@@ -44,7 +44,7 @@ from cageik_cli.report.vocabulary import (
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.store.result_fields import export_fields
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.messages import Note, Spelling, spell, spell_keyword
+from cageik_cli.util.messages import Note, Spelling, say, spell, spell_keyword
 from cageik_cli.util.text import to_unicode
 
 MAX_WORST_VERTICES = 10
@@ -130,7 +130,7 @@ def build_report(
     rest, result_name = result.rest, to_unicode(name or result.path.name)
     _, radius = smallest_enclosing_sphere(rest.vertices[rest.used_vertices])
     limits = limits or Limits()
-    frames, parts = _build_frames(result), build_parts(result)
+    frames, parts = _build_frames(result, spelling), build_parts(result)
     summary = replace(
         _build_summary(result, frames, radius),
         worst_part=next((part.name for part in sort_parts(parts)), None),
@@ -185,7 +185,7 @@ def _judge(result: Result, summary: ReportSummary, spelling: Spelling) -> dict[s
     }
 
 
-def _build_frames(result: StoredAnimation) -> tuple[FrameRecord, ...]:
+def _build_frames(result: StoredAnimation, spelling: Spelling) -> tuple[FrameRecord, ...]:
     rest, metrics = result.rest, result.metrics
     kept = result.kept if isinstance(result, Result) else None
     percent = 100 / rest.diagonal
@@ -207,7 +207,8 @@ def _build_frames(result: StoredAnimation) -> tuple[FrameRecord, ...]:
             volume_reconstructed=_finite_or_none(metrics.volume_reconstructed[k]),
             volume_change=_finite_or_none(change[k]),
             volume_drift=_finite_or_none(drift[k]),
-            skipped=result.skipped.get(k),
+            # A file keeps a reason as the Python API shows it.
+            skipped=spell(say(result.skipped[k]), spelling) if k in result.skipped else None,
             **({} if kept is None or k in result.skipped else _list_kept(kept, k, percent)),
         )
         for k, name in enumerate(result.frames)

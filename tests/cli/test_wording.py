@@ -71,7 +71,8 @@ def test_a_text_is_made_of_words_that_stand_in_the_code():
         for call in ast.walk(ast.parse(path.read_text()))
         if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "say"
     ]
-    allowed = {"setting.refusal", "message", "packed.removeprefix('warning: ')"}
+    stored = {"packed.removeprefix('warning: ')", "result.skipped[k]", "skipped[0]"}
+    allowed = {"setting.refusal", "message", "summary.skipped[0]", *stored}
     assert len(said) > 100
     assert {ast.unparse(one) for one in said if not isinstance(one, ast.Constant)} == allowed
 
@@ -100,6 +101,15 @@ def test_what_to_do_names_the_option(monkeypatch, folder, run, tiny_result, word
     monkeypatch.setattr("cageik_cli.report.views.text._region_rows", lambda report: advice)
     done = run(*words.split())
     assert "smooth it by --smooth auto" in done.out + done.err
+
+
+def test_why_a_frame_was_skipped_names_the_option(run, folder):
+    lines = Path("frames/frame_2.obj").read_text().splitlines(keepends=True)
+    Path("frames/frame_2.obj").write_text("v nan nan nan\n" + "".join(lines[1:]))
+    done = run("extract", "frames", "--cage", "cage.obj", "--on-bad-frame", "skip", "-v")
+    assert done.code == 0, done.err
+    assert "take them as missing with --missing of cageik extract" in done.err
+    assert "`missing=" not in done.err
 
 
 def test_a_note_names_the_option():
