@@ -284,8 +284,7 @@ def try_scene(module: str, path: str, member: str | None, exclude: tuple[str, ..
     try:
         reader = import_module(module).Reader(request)
     except LibraryError as error:
-        error.locations = error.locations[1:]  # the path: who reads the file names it, too
-        return str(error)
+        return str(error).removeprefix(f"{path}: ")
     end = process_time() + MAX_TRIED_SECONDS
     for index in takewhile(lambda _: process_time() < end, range(1, len(reader))):
         reader.read_positions(index)
