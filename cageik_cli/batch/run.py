@@ -219,7 +219,7 @@ def _describe_outcome(outcome: Outcome) -> str:
     percent = format_percent(entry.report.counted.rms_percent)
     over = ", over a limit" if entry.exceeds_limit else ""
     again = f"; replaces the result of {outcome.replaced}" if outcome.replaced else ""
-    return f"{known}{entry.report.quality}: {percent} % of the size on average{over}{again}"
+    return f"{known}{entry.report.verdict}: {percent} % of the size on average{over}{again}"
 
 
 @contextmanager

@@ -247,6 +247,7 @@ def _show_dry_run(clips: dict[str, list[Row]]) -> None:
 def _show_overview(overview: "Overview", quiet: bool) -> None:
     """Print the counts, which clips are poor, and why others failed or are above a limit."""
     from cageik_cli.report.overview import describe_poor
+    from cageik_cli.report.vocabulary import QUALITY_WORDS
 
     failed = [entry for entry in overview.clips if entry.has_failed]
     over = [entry for entry in overview.clips if entry.exceeds_limit]
@@ -254,7 +255,7 @@ def _show_overview(overview: "Overview", quiet: bool) -> None:
         clips, done = format_count(len(overview.clips), "clip"), len(overview.clips) - len(failed)
         text = f"{clips}: {done} done, {len(failed)} failed, {len(over)} over a limit"
         poor = sum(entry.is_poor for entry in overview.clips)
-        click.echo(f"{text}, {poor} poor" if poor else text, err=True)
+        click.echo(f"{text}, {poor} {QUALITY_WORDS['poor']}" if poor else text, err=True)
         for sentence in describe_poor(overview.worst_first):
             click.echo(sentence, err=True)
         if failed:

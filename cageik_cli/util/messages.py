@@ -154,7 +154,7 @@ class Note:
     kind : str
         `note` or `warning`.
     place : str
-        The file that it is about, or ""; a note is put in the innermost place that is known.
+        The file that it is about, or ""; `at` adds the place around it.
 
     Examples
     --------
@@ -200,7 +200,7 @@ class Note:
         Raises
         ------
         ValueError
-            When they are of none.
+            When they are not those of a note.
         """
         if isinstance(packed, str):
             is_warning = packed.startswith("warning: ")
@@ -209,7 +209,7 @@ class Note:
         match packed:
             case {"kind": "note" | "warning" as kind, "place": str(place), "text": list(parts)}:
                 return Note(Text(*map(_unpack_part, parts)), kind, place)
-        raise ValueError("what is no note")
+        raise ValueError("an entry that is not a note")
 
     def __str__(self) -> str:
         return spell(f"{self.kind}: " + self.located if self.kind != "note" else self.located)
@@ -237,7 +237,7 @@ def _unpack_part(packed: Any) -> str | Hint:
             return str(packed)
         case [str(name), str(value)]:
             return Hint(name, value)
-    raise ValueError("what is no note")
+    raise ValueError("an entry that is not a note")
 
 
 def _parts_of(said: Said) -> tuple[str | Hint, ...]:

@@ -45,7 +45,7 @@ from cageik_cli.report.regions import (
 from cageik_cli.report.render.model_views import PoseSet, load_poses
 from cageik_cli.report.views.data import format_json
 from cageik_cli.report.views.front import find_worst_frame, format_front, list_verdict_rows
-from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary
+from cageik_cli.report.vocabulary import QUALITY_WORDS, SETTING_MEANINGS, Vocabulary
 from cageik_cli.store.result import StoredAnimation
 from cageik_cli.util.files import open_input
 from cageik_cli.util.messages import Hint, Spelling, spell, spell_keyword
@@ -103,7 +103,8 @@ def render_page(
     fit = None if poses is None else draw_fit_section(report, poses, shapes, pixels)
     badges = []
     if report.quality is not None:
-        badges.append((QUALITY_STATES[report.quality], report.quality.capitalize()))
+        word = QUALITY_WORDS[report.quality].capitalize()
+        badges.append((QUALITY_STATES[report.quality], word))
     if report.gates:
         badges.append(make_overall_verdict(report.gates))
     optional = {"regions": report.regions, "fit": fit, "player": player, "parts": report.parts}

@@ -33,7 +33,10 @@ def format_markdown(overview: Overview) -> str:
             9_500,
             [_make_item(one, format_check_row(check, one.vocabulary)[1]) for one, check in over],
         ),
-        "Poor": (3_000, [f"- {_escape_markdown(line)}" for line in describe_poor(clips)]),
+        QUALITY_WORDS["poor"].capitalize(): (
+            3_000,
+            [f"- {_escape_markdown(line)}" for line in describe_poor(clips)],
+        ),
         "Worst regions": (
             5_000,
             [_make_item(one, describe_region(r.regions[0])) for one, r in reports if r.regions],
