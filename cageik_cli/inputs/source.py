@@ -109,7 +109,7 @@ def load_source(name: Path, role: Role = "rest", exclude: Sequence[str] = ()) ->
         )
     rest, cage, scene = get_meshes(held)
     part = member or role
-    origin = {"name": f"{file.name}::{part}", "sha256": hash_file(file).hex()}
+    origin = {"name": to_unicode(f"{file.name}::{part}"), "sha256": hash_file(file).hex()}
     with error_context(source):
         mesh, _, notes = select_parts(rest if part == "rest" else cage, None, exclude)
     return LoadedMesh(mesh, origin, tuple(map(Note, notes)), name, scene)

@@ -39,7 +39,10 @@ class SubprocessError(Exception):
     """
 
     def __init__(self, code: int) -> None:
-        self.signal = signal.Signals(-code).name if code < 0 else ""
+        self.signal = ""
+        if code < 0:
+            names = {one.value: one.name for one in signal.Signals}  # real-time signals have none
+            self.signal = names.get(-code, f"signal {-code}")
         super().__init__(f"ends with {self.signal or f'exit code {code}'}")
 
 

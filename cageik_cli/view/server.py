@@ -259,7 +259,9 @@ class RequestHandler(BaseHTTPRequestHandler):
         except (ConnectionError, TimeoutError):
             raise
         except Exception as error:
-            self.send_error(HTTPStatus.INTERNAL_SERVER_ERROR, str(describe_error(error)))
+            self.send_error(
+                HTTPStatus.INTERNAL_SERVER_ERROR, spell(describe_error(error), self.site.spelling)
+            )
 
     def _check_client(self) -> None:
         """Refuse requests that another host name or another page leads here."""

@@ -255,3 +255,7 @@ def is_running(number):
         return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
+
+
+def test_a_signal_without_a_name_is_said_by_its_number():
+    assert str(SubprocessError(-35)) == "ends with signal 35"
