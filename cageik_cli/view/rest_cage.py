@@ -39,7 +39,7 @@ from cageik_cli.util.errors import (
     error_context,
 )
 from cageik_cli.util.json_files import JsonFormat, format_value, parse_json
-from cageik_cli.util.messages import Hint, Spelling, spell, spell_keyword
+from cageik_cli.util.messages import Hint, Said, Spelling, spell, spell_keyword
 from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.processes import Subprocess, SubprocessError
 from cageik_cli.util.progress import ProgressListener, note_all
@@ -142,7 +142,7 @@ class RestCageSession(PageSession):
         counts = format_count(len(cage.vertices), "vertex")
         size = f"{counts}, {format_count(len(cage.polygons.corner_counts), 'face')}"
         try:
-            answer = self.laboratory.check(cage)
+            answer = self.laboratory.check(cage, None)
         except CageikError:
             return [("cage", size)]
         found = [(one["severity"], one["sentence"]) for one in answer["findings"]]
@@ -326,10 +326,11 @@ class CageSubprocess:
         self._lock = threading.Lock()
         self._process: Subprocess | None = None
 
-    def check(self, cage: TriMesh, spelling: Spelling = spell_keyword) -> Answer:
+    def check(self, cage: TriMesh, spelling: Spelling | None = spell_keyword) -> Answer:
         """Diagnose a cage as `cageik check` does: the verdict, and the findings with their places.
 
-        Settings that remedies name are written as `spelling` does.
+        Settings that remedies name are written as `spelling` does; without it, they are left to who
+        shows the sentences.
 
         Raises
         ------
@@ -337,8 +338,8 @@ class CageSubprocess:
         """
         answer = self._run(_diagnose_cage, cage, "the check", MAX_CHECK_SECONDS)
         for found in answer["findings"]:
-            remedy = spell(found.pop("remedy"), spelling)
-            found["sentence"] = f"{found.pop('message')}; {remedy}"
+            text: Said = f"{found.pop('message')}; " + found.pop("remedy")
+            found["sentence"] = text if spelling is None else spell(text, spelling)
         return answer
 
     def solve(self, cage: TriMesh) -> Answer:
