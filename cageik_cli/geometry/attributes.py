@@ -516,7 +516,7 @@ LAYERS: dict[str, Layer] = {
     for each in fields(SurfaceAttributes)
     if "layer" in each.metadata
 }
-"""The layers of a surface. Where each format keeps them, its module says by these names."""
+"""The layers of a surface, by name. The table of each format says where it keeps them."""
 
 LABEL_NAMES = tuple(name for name, layer in LAYERS.items() if layer.domain == "face")
 """The layers that are labels of faces."""

@@ -156,7 +156,8 @@ def open_clip_of(
     edited : CageFrames, optional
         What the frames of the clip are edits of, if it has as many.
     follows : bool
-        Whether the clip must have the order of the mesh; else the mesh follows that of the clip.
+        Whether the clip must have the order of the mesh. If not, the mesh is put in that of the
+        clip.
 
     Returns
     -------

@@ -354,7 +354,7 @@ def is_animation(path: Path) -> bool:
 
 
 def _find_kind(file: h5py.File) -> type[Result] | type[Edit] | None:
-    """Return what a file says that it is; None for neither.
+    """Return the kind of record that a file holds; None if it is neither.
 
     In versions up to 0.1.0, an edit was a result that named what it was made from.
     """

@@ -170,12 +170,12 @@ def call_in_subprocesses(
                 others.append(stack.enter_context(Subprocess(is_silent=True)))
         except OSError as error:
             note(f"{error}; there are fewer to share the work, which takes longer")
-        for other, arguments in zip(others, calls[1:], strict=False):
-            other.begin(function, *arguments)
-        for arguments, helper in zip(calls, chain([None], others, repeat(None)), strict=False):
-            if helper is not None:
+        for started, arguments in zip(others, calls[1:], strict=False):
+            started.begin(function, *arguments)
+        for arguments, other in zip(calls, chain([None], others, repeat(None)), strict=False):
+            if other is not None:
                 try:
-                    result = helper.finish()
+                    result = other.finish()
                 except (SubprocessError, MemoryError) as error:
                     end = "runs out of memory" if isinstance(error, MemoryError) else error
                     note(f"a process that shares the work {end}; its part is done again")
@@ -186,7 +186,7 @@ def call_in_subprocesses(
 
 
 def limit_process(memory: int, seconds: int) -> None:
-    """Let the system end this process once it takes more than so many seconds of a processor.
+    """Limit this process to so many seconds of a processor, and so many bytes of memory.
 
     It is ended as well after `MAX_WAIT_RATIO` times as many seconds in all, as when it waits for a
     lock. Memory beyond so many bytes is refused. Windows has no such limits.

@@ -89,7 +89,7 @@ class RestCageSession(PageSession):
         ]
         self._clip = _make_clip(rest.mesh, cage.mesh, name)
         origin, weights = self._clip.binding.cage.vertices.mean(axis=0), settings.weights
-        self.laboratory = CageSubprocess(rest.mesh, origin, weights.bind, weights.jobs)
+        self.subprocess = CageSubprocess(rest.mesh, origin, weights.bind, weights.jobs)
         self.answers = {"check": self.check, "weights": self.solve}
 
     def render_page(self) -> str:
@@ -105,13 +105,13 @@ class RestCageSession(PageSession):
 
     def check(self, data: bytes, spelling: Spelling = spell_keyword) -> Answer:
         """Diagnose a cage that was sent, with what to do in the words of the reader."""
-        return self.laboratory.check(parse_cage(data), spelling)
+        return self.subprocess.check(parse_cage(data), spelling)
 
     def solve(self, data: bytes, _spelling: Spelling = spell_keyword) -> Answer:
         """Solve the weights of a cage that was sent."""
         cage = parse_cage(data)
         check_drawn_weights(self._rest, cage)
-        return self.laboratory.solve(cage)
+        return self.subprocess.solve(cage)
 
     def parse(self, data: bytes, rigidity: int) -> Edit:
         """Return what writes a cage that was sent."""
@@ -122,7 +122,7 @@ class RestCageSession(PageSession):
 
     def close(self) -> None:
         """End the process that checks."""
-        self.laboratory.close()
+        self.subprocess.close()
 
     def _write(self, cage: TriMesh, progress: ProgressListener) -> Rows:
         """Write a cage, and say how it is judged."""
@@ -142,7 +142,7 @@ class RestCageSession(PageSession):
         counts = format_count(len(cage.vertices), "vertex")
         size = f"{counts}, {format_count(len(cage.polygons.corner_counts), 'face')}"
         try:
-            answer = self.laboratory.check(cage, None)
+            answer = self.subprocess.check(cage, None)
         except CageikError:
             return [("cage", size)]
         found = [(one["severity"], one["sentence"]) for one in answer["findings"]]

@@ -333,12 +333,12 @@ class Slow:
 
 def test_a_check_that_takes_too_long_is_ended(session, client, monkeypatch):
     monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 0.05)
-    process = session.laboratory._process = Slow()
+    process = session.subprocess._process = Slow()
     data = encode(read_quads())
     with pytest.raises(SlowError, match=r"more than 0\.05 seconds and was ended"):
         session.check(data)
     assert process.is_ended
-    session.laboratory._process = Slow()
+    session.subprocess._process = Slow()
     assert client.ask("check", "POST", data).status == 503
     monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 20.0)
     assert session.check(data)["verdict"] == "fit"
@@ -354,7 +354,7 @@ def test_a_check_that_really_takes_long_is_ended(session, monkeypatch):
 
 def test_of_checks_at_the_same_time_one_is_made(session, client, monkeypatch):
     monkeypatch.setattr(rest_cage, "MAX_CHECK_SECONDS", 1.0)
-    session.laboratory._process = Slow()
+    session.subprocess._process = Slow()
     data, answers = encode(read_quads()), []
 
     def ask():
@@ -369,10 +369,10 @@ def test_of_checks_at_the_same_time_one_is_made(session, client, monkeypatch):
 
 
 def test_one_cage_waits_for_none(session, monkeypatch):
-    session.laboratory._lock.acquire()
+    session.subprocess._lock.acquire()
     with pytest.raises(BusyError):
         session.check(encode(read_quads()))
-    session.laboratory._lock.release()
+    session.subprocess._lock.release()
 
 
 def test_too_many_weights_for_the_page_are_refused(session, monkeypatch):

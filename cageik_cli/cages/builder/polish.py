@@ -63,7 +63,7 @@ def improve_angles(draft: Draft, fewest: int) -> int:
 def lower_valences(draft: Draft) -> int:
     """Flip edges at vertices that have too many; return how many were flipped.
 
-    Of the edges at a vertex, that goes first which leaves the best angles.
+    The edge that leaves the best angles is flipped first.
     """
     made = 0
     for vertex in np.flatnonzero(draft.count_faces() > MAX_VALENCE).tolist():

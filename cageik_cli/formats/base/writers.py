@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +137,11 @@ class AnimationWriter(ABC):
     is_in_part_space: bool = False
     states_unit: bool = False
     notes: tuple[Said, ...] = ()
-    _open: ExitStack = ExitStack()
+
+    @cached_property
+    def _open(self) -> ExitStack:
+        """What is open until the output is complete, or given up; nothing by default."""
+        return ExitStack()
 
     @classmethod  # noqa: B027  # most need no other library
     def require_libraries(cls) -> None:

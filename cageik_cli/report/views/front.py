@@ -277,7 +277,7 @@ def _list_note_rows(
     shown = f"{len(texts)}: {_join_notes(texts, room)}"
     break_lines = partial(wrap, width=width, break_long_words=False, break_on_hyphens=False)
     lines = break_lines(shown + end, max_lines=count, placeholder=f" ...{end}")
-    # Where no note is left out, the pointer to all of them is not worth a line.
+    # The pointer to all notes is worth no line of its own where none is left out.
     if shown.endswith(": " + "; ".join(texts)) and len(plain := break_lines(shown)) < len(lines):
         lines = plain
     return [("notes", lines[0]), *(("", line) for line in lines[1:])]
