@@ -44,7 +44,7 @@ from cageik_cli.report.vocabulary import (
 from cageik_cli.store.result import Result, StoredAnimation
 from cageik_cli.store.result_fields import export_fields
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.messages import Note, Spelling, say, spell, spell_keyword
+from cageik_cli.util.messages import Note, Spelling, spell, spell_keyword
 from cageik_cli.util.text import to_unicode
 
 MAX_WORST_VERTICES = 10
@@ -207,8 +207,7 @@ def _build_frames(result: StoredAnimation, spelling: Spelling) -> tuple[FrameRec
             volume_reconstructed=_finite_or_none(metrics.volume_reconstructed[k]),
             volume_change=_finite_or_none(change[k]),
             volume_drift=_finite_or_none(drift[k]),
-            # A file keeps a reason as the Python API shows it.
-            skipped=spell(say(result.skipped[k]), spelling) if k in result.skipped else None,
+            skipped=spell(result.skipped[k], spelling) if k in result.skipped else None,
             **({} if kept is None or k in result.skipped else _list_kept(kept, k, percent)),
         )
         for k, name in enumerate(result.frames)

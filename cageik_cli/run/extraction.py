@@ -410,7 +410,7 @@ class _ResultComposer:
         self._binding = binding = stored.binding
         self._summary = summary = checkpoint.summary
         if len(summary.skipped) == len(sequence):
-            raise FileAccessError("no frame can be read, the first: " + say(summary.skipped[0]))
+            raise FileAccessError("no frame can be read, the first: " + summary.skipped[0])
         self._regions = _find_clip_regions(stored, summary)
         if unsmoothed is not None:
             self._regions = attribute_to_smoothing(self._regions, unsmoothed, binding.rest.diagonal)

@@ -116,7 +116,7 @@ def _check_no_gaps(result: Result, sequence: MeshSequence) -> None:
     if skipped:
         raise CheckpointError(
             f"{result.path}: {len(skipped)} frames are skipped in it, the first: "
-            + say(skipped[0])
+            + skipped[0]
             + say(
                 "; repair them and use `overwrite=True`, or accept the gaps with "
                 "`on_bad_frame=skip`"

@@ -30,6 +30,7 @@ from cageik_cli.method.solve.metrics import (
     KeptMetrics,
 )
 from cageik_cli.method.solve.summary import ClipSummary
+from cageik_cli.store.result_fields import pack_reasons, unpack_reasons
 from cageik_cli.util.errors import CheckpointError, FormatError, error_context, make_write_error
 from cageik_cli.util.files import open_input, open_locked, remove_locked, set_size
 from cageik_cli.util.messages import Hint, Said, Text, join_texts, say
@@ -366,7 +367,7 @@ _BLOCK_HEADER = struct.Struct("<QQQQQ")
 
 def to_bytes(block: SolvedBlock) -> bytes:
     """Return the bytes of a block."""
-    faults = json.dumps({str(k): text for k, text in block.skipped.items()}).encode()
+    faults = json.dumps(pack_reasons(block.skipped)).encode()
     kept = b"" if block.kept is None else _pack_kept(block.kept)
     counts = (block.start, len(block.cages), len(block.sampled), len(faults), len(kept))
     return b"".join(
@@ -398,7 +399,7 @@ def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
         np.frombuffer(stream.read(8 * vertices), kind) for kind in ("<f8", "<f8", "<i8")
     )
     sampled = np.frombuffer(stream.read(12 * rows * count), "<f4")
-    faults = {int(k): text for k, text in json.loads(stream.read(length)).items()}
+    faults = unpack_reasons(json.loads(stream.read(length)))
     return SolvedBlock(
         start=start,
         cages=cages.reshape(count, cage_vertices, 3),

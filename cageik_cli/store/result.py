@@ -130,7 +130,7 @@ class StoredAnimation:
         show=lambda clip: [(f"from {k}", str(v.get("name"))) for k, v in clip.sources.items()],
         export="sources",
     )
-    skipped: dict[int, str] = declare_field(
+    skipped: dict[int, Said] = declare_field(
         lambda _, sizes: sizes.skipped,
         write=result_fields.write_skipped,
         show=result_fields.show_skipped,

@@ -25,7 +25,7 @@ from cageik_cli.method.solve.regions import MAX_CAGE_FACES, MAX_REGIONS, Region
 from cageik_cli.store.hdf5_fields import parse_record, read_floats, read_json_attr, to_json
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, join_truncated
-from cageik_cli.util.messages import Row
+from cageik_cli.util.messages import Row, Said, map_words, pack_parts, unpack_parts
 from cageik_cli.util.text import to_unicode
 
 
@@ -36,7 +36,7 @@ class ClipSizes:
     frames: int
     vertices: int
     cage_faces: int
-    skipped: dict[int, str]
+    skipped: dict[int, Said]
 
 
 def write_json(file: h5py.File, name: str, value: Any) -> None:
@@ -203,22 +203,42 @@ def read_filled(file: h5py.File, sizes: ClipSizes) -> tuple[int, ...]:
     return tuple(held)
 
 
-def write_skipped(file: h5py.File, name: str, skipped: dict[int, str]) -> None:
+def pack_reasons(skipped: Mapping[int, Said]) -> dict[str, Any]:
+    """Return why frames were skipped as plain values: texts, or their parts if they have hints."""
+    return {str(k): one if isinstance(one, str) else pack_parts(one) for k, one in skipped.items()}
+
+
+def unpack_reasons(packed: Mapping[str, Any]) -> dict[int, Said]:
+    """Return why frames were skipped, by number; raises ValueError for other values."""
+    reasons: dict[int, Said] = {}
+    for key in sorted(packed, key=int):
+        one = packed[key]
+        if not isinstance(one, str | list):
+            raise ValueError(f"no reason for frame {key}")
+        text = one if isinstance(one, str) else unpack_parts(one)
+        reasons[int(key)] = map_words(to_unicode, text)
+    return reasons
+
+
+def write_skipped(file: h5py.File, name: str, skipped: dict[int, Said]) -> None:
     """Write why frames were skipped."""
-    write_json(file, name, {str(k): text for k, text in skipped.items()})
+    write_json(file, name, pack_reasons(skipped))
 
 
-def read_skipped(file: h5py.File, frames: int) -> dict[int, str]:
+def read_skipped(file: h5py.File, frames: int) -> dict[int, Said]:
     """Read why frames were skipped, by number; first of all, as other fields depend on it."""
     held = read_json_attr(file, "skipped", dict)
-    numbers_only = all(key.isdecimal() and int(key) < frames for key in held)
-    if not numbers_only or not all(isinstance(text, str) for text in held.values()):
+    try:
+        if not all(key.isdecimal() and int(key) < frames for key in held):
+            raise ValueError("no number of a frame")
+        reasons = unpack_reasons(held)
+    except ValueError as error:
         raise FormatError(
             "attribute `skipped` does not say which frames are skipped and why; extract it again"
-        )
+        ) from error
     if len(held) == frames:
         raise FormatError("every frame is skipped; extract it again")
-    return {int(key): to_unicode(held[key]) for key in sorted(held, key=int)}
+    return reasons
 
 
 def _read_columns(file: h5py.File, frames: int, types: Mapping[str, str]) -> dict[str, Any]:

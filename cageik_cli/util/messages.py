@@ -141,7 +141,7 @@ def collapse_spaces(said: Said) -> Said:
     """Return a text on one line, with single spaces between words."""
     if isinstance(said, str):
         return " ".join(said.split())
-    return Text(*(re.sub(r"\s+", " ", p) if isinstance(p, str) else p for p in said.parts))
+    return map_words(lambda words: re.sub(r"\s+", " ", words), said)
 
 
 class Note:
@@ -189,9 +189,7 @@ class Note:
 
     def pack(self) -> dict[str, Any]:
         """Return the note as plain values; a hint is a list of its name and its value."""
-        parts = _parts_of(self.text)
-        text = [part if isinstance(part, str) else [part.name, part.value] for part in parts]
-        return {"kind": self.kind, "place": self.place, "text": text}
+        return {"kind": self.kind, "place": self.place, "text": pack_parts(self.text)}
 
     @staticmethod
     def unpack(packed: Any) -> "Note":
@@ -208,7 +206,7 @@ class Note:
             return Note(text, "warning" if is_warning else "note")
         match packed:
             case {"kind": "note" | "warning" as kind, "place": str(place), "text": list(parts)}:
-                return Note(Text(*map(_unpack_part, parts)), kind, place)
+                return Note(unpack_parts(parts), kind, place)
         raise ValueError("an entry that is not a note")
 
     def __str__(self) -> str:
@@ -231,13 +229,30 @@ class Note:
         return self.kind, self.place, str(self.text)
 
 
-def _unpack_part(packed: Any) -> str | Hint:
-    match packed:
-        case str():
-            return str(packed)
-        case [str(name), str(value)]:
-            return Hint(name, value)
-    raise ValueError("an entry that is not a note")
+def map_words(change: Callable[[str], str], said: Said) -> Said:
+    """Return a text with other words, and the same hints."""
+    if isinstance(said, str):
+        return change(said)
+    return Text(*(change(part) if isinstance(part, str) else part for part in said.parts))
+
+
+def pack_parts(said: Said) -> list[Any]:
+    """Return the parts of a text as plain values; a hint is a list of its name and its value."""
+    return [part if isinstance(part, str) else [part.name, part.value] for part in _parts_of(said)]
+
+
+def unpack_parts(packed: list[Any]) -> Text:
+    """Return the text of such values; raises ValueError for others."""
+    parts: list[str | Hint] = []
+    for one in packed:
+        match one:
+            case str():
+                parts.append(one)
+            case [str(name), str(value)]:
+                parts.append(Hint(name, value))
+            case _:
+                raise ValueError("an entry that is not a note")
+    return Text(*parts)
 
 
 def _parts_of(said: Said) -> tuple[str | Hint, ...]:

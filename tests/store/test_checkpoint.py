@@ -23,6 +23,7 @@ from cageik_cli.store.checkpoint import (
 )
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, OutputError
 from cageik_cli.util.files import open_locked
+from cageik_cli.util.messages import Hint
 
 SPEC = RunSpec(
     frames=[f"frame_{k}_é.obj" for k in range(5)],
@@ -56,12 +57,17 @@ def block_of(start, count, faults=()):
     )
 
 
-BLOCKS = [block_of(0, 2), block_of(2, 2, {3: "frame_3: not a mesh ü"}), block_of(4, 1)]
+BLOCKS = [
+    block_of(0, 2),
+    block_of(2, 2, {3: "frame_3: not a mesh ü; " + Hint("missing", True)}),
+    block_of(4, 1),
+]
 
 
 def assert_same(found, expected):
     assert (found.start, found.stop) == (expected.start, expected.stop)
     assert (found.digests, found.skipped) == (expected.digests, expected.skipped)
+    assert list(map(repr, found.skipped.values())) == list(map(repr, expected.skipped.values()))
     np.testing.assert_array_equal(found.cages, expected.cages)
     np.testing.assert_array_equal(found.squared_errors, expected.squared_errors)
     np.testing.assert_array_equal(found.peaks.deviations, expected.peaks.deviations)

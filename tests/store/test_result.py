@@ -389,7 +389,15 @@ DAMAGES = [
     ],
     *[
         (attribute("skipped", bad), "attribute `skipped`")
-        for bad in ("[]", '{"5": "out of the clip"}', '{"-1": "a"}', '{"a": "b"}', '{"0": 1}')
+        for bad in (
+            "[]",
+            '{"5": "out of the clip"}',
+            '{"-1": "a"}',
+            '{"a": "b"}',
+            '{"0": 1}',
+            '{"0": [1]}',
+            '{"0": [["a"]]}',
+        )
     ],
     (attribute("skipped", '{"0": "a"}'), "`metrics/rms` has values for skipped frames"),
     (attribute("skipped", json.dumps({str(k): "a" for k in range(FRAMES)})), "every frame"),
@@ -533,6 +541,13 @@ def test_gaps_are_read_in_the_order_of_the_frames(tmp_path):
     gaps = {9: "cut", 10: "cut", 2: "cut"}
     path = written_with_gaps(tmp_path / "cages.h5", gaps, order=[0] * 12, frames=frames)
     assert list(store.read_result(path).skipped) == [2, 9, 10]
+
+
+def test_why_frames_were_skipped_is_read_as_it_was_said(tmp_path):
+    gaps = {0: "`rest=`.obj: missing", 3: "bad; " + Hint("missing", True) + " takes it"}
+    found = store.read_result(written_with_gaps(tmp_path / "cages.h5", gaps)).skipped
+    said = [spell(one, lambda hint: "--" + hint.name) for one in found.values()]
+    assert said == ["`rest=`.obj: missing", "bad; --missing takes it"]
 
 
 @pytest.mark.parametrize("size", [1, 2, 5])

@@ -23,6 +23,7 @@ from cageik_cli.method.solve.metrics import (
 )
 from cageik_cli.method.weights.binding import Poses
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
+from cageik_cli.util.messages import Said, map_words
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
 
@@ -110,7 +111,7 @@ class SolvedBlock(Poses):
     squared_errors: Floats
     peaks: DeviationPeaks
     digests: tuple[bytes, ...]
-    skipped: dict[int, str]
+    skipped: dict[int, Said]
     sampled: NDArray[np.float32]
     kept: KeptBlock | None = None
 
@@ -214,7 +215,7 @@ def make_solved_block(
         squared_errors=squares.sum(axis=0),
         peaks=peaks,
         digests=digests,
-        skipped={k: to_unicode(str(error)) for k, error in block.read_errors.items()},
+        skipped={k: map_words(to_unicode, one.text) for k, one in block.read_errors.items()},
         sampled=sampled,
         kept=kept,
     )

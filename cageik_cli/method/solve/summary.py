@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cageik_cli.method.solve.blocks import KeptBlock, SolvedBlock
 from cageik_cli.method.solve.metrics import DeviationPeaks
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.messages import Said
 
 MAX_BRIDGED_FRAMES = 10
 """Frames in a row for which the motion around them tells where occluded vertices are, at most."""
@@ -138,7 +139,7 @@ class ClipSummary:
     """
 
     def __init__(self) -> None:
-        self.skipped: dict[int, str] = {}
+        self.skipped: dict[int, Said] = {}
         self.digests: list[bytes] = []
         self.peaks = DeviationPeaks.none(0)
         self._squared_errors = np.zeros(())
