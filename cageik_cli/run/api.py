@@ -463,34 +463,49 @@ def extract(
     if binding is None:
         binding = _bind_built_cage(clip, settings)
     sequence = as_sequence(clip, binding.rest)
-    chosen, notes = choose_fit(settings, sequence)
-    binding = replace(binding, notes=binding.notes + notes)
-    stored = StoredBinding(binding, {})
-    if chosen is not None:
-        fitted = fit_weights(
-            binding,
-            [sequence],
-            chosen,
-            solve=settings.solve,
-            vertex_weights=vertex_weights,
-            memory=memory,
-            jobs=settings.jobs,
-        )
-        stored = stored.with_fit(fitted)
+    stored = _fit(binding, sequence, settings, vertex_weights)
     extraction = Extraction(settings, stored=stored)
     extraction.sequence = sequence
     extraction.vertex_weights = VertexWeights(make_vertex_weights(vertex_weights, binding.rest))
     extraction.factor()
-    cages: list[Floats] = []
-    rotations: list[Floats] = []
-    metrics: list[FrameMetrics] = []
+    return _solve(extraction, stored, progress)
+
+
+def _fit(
+    binding: Binding,
+    clip: MeshSequence,
+    settings: ExtractSettings,
+    vertex_weights: ArrayLike | Literal["area"] | None,
+) -> StoredBinding:
+    """Return the weights to extract with: fitted to the clip, or noted why they are not."""
+    chosen, notes = choose_fit(settings, clip)
+    binding = replace(binding, notes=binding.notes + notes)
+    stored = StoredBinding(binding, {})
+    if chosen is None:
+        return stored
+    fitted = fit_weights(
+        binding,
+        [clip],
+        chosen,
+        solve=settings.solve,
+        vertex_weights=vertex_weights,
+        memory=settings.memory,
+        jobs=settings.jobs,
+    )
+    return stored.with_fit(fitted)
+
+
+def _solve(
+    extraction: Extraction, stored: StoredBinding, progress: ReportProgress | None
+) -> CageAnimation:
+    """Solve all frames, and keep what an animation holds of each block."""
+    held: list[tuple[Floats, Floats, FrameMetrics]] = []
     with limit_blas_threads(1), extraction.open_blocks(0) as blocks:
         for block in blocks:
-            cages.append(block.cages)
-            rotations.append(block.rotations)
-            metrics.append(block.metrics)
+            held.append((block.cages, block.rotations, block.metrics))
             if progress is not None:
-                progress(block.stop, len(sequence))
+                progress(block.stop, len(extraction.sequence))
+    cages, rotations, metrics = zip(*held, strict=True)
     return CageAnimation(
         stored.binding,
         np.concatenate(cages),

@@ -18,7 +18,6 @@ from cageik_cli.report.figures import (
     explain_missing_volume,
     format_change,
     format_length,
-    format_metric,
     format_percent,
     format_scene_length,
 )
@@ -101,12 +100,6 @@ def render_page(
     digest = compute_record_digest(report)
     pictures = None if poses is None else draw_pictures(poses, words, pixels)
     fit = None if poses is None else draw_fit_section(report, poses, shapes, pixels)
-    badges = []
-    if report.quality is not None:
-        word = QUALITY_WORDS[report.quality].capitalize()
-        badges.append((QUALITY_STATES[report.quality], word))
-    if report.gates:
-        badges.append(make_overall_verdict(report.gates))
     optional = {"regions": report.regions, "fit": fit, "player": player, "parts": report.parts}
     return REPORT_TEMPLATES.render_page(
         "page.html.j2",
@@ -117,7 +110,7 @@ def render_page(
         words=words,
         sections=[one for one in SECTIONS if one[0] not in optional or optional[one[0]]],
         fit=fit,
-        badges=badges,
+        badges=_list_badges(report),
         advice=[row for row in list_verdict_rows(report) if row[0] in ("look at", "better")],
         worst=find_worst_frame(report, "rms"),
         furthest=find_worst_frame(report, "max_deviation"),
@@ -135,30 +128,38 @@ def render_page(
             (name, _format_value(value), SETTING_MEANINGS.get(name, ""))
             for name, value in report.settings.items()
         ],
-        sources=[
-            (
-                role.replace("_", " "),
-                [  # the name first
-                    (name, _format_value(value))
-                    for name, value in sorted(source.items(), key=lambda fact: fact[0] != "name")
-                ],
-            )
-            for role, source in sorted(report.sources.items())
-        ],
-        number=format_frame_number,
+        sources=_list_sources(report),
         length=lambda share, digits=2: format_scene_length(report.clip, share, digits),
         columns=columns,
         rows=[(frame.skipped, format_cells(frame, columns)) for frame in report.frames],
         meanings=words.meanings,
-        percent=format_percent,
-        units=format_length,
-        change=format_change,
-        metric=format_metric,
-        count=format_count,
         no_volume=explain_missing_volume(report.clip),
         kept=[" ".join(row) for row in describe_kept(report.kept, report.clip.vertices)],
         size=describe_size(report.clip, report.summary.fixed_floats, group="\u00a0"),
     )
+
+
+def _list_badges(report: Report) -> list[tuple[str, str]]:
+    """Return the look and the word of the verdict on the result, and of that on its limits."""
+    badges = []
+    if report.quality is not None:
+        word = QUALITY_WORDS[report.quality].capitalize()
+        badges.append((QUALITY_STATES[report.quality], word))
+    return [*badges, *([make_overall_verdict(report.gates)] if report.gates else [])]
+
+
+def _list_sources(report: Report) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Return the facts of each file that the result was made of, its name first."""
+    return [
+        (
+            role.replace("_", " "),
+            [
+                (name, _format_value(value))
+                for name, value in sorted(source.items(), key=lambda fact: fact[0] != "name")
+            ],
+        )
+        for role, source in sorted(report.sources.items())
+    ]
 
 
 def compute_record_digest(report: Report) -> str:

@@ -8,6 +8,14 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from cageik_cli.formats.timeline import format_frame_number
+from cageik_cli.report.figures import (
+    format_change,
+    format_length,
+    format_metric,
+    format_percent,
+)
+from cageik_cli.util.text import format_count
 from cageik_cli.util.version import __version__
 
 
@@ -30,6 +38,17 @@ class PlayerPart:
     script: str
 
 
+FORMATS = {
+    "change": format_change,
+    "count": format_count,
+    "metric": format_metric,
+    "number": format_frame_number,
+    "percent": format_percent,
+    "units": format_length,
+}
+"""How templates format figures."""
+
+
 class Templates:
     """The templates of some packages; of two with one name, that of the first package counts.
 
@@ -45,6 +64,7 @@ class Templates:
             lstrip_blocks=True,
             keep_trailing_newline=True,
         )
+        self._environment.globals |= FORMATS
 
     def render(self, template: str, **values: Any) -> Markup:
         """Render a part of a page."""
