@@ -59,3 +59,13 @@ def test_refused_combinations_of_options_say_the_same(monkeypatch, inputs):
         assert outcome.code in (1, 2), blocks[-1]
     compare("\n".join(blocks), REFUSALS)
     assert sorted(Path().rglob("*")) == before
+
+
+def test_another_text_than_the_golden_one_is_found(tmp_path, monkeypatch):
+    monkeypatch.delenv("REWRITE_GOLDENS", raising=False)
+    golden = tmp_path / "golden.txt"
+    golden.write_text("$ cageik\n2: one\n", encoding="utf-8")
+    compare("$ cageik\n2: one", golden)
+    for found in ("$ cageik\n2: two", "$ cageik", "$ cageik\n2: one\n3: more"):
+        with pytest.raises(AssertionError):
+            compare(found, golden)
