@@ -41,9 +41,6 @@ class Text:
     def __bool__(self) -> bool:
         return bool(self.parts)
 
-    def __contains__(self, words: str) -> bool:
-        return words in str(self)
-
     def __add__(self, other: "Said") -> "Text":
         return Text(*self.parts, *_parts_of(other))
 
@@ -211,9 +208,6 @@ class Note:
 
     def __str__(self) -> str:
         return spell(f"{self.kind}: " + self.located if self.kind != "note" else self.located)
-
-    def __contains__(self, words: str) -> bool:
-        return words in str(self)
 
     def __repr__(self) -> str:
         return f"Note({self.text!r}, {self.kind!r}, {self.place!r})"

@@ -203,6 +203,6 @@ def test_clips_that_would_fail_say_why(settings, folder):
     assert list(described) == ["a", "b"]
     ((label, why),) = described["a"]
     assert label == FAULT_LABEL
-    assert "none.obj" in why
+    assert "none.obj" in str(why)
     assert described["b"] == [(FAULT_LABEL, "no cage")]
     assert FAULT_LABEL not in dict(describe(settings)["a"])

@@ -60,7 +60,7 @@ def test_a_result_has_the_numbers_and_the_gap(run, cages):
     assert result.frames == tuple(f"walk.{number}.obj" for number in TIMELINE)
     (skipped,) = result.skipped.items()
     assert skipped[0] == GAP
-    assert "walk.1005.obj: missing between walk.1003.obj and walk.1007.obj" in skipped[1]
+    assert "walk.1005.obj: missing between walk.1003.obj and walk.1007.obj" in str(skipped[1])
     np.testing.assert_allclose(cages[GAP], (cages[GAP - 1] + cages[GAP + 1]) / 2, rtol=1e-12)
     with h5py.File("cages.h5") as file:
         assert (file.attrs["start"], file.attrs["frame_step"]) == (1001, 2)

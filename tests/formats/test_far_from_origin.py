@@ -53,7 +53,7 @@ def read(path):
 
 
 def rounding_notes(texts):
-    return [text for text in texts if "are rounded by" in text]
+    return [text for text in map(str, texts) if "are rounded by" in text]
 
 
 @pytest.mark.parametrize("path", SINGLE)
@@ -62,7 +62,7 @@ def test_single_precision_far_away_is_noted_with_the_remedy(path):
     _, notes = write(path, FAR)
     (note,) = rounding_notes(notes)
     rounding = 100 * 0.125 / changed(REST).diagonal
-    assert str(note).startswith(
+    assert note.startswith(
         f"{path}: coordinates of up to 4e+06 are rounded by up to 0.12, {rounding:.2g} % of the"
     )
     assert "`recentre=True`" in note

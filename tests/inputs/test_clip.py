@@ -11,7 +11,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.inputs import clip as module
 from cageik_cli.inputs.clip import choose_rest_frame, open_clip_and_choose_rest
 from cageik_cli.inputs.scene import CommonScene
-from cageik_cli.report.views.cage import format_cage_json, format_check_text
+from cageik_cli.report.views.cage import format_cage_json
 from cageik_cli.run.cage import build_cage_file
 from cageik_cli.run.check import check_cage
 from cageik_cli.run.extraction import Extraction, extract
@@ -19,7 +19,7 @@ from cageik_cli.run.settings import CageSettings, CheckSettings, ExtractSettings
 from cageik_cli.util.errors import CheckpointError
 from tests.shapes import box
 from tests.strips import fold_strip, make_strip
-from tests.texts import texts
+from tests.texts import format_check_text, texts
 
 ANGLES = (0.02, 0.2, 0.5, 0.4, 0.0)
 """Legs touch in all frames but the third and the fourth."""

@@ -48,7 +48,7 @@ def test_a_fit_is_advised_where_there_is_none(closed):
 def test_a_built_cage_is_advised_where_the_given_one_is_far_too_loose(closed):
     (region, *_) = closed.result.regions
     loose = replace(closed.result, regions=(replace(region, cause=Cause.LOOSE_CAGE),))
-    assert "without `cage=`" in suggest_step(loose, 1.0, 5.0)
+    assert "without `cage=`" in str(suggest_step(loose, 1.0, 5.0))
     built = replace(loose, settings={**loose.settings, "cage_vertices": 8})
     assert suggest_step(built, 1.0, 5.0) == FIT
 
@@ -90,7 +90,7 @@ def test_another_rest_pose_is_advised_where_limbs_share_a_loop(fitted, closed):
     shared = replace(fitted, regions=(replace(region, cause=Cause.SHARED_LOOP),))
     built = {**shared.settings, "rest_frame": 0, "cage_vertices": 36}
     first = replace(shared, settings=built)
-    assert "`rest_frame=auto`" in suggest_step(first, 1.0, 5.0)
+    assert "`rest_frame=auto`" in str(suggest_step(first, 1.0, 5.0))
     given = replace(shared, settings={**shared.settings, "rest_frame": 0})
     assert suggest_step(given, 1.0, 5.0) is None  # another rest pose is not in that cage
     chosen = replace(shared, settings={**built, "rest_frame": None})
@@ -111,6 +111,6 @@ def test_a_fit_is_advised_only_where_extraction_takes_one(closed, monkeypatch):
 
 def test_outliers_are_not_rejected_twice(closed, monkeypatch):
     monkeypatch.setattr("cageik_cli.report.notes.has_outliers", lambda _: True)
-    assert "`robust=True`" in suggest_step(closed.result, 1.0, 5.0)
+    assert "`robust=True`" in str(suggest_step(closed.result, 1.0, 5.0))
     robust = replace(closed.result, settings={**closed.result.settings, "robust": True})
-    assert "`robust=True`" not in suggest_step(robust, 1.0, 5.0)
+    assert "`robust=True`" not in str(suggest_step(robust, 1.0, 5.0))

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from cageik_cli import __version__
-from cageik_cli.report.views.cage import format_check_json, format_check_text
+from cageik_cli.report.views.cage import format_check_json
 from cageik_cli.report.vocabulary import CAGE_VERDICT_WORDS
 from cageik_cli.run.check import check_cage
 from cageik_cli.run.settings import CheckSettings
 from tests.shapes import ball, box
+from tests.texts import format_check_text
 
 pytestmark = pytest.mark.usefixtures("folder")
 

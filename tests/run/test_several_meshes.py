@@ -13,14 +13,14 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.geometry.parts import list_part_names
 from cageik_cli.inputs.settings import WeightSettings
 from cageik_cli.method.weights.settings import BindSettings
-from cageik_cli.report.views.cage import format_check_json, format_check_text
+from cageik_cli.report.views.cage import format_check_json
 from cageik_cli.run.bind import bind_files
 from cageik_cli.run.check import check_cage
 from cageik_cli.run.extraction import extract
 from cageik_cli.run.settings import BindRunSettings, CheckSettings, ExtractSettings
 from cageik_cli.util.errors import CageError
 from tests.character import NAMES, make_cage, make_character
-from tests.texts import texts
+from tests.texts import format_check_text, texts
 
 TIGHT = 0.56
 """Radius of a cage that holds the body, but not the jacket and the eyes."""

@@ -22,7 +22,7 @@ from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Note, Row, Spelling, spell, spell_keyword
 from cageik_cli.util.settings import show_settings
-from cageik_cli.util.text import format_block, format_count, format_row, pluralize
+from cageik_cli.util.text import format_count, format_row, pluralize
 from cageik_cli.util.version import __version__
 
 if TYPE_CHECKING:
@@ -375,11 +375,6 @@ class CheckResult:
         """Return what was changed in reading, behind the name of the file."""
         loaded = [mesh for mesh in (self.cage, self.rest) if mesh is not None]
         return [note.at(mesh.source["name"]) for mesh in loaded for note in mesh.notes]
-
-
-def format_check_text(result: CheckResult) -> str:
-    """Return the verdict, the facts and the findings, the worst first."""
-    return format_block(format_check_headline(result), list_check_rows(result))
 
 
 def format_check_headline(result: CheckResult) -> str:

@@ -179,7 +179,7 @@ def test_an_inward_cage_is_flipped_with_a_note():
     checked, notes = validate_cage(concave().flip())
     assert checked.volume == pytest.approx(3)
     assert len(notes) == 1
-    assert "turned outward" in notes[0]
+    assert "turned outward" in str(notes[0])
 
 
 def test_ten_numbers_are_listed_at_most():

@@ -76,7 +76,7 @@ def test_a_cage_that_only_grows_where_it_need_not_is_not_told_a_percentage():
     vertices[0] *= 1.3
     misfit = explain_misfit(CAGE, TriMesh(vertices, MODEL.faces), 30.0, 1 / len(vertices))
     assert misfit.inflation is None
-    assert "enlarge the cage there" in misfit.remedy
+    assert "enlarge the cage there" in str(misfit.remedy)
     assert misfit.is_repairable
 
 
@@ -86,7 +86,7 @@ def test_a_third_of_the_model_far_outside_is_of_another_pose():
     vertices[vertices[:, 1] > 0.3] += [0, 3, 0]
     far = TriMesh(vertices, MODEL.faces)
     misfit = explain_misfit(CAGE, far, 30.0, 0.3)
-    assert "the cage of another pose" in misfit.remedy
+    assert "the cage of another pose" in str(misfit.remedy)
     assert not misfit.is_repairable
     assert explain_misfit(CAGE, far, 8.0, 0.3).is_repairable
 

@@ -115,7 +115,7 @@ def test_what_was_probably_not_meant_gets_advice(summary, advice):
 
 def test_handles_that_do_not_move_get_advice_on_the_cage_too():
     wild = hands({"moved": 0.0, "residual": 1.0}, cage_moved=9.0)
-    assert "the cage cannot follow the handles" in list_rows(wild, "note")[-1]
+    assert "the cage cannot follow the handles" in str(list_rows(wild, "note")[-1])
 
 
 def test_json_has_every_metric():
