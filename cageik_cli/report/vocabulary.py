@@ -192,7 +192,7 @@ EDIT_MEANINGS = (
         "one colour scale.",
     ),
 )
-"""Term, formula and explanation, for results of `pose`."""
+"""Term, formula and explanation, for edits by `pose`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from cageik_cli.report.views.text import format_accuracy_row, format_weights_row
 from cageik_cli.report.vocabulary import VOCABULARIES
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.checkpoint import checkpoint_progress, is_checkpoint
-from cageik_cli.store.result import StoredAnimation, is_animation, read_animation
+from cageik_cli.store.result import Edit, StoredAnimation, is_animation, read_animation
 from cageik_cli.store.result_fields import list_field_rows
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.messages import Note, Row, say
@@ -147,8 +147,9 @@ def _format_polygons(mesh: TriMesh) -> str:
 
 
 def _result_rows(result: StoredAnimation) -> list[Row]:
+    kind = "an edit" if isinstance(result, Edit) else "a result"
     return [
-        ("holds", f"a result of {VOCABULARIES[result.FORMAT].command} {result.version}"),
+        ("holds", f"{kind} of {VOCABULARIES[result.FORMAT].command} {result.version}"),
         ("frames", f"{len(result.frames)}, {result.frames[0]} to {result.frames[-1]}"),
         ("model", _format_counts(result.rest)),
         *_part_rows(result.rest),

@@ -475,7 +475,7 @@ class PoseSettings(CommandSettings):
     )
     output: Path = declare_setting(
         MISSING,
-        "The posed model (.obj, .ply), or the edited result (.h5).",
+        "The posed model (.obj, .ply), or the edit (.h5).",
         option="-o/--output",
         role="written",
     )
@@ -549,7 +549,7 @@ class ViewSettings(CommandSettings):
     )
     output: Path | None = declare_setting(
         None,
-        "The posed model (.obj, .ply), edited result (.h5) or cage (.obj, .ply) that Apply writes.",
+        "The posed model (.obj, .ply), the edit (.h5) or the cage (.obj, .ply) that Apply writes.",
         option="-o/--output",
         role="written",
     )

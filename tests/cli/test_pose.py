@@ -187,7 +187,7 @@ def test_an_edit_is_taken_wherever_a_result_is(run, handles, clip):
     assert run("report", "edited.h5", "--json", "-", "--html", "page.html").code == 0
     assert run("export", "edited.h5", "cages.pc2").code == 0
     assert run("deform", "edited.h5", "-o", "mesh.npz").code == 0
-    assert "a result of cageik pose " in run("info", "edited.h5").out
+    assert "an edit of cageik pose " in run("info", "edited.h5").out
     again = run("pose", "edited.h5", "handles.json", "-o", "twice.h5")
     assert read_animation(Path("twice.h5")).edited_from == "edited.h5"
     assert again.code == 0, again.err

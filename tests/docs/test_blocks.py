@@ -72,7 +72,8 @@ def _extras_in(word):
 def check_command(words):
     """Return what click says against the words of a command, or None; nothing is run."""
     try:
-        with click.Context(main) as context:
+        # A command keeps its option of help, whose names the settings of the group say.
+        with click.Context(main, **main.context_settings) as context:
             _, command, rest = main.resolve_command(context, list(words))
             command.make_context(command.name, rest, parent=context)
     except click.ClickException as error:
