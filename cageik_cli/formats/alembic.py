@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.files import ClaimedBytes
+from cageik_cli.formats.base.files import ClaimedBytes, require_unicode
 from cageik_cli.formats.base.mesh_data import LayerReaders, list_layer_readers
 from cageik_cli.formats.base.scene_graph import (
     LibraryError,
@@ -100,7 +100,10 @@ class Reader(SceneReader):
         from alembic3d.Abc import IArchive, ISampleSelector
         from alembic3d.AbcGeom import IPolyMesh, IsAncestorInvisible
 
-        self._archive, self._claimed = IArchive(str(path)), ClaimedBytes(path.stat().st_size)
+        self._archive, self._claimed = (
+            IArchive(require_unicode(path)),
+            ClaimedBytes(path.stat().st_size),
+        )
         self._stated_rates: list[str] = []
         objects = _iterate_descendants(self._archive.getTop())
         meshes = [thing for thing in objects if IPolyMesh.matches(thing.getHeader())]
@@ -329,7 +332,7 @@ class Writer(AnimationWriter):
         scene, parts = animation.scene, animation.split()
         try:
             # With a name of the program, the archive would hold the time, too.
-            archive = OArchive(str(target))
+            archive = OArchive(require_unicode(target))
             step, start = scene.frame_step / scene.fps, scene.start / scene.fps
             times = archive.addTimeSampling(TimeSampling(step, start))
             stated = MetaData()

@@ -138,7 +138,7 @@ def to_json(value: Any) -> str:
 
 
 def _make_plain(value: Any) -> Any:
-    return value.pack() if isinstance(value, Note) else asdict(value)
+    return _clean(value.pack()) if isinstance(value, Note) else asdict(value)
 
 
 def read_json_attr(file: h5py.File, name: str, expected_type: type) -> Any:

@@ -587,6 +587,12 @@ def test_notes_are_read_as_they_were_said(path):
     assert spell(old.text, lambda hint: "--" + hint.name) == "old; lower --fps"
 
 
+def test_a_note_on_a_file_of_any_name_is_read(tmp_path):
+    header = HEADER | {"notes": (Note("turned", place="k\udcff.abc"),)}
+    path = written(tmp_path / "named.h5", header=header)
+    assert texts(store.read_result(path).notes) == ("k\ufffd.abc: turned",)
+
+
 def test_notes_stay_on_one_line(path):
     with h5py.File(path, "r+") as file:
         file.attrs["notes"] = json.dumps(["a\nb\x1b[31m"])

@@ -32,6 +32,22 @@ def with_gzip(*suffixes: str) -> tuple[str, ...]:
     return (*suffixes, *(suffix + GZIP_SUFFIX for suffix in suffixes))
 
 
+def require_unicode(path: Path) -> str:
+    """Return a path as text, for a library that takes no other names.
+
+    Raises
+    ------
+    FileAccessError
+        When its bytes are no UTF-8; the path is not named.
+    """
+    text = str(path)
+    if to_unicode(text) != text:
+        raise FileAccessError(
+            "has a name, or a folder, that is not Unicode, which this format cannot have; rename it"
+        )
+    return text
+
+
 def file_suffix(path: Path) -> str:
     """Return the suffix in lower case, with the one before `.gz`: `.obj`, `.obj.gz`."""
     suffix = path.suffix.lower()

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from cageik_cli.formats.base.files import require_unicode
 from cageik_cli.util.errors import FormatError, error_context, require_optional
 from cageik_cli.util.files import check_input, open_input
 from cageik_cli.util.messages import Said
@@ -86,7 +87,8 @@ def check_layers(path: Path) -> list[Any]:
     found: list[Any] = []
     check_input(path)
     _check_nesting(path)
-    seen, waiting = {str(path)}, [str(path)]
+    name = require_unicode(path)
+    seen, waiting = {name}, [name]
     while waiting:
         name = waiting.pop()
         held, layer = Sdf.Layer.Find(name), Sdf.Layer.FindOrOpen(name)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.formats.base.files import require_unicode
 from cageik_cli.formats.base.skeleton import CAGE_KEY, Skeleton, Skin, SkinWeights
 from cageik_cli.formats.base.writers import (
     Animation,
@@ -87,7 +88,8 @@ class UsdWriter(AnimationWriter):
         binary = {"format": "usdc"} if suffix == ".usd" else {}
         with ExitStack() as stack, capture_diagnostics(OSError):
             stack.callback(self.abandon)
-            self.stage = Usd.Stage.Open(Sdf.Layer.CreateNew(str(self._path), args=binary))
+            layer = Sdf.Layer.CreateNew(require_unicode(self._path), args=binary)
+            self.stage = Usd.Stage.Open(layer)
             scene = animation.scene
             UsdGeom.SetStageUpAxis(self.stage, scene.up_axis)
             UsdGeom.SetStageMetersPerUnit(self.stage, scene.metres_per_unit)
