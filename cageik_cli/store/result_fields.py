@@ -205,7 +205,11 @@ def read_filled(file: h5py.File, sizes: ClipSizes) -> tuple[int, ...]:
 
 def pack_reasons(skipped: Mapping[int, Said]) -> dict[str, Any]:
     """Return why frames were skipped as plain values: texts, or their parts if they have hints."""
-    return {str(k): one if isinstance(one, str) else pack_parts(one) for k, one in skipped.items()}
+    packed = {str(k): pack_parts(one) for k, one in skipped.items()}
+    return {
+        number: "".join(parts) if all(isinstance(part, str) for part in parts) else parts
+        for number, parts in packed.items()
+    }
 
 
 def unpack_reasons(packed: Mapping[str, Any]) -> dict[int, Said]:

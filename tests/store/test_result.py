@@ -20,7 +20,7 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import Edit, Result, open_animation_writer, read_key_frames
 from cageik_cli.store.result_fields import declare_field, export_fields, list_field_rows
 from cageik_cli.util.errors import FormatError, InputError, NumericalError
-from cageik_cli.util.messages import Hint, Note, spell
+from cageik_cli.util.messages import Hint, Note, Text, spell
 from tests.shapes import ball, rotation
 from tests.store.bindings import barycentric_binding
 from tests.store.damages import (
@@ -544,10 +544,21 @@ def test_gaps_are_read_in_the_order_of_the_frames(tmp_path):
 
 
 def test_why_frames_were_skipped_is_read_as_it_was_said(tmp_path):
-    gaps = {0: "`rest=`.obj: missing", 3: "bad; " + Hint("missing", True) + " takes it"}
-    found = store.read_result(written_with_gaps(tmp_path / "cages.h5", gaps)).skipped
+    gaps = {
+        0: "`rest=`.obj: missing",
+        2: Text("cut", " off"),
+        3: "bad; " + Hint("missing", True) + " takes it",
+    }
+    path = written_with_gaps(tmp_path / "cages.h5", gaps)
+    found = store.read_result(path).skipped
     said = [spell(one, lambda hint: "--" + hint.name) for one in found.values()]
-    assert said == ["`rest=`.obj: missing", "bad; --missing takes it"]
+    assert said == ["`rest=`.obj: missing", "cut off", "bad; --missing takes it"]
+    with h5py.File(path) as file:
+        assert json.loads(file.attrs["skipped"]) == {
+            "0": "`rest=`.obj: missing",
+            "2": "cut off",
+            "3": ["bad; ", ["missing", "True"], " takes it"],
+        }
 
 
 @pytest.mark.parametrize("size", [1, 2, 5])
